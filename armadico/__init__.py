@@ -1,16 +1,16 @@
 """ARMADiCo: agents on one mesh drive one robot, and nobody is in charge.
 
-What others build on is imported from here, and nothing else is promised to stay, but what a kind of
-robot is made of (`armadico.bridge.kind`, `armadico.bridge.session`):
+The public names are imported from here. Only these are stable, and the interface for a kind of
+robot (`armadico.bridge.kind`, `armadico.bridge.session`):
 
     from armadico import Behaviour, Bid, Obstacles, Pose      # an agent of one's own
     armadico.run("sc4", virtual=True, seed=7).measures         # a run, from Python
     with armadico.connect() as guest: guest.goto(2.0, 0.0, 0.0)
 
-`import armadico` loads nothing: a name is looked up where it is defined when it is first used.
+`import armadico` loads nothing: a name is imported from its module when it is first used.
 """
 
-TYPE_CHECKING = False  # by this name type checkers know it; `typing` would cost more than all here
+TYPE_CHECKING = False  # type checkers treat it as true by its name; importing `typing` is slow
 if TYPE_CHECKING:
     from armadico.agents.missions.messages import PlanStep, SubplanRequest
     from armadico.agents.missions.planner import Planner, Surprise
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
         Task,
     )
     from armadico.agents.teleop.messages import Stick, TeleopStatus
-    from armadico.config.discovery import UnknownNameError
     from armadico.config.errors import ConfigError
     from armadico.config.scenarios import Scenario
     from armadico.core.agent import Agent, DeviceAgent, Identity, Question
+    from armadico.core.errors import UnknownNameError
     from armadico.core.exchange import Bid
     from armadico.core.messages import (
         Ack,
@@ -214,7 +214,6 @@ _MODULES = {
         "Stick",
         "TeleopStatus",
     ),
-    "config.discovery": ("UnknownNameError",),
     "config.errors": ("ConfigError",),
     "config.scenarios": ("Scenario",),
     "core.agent": (
@@ -223,6 +222,7 @@ _MODULES = {
         "Identity",
         "Question",
     ),
+    "core.errors": ("UnknownNameError",),
     "core.exchange": ("Bid",),
     "core.parameters": (
         "Parameters",
@@ -289,20 +289,20 @@ _MODULES = {
         "StopError",
     ),
 }
-"""Where names are defined; all others are in `core.messages`."""
+"""The modules of the public names; all others are in `core.messages`."""
 
 
-if not TYPE_CHECKING:  # who would otherwise take any name for one
+if not TYPE_CHECKING:  # otherwise type checkers would accept any name
 
     def __getattr__(name: str) -> object:
-        """A name of the surface, from the module that defines it (PEP 562)."""
+        """Return a public name from its module (PEP 562)."""
         if name not in __all__:
             raise AttributeError(f"module 'armadico' has no attribute {name!r}")
         from importlib import import_module
 
         where = next((m for m, names in _MODULES.items() if name in names), "core.messages")
         found = getattr(import_module(f"armadico.{where}"), name)
-        globals()[name] = found  # asked for once
+        globals()[name] = found  # cached
         return found
 
 

@@ -1,6 +1,6 @@
-"""`armadico` and `armadico-agent` as they are installed, and `python -m armadico`.
+"""The installed programs `armadico` and `armadico-agent`, and `python -m armadico`.
 
-Ctrl-C ends them without a traceback while they are still importing, and when they have done.
+Ctrl-C ends them without a traceback while they import, and after their command.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 
-UNPRINTABLE = "backslashreplace"
-"""How a character comes out that the terminal, or UTF-8, has not."""
+UNPRINTABLE = "backslashreplace"  # for characters that the terminal or UTF-8 cannot encode
 
 
 def main() -> int:
@@ -36,7 +35,7 @@ def agent() -> int:
 
 
 class _Lossy(FileIO):
-    """A file that discards what cannot be written: a full disk, a reader that is gone."""
+    """A file that discards bytes that cannot be written: full disk, closed pipe."""
 
     def write(self, data: ReadableBuffer, /) -> int:
         """Return the number of bytes written or discarded; never raises OSError."""
@@ -45,17 +44,17 @@ class _Lossy(FileIO):
             written = super().write(data)
         except OSError:
             return size
-        return size if written is None else written  # None: a full pipe that does not block
+        return size if written is None else written  # None: a full non-blocking pipe
 
 
 def run(command: Callable[[], int]) -> int:
     """Run a command and return its exit code.
 
-    stderr is replaced by one that never fails: a robot must not stop because a log line could not
-    be written.
+    stderr is replaced by one that never fails: a log line that cannot be written must not stop a
+    robot.
     """
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by whoever started us: what it says is lost
+        if getattr(sys, name) is None:  # closed by the parent: the output is discarded
             setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors=UNPRINTABLE)
@@ -64,7 +63,7 @@ def run(command: Callable[[], int]) -> int:
         sys.stderr = TextIOWrapper(lossy, sys.stderr.encoding, UNPRINTABLE, line_buffering=True)
     try:
         code = command()
-    except KeyboardInterrupt:  # while an error was being told
+    except KeyboardInterrupt:  # while an error was being printed
         code = INTERRUPTED
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -73,7 +72,7 @@ def run(command: Callable[[], int]) -> int:
 
 @contextmanager
 def _silently() -> Iterator[None]:
-    """Have Ctrl-C end the process by the signal; one that nohup or `&` ignores stays ignored."""
+    """Let Ctrl-C end the process by the signal, unless nohup or `&` ignores it."""
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return

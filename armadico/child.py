@@ -1,8 +1,8 @@
-"""One process that is told to leave, or killed, when whoever started it is gone.
+"""A process that receives a signal when its parent is gone.
 
-`python -m armadico.child PARENT SIGNAL PROGRAM...` becomes a program; `armadico` it runs itself,
-without another start of Python. Linux sends the signal, as soon as the thread that started it has
-ended; elsewhere the parent has to end cleanly.
+`python -m armadico.child PARENT SIGNAL PROGRAM...` becomes the program; `armadico` runs in the same
+process, without another start of Python. Linux sends the signal when the thread that started the
+process has ended. On other systems the parent has to end cleanly.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ PR_SET_PDEATHSIG: Final = 1
 
 
 def tie(parent: int, number: int) -> bool:
-    """Have this process sent a signal when its parent is gone; return whether it still is there."""
+    """Request a signal for the parent's end; return whether the parent is still alive."""
     if sys.platform == "linux":
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, number)
-    return os.getppid() == parent  # or it went before the signal was asked for
+    return os.getppid() == parent  # it may have ended before the request
 
 
 def main() -> int:
-    """Run the program with this process's life tied to its parent's."""
+    """Run the program; it ends with its parent."""
     parent, number, program, *words = sys.argv[1:]
     if not tie(int(parent), int(number)):
         return 0

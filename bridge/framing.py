@@ -1,4 +1,4 @@
-"""What both protocols' framing has in common: good frames out of a stream of bytes; sans-IO."""
+"""Framing that both protocols share: valid frames from a stream of bytes; sans-IO."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ T = TypeVar("T")
 
 
 class Framing(Generic[T]):
-    """Turns a stream of bytes, however it is cut, into its good frames.
+    """Extracts the valid frames from a stream of bytes in any fragments.
 
-    After a bad check the search goes on right behind the mark that frames begin with, not behind
-    the frame: a length that noise made larger would otherwise swallow the good frames that follow.
+    After a failed check the search continues right behind the frame's mark, not behind the frame:
+    a length field changed by noise would otherwise swallow the valid frames that follow.
 
     Attributes:
-        dropped: Bytes so far that belonged to no good frame.
-        mangled: Frames so far whose check was bad.
+        dropped: Bytes so far that belonged to no valid frame.
+        mangled: Frames so far whose check failed.
     """
 
     def __init__(self, mark: bytes, head: int, quiet_s: float) -> None:
-        """Frames begin with `mark`, their length is known from `head` bytes.
+        """Frames begin with `mark`; their length is known from `head` bytes.
 
-        One that is broken off for `quiet_s` is given up: noise that looks like a mark, with a
-        great length, would otherwise sit on the next second of commands, a stop among them.
+        A frame that is incomplete for `quiet_s` is dropped. Otherwise noise that looks like a mark
+        with a great length would hold back the next second of commands, including a stop.
         """
         self.dropped = self.mangled = 0
         self._buffer = bytearray()
@@ -35,11 +35,11 @@ class Framing(Generic[T]):
         return len(self._buffer)
 
     def begin(self) -> None:
-        """What comes next has nothing to do with what came: the line was opened again."""
+        """Drop the buffer: the line was opened again."""
         self._drop(len(self._buffer))
 
     def feed(self, data: bytes, now: float = 0.0) -> list[T]:
-        """Take bytes in at time `now` (s, any clock) and return the frames that they complete."""
+        """Add bytes at time `now` (s, any clock) and return the frames that they complete."""
         if self._buffer and now - self._fed_at > self._quiet_s:
             self._drop(min(len(self._mark), len(self._buffer)))
         self._fed_at = now
@@ -54,7 +54,7 @@ class Framing(Generic[T]):
         raise NotImplementedError
 
     def _find(self) -> bool:
-        """Drop what stands before the next mark; return whether the whole head has come."""
+        """Drop what precedes the next mark; return whether the whole head is there."""
         buffer, mark = self._buffer, self._mark
         start = buffer.find(mark)
         if start < 0:

@@ -1,11 +1,11 @@
-"""How fast a robot may be whose laser's rays lie far apart.
+"""The speed limit of a robot whose laser has a coarse angular resolution.
 
-Between two rays there is room for what no ray meets, and the more the farther off it is. Something
-three quarters as wide as the robot is met for certain only where the rays are no farther apart than
-that: a robot that can stop within that range drives into no such thing unseen.
+An object may stand between two rays, and the gap grows with the distance. An object three quarters
+as wide as the robot is detected for certain only where the rays are at most that far apart. A robot
+that can stop within that range collides with no such object unseen.
 
-The limit is a cap on what is ordered, and is not published as the robot's top speed: behaviours
-that plan by a lower top speed pass closer.
+The limit caps the commands and is not published as the robot's top speed: behaviours that plan with
+a lower top speed pass closer to obstacles.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ from armadico.mobile.messages import Scan
 from armadico.mobile.motion import braking
 
 SHARE = 0.75
-"""Of the robot's width: what is this wide is met by a ray before the robot meets it. Chosen: with
-half the width robots crept, and forgot what they had seen before they were past it."""
+"""Width, relative to the robot's, of objects that a ray must meet before the robot does. Chosen:
+with half the width robots crept, and their maps dropped obstacles before they had passed them."""
 
 SLOWEST_M_S = 0.1
-"""No limit is lower: the robot would not move at all, and its rays meet other places as it does."""
+"""Least limit: otherwise the robot would not move, and its rays would not reach new places."""
 
 
 def met_within(step: float, width: float) -> float:
-    """The range within which each thing that wide is met by a ray, m; rays are `step` rad apart."""
+    """The range within which a ray meets every object of a width, m; rays are `step` rad apart."""
     return width / (2.0 * sin(0.5 * abs(step))) if step else inf
 
 
 class Gaps:
-    """What the gaps between a laser's rays allow.
+    """The speed limit by the gaps between a laser's rays.
 
     Attributes:
-        v_max: The speed from which the robot stops within what the rays are sure to meet, m/s;
-            infinite with sonars, which hear what is between the rays.
-        told: What the limit is and why, for people; empty where the profile's is lower.
+        v_max: The speed from which the robot stops within the range of certain detection, m/s;
+            infinite with sonars, which cover the gaps.
+        reason: The limit and its reason, for the log; empty if the profile's limit is lower.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
         self._profile = profile
-        self.v_max, self.told = inf, ""
+        self.v_max, self.reason = inf, ""
         self._step = 0.0
         if profile.laser is not None:
             self._limit(radians(profile.laser.step_deg), profile.laser.x_m)
 
     def update(self, scan: Scan) -> bool:
-        """Take what the laser's own scan says of its rays; whether that is news."""
+        """Apply the angular step of the laser's own scan; return whether it changed."""
         if abs(scan.step) == self._step:
             return False
         self._step = abs(scan.step)
@@ -55,7 +55,7 @@ class Gaps:
         return True
 
     def _limit(self, step: float, x: float) -> None:
-        """By rays `step` rad apart, of a laser `x` m ahead of the axle."""
+        """Compute the limit for rays `step` rad apart, from a laser `x` m ahead of the axle."""
         profile = self._profile
         if profile.sonar is not None or profile.laser is None:
             return
@@ -64,11 +64,11 @@ class Gaps:
         free = max(reach + x - body.front_m - TOUCH_M, 0.0)
         reaction = reaction_s(profile) + 1.0 / profile.laser.rate_hz
         self.v_max = max(braking(free, decel, reaction), SLOWEST_M_S)
-        self.told = ""
+        self.reason = ""
         if self.v_max < profile.limits.v_max:
-            self.told = (
+            self.reason = (
                 f"the laser's rays are {degrees(step):.1f} degrees apart: from {reach:.2f} m on"
-                f" something {width:.2f} m wide may stand between them unseen, so the robot is"
+                f" an object {width:.2f} m wide may stand between them undetected, so the robot is"
                 f" driven at {self.v_max:.2f} m/s at most; more rays would allow"
                 f" {profile.limits.v_max:g} m/s"
             )

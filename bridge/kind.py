@@ -1,12 +1,12 @@
-"""A kind of robot, which a package brings by an entry point of `armadico.robots`.
+"""A kind of robot, which a package registers as an entry point of `armadico.robots`.
 
-The entry point's name is that of a section of robot profiles: `p2os`, `ros2`. It leads to a
-`RobotKind`, which says how the section is read, how such a robot is spoken to, and what stands in
-for it in simulation. Nothing else of Armadico knows which kinds there are. docs/own-robot.md shows
-one that is a package of its own.
+The entry point's name is that of a section of robot profiles: `p2os`, `ros2`. It refers to a
+`RobotKind`, with the profile section, the protocol session and the simulator of such robots. No
+other part of Armadico depends on the kinds there are. docs/own-robot.md shows a kind in a package
+of its own.
 
-A module with a `RobotKind` is imported wherever a profile is read, by every agent. It should import
-the session and the simulator within its functions, so that only those who need them load them.
+A module with a `RobotKind` is imported by every agent that reads a profile. It should import its
+session and simulator within its functions, so that only processes that need them load them.
 """
 
 from __future__ import annotations
@@ -36,31 +36,31 @@ def _no_remedy(profile: RobotProfile, unfit: Unfit) -> str:  # noqa: ARG001 - a 
 
 @dataclass(frozen=True)
 class RobotKind(Generic[P]):
-    """Robots that are spoken to in one way."""
+    """A kind of robot: profile section, protocol session, and simulator."""
 
     profile: type[P]
-    """The class of their profiles, with the section as a field. What a file has wrong in it is
-    reported with file, line and value; a ValueError of `__post_init__` with the file's name."""
+    """The class of its profiles, with the section as a field. Errors in it are reported with file,
+    line and value; a ValueError of `__post_init__` with the file's name."""
 
     session: Callable[[P, float, tuple[float, float]], Session]
-    """A session that begins at a time (s, any clock), for a robot whose odometry was last known to
-    be about here (m)."""
+    """Makes a session that begins at a time (s, any clock), for a robot whose odometry was last
+    known to be near a position (m)."""
 
     simulated: Callable[[P, Stage], SimulatedRobot]
-    """The simulated robot: a plant, and a controller that takes and gives the robot's bytes."""
+    """Makes the simulated robot: a plant, and a controller that exchanges the robot's bytes."""
 
     schemes: tuple[str, ...] = ("serial", "tcp")
-    """What addresses of such robots begin with; `armadico.transports` opens them."""
+    """Schemes of the addresses of such robots; `armadico.transports` opens them."""
 
     unfit: Callable[[P, Unfit], str] = _no_remedy
-    """What to tell people of a robot that answers and does not fit the profile: what does."""
+    """The remedy for a robot that answers and does not match the profile: the one that does."""
 
     unkind: frozenset[Trap] = KIND
-    """What its simulated controller can do to a client that others do, if it is told to."""
+    """Traps that its simulated controller supports: behaviour that breaks some clients."""
 
     needs: Mapping[str, str] = field(default_factory=dict)
-    """Modules that its session and its simulator import and not every installation has, and what
-    to install for each."""
+    """Modules that its session and its simulator import and some installations lack, and what to
+    install for each."""
 
     def in_scenario(
         self,
@@ -84,7 +84,7 @@ class RobotKind(Generic[P]):
         return self.simulated(self._own(profile), stage)
 
     def check(self) -> None:
-        """Raise ConfigError, with the remedy, if a module is missing that such a robot needs."""
+        """Raise ConfigError, with the remedy, if a required module is missing."""
         for module, package in self.needs.items():
             if find_spec(module) is None:
                 raise ConfigError(
@@ -99,7 +99,7 @@ class RobotKind(Generic[P]):
 
 
 def kind_of(profile: RobotProfile) -> RobotKind[Any]:
-    """The kind that a profile is of. Raises UnknownNameError, ImportError."""
+    """The kind of a profile. Raises UnknownNameError, ImportError."""
     kind: RobotKind[Any] = load_kind(profile.section)
     return kind
 
@@ -112,6 +112,6 @@ def simulated(
     traps: frozenset[Trap] = KIND,
     clock_s: float = 0.0,
 ) -> SimulatedRobot:
-    """The simulated robot of a scenario, of whichever kind; see `RobotKind.in_scenario`."""
+    """The simulated robot of a scenario, of any kind; see `RobotKind.in_scenario`."""
     kind = kind_of(load_profile(scenario.robot))
     return kind.in_scenario(scenario, streams, name, traps=traps, clock_s=clock_s)

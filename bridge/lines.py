@@ -1,4 +1,4 @@
-"""The transports' interface, and errors with a remedy."""
+"""The interface of transports, and their errors, each with a remedy."""
 
 from __future__ import annotations
 
@@ -17,49 +17,49 @@ CHUNK = 4096
 
 
 class TransportError(OSError):
-    """A transport that cannot be opened, or broke; the message has a remedy."""
+    """A transport cannot be opened, or broke; the message has a remedy."""
 
 
 class Transport(Protocol):
-    """Bytes to and from the other end."""
+    """A byte stream to and from the other end."""
 
     @property
     def url(self) -> str:
-        """Where it leads, as an address."""
+        """Its address."""
 
     def open(self) -> None:
-        """Connect; TransportError if that fails. May be called again after `close`."""
+        """Connect. Raises TransportError. May be called again after `close`."""
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait for bytes; none after `timeout_s`. TransportError if the line broke."""
+        """Wait for bytes; empty after `timeout_s`. Raises TransportError if the line broke."""
 
     def write(self, data: bytes) -> None:
-        """Send all of it; TransportError if the line broke."""
+        """Send all bytes. Raises TransportError if the line broke."""
 
     def close(self) -> None:
-        """Let go of the line, once no thread reads it any more; never fails."""
+        """Close the line once no thread reads it any more; never fails."""
 
 
 _ADVICE = {
     errno.ENOENT: "there is no such port; is the adapter plugged in? `ls /dev/ttyUSB*` shows it",
-    errno.EACCES: "you may not use it: `sudo usermod -a -G dialout $USER`, then log in again",
-    errno.EPERM: "you may not use it: `sudo usermod -a -G dialout $USER`, then log in again",
+    errno.EACCES: "permission denied: `sudo usermod -a -G dialout $USER`, then log in again",
+    errno.EPERM: "permission denied: `sudo usermod -a -G dialout $USER`, then log in again",
     errno.EAGAIN: "another program holds the port; end that one first",
     errno.EBUSY: "another program holds the port; end that one first",
     errno.ENOTTY: "it is not a serial port",
-    errno.ECONNREFUSED: "nobody listens there; is the simulator running, and has it no client yet?",
-    errno.EEXIST: "something that is no link has that name; choose another",
+    errno.ECONNREFUSED: "no program listens there; is the simulator running, without a client?",
+    errno.EEXIST: "a file that is not a link has that name; choose another",
 }
 
 
 def advice(error: BaseException) -> str:
-    """A remedy for a failure to open."""
+    """The remedy for an error on opening."""
     if isinstance(error, socket.gaierror):
         return "no such host; check its name"
     if isinstance(error, TimeoutError):
-        return "no answer; is the host on, and does its firewall let us through?"
+        return "no answer; is the host on, and does its firewall allow the connection?"
     cause: BaseException | None = error
-    while cause is not None:  # pyserial keeps some numbers to the error that it came from
+    while cause is not None:  # pyserial leaves some error numbers to the exception's context
         for number in (getattr(cause, "errno", None), *cause.args[:1]):
             if number in _ADVICE:
                 return _ADVICE[number]
@@ -68,13 +68,13 @@ def advice(error: BaseException) -> str:
 
 
 def not_open() -> OSError:
-    """What using a transport before `open` raises."""
+    """The exception for using a transport before `open`."""
     return OSError(errno.ENOTCONN, "it is not open")
 
 
 @contextlib.contextmanager
 def broken(where: str, remedy: str) -> Iterator[None]:
-    """Turn what a broken line raises into a TransportError."""
+    """Convert the exceptions of a broken line into TransportError."""
     try:
         yield
     except LINE_ERRORS as error:
@@ -82,5 +82,5 @@ def broken(where: str, remedy: str) -> Iterator[None]:
 
 
 def ended() -> NoReturn:
-    """Say that the other end is gone."""
+    """Raise the exception for a line closed by the other end."""
     raise OSError(errno.EPIPE, "the other end closed it")

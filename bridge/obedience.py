@@ -1,9 +1,8 @@
-"""Whether the robot moves as it is ordered to: not faster, not the other way, not against a stop.
+"""Whether the robot moves as commanded: not faster, not in the other direction, not after a stop.
 
-What may be measured lies between bounds: at once as fast as ordered, and down the profile's ramps
-after an order to go slower, rest included. A robot that is slower than ordered is held by
-something, which `reflex.Touch` is for. A wheel or an encoder that is dead shows as a turn that was
-not ordered.
+The measured speeds must lie between bounds: up to the command at once, and down the profile's ramps
+after a command to slow down, or to rest. A robot that is slower than commanded is held by an
+obstacle, which `reflex.Touch` detects. A dead wheel or encoder shows as an uncommanded turn.
 """
 
 from __future__ import annotations
@@ -12,23 +11,23 @@ from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 
 PATIENCE_S = 1.0
-"""A robot that moves otherwise for so long does not obey."""
+"""Time of deviating motion after which the robot counts as disobedient."""
 
 RAMPS = 0.7
-"""Share of the profile's ramps by which it is expected to slow down at least: slopes, a payload."""
+"""Least deceleration that is expected, relative to the profile's ramps: slopes, a payload."""
 
 MARGIN_M_S, MARGIN_RAD_S = 0.05, 0.2
-"""Beyond the bounds, and"""
+"""Margins beyond the bounds."""
 
 SHARE = 0.2
-"""of the bound as well: overshoot of the controller's loops, slip, a wheel that is worn."""
+"""Additional margin relative to the bound: overshoot of the speed loops, slip, a worn wheel."""
 
 
 class Obedience:
-    """Compares what is measured with what was ordered.
+    """Compares the measured speeds with the commanded ones.
 
     Attributes:
-        fault: What is wrong, for people; empty while the robot obeys.
+        fault: The deviation, for the log; empty while the robot obeys.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -38,23 +37,23 @@ class Obedience:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was ordered: the controller was opened anew, or its motors are off."""
+        """Reset the bounds: the controller was opened again, or its motors are off."""
         self.fault = ""
-        self._bounds = [(0.0, 0.0), (0.0, 0.0)]  # of v and w: least and most
-        self._at = self._since = float("inf")  # of the last report, of the first that is beyond
+        self._bounds = [(0.0, 0.0), (0.0, 0.0)]  # least and greatest of v and w
+        self._at = self._since = float("inf")  # of the last report; of the first beyond the bounds
 
-    def judge(
+    def update(
         self, report: Reported, ordered: tuple[float, float], now: float, *, held: bool = False
     ) -> bool:
-        """Take one cycle's report; whether the robot has just been found not to obey.
+        """Add one cycle's report; return whether the robot was found to disobey now.
 
-        Found again after each `PATIENCE_S` for which it goes on.
+        It is found again after each further `PATIENCE_S`.
 
         Args:
-            report: By the robot.
-            ordered: (v, w) that was ordered since the last one, m/s and rad/s.
+            report: The robot's report.
+            ordered: (v, w) commanded since the last one, m/s and rad/s.
             now: s.
-            held: Something holds or pushes it, which turns it otherwise than ordered.
+            held: Whether an obstacle holds or pushes it, which turns it otherwise than commanded.
         """
         passed, self._at = now - self._at, now
         measured = report.v, report.w
@@ -88,5 +87,5 @@ class Obedience:
 
 
 def _bound(most: float, ordered: float, step: float) -> float:
-    """The most that is expected one cycle later: at once up, down by a ramp, never below rest."""
+    """The greatest speed expected one cycle later: up at once, down by a ramp, at least 0."""
     return max(ordered, most - step, 0.0)

@@ -1,4 +1,4 @@
-"""Ramps of what a base is told: many obey as hard as their motors can; sans-IO."""
+"""Ramps for bases that accelerate as hard as their motors can; sans-IO."""
 
 from __future__ import annotations
 
@@ -7,59 +7,56 @@ from math import copysign, isfinite
 from armadico.config.profile import Limits
 
 RAMP_S = 0.04
-"""From one step of a ramp to the next."""
+"""Time from one step of a ramp to the next."""
 
 Speeds = tuple[float, float]
-"""m/s and rad/s."""
+"""v and w, m/s and rad/s."""
 
 REST: Speeds = (0.0, 0.0)
 
 
 class Ramps:
-    """The speeds that a base is told, on their way to what was asked for.
-
-    They change no faster than the profile's limits.
+    """Speeds sent to a base, which approach the requested ones by the profile's limits.
 
     Attributes:
-        due: When the next step is due, s; None: what was asked for is reached.
-        told: The speeds of the last step.
+        due: When the next step is due, s; None: the requested speeds are reached.
+        sent: The speeds of the last step.
         at: When that was, s.
     """
 
     def __init__(self, limits: Limits) -> None:
         self._v = (limits.v_accel, limits.v_decel)
         self._w = (limits.w_accel, limits.w_decel)
-        self._asked = self.told = REST
+        self._requested = self.sent = REST
         self.at = float("-inf")
         self.due: float | None = None
 
     def begin(self) -> None:
-        """Nothing was asked for."""
-        self._asked = self.told = REST
+        self._requested = self.sent = REST
         self.due = None
 
-    def ask(self, asked: Speeds, now: float) -> None:
-        """Ask for speeds; the next step is due at once."""
-        self._asked, self.due = asked, now
+    def request(self, requested: Speeds, now: float) -> None:
+        """Request speeds; the next step is due at once."""
+        self._requested, self.due = requested, now
 
     def step(self, now: float) -> Speeds | None:
-        """The speeds to be told now; None: no step is due."""
+        """The speeds to send now; None: no step is due."""
         if self.due is None or now < self.due:
             return None
-        (v, w), (v_asked, w_asked) = self.told, self._asked
+        (v, w), (v_requested, w_requested) = self.sent, self._requested
         dt = min(now - self.at, RAMP_S)
-        self.told = _towards(v, v_asked, self._v, dt), _towards(w, w_asked, self._w, dt)
+        self.sent = _towards(v, v_requested, self._v, dt), _towards(w, w_requested, self._w, dt)
         self.at = now
-        self.due = None if self.told == self._asked else now + RAMP_S
-        return self.told
+        self.due = None if self.sent == self._requested else now + RAMP_S
+        return self.sent
 
     def resume(self, measured: Speeds) -> None:
-        """Go on from the speeds that are measured, as far as they lie between rest and asked."""
+        """Continue from the measured speeds, as far as they lie between rest and the request."""
         v, w = (
-            copysign(min(abs(one), abs(want)), want) if one * want > 0.0 else 0.0
-            for one, want in zip(measured, self._asked, strict=True)
+            copysign(min(abs(one), abs(target)), target) if one * target > 0.0 else 0.0
+            for one, target in zip(measured, self._requested, strict=True)
         )
-        self.told = v, w
+        self.sent = v, w
 
 
 def finite(v: float, w: float) -> Speeds:
@@ -69,11 +66,11 @@ def finite(v: float, w: float) -> Speeds:
     return v, w
 
 
-def _towards(now: float, asked: float, ramps: tuple[float, float], dt: float) -> float:
+def _towards(now: float, requested: float, ramps: tuple[float, float], dt: float) -> float:
     accel, decel = ramps
-    if now * asked < 0.0:  # through rest
+    if now * requested < 0.0:  # through rest
         slower = abs(now) - decel * dt
         return copysign(slower, now) if slower > 0.0 else 0.0
-    most = (accel if abs(asked) > abs(now) else decel) * dt
-    change = asked - now
-    return asked if abs(change) <= most else now + copysign(most, change)
+    most = (accel if abs(requested) > abs(now) else decel) * dt
+    change = requested - now
+    return requested if abs(change) <= most else now + copysign(most, change)

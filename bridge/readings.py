@@ -1,7 +1,7 @@
-"""What the robot's sensors say in a cycle, as messages: the echoes of its sonars, its laser's scan.
+"""The sensor readings of a cycle as messages: the sonars' echoes, the laser's scan.
 
-Sensors that have fallen silent say nothing at all: stale obstacles three cycles later are no free
-way. It is complained of once each time.
+A silent sensor publishes nothing: stale obstacles do not show free space. Each silence is reported
+once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from armadico.mobile.messages import Echo, Scan, Sonar
 from armadico.mobile.scans import message_of
 
 SILENT = 4
-"""Without a reading for so many cycles a sensor is said to be silent."""
+"""Cycles without a reading after which a sensor counts as silent."""
 
 SONAR, LASER = "sonar", "laser"
 
@@ -25,52 +25,52 @@ class Readings:
     """A robot's sensors.
 
     Attributes:
-        sensors: Which it has, as `Description` says it, and what each `provides`.
+        sensors: Their names, as in `Description`.
+        provides: The messages that they publish.
         sonar: This cycle's echoes; None: no sonar fired, or it has none.
-        scan: This cycle's newest scan; None: there is none that is new enough.
-        complaints: What is wrong since the last cycle.
+        scan: This cycle's newest scan; None: there is no fresh one.
+        complaints: Faults since the last cycle.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
-        self._ring, self._sees = profile.sonar, profile.laser is not None
+        self._ring, self._has_laser = profile.sonar, profile.laser is not None
         topic = profile.scans_from
         self._awaited = f"no scan on {topic}" if topic else "no scan"
-        said: dict[str, type[Message]] = {}
+        provided: dict[str, type[Message]] = {}
         if profile.sonar is not None:
-            said[SONAR] = Sonar
-        if self._sees:
-            said[LASER] = Scan
-        self.sensors, self.provides = tuple(said), tuple(said.values())
+            provided[SONAR] = Sonar
+        if self._has_laser:
+            provided[LASER] = Scan
+        self.sensors, self.provides = tuple(provided), tuple(provided.values())
         self.sonar: Sonar | None = None
         self.scan: Scan | None = None
         self.complaints: tuple[str, ...] = ()
-        self._unheard = self._unseen = 0  # cycles since a sonar fired, and a scan came
+        self._no_echo = self._no_scan = 0  # cycles since a sonar fired, and since a scan arrived
 
     def update(self, cycle: Cycle, report: Reported) -> None:
-        """What the robot reported in a cycle."""
         self.complaints = ()
         if self._ring is not None:
             echoes = _echoes(self._ring, report)
             self.sonar = Sonar(cycle, self._ring.max_m, echoes) if echoes else None
-            self._unheard = 0 if echoes else self._unheard + 1
-            if self._unheard == SILENT:
+            self._no_echo = 0 if echoes else self._no_echo + 1
+            if self._no_echo == SILENT:
                 self._complain(f"no sonar has fired for {SILENT} cycles")
-        if self._sees:
+        if self._has_laser:
             wrong = f"{self._awaited} for {SILENT} cycles"
             try:
                 self.scan = _scan(cycle, report, report.scan)
             except ValueError as error:
                 self.scan, wrong = None, str(error)
-            self._unseen = 0 if self.scan is not None else self._unseen + 1
-            if self._unseen == SILENT:
-                self._complain(f"the laser tells nothing, {wrong}")
+            self._no_scan = 0 if self.scan is not None else self._no_scan + 1
+            if self._no_scan == SILENT:
+                self._complain(f"no reading of the laser, {wrong}")
 
     def _complain(self, what: str) -> None:
-        self.complaints += (f"{what}: nobody drives blind",)
+        self.complaints += (f"{what}: no agent drives blind",)
 
 
 def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
-    """Raises ValueError if it is no scan."""
+    """The scan as a message. Raises ValueError if it is invalid."""
     if swept is None:
         return None
     return message_of(
@@ -86,7 +86,7 @@ def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
 
 
 def _before(report: Reported, age_s: float) -> Pose2:
-    """Where the body was so long ago, in its frame now: m, m, rad."""
+    """The body's pose `age_s` ago, in its present frame: m, m, rad."""
     turned, way = -report.w * age_s, -report.v * age_s
     return way * cos(0.5 * turned), way * sin(0.5 * turned), turned
 
@@ -96,6 +96,6 @@ def _echoes(ring: SonarRing, report: Reported) -> tuple[Echo, ...]:
     echoes = []
     for index, distance in report.echoes:
         if index < len(places):
-            heard = 0.0 < distance < ring.max_m * 0.999
-            echoes.append(Echo(*places[index], distance if heard else None))
+            echoed = 0.0 < distance < ring.max_m * 0.999
+            echoes.append(Echo(*places[index], distance if echoed else None))
     return tuple(echoes)

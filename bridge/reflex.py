@@ -1,10 +1,10 @@
-"""The robot agent's reflexes: no faster than its newest readings allow, nor against a touch.
+"""The robot agent's reflexes: limits on the speed by its newest readings and by collisions.
 
-The behaviours see to it that they can stop, by what they know. What they know may be late: between
-a reading and the wheels lie the mesh and other processes. Sensors and wheels are one process here,
-so it caps the forward speed of what it obeys, by the readings that it has just had.
-It refuses, it does not choose: it never makes anything faster, nor turns it another way; and it
-counts on less time and less room than any behaviour does, so where they drive well it says nothing.
+Behaviours make sure that they can stop, by their inputs. These may be late: between a reading and
+the wheels lie the mesh and other processes. Sensors and wheels are in one process here, so it caps
+the forward speed of the commands it obeys by the readings of the present cycle.
+It refuses and does not choose: it never makes the robot faster, nor turns it. It assumes less time
+and less clearance than any behaviour, so it does not intervene where they drive well.
 
 Frame: the body's, x forward, y left, the origin at the middle of the wheel axle; m, rad, s.
 """
@@ -24,60 +24,60 @@ from armadico.mobile.motion import braking
 from armadico.mobile.scans import Floats
 
 KEPT_S = 0.5
-"""A sonar's reading counts until its next one, and no longer than this: the ring of a Pioneer goes
-round in 0.32 s."""
+"""Greatest age of a sonar's reading, if its next one does not replace it: a Pioneer's ring takes
+0.32 s to go round."""
 
 REACTION_CYCLES, REACTION_S = 2.0, 0.2
-"""From a reading until the wheels follow: the speed loops' lag, as a behaviour counts it."""
+"""Time from a reading until the wheels follow: the speed loops' delay, as behaviours assume."""
 
 TOUCH_M = 0.02
-"""So much of what is ahead is left."""
+"""Least distance left to obstacles ahead."""
 
-SAY_S = 2.0
-"""It says what it capped at most so often."""
+REPORT_S = 2.0
+"""Least time between two reports of capped speeds."""
 
 HELD_S = 0.5
-"""Wheels that turn much slower than ordered for so long are held, and are said to be as long."""
+"""Wheels much slower than commanded for this time count as held, for this time."""
 
 HELD_SHARE = 0.25
-"""Much slower is less than this share,"""
+"""Wheels are much slower below this share of the speed that a ramp would have reached."""
 
 EAGER = 0.5
-"""of the speed to which this share of the profile's ramps would have brought them by now."""
+"""The ramp assumed for that, relative to the profile's."""
 
 CREEP = (0.1, 0.3)
-"""m/s and rad/s: friction may hold what is ordered to go slower."""
+"""m/s and rad/s: friction may hold slower commanded speeds."""
 
 STANDING = 0.02
-"""m/s or rad/s: what is slower may be noise."""
+"""m/s or rad/s: slower measured speeds may be noise."""
 
 SAME_PLACE_M = 0.05
-"""What is touched again within this is what was touched before, whichever way was tried since."""
+"""A collision within this of the last one is with the same object, in any direction of motion."""
 
 
 def reaction_s(profile: RobotProfile) -> float:
-    """From a reading until the wheels follow, s."""
+    """Time from a reading until the wheels follow, s."""
     return max(REACTION_CYCLES * profile.cycle_s, REACTION_S)
 
 
 class Reflex:
-    """Remembers what is ahead, and caps speeds by it."""
+    """Keeps the points ahead, and caps speeds by them."""
 
     def __init__(self, profile: RobotProfile) -> None:
         self._front = profile.body.front_m
         self._half = profile.body.width_m / 2
         self._decel = profile.limits.v_decel
         self._reaction = reaction_s(profile)
-        self._heard: dict[tuple[float, float, float], tuple[float, float, float]] = {}
-        self._seen: Floats = np.empty((0, 2))  # of the newest scan, in the odometry's frame,
+        self._echo_points: dict[tuple[float, float, float], tuple[float, float, float]] = {}
+        self._seen: Floats = np.empty((0, 2))  # of the newest scan, in the odometry's frame
         self._seen_at = -inf
         self._rear = profile.body.rear_m
-        self._points: Floats = np.empty((0, 2))  # of all, ahead
-        self._nearest = inf  # of them all, m ahead of the front edge
+        self._points: Floats = np.empty((0, 2))  # from all sensors, ahead
+        self._nearest = inf  # of these, m ahead of the front edge
         self._measured = (0.0, 0.0)
-        self._capped: tuple[float, float] | None = None  # what was asked for, and what was given
+        self._capped: tuple[float, float] | None = None  # the speed commanded, and the one obeyed
         self._count = 0
-        self._said_at = -inf
+        self._reported_at = -inf
 
     def update(
         self,
@@ -87,14 +87,14 @@ class Reflex:
         now: float,
         seen: Floats | None = None,
     ) -> None:
-        """Take one cycle's readings.
+        """Add one cycle's readings.
 
         Args:
-            echoes: Of the sonars that fired; what another one heard before is moved along.
+            echoes: Of the sonars that fired; others' last readings are moved along.
             pose: Odometry (m, m, rad), continuous.
             measured: (v, w) by the wheels, m/s and rad/s.
             now: s.
-            seen: What a laser saw, (n, 2), in the body frame, m; None: no scan came.
+            seen: A laser's points, (n, 2), in the body frame, m; None: no scan arrived.
         """
         if seen is not None:
             self._seen, self._seen_at = _turned(seen, pose[2]) + pose[:2], now
@@ -102,28 +102,28 @@ class Reflex:
             self._seen = np.empty((0, 2))
         for echo in echoes:
             sonar = (echo.x, echo.y, echo.bearing)
-            self._heard.pop(sonar, None)
+            self._echo_points.pop(sonar, None)
             if echo.range is not None:
                 x = echo.x + echo.range * cos(echo.bearing)
                 y = echo.y + echo.range * sin(echo.bearing)
-                self._heard[sonar] = (*to_world(pose, x, y), now)
-        self._heard = {s: p for s, p in self._heard.items() if now - p[2] <= KEPT_S}
+                self._echo_points[sonar] = (*to_world(pose, x, y), now)
+        self._echo_points = {s: p for s, p in self._echo_points.items() if now - p[2] <= KEPT_S}
         self._measured = measured
-        heard = np.array([(x, y) for x, y, _ in self._heard.values()]).reshape(-1, 2)
-        points = _turned(np.concatenate([heard, self._seen]) - pose[:2], -pose[2])
+        echoed = np.array([(x, y) for x, y, _ in self._echo_points.values()]).reshape(-1, 2)
+        points = _turned(np.concatenate([echoed, self._seen]) - pose[:2], -pose[2])
         ahead, aside = points[:, 0], np.abs(points[:, 1])
         within = (-self._rear < ahead) & (ahead < self._front) & (aside < self._half)
-        self._points = points[(ahead > 0.0) & ~within]  # of a laser that sees its own robot
+        self._points = points[(ahead > 0.0) & ~within]  # a laser may see its own robot
         self._nearest = float(self._points[:, 0].min(initial=inf)) - self._front
 
     def cap(self, v: float, w: float) -> float:
-        """The forward speed that is obeyed of a command, m/s: `v`, or less.
+        """The forward speed to obey, m/s: `v`, or less.
 
-        What lies in the way of the commanded arc counts, and of the present one: the ramps need
-        time, so the robot goes on along that for a while.
+        Obstacles on the commanded arc and on the present one count: the ramps need time, so the
+        robot continues on the latter for a while.
         """
         if v <= 0.0 or self._nearest - TOUCH_M >= self._stopping(max(v, self._measured[0])):
-            return v  # it would stop before the nearest of all: mostly so, and quickly seen
+            return v  # it would stop before the nearest point: the usual case, and cheap to test
         free = min(self._free(v, w), self._free(*self._measured))
         safe = braking(free - TOUCH_M, self._decel, self._reaction)
         if safe >= v:
@@ -132,20 +132,20 @@ class Reflex:
         return safe
 
     def complaint(self, now: float) -> str | None:
-        """What it capped since it last said so; None if nothing, or if it has just said so."""
-        if self._capped is None or now - self._said_at < SAY_S:
+        """A report of the speeds capped since the last report; None: none, or reported just now."""
+        if self._capped is None or now - self._reported_at < REPORT_S:
             return None
-        self._said_at = now
-        (asked, given), count = self._capped, self._count
+        self._reported_at = now
+        (commanded, obeyed), count = self._capped, self._count
         self._capped, self._count = None, 0
-        return f"{count} x slowed for what is ahead, last from {asked:.2f} to {given:.2f} m/s"
+        return f"{count} x slowed for what is ahead, last from {commanded:.2f} to {obeyed:.2f} m/s"
 
     def _stopping(self, v: float) -> float:
-        """Metres to rest from a speed, m/s."""
+        """Stopping distance from a speed (m/s), m."""
         return v * self._reaction + v * v / (2.0 * self._decel)
 
     def _free(self, v: float, w: float) -> float:
-        """Metres ahead of the front edge to what the body would drive into on an arc; inf: none."""
+        """Distance ahead of the front edge to the first obstacle on an arc, m; inf: none."""
         bend = 0.5 * w / v if v > 0.0 else 0.0
         x, y = self._points[:, 0], self._points[:, 1]
         met = np.abs(y - bend * x * x) < self._half
@@ -153,22 +153,21 @@ class Reflex:
 
 
 def _turned(points: Floats, angle: float) -> Floats:
-    """Points about the origin, (n, 2)."""
     c, s = cos(angle), sin(angle)
     x, y = points[:, 0], points[:, 1]
     return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 class Touch:
-    """Feels that something holds the robot: by stall bits, bumpers, or its wheels.
+    """Detects that an obstacle holds the robot: by stall bits, bumpers, or its wheels.
 
-    Those are held that do not turn as they are ordered to, though the ramps have long been over.
+    Wheels are held if they do not turn as commanded although the ramps have long ended.
 
     Attributes:
-        felt: Whether it touches something now.
-        side: Where, by which way it moved, or what was ordered, when it began: 1 ahead, -1 behind,
-            0 nobody knows.
-        cut: Whether motors that are off now may have been cut for a stall.
+        touching: Whether it touches an obstacle now.
+        side: Where, by the direction of motion or of the command when it began: 1 ahead,
+            -1 behind, 0 unknown.
+        cut: Whether motors that are off may have been switched off for a stall.
     """
 
     def __init__(self, profile: RobotProfile) -> None:
@@ -179,30 +178,31 @@ class Touch:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what was ordered: the controller was opened anew."""
-        self.felt, self.side = False, 0
-        self._moved = 0  # which way it last did
-        self._order = (0, inf)  # which way it is ordered to, and since when, s
-        self._least = (0.0, 0.0)  # what the wheels are to have reached by now, m/s and rad/s
+        """Reset: the controller was opened again."""
+        self.touching, self.side = False, 0
+        self._moved = 0  # direction of the last motion
+        self._order = (0, inf)  # direction of the command, and since when, s
+        self._least = (0.0, 0.0)  # speeds that the wheels must have reached by now, m/s and rad/s
         self._at = self._held_since = inf
         self._held_until = self._cut_until = -inf
         self.cut = False
-        self._stuck: int | None = None  # bumpers that were pressed from the first: of no use
+        self._stuck: int | None = None  # bumpers pressed from the start: useless
         self._bumpers = (False, False)  # pressed ahead, behind
 
-    def feel(
+    def update(
         self,
         report: Reported,
         ordered: tuple[float, float],
         now: float,
     ) -> bool:
-        """Take what the robot says in a cycle; whether something new is touched.
+        """Add a cycle's report; return whether a new obstacle is touched.
 
         Args:
-            report: By the robot; its odometry tells one place from another.
-            ordered: (v, w) that was ordered since the last one, m/s and rad/s.
+            report: By the robot; its odometry distinguishes places.
+            ordered: (v, w) commanded since the last one, m/s and rad/s.
             now: s.
         """
+        # Held for a while: a controller switches stalled motors off, which ends the stall.
         held = self._held(report, ordered, now)
         ahead, behind = self._bumpers = self._pressed(report)
         if held or ahead or behind or report.stalled:
@@ -215,11 +215,11 @@ class Touch:
             self._moved = _sign(report.v)
         if _sign(ordered[0]) != self._order[0]:
             self._order = _sign(ordered[0]), now
-        before = self.felt
-        self.felt = now < self._held_until
+        before = self.touching
+        self.touching = now < self._held_until
         known = ahead - behind  # 0: no bumper, or bumpers on both sides
-        elsewhere = known not in (0, self.side)  # bumpers know where; what was ordered is a guess
-        if not self.felt or (before and not elsewhere):
+        elsewhere = known not in (0, self.side)  # a bumper's side is certain, a command's a guess
+        if not self.touching or (before and not elsewhere):
             return False
         x, y = self._place
         pose = report.pose
@@ -230,18 +230,17 @@ class Touch:
         return not again
 
     def _pushed(self, now: float) -> int:
-        """Which way it has pushed: as it is ordered for long enough, else as it last moved.
+        """The direction in which it pushed: as commanded for long enough, else its last motion.
 
-        Whoever is backed off what it drove into, and stalls before its wheels turn, has nothing
-        behind.
+        A robot that backs off an obstacle and stalls before its wheels turn has none behind it.
         """
         way, since = self._order
         return way if way and now - since >= HELD_S else self._moved
 
     def cap(self, v: float) -> float:
-        """The speed that is obeyed of a commanded one, m/s: none against what it touches."""
+        """The speed to obey, m/s: 0 towards an obstacle that it touches."""
         against = self.side * v > 0.0 or self._bumpers[0 if v > 0.0 else 1]
-        return 0.0 if self.felt and against else v
+        return 0.0 if self.touching and against else v
 
     def _held(self, report: Reported, ordered: tuple[float, float], now: float) -> bool:
         """Whether the wheels have turned much too slowly for too long."""
@@ -269,9 +268,9 @@ class Touch:
 
 
 def _follow(least: float, ordered: float, measured: float, step: float) -> float:
-    """The least speed that free wheels have, one cycle later: a ramp up, and none down.
+    """The least speed of free wheels one cycle later: up by a ramp, down at once.
 
-    It begins once they turn the way that is ordered: before that they brake.
+    It starts once they turn in the commanded direction: before that they brake.
     """
     if measured * ordered < 0.0 and abs(measured) > STANDING:
         return 0.0

@@ -1,8 +1,9 @@
 """The robot agent: sole owner of the controller's port (thesis 3.7.1).
 
-It owns the wheels: the base class judges, acknowledges, and stops on silence and on `robot/stop`.
-Here is what is the robot's: what it reports makes the cycles, speeds go out through its session,
-and its watchdog is fed only while all of this works. Which protocol it speaks the session knows.
+It owns the wheels: the base class decides which agent to obey, acknowledges, and stops on silence
+and on `robot/stop`. This class has the robot's part. Each report makes a cycle, speeds are sent
+through the session, and the robot's watchdog is fed only while all of this works. Only the session
+depends on the protocol.
 """
 
 from __future__ import annotations
@@ -57,82 +58,82 @@ from armadico.mobile.messages import Origin, Scan, Sonar
 from armadico.mobile.scans import points_of
 
 PULSE_S = 0.5
-"""How often the watchdog is fed when there is nothing else to say."""
+"""Period of feeding the watchdog when nothing else is sent."""
 
 HEALTHY_S = 0.5
-"""The watchdog is fed only while status packets keep coming at least this often."""
+"""The watchdog is fed only while status packets arrive at least this often."""
 
 PATIENCE_S = 10.0
-"""A port that is not there by then, s, is worth more than a word in passing."""
+"""A port that is missing for this time, s, is reported as a warning."""
 
 AT_REST_M_S = 0.02
-"""Rims slower than this rest."""
+"""A wheel rim slower than this is at rest."""
 
-TOLD = tuple(2**n for n in range(20))
-"""Which attempts without a status packet are told; if they come, not the first: it was open."""
+LOGGED_ATTEMPTS = tuple(2**n for n in range(20))
+"""Numbers of attempts that are logged. If status packets arrive, not the first: it was open."""
 
 _HINTS = (
     "is the robot on",
-    "it sends status packets and does not hear us: is the line to the robot whole",
+    "it sends status packets and does not receive: is the line to the robot intact",
 )
 
-LINE_SAY_S = 10.0
-"""What is wrong on the line is told at most so often."""
+LINE_LOG_S = 10.0
+"""Least time between two logs of the line's counts."""
 
 _SIDES = {1: "ahead", -1: "behind", 0: "on turning"}
 
 DESCRIBE_CYCLES = 10
-"""The description is published once in so many cycles, for those who come late."""
+"""Cycles between two publications of the description, for agents that start later."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The port and the robot behind it."""
+    """The port and the robot on it."""
 
     port: Annotated[str, Meta(min_length=1)] = "tcp://127.0.0.1:8101"
     profile: str = "pioneer-2dx"
-    v_max: TopSpeed | None = None  # m/s: a limit below the profile's, of a scenario say
-    reflex: bool = True  # slow down for what is heard and seen ahead, whatever is commanded
+    v_max: TopSpeed | None = None  # m/s: a limit below the profile's, such as a scenario's
+    reflex: bool = True  # slow down for obstacles sensed ahead, at any command
 
 
 @dataclass
 class Known:
-    """What is known of the controller."""
+    """What is known about the controller."""
 
-    name: str = ""  # as it names itself
+    name: str = ""  # by its own report
     named: tuple[str, str, str] | None = None  # the names of the last one that was opened
-    openings: int = 0  # of the port, since the last status packet,
-    connections: int = 0  # and handshakes that ended well
-    refusals: int = 0  # how often it was refused,
-    unfit: str = ""  # and why
-    differs: tuple[str, ...] = ()  # what its robot has otherwise than the profile
+    openings: int = 0  # of the port, since the last status packet
+    connections: int = 0  # completed handshakes since then
+    refusals: int = 0  # how often it was refused
+    unfit: str = ""  # why it was refused
+    differs: tuple[str, ...] = ()  # where the robot differs from the profile
 
 
 @dataclass
 class Orders:
-    """What the wheels do and are to do, m/s and rad/s."""
+    """Measured and commanded speeds of the wheels, m/s and rad/s."""
 
     measured: tuple[float, float] = (0.0, 0.0)
-    ordered: tuple[float, float] = (0.0, 0.0)  # what was last obeyed
-    driven: tuple[float, float] = (0.0, 0.0)  # what came of it by the reflexes
-    moving: bool = False  # whether the controller was last told to move
+    ordered: tuple[float, float] = (0.0, 0.0)  # the last command obeyed
+    driven: tuple[float, float] = (0.0, 0.0)  # that command after the reflexes
+    moving: bool = False  # whether the controller was last commanded to move
 
 
 class LineNotes:
-    """Bounds how often the counts of the line are logged."""
+    """Limits how often the counts of the line are logged."""
 
     def __init__(self) -> None:
         self._logged, self._at = Line(), -inf
 
     def is_news(self, line: Line, now: float) -> bool:
         """Whether to log these counts, at a time (s)."""
-        if line == self._logged or now - self._at < LINE_SAY_S:
+        if line == self._logged or now - self._at < LINE_LOG_S:
             return False
         self._logged, self._at = line, now
         return True
 
 
 class Robot(DeviceAgent):
-    """The robot, as the society knows it."""
+    """The robot, as other agents know it."""
 
     name = "robot"
     alone = True
@@ -162,7 +163,7 @@ class Robot(DeviceAgent):
         self.cycles.period = self.profile.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
-        self._awaited = ""  # before the port was ever open: why it is not
+        self._awaited = ""  # before the port was first open: the reason
         self._known = Known()
         self._orders = Orders()
         self._reported_at = float("-inf")
@@ -176,31 +177,30 @@ class Robot(DeviceAgent):
 
     @classmethod
     def subscriptions(cls) -> tuple[agent.Subscription, ...]:
-        """It makes the cycles and describes itself, so it does not listen to either."""
+        """All but cycles and descriptions, which it publishes itself."""
         own = (RobotState, Description)
         return tuple(s for s in super().subscriptions() if s.message not in own)
 
     def on_appeared(self, name: str, instance: str) -> None:  # noqa: ARG002
-        """Describe the robot to who has just come, with the next status packet."""
+        """Publish the description with the next status packet, for the new agent."""
         self._described = 0
 
     # The port ------------------------------------------------------------------------------------
 
     def on_link(self, up: bool, why: str) -> None:
-        """The port was opened, or is gone."""
-        if not up and self._session is None:  # started before it, as anybody may be
+        if not up and self._session is None:  # started before the port was there
             self._awaited = f"waiting for the port {self.p.port}: {why}"
             self.log(self._awaited)
             self.wake_at(self.now + PATIENCE_S)
             return
         self._known.openings += up
-        told = self._known.openings in TOLD or not self._known.openings
+        logged = self._known.openings in LOGGED_ATTEMPTS or not self._known.openings
         if not up:
             self._orders.moving = False
-            if told:
+            if logged:
                 self.log(f"the port {self.p.port} is gone: {why}", ERROR)
             return
-        if told:
+        if logged:
             self.log(f"the port {self.p.port} is open")
         if self._session is None:
             origin = self.memory.newest(Origin)  # as others remember it
@@ -218,7 +218,7 @@ class Robot(DeviceAgent):
             self._send()
 
     def on_wakeup(self) -> None:
-        """Time-outs: of the session, of the last valid command, of the watchdog."""
+        """Timeouts: of the session, of the last valid command, of the watchdog."""
         if self._session is None:
             self.log(f"still {self._awaited}", WARNING)
             return
@@ -250,12 +250,15 @@ class Robot(DeviceAgent):
             elif isinstance(event, LinkLost):
                 self._orders.moving = False
                 self._line()
-                if self._known.connections in (0, *TOLD):
+                if self._known.connections in (0, *LOGGED_ATTEMPTS):
                     self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
                 if event.reset and self.stopped is None:
                     # Its motors are off then; opening it again switches them on.
                     self.latch(Hand.RESET)
-            elif isinstance(event, Unanswered) and event.attempts in TOLD[event.streaming :]:
+            elif (
+                isinstance(event, Unanswered)
+                and event.attempts in LOGGED_ATTEMPTS[event.streaming :]
+            ):
                 self._line()
                 hint = event.hint or f"{_HINTS[event.streaming]}?"
                 self.log(
@@ -275,36 +278,38 @@ class Robot(DeviceAgent):
         self._touch.begin()
         self._obedience.begin()
         self._known.connections += 1
-        if self._known.connections in TOLD:
-            self.log(f"connected to {_told(event)} on {self.p.port}")
+        if self._known.connections in LOGGED_ATTEMPTS:
+            self.log(f"connected to {_names_of(event)} on {self.p.port}")
         self._known.name = "".join(filter(str.isprintable, event.name))[:LABEL]
         self._described, self._known.unfit, self._known.refusals = 0, "", 0
         named = (event.name, event.class_name.casefold(), event.subclass.casefold())
         before, self._known.named = self._known.named or named, named
         if before[0] and before != named:
-            self.log(f"it was {_told(Connected(*before))} before: is it the same robot?", WARNING)
+            self.log(
+                f"it was {_names_of(Connected(*before))} before: is it the same robot?", WARNING
+            )
         if before[1:] != named[1:] and self.stopped is None:
             self.latch(Hand.EXCHANGED)
 
     def _refuse(self, event: Unfit) -> None:
-        """Report a controller that the profile does not fit; it is not opened."""
+        """Report a controller that the profile does not match; it is not opened."""
         self._orders.moving = False
         self._known.refusals += 1
         why = self._kind.unfit(self.profile, event)
-        self._known.unfit = f"{_told(event)} on {self.p.port} is not driven: {why}"
-        if self._known.refusals in TOLD:
+        self._known.unfit = f"{_names_of(event)} on {self.p.port} is not driven: {why}"
+        if self._known.refusals in LOGGED_ATTEMPTS:
             self.log(self._known.unfit, ERROR, LogEvent.UNFIT)
 
     def _catch_up(self) -> None:
-        """Let the session know how late it is: after a pause its ramps begin with what it was told.
+        """Update the session's time: after a pause its ramps start from the last command.
 
-        Otherwise the first step after one is that of a moment before it: what was asked for then.
+        Otherwise the first step would be that of the moment before the pause.
         """
         if self._session is not None:
             self._on_events(self._session.tick(self.now))
 
     def _send(self) -> None:
-        """Write what the session has to say, and wake for what it waits for."""
+        """Write the session's bytes, and set the wake-up that it needs."""
         assert self._session is not None
         data = self._session.outgoing()
         if data:
@@ -327,8 +332,8 @@ class Robot(DeviceAgent):
         self.tenure += 1
         v, w = self._orders.measured = report.v, report.w
         ordered = self._orders.driven
-        self._feel(report)
-        self._heed_hands(report)
+        self._check_touch(report)
+        self._check_hands(report)
         self._check_obedience(report, ordered)
         self.publish(
             RobotState(
@@ -340,7 +345,7 @@ class Robot(DeviceAgent):
                 w=w,
                 battery_v=report.battery_v,
                 motors=report.motors,
-                stalled=self._touch.felt,
+                stalled=self._touch.touching,
                 stop=self.memory.newest(Stop) or Stop(),
                 touch=self._touched(),
                 line=self._line(),
@@ -352,33 +357,33 @@ class Robot(DeviceAgent):
             self.publish(self.description())
         self._described += 1
         self._perceive(cycle, report)
-        self._heed(report)
-        self._insist(v, w)
+        self._apply_reflex(report)
+        self._repeat_stop(v, w)
 
     def _line(self) -> Line:
-        """What was wrong on the line; told now and then, if something new was."""
+        """The counts of invalid data on the line; new ones are logged at a limited rate."""
         session = self._session
         assert session is not None, "it has a line"
         line = session.line
         if self._line_notes.is_news(line, self.now):
-            self.log(f"from the controller so far: {line.told}", WARNING)
+            self.log(f"from the controller so far: {line.summary}", WARNING)
         return line
 
     def card(self) -> Card:
-        """Without the readings of sensors that this robot has not got: nobody has to miss them."""
+        """The card without the messages of sensors that this robot lacks."""
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
-        said = super().card()
-        provides = tuple(key for key in said.provides if key not in none)
+        card = super().card()
+        provides = tuple(key for key in card.provides if key not in none)
         doubts = line("; ".join(self._known.differs))
-        return replace(said, provides=provides, fault=line(self._known.unfit), doubts=doubts)
+        return replace(card, provides=provides, fault=line(self._known.unfit), doubts=doubts)
 
     @property
     def _top(self) -> float:
-        """The top speed, by the profile, the scenario, and what the laser's rays are sure of."""
+        """The top speed, by the profile, the scenario, and the laser's resolution, m/s."""
         return min(self._v_max, self._gaps.v_max)
 
     def description(self) -> Description:
-        """The robot's body and limits, by its profile."""
+        """The robot's footprint and limits, by its profile."""
         body, limits, cycle_s = self.profile.body, self.profile.limits, self.profile.cycle_s
         ring = self.profile.sonar
         return Description(
@@ -401,12 +406,12 @@ class Robot(DeviceAgent):
             nearest=0.0 if ring is None else ring.min_m,
         )
 
-    def _heed_hands(self, report: Reported) -> None:
-        """Latch the stop when somebody at the robot wants it to stand.
+    def _check_hands(self, report: Reported) -> None:
+        """Latch the stop when a person at the robot stops it.
 
-        Motors that come back must not drive off at once, so that takes a release, on purpose; and
-        one while they are off, or the button is pressed, does not hold. Those that a stall has cut
-        nobody has switched off.
+        Motors that come back must not drive off at once: that takes a deliberate release. A release
+        while they are off, or while the button is pressed, does not hold. Motors that a stall has
+        switched off were not switched off by a person.
         """
         assert self._session is not None
         off = not (report.motors or self._touch.cut) and self._session.motors_due
@@ -420,9 +425,9 @@ class Robot(DeviceAgent):
                 self.latch(Hand.MOTORS)
 
     def _check_obedience(self, report: Reported, ordered: tuple[float, float]) -> None:
-        """Stop a robot that does not move as ordered, by all means, until a person releases it."""
+        """Stop a robot that disobeys, by all means, until a person releases it."""
         assert self._session is not None
-        if not self._obedience.judge(report, ordered, self.now, held=self._touch.felt):
+        if not self._obedience.update(report, ordered, self.now, held=self._touch.touching):
             return
         self.log(f"{self._obedience.fault}: emergency stop", ERROR)
         if self.stopped is None:
@@ -430,36 +435,35 @@ class Robot(DeviceAgent):
         self._session.emergency_stop()
         self._send()
 
-    def _feel(self, report: Reported) -> None:
-        """Rest on touching something; whose turn it is next, goes on as it sees fit."""
+    def _check_touch(self, report: Reported) -> None:
+        """Stop at a collision; the next holder continues."""
         v, w = self._orders.driven
-        if self._touch.feel(report, self._orders.driven, self.now):
+        if self._touch.update(report, self._orders.driven, self.now):
             self.rest(WHEELS)
             where = _SIDES[self._touch.side]
-            text = f"touched something {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
+            text = f"touched an obstacle {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
             self.log(
                 f"{text} {self._orders.measured[0]:.2f}, {self._orders.measured[1]:.2f} measured",
                 WARNING,
             )
 
     def _touched(self) -> Point | None:
-        """Where it touches something: in the middle of an edge, for nobody knows better."""
+        """Where it touches an obstacle: the middle of an edge, since the place is unknown."""
         body, touch = self.profile.body, self._touch
-        if not touch.felt or touch.side == 0:
+        if not touch.touching or touch.side == 0:
             return None
         return Point(body.front_m if touch.side > 0 else -body.rear_m, 0.0)
 
-    def _insist(self, v: float, w: float) -> None:
-        """Order the stop again while the wheels still turn: it may have been lost on the line.
+    def _repeat_stop(self, v: float, w: float) -> None:
+        """Command the stop again while the wheels still turn: it may have been lost on the line.
 
-        A pulse would only feed the watchdog of a controller that goes on as it was told before.
+        A pulse would only feed the watchdog of a controller that continues with the old speeds.
         """
         rim = abs(v) + abs(w) * self.profile.body.half_track_m  # the faster one's
         if not self._orders.moving and rim > AT_REST_M_S:
             self.rest(WHEELS)
 
     def _perceive(self, cycle: Cycle, report: Reported) -> None:
-        """Pass on what the sensors say."""
         readings = self._readings
         readings.update(cycle, report)
         for message in (readings.sonar, readings.scan):
@@ -467,11 +471,11 @@ class Robot(DeviceAgent):
                 self.publish(message)
         for complaint in readings.complaints:
             self.log(complaint, ERROR)
-        if readings.scan is not None and self._gaps.update(readings.scan) and self._gaps.told:
-            self.log(self._gaps.told, WARNING)
+        if readings.scan is not None and self._gaps.update(readings.scan) and self._gaps.reason:
+            self.log(self._gaps.reason, WARNING)
 
-    def _heed(self, report: Reported) -> None:
-        """Slow down for what has just been heard or seen ahead, whoever is obeyed."""
+    def _apply_reflex(self, report: Reported) -> None:
+        """Slow down for obstacles sensed ahead in this cycle, at any command."""
         pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
         self._reflex.update(
             () if sonar is None else sonar.echoes,
@@ -488,7 +492,7 @@ class Robot(DeviceAgent):
             self.log(text, WARNING, LogEvent.SLOWED)
 
     def _order(self, v: float, w: float) -> None:
-        """Order what was commanded, m/s and rad/s, capped by the reflexes."""
+        """Send a command, m/s and rad/s, capped by the reflexes."""
         assert self._session is not None
         self._orders.ordered = v, w
         v = self._touch.cap(v)
@@ -498,10 +502,10 @@ class Robot(DeviceAgent):
     # The wheels ----------------------------------------------------------------------------------
 
     def obey(self, resource: Resource, action: Any) -> None:  # noqa: ARG002 - it owns one
-        """Order the speeds, m/s and rad/s; what is above the limit is driven slower, the same arc.
+        """Send the speeds, m/s and rad/s; above the limit slower, on the same arc.
 
-        `beyond` refuses what no such robot can do. Who has not heard of a scenario's limit is none
-        the worse for it, nor is the robot.
+        `beyond` refuses what no such robot can do. An agent that does not know a scenario's limit
+        is not refused for exceeding it.
         """
         assert self._session is not None, "unavailable without one"
         self._catch_up()
@@ -513,7 +517,7 @@ class Robot(DeviceAgent):
         self._send()
 
     def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
-        """Order zero speeds, down the controller's ramps."""
+        """Command zero speeds, down the controller's ramps."""
         self._orders.moving = False
         self._orders.driven = (0.0, 0.0)
         self._catch_up()
@@ -522,23 +526,22 @@ class Robot(DeviceAgent):
             self._send()
 
     def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
-        """The measured speeds, m/s and rad/s."""
         return self._orders.measured
 
     def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
-        """Speeds beyond the profile's limits are refused."""
+        """The refusal of speeds beyond the profile's limits."""
         limits, (v, w) = self.profile.limits, action
         if abs(v) <= limits.v_max and abs(w) <= limits.w_max:
             return ""
         return f"{v:g} m/s, {w:g} rad/s is beyond {limits.v_max:g} m/s, {limits.w_max:g} rad/s"
 
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002 - it owns one
-        """Without a controller nobody is obeyed."""
+        """The refusal without a controller."""
         ready = self._session is not None and self._session.is_open
         return "" if ready else self._known.unfit or "the controller does not answer"
 
 
-def _told(event: Connected | Unfit) -> str:
-    """A controller by its own names, for people."""
-    kind = f"{event.class_name} {event.subclass}".strip() or "it does not say what"
+def _names_of(event: Connected | Unfit) -> str:
+    """A controller by its own names, for the log."""
+    kind = f"{event.class_name} {event.subclass}".strip() or "type unknown"
     return f"{event.name or 'a controller without a name'} ({kind})"

@@ -1,4 +1,4 @@
-"""Serial lines: a port that a robot hangs on, and a pseudo-terminal that pretends to be one."""
+"""Serial lines: a robot's port, and a pseudo-terminal in place of one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from armadico.bridge.lines import (
 )
 
 BAUD = 9600  # a Pioneer's default, 8 data bits, no parity, 1 stop bit, no flow control
-WRITE_S = 0.05  # a line that takes no bytes for this long is broken: a stop must not wait for it
+WRITE_S = 0.05  # a line that accepts no bytes for this long is broken: a stop must not wait for it
 
 
 class SerialTransport:
@@ -36,7 +36,6 @@ class SerialTransport:
         return f"serial://{self.path}?baud={self.baud}"
 
     def open(self) -> None:
-        """Open the port for us alone."""
         self.close()
         try:
             self._port = serial.Serial(
@@ -48,7 +47,7 @@ class SerialTransport:
     def read(self, timeout_s: float) -> bytes:
         """Wait for bytes.
 
-        The wait is ours: setting pyserial's time-out would set up the port anew each time.
+        It does not use pyserial's timeout: setting that would configure the port anew each time.
         """
         with broken(self.path, "check cable and power"):
             port = self._opened()
@@ -75,12 +74,12 @@ class SerialTransport:
 class PtyTransport:
     """The robot's end of a pseudo-terminal; a client opens `path` as its serial port.
 
-    Clients may come and go: we hold the client's end open too, and a line is not broken because
-    no client is there. What is not read is dropped once the terminal is full, as on a real line.
+    Clients may come and go: this end also holds the client's end open, so that the line is not
+    broken without a client. Unread bytes are dropped once the terminal is full, as on a real line.
     """
 
     def __init__(self, link: str = "") -> None:
-        """Make a terminal, named by a symbolic link `link` if one is given."""
+        """Prepare a terminal, named by a symbolic link `link` if one is given."""
         self.link = link
         self.path = link
         self._fds: tuple[int, int] | None = None
@@ -90,7 +89,6 @@ class PtyTransport:
         return f"pty://{self.link}"
 
     def open(self) -> None:
-        """Make the terminal, and the link; a link left behind by a dead process is replaced."""
         self.close()
         ours, theirs = os.openpty()
         self._fds = ours, theirs
@@ -111,18 +109,18 @@ class PtyTransport:
             return os.read(ours, CHUNK) if ready else b""
 
     def write(self, data: bytes) -> None:
-        """Send bytes; what does not fit is dropped."""
+        """Send bytes; those that do not fit are dropped."""
         with broken(self.path, "open it again"), contextlib.suppress(BlockingIOError):
             ours = self._opened()
             while data:
                 data = data[os.write(ours, data) :]
 
     def hang_up(self) -> bool:
-        """A serial line cannot: whoever has it open reads on."""
+        """Return False: a serial line cannot hang up, its clients read on."""
         return False
 
     def close(self) -> None:
-        """Take the terminal and its link away."""
+        """Remove the terminal and its link."""
         fds, self._fds = self._fds, None
         if fds is None:
             return

@@ -1,12 +1,12 @@
-"""What the robot agent knows of a session with a robot, whichever protocol that speaks.
+"""The interface of a session with a robot, for any protocol.
 
-A session is sans-IO: bytes and time in, events and bytes out. Its owner hands in what it read
-(`receive`), calls `tick` at `next_wakeup` at the latest, and writes what `outgoing` returns after
-each call. It opens itself, and again whenever the link was lost, until `close`. It never keeps a
-robot going by itself: an owner that hangs or dies must leave the robot to its watchdog.
+A session is sans-IO: bytes and time in, events and bytes out. Its owner passes the bytes it read to
+`receive`, calls `tick` at `next_wakeup` at the latest, and writes what `outgoing` returns after
+each call. The session opens the link, and opens it again whenever it was lost, until `close`. It
+never keeps a robot moving by itself: if its owner hangs or dies, the robot's watchdog must stop it.
 
-`armadico.bridge.p2os.session` is one, `armadico.bridge.ros2.session` another; a kind of robot
-(`armadico.bridge.kind`) brings its own.
+`armadico.bridge.p2os.session` and `armadico.bridge.ros2.session` are sessions; a kind of robot
+(`armadico.bridge.kind`) may have its own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from armadico.mobile.geometry import Pose2
 
 
 class Pose(Struct, frozen=True):
-    """Where the robot is in its odometry frame: m, m and rad, theta not wrapped."""
+    """A pose in the odometry frame: m, m and rad, theta not wrapped."""
 
     x: float = 0.0
     y: float = 0.0
@@ -31,24 +31,24 @@ class Pose(Struct, frozen=True):
 
 
 class Swept(Struct, frozen=True):
-    """A laser's newest scan, as its driver gives it; `armadico.mobile.scans` reads it.
+    """A laser's newest scan, as from its driver; `armadico.mobile.scans` converts it.
 
     Angles are about the laser's own axis, as it is mounted.
     """
 
-    ranges: NDArray[np.float64]  # m, one a ray; NaN, 0: none; inf: nothing within reach
-    first: float  # of the first ray, rad
-    step: float  # to the next one, rad; below 0: clockwise
+    ranges: NDArray[np.float64]  # m, one per ray; NaN, 0: invalid; inf: nothing within reach
+    first: float  # angle of the first ray, rad
+    step: float  # angle to the next one, rad; negative: clockwise
     least: float  # m
     most: float
     number: int  # counts scans
-    mount: Pose2  # where the laser sits on the body, and looks: m, m, rad
+    mount: Pose2  # of the laser on the body: m, m, rad
     upside_down: bool = False
-    age_s: float = 0.0  # from the scan to the odometry that it comes with, by the robot's clock
+    age_s: float = 0.0  # from the scan to the odometry reported with it, by the robot's clock
 
 
 class Reported(Struct, frozen=True, kw_only=True):
-    """What a robot says once a cycle; speeds are by its wheels."""
+    """A robot's report of one cycle; speeds are by its wheels."""
 
     pose: Pose  # by the odometry, continuous
     v: float  # m/s
@@ -56,18 +56,18 @@ class Reported(Struct, frozen=True, kw_only=True):
     battery_v: float = 0.0
     charging: bool = False
     motors: bool = True  # they are on
-    stalled: bool = False  # its controller says that something holds a wheel
+    stalled: bool = False  # its controller reports a held wheel
     stop_button: bool = False
     lifted: bool = False  # a wheel hangs in the air
-    front_bumpers: int = 0  # a bit each
+    front_bumpers: int = 0  # one bit each
     rear_bumpers: int = 0
     echoes: tuple[tuple[int, float], ...] = ()  # sonar, range in m; no echo is the maximum
-    sonars: tuple[Pose2, ...] = ()  # where they sit and look: m, m, rad; none: as in the profile
-    scan: Swept | None = None  # the newest, for as long as it is new enough
+    sonars: tuple[Pose2, ...] = ()  # their mounts: m, m, rad; empty: as in the profile
+    scan: Swept | None = None  # the newest, while it is fresh
 
 
 class Connected(Struct, frozen=True):
-    """The robot answers; by its controller's names."""
+    """The robot answers; with its controller's names."""
 
     name: str
     class_name: str
@@ -75,7 +75,7 @@ class Connected(Struct, frozen=True):
 
 
 class Unfit(Struct, frozen=True):
-    """The robot answers, and is not of the profile's type; it is not opened."""
+    """The robot answers, but the profile does not match it; it is not opened."""
 
     name: str
     class_name: str
@@ -85,7 +85,7 @@ class Unfit(Struct, frozen=True):
 class LinkLost(Struct, frozen=True):
     """An open link ended; the session tries to open it again.
 
-    `reset` says that the controller was: it told so, as when somebody presses its button.
+    `reset` means that the controller reported a reset, as when its button was pressed.
     """
 
     reason: str
@@ -93,22 +93,22 @@ class LinkLost(Struct, frozen=True):
 
 
 class Unanswered(Struct, frozen=True):
-    """The robot did not answer; the session goes on trying."""
+    """The robot did not answer; the session continues to try."""
 
     awaited: str
     attempts: int  # since it last answered
-    streaming: bool = False  # it sends, so it is not off: it does not hear us
-    hint: str = ""  # what to look for, where the session knows more than that
+    streaming: bool = False  # it sends, so it is on but does not receive
+    hint: str = ""  # what to check, if the session knows more
 
 
 class Noted(Struct, frozen=True):
-    """Something that people should know of; said once."""
+    """A notice for the operator; reported once."""
 
     text: str
 
 
 class Differs(Struct, frozen=True):
-    """The robot is driven, and what it publishes of itself is not what its profile has."""
+    """The robot is driven although its reported properties differ from the profile's."""
 
     text: str
 
@@ -117,7 +117,7 @@ Event = Connected | Unfit | Reported | LinkLost | Unanswered | Noted | Differs
 
 
 class Session(Protocol):
-    """One client's dealings with one robot.
+    """One client's session with one robot.
 
     Attributes:
         held: Motors that are off stay off when the robot is opened again: a person switched them
@@ -128,7 +128,7 @@ class Session(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Whether speeds that are asked for reach the robot."""
+        """Whether requested speeds reach the robot."""
 
     @property
     def motors_due(self) -> bool:
@@ -140,31 +140,31 @@ class Session(Protocol):
 
     @property
     def line(self) -> Line:
-        """What was wrong on the line so far."""
+        """Counts of invalid data on the line so far."""
 
     def receive(self, data: bytes, now: float) -> Sequence[object]:
-        """Take in what was read, and return what it means: `Event`s, and others to pass over."""
+        """Decode bytes into events: `Event`s, and others that the owner ignores."""
 
     def tick(self, now: float) -> Sequence[object]:
-        """Let time pass: time-outs and repetitions."""
+        """Let time pass: timeouts and repetitions."""
 
     def restart(self, now: float) -> Sequence[object]:
         """Begin again: the transport was opened again."""
 
     def outgoing(self) -> bytes:
-        """Hand over, once, what is to be written."""
+        """The bytes to write, returned once."""
 
     def drive(self, v: float, w: float) -> None:
-        """Ask for speeds, m/s and rad/s; only the latest before `outgoing` is sent."""
+        """Request speeds, m/s and rad/s; only the latest before `outgoing` is sent."""
 
     def stop(self) -> None:
-        """Ask for zero speeds, down the ramps."""
+        """Request zero speeds, down the ramps."""
 
     def emergency_stop(self) -> None:
-        """Ask for zero speeds at once, by what the controller has for an emergency."""
+        """Request zero speeds at once, by the controller's emergency stop."""
 
     def pulse(self) -> None:
-        """Feed the robot's watchdog, if it has one that wants that and nothing else does."""
+        """Feed the robot's watchdog, if it needs that and nothing else is sent."""
 
     def close(self) -> None:
         """Stop, and end the session; `restart` begins another."""

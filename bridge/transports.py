@@ -1,8 +1,8 @@
-"""What carries a robot's bytes: a serial line, a pseudo-terminal, TCP, or ROS 2.
+"""Transports of a robot's bytes: a serial line, a pseudo-terminal, TCP, or ROS 2.
 
-A transport is read by one thread, which waits in `read` and passes on what it gets; another thread
-may write. Bytes cross unchanged and unframed on all of them; those of ROS 2 are frames
-(`ros2.frames`), of which each is a sample out there.
+One thread reads a transport: it waits in `read` and passes on the bytes. Another thread may write.
+Bytes are transferred unchanged and unframed; those of ROS 2 are frames (`ros2.frames`), one for
+each sample.
 
 | address | end |
 | --- | --- |
@@ -56,7 +56,7 @@ class TcpTransport:
         return f"tcp://{self.host}:{self.port}"
 
     def open(self) -> None:
-        """Connect. Small packets go out at once: a command must not wait for the next."""
+        """Connect. Small packets are sent at once: a command must not wait for the next."""
         self.close()
         try:
             line = socket.create_connection((self.host, self.port), CONNECT_S)
@@ -92,7 +92,7 @@ def open_serial(url: str) -> Transport:
     """Open `serial:///dev/ttyUSB0?baud=9600`.
 
     Raises:
-        ValueError: The address is none.
+        ValueError: The address is invalid.
         TransportError: It cannot be opened; the message has a remedy.
     """
     parts = urlsplit(url)
@@ -100,14 +100,14 @@ def open_serial(url: str) -> Transport:
         raise ValueError(f"{url!r} names no port: serial:///dev/ttyUSB0")
     baud = parse_qs(parts.query).get("baud", [str(BAUD)])[0]
     if not baud.isdigit():
-        raise ValueError(f"{url!r}: baud is a number of bits a second, such as {BAUD}")
+        raise ValueError(f"{url!r}: baud is a number of bits per second, such as {BAUD}")
     transport = SerialTransport(parts.netloc + parts.path, int(baud))
     transport.open()
     return transport
 
 
 def open_tcp(url: str) -> Transport:
-    """Open `tcp://localhost:8101`; raises what `open_serial` does."""
+    """Open `tcp://localhost:8101`; raises as `open_serial`."""
     parts = urlsplit(url)
     if not parts.hostname:
         raise ValueError(f"{url!r} names no host: tcp://localhost:{PORT}")

@@ -1,4 +1,4 @@
-"""Two planner agents: one has a photo taken of what set the alarm off, one waits at shut doors."""
+"""Two planner agents: one takes a photo of the cause of an alarm, one waits at closed doors."""
 
 from collections.abc import Sequence
 
@@ -7,18 +7,18 @@ from armadico import Planner, PlanStep, SubplanRequest, Surprise
 
 
 class Evidence(Planner):
-    """Does what has come up, takes a photo there, and leaves the rest to the mission."""
+    """Checks the alarm, takes a photo there, and leaves the rest to the mission."""
 
-    name = "planner-evidence"  # all are asked whose names begin so; the cheapest plan is done
+    name = "planner-evidence"  # all agents "planner-..." are queried; the cheapest plan is done
 
     def steps(self, request: SubplanRequest) -> Sequence[PlanStep] | str:
         if not any(step.do == "check-alarm" for step in request.before):
-            return f"there is nothing to be seen: {request.why}"
+            return f"no alarm to check: {request.why}"
         return [*request.before, PlanStep.of("take-photo", seconds=2.0)]
 
 
 class Patience(Planner):
-    """Waits before a door that is shut, and has the step begun anew then."""
+    """Waits at a closed door; then the step begins again."""
 
     name = "planner-patience"
     plans = (Surprise.BLOCKED,)

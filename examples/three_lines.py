@@ -1,4 +1,4 @@
-"""A run in three lines: scenario 4 under a virtual clock, and what came of it."""
+"""A run in three lines: scenario 4 under a virtual clock, and its result."""
 
 import armadico
 

@@ -1,4 +1,4 @@
-"""An agent of one's own that drives: it wanders where there is room, with nobody's goal."""
+"""An agent of your own that drives: it wanders where there is room, without a goal."""
 
 from math import atan2, cos, hypot, pi, sin
 
@@ -7,7 +7,7 @@ from armadico import Behaviour, Bid, Obstacles, Pose
 
 
 class Wanderer(Behaviour):
-    """Straight on; where something is near ahead, towards the side that has more room."""
+    """Drives straight; near an obstacle it turns to the side with more room."""
 
     name = "wanderer"
     needs_goal = False
@@ -18,11 +18,11 @@ class Wanderer(Behaviour):
         if ahead < 0.9:
             left, right = self.room(obstacles, pi / 4), self.room(obstacles, -pi / 4)
             v, w = max(0.0, 0.3 * (ahead - 0.5)), 0.8 if left > right else -0.8
-        v, w = self.limited(v, w, obstacles)  # so that whatever it leads to stays clear
+        v, w = self.limited(v, w, obstacles)  # speeds that keep clear of obstacles
         return Bid(0.5, (v, w), reason=f"{ahead:.1f} m of room ahead")
 
     def room(self, obstacles: Obstacles, bearing: float) -> float:
-        """How far it is to the nearest thing in a direction, 3 m at the most."""
+        """The distance to the nearest obstacle in a direction, at most 3 m."""
         return min(
             (hypot(p.x, p.y) for p in obstacles.points if cos(atan2(p.y, p.x) - bearing) > 0.8),
             default=3.0,

@@ -57,6 +57,18 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.enable()
 
 
+@pytest.hookimpl(tryfirst=True)  # before `-m` selects
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Take the marker `long` from the parameter sets that it names in `but`."""
+    for item in items:
+        marker = item.get_closest_marker("long")
+        if marker is None or not isinstance(item, pytest.Function):
+            continue
+        short: tuple[str, ...] = marker.kwargs.get("but", ())
+        if hasattr(item, "callspec") and item.callspec.id in short:
+            item.own_markers[:] = [each for each in item.own_markers if each.name != "long"]
+
+
 @pytest.fixture(scope="session", autouse=True)
 def sockets_of_its_own() -> Iterator[None]:
     """Have the processes of a session's tests find each other, and nobody else's."""

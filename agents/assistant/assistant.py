@@ -1,4 +1,4 @@
-"""The assistant agent: what programs and language models ask for, with the lowest authority."""
+"""The assistant agent: executes requests of programs and language models, with least authority."""
 
 from __future__ import annotations
 
@@ -22,47 +22,46 @@ from armadico.core.messages import Message, RobotState, line, next_count
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 
+# The prefix of the name under which this agent orders missions and stops the robot.
 BY: Final = "assistant"
-"""Begins the name under which it orders missions, and stops the robot."""
 
-LONGEST_BY: Final = 100
-"""Characters of a program's name that are told."""
+LONGEST_BY: Final = 100  # characters of that name that are published
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """How much may be asked, and how long others may take over it."""
+    """The rate limit for requests, and the timeout for a mission agent's reply."""
 
-    a_second: Annotated[float, Meta(gt=0, le=100)] = 2.0  # requests, for ever,
-    at_once: Annotated[float, Meta(ge=1, le=1000)] = 20.0  # and so many at once
+    a_second: Annotated[float, Meta(gt=0, le=100)] = 2.0  # requests per second, on average
+    at_once: Annotated[float, Meta(ge=1, le=1000)] = 20.0  # requests in one burst
     planning_s: Annotated[float, Meta(gt=0, le=120)] = 25.0
 
 
 class Assistant(Agent):
-    """Takes requests of programs down for everybody to see, and passes on what they may.
+    """Publishes a record of each request of a program, and executes the permitted ones.
 
-    It owns and competes for nothing: no command, no bid and no ballot is ever its own. What it has
-    done is asked of the same agents as people ask, at the lowest priority: a goal never takes the
-    place of somebody else's, and a mission waits for all others. It may stop the robot, as anybody
-    may, and release nothing: people do, by the code that it answers with.
+    It owns no resource and competes for none: it publishes no command, bid or ballot. It sends the
+    same queries as the operator's commands do, at the lowest priority: a goal does not replace a
+    goal of others, and a mission waits for all others. It may stop the robot. Only people release
+    a stop; the agent replies with the code that they must type.
     """
 
     name = "assistant"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (RobotState,)
+    receives: ClassVar[tuple[type[Message], ...]] = (RobotState,)
     provides: ClassVar[tuple[type[Message], ...]] = (AssistantRecord,)
     answers: ClassVar[tuple[type[Message], ...]] = (AssistantRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
+    queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
     parameters = Parameters
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._tokens, self._filled_at = self.p.at_once, 0.0  # of a bucket
+        self._tokens, self._filled_at = self.p.at_once, 0.0  # token bucket
         self._number = self._left_out = 0
-        self._mission = 0  # the goal that it had taken on last
-        self._waits = False  # for somebody's answer
-        self._doing: dict[str, Callable[[AssistantRequest, Any, Question], AssistantReply | None]]
-        self._doing = {
+        self._mission = 0  # the last goal that was accepted
+        self._waits = False  # for the reply to a query
+        self._tools: dict[str, Callable[[AssistantRequest, Any, Question], AssistantReply | None]]
+        self._tools = {
             "goto": self._goto,
             "mission": self._order,
             "cancel": self._cancel,
@@ -71,15 +70,15 @@ class Assistant(Agent):
         }
 
     def on_assistant_request(self, question: Question) -> AssistantReply | None:
-        """Take it down, and do it or say why not. A stop is never too much."""
+        """Execute the request, or refuse it with the reason. A stop ignores the rate limit."""
         request = question.request
         assert isinstance(request, AssistantRequest)
-        if request.tool != "stop" and not self._may_ask():
+        if request.tool != "stop" and not self._within_rate():
             self._left_out = next_count(self._left_out)
             often = f"{self.p.a_second:g} a second, after {self.p.at_once:g} at once"
             return AssistantReply(refusal=f"too many requests: {often}; ask again later")
         reply = self._answer(request, question)
-        if reply is not None and (request.tool != "stop" or self._may_ask()):
+        if reply is not None and (request.tool != "stop" or self._within_rate()):
             self._note(request, reply)
         elif reply is not None:
             self._left_out = next_count(self._left_out)
@@ -90,16 +89,16 @@ class Assistant(Agent):
         if tool is None:
             return AssistantReply(refusal=f"no tool {request.tool!r}")
         try:
-            told = msgspec.json.decode(request.text, type=tool.arguments)
+            args = msgspec.json.decode(request.text, type=tool.arguments)
         except msgspec.DecodeError as error:
             if tool.name != "stop":
                 return AssistantReply(refusal=line(f"{tool.name}: {error}"))
-            told = Because()  # whoever wants it stopped need not say so well
-        do = self._doing.get(tool.name)
-        return AssistantReply() if do is None else do(request, told, question)
+            args = Because()  # a stop is not refused for its arguments
+        do = self._tools.get(tool.name)
+        return AssistantReply() if do is None else do(request, args, question)
 
-    def _may_ask(self) -> bool:
-        """Whether there is a token left in the bucket; takes it."""
+    def _within_rate(self) -> bool:
+        """Take a token from the bucket; return whether there was one."""
         since, self._filled_at = self.now - self._filled_at, self.now
         self._tokens = min(self._tokens + self.p.a_second * max(since, 0.0), self.p.at_once)
         if self._tokens < 1.0:
@@ -112,45 +111,45 @@ class Assistant(Agent):
         self.publish(AssistantRecord(self._number, request, reply, self._left_out))
         self._left_out = 0
 
-    # What it does --------------------------------------------------------------------------------
+    # Tools ---------------------------------------------------------------------------------------
 
-    def _stop(self, request: AssistantRequest, told: Because, question: Question) -> AssistantReply:  # noqa: ARG002
+    def _stop(self, request: AssistantRequest, args: Because, question: Question) -> AssistantReply:  # noqa: ARG002
         before = self.stopped
         if before is not None:
-            return AssistantReply(said=line(f"it is stopped already, by {before.who}"))
-        self.latch(line(f"{_by(request)}{f', {told.reason}' if told.reason else ''}")[:LONGEST_BY])
+            return AssistantReply(said=line(f"it is stopped already, by {before.requester}"))
+        self.latch(line(f"{_by(request)}{f', {args.reason}' if args.reason else ''}")[:LONGEST_BY])
         return AssistantReply(said="the stop is published; `where` says when the robot has it")
 
     def _resume(
         self,
         request: AssistantRequest,
-        told: Because,
+        args: Because,
         question: Question,  # noqa: ARG002
     ) -> AssistantReply:
         stop = self.stopped
         if stop is None:
             return AssistantReply(said="the robot is not stopped")
         how = f"armadico resume --confirm {stop.code}"
-        because = f", because {told.reason}" if told.reason else ""
-        asks = f"{_by(request)} asks for the release of the stop by {stop.who}{because}"
+        because = f", because {args.reason}" if args.reason else ""
+        asks = f"{_by(request)} asks for the release of the stop by {stop.requester}{because}"
         self.log(f"{asks}: a person types `{how}`", WARNING)
         return AssistantReply(said=line(f"nothing is released: a person has to type `{how}`"))
 
     def _goto(
-        self, request: AssistantRequest, told: Goal, question: Question
+        self, request: AssistantRequest, args: Goal, question: Question
     ) -> AssistantReply | None:
-        goal = Waypoint(told.x, told.y, wrap(radians(told.heading)))
+        goal = Waypoint(args.x, args.y, wrap(radians(args.heading)))
         going = MissionRequest(goal, replaces=self._mission)
         return self._pass_on(request, question, going)
 
     def _order(
-        self, request: AssistantRequest, told: Named, question: Question
+        self, request: AssistantRequest, args: Named, question: Question
     ) -> AssistantReply | None:
-        if told.name not in (shipped := names("missions")):  # a name, and never a file
+        if args.name not in (shipped := names("missions")):  # a name, and never a file
             known = ", ".join(shipped)
-            return AssistantReply(refusal=line(f"no mission {told.name!r}; there are: {known}"))
+            return AssistantReply(refusal=line(f"no mission {args.name!r}; there are: {known}"))
         try:
-            mission = load_mission(told.name)
+            mission = load_mission(args.name)
         except ConfigError as error:
             return AssistantReply(refusal=line(str(error)))
         packed = zlib.compress(mission.text.encode(), 9)
@@ -159,13 +158,13 @@ class Assistant(Agent):
         return self._pass_on(request, question, order)
 
     def _cancel(
-        self, request: AssistantRequest, told: Numbered, question: Question
+        self, request: AssistantRequest, args: Numbered, question: Question
     ) -> AssistantReply | None:
         board = self.memory.newest(Board)
         missions = () if board is None else board.missions
-        found = next((m for m in missions if str(m.mission) == told.number), None)
+        found = next((m for m in missions if str(m.mission) == args.number), None)
         if found is None:
-            return AssistantReply(refusal=f"no mission {told.number} on the board")
+            return AssistantReply(refusal=f"no mission {args.number} on the board")
         if not found.by.startswith(BY):
             return AssistantReply(
                 refusal=line(f"{found.name} was ordered by {found.by or 'people'}")
@@ -177,35 +176,36 @@ class Assistant(Agent):
         self,
         request: AssistantRequest,
         question: Question,
-        wish: MissionRequest | MissionOrder | MissionCancel,
+        query: MissionRequest | MissionOrder | MissionCancel,
         *,
         even_stopped: bool = False,
     ) -> AssistantReply | None:
-        """Ask those whom people ask; one thing at a time."""
+        """Send the query to a mission agent. Only one query is under way at a time."""
         stop = self.stopped
-        if stop is not None and not even_stopped:  # or who releases it would set it in motion
-            return AssistantReply(refusal=line(f"the robot is stopped by {stop.who}"))
+        # A goal accepted now would set the robot in motion when the stop is released.
+        if stop is not None and not even_stopped:
+            return AssistantReply(refusal=line(f"the robot is stopped by {stop.requester}"))
         if self._waits:
             return AssistantReply(refusal="one request is being answered; ask again later")
         self._waits = True
 
-        def answered(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             self._waits = False
             if reply is None:
-                told = AssistantReply(refusal="no agent that takes missions has answered")
-                if isinstance(wish, MissionOrder):  # whoever hangs would begin it later
-                    self.ask(MissionCancel(wish.mission, wish.by), lambda _: None)
+                outcome = AssistantReply(refusal="no agent that takes missions has answered")
+                if isinstance(query, MissionOrder):  # a hung agent would begin it later
+                    self.query(MissionCancel(query.mission, query.by), lambda _: None)
             elif reply.refusal:
-                told = AssistantReply(refusal=reply.refusal)
+                outcome = AssistantReply(refusal=reply.refusal)
             else:
-                if isinstance(wish, MissionRequest):
+                if isinstance(query, MissionRequest):
                     self._mission = reply.mission
-                told = AssistantReply("it is taken on", mission=reply.mission)
-            self._note(request, told)
-            self.answer(question, told)
+                outcome = AssistantReply("it is taken on", mission=reply.mission)
+            self._note(request, outcome)
+            self.answer(question, outcome)
 
         self._note(request, AssistantReply("it is passed on"))
-        self.ask(wish, answered, self.p.planning_s)
+        self.query(query, on_reply, self.p.planning_s)
         return None
 
 

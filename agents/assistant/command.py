@@ -1,4 +1,4 @@
-"""Let programs and language models look and ask, by the Model Context Protocol (stdio)."""
+"""Connect programs and language models to a society by the Model Context Protocol (stdio)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a society looks like to a program that asks: objects for JSON (sans-IO)."""
+"""Answers of the MCP tools that only read: the state of a society as objects for JSON (sans-IO)."""
 
 from __future__ import annotations
 
@@ -20,20 +20,17 @@ from armadico.observe.explained import Collision, Exchange, Press
 from armadico.observe.standing import Installed
 from armadico.observe.why import Chronicle
 
-RECORDS: Final = 200
-"""Requests of programs that are still known."""
+RECORDS: Final = 200  # requests of programs kept for the history
 
-LARGEST_PICTURE: Final = (72, 36)
-"""Letters across and down."""
+LARGEST_PICTURE: Final = (72, 36)  # columns, rows
 
-FINEST_M: Final = 0.2
-"""A letter of a picture stands for so much at least."""
+FINEST_M: Final = 0.2  # the smallest side of a picture's cell
 
+# Without a world the picture shows this distance around the robot.
 AROUND_M: Final = 5.0
-"""Without a world the picture shows so far around the robot."""
 
+# The fields of a mission on the board that are shown.
 BOARD: Final = ("number", "name", "state", "by", "doing", "note")
-"""What is told of a mission on the board."""
 
 ARROWS: Final = ">^<v"
 
@@ -41,7 +38,7 @@ LEGEND: Final = "# wall, o something that was sensed, > ^ < v the robot, G its g
 
 
 class Society(Chronicle):
-    """What is known of a society from outside, as tools that only look tell it."""
+    """The received state of a society, with the answer of each tool that only reads."""
 
     def __init__(
         self,
@@ -50,13 +47,13 @@ class Society(Chronicle):
         installed: Installed = lambda _: (),
         begun: float = 0.0,
     ) -> None:
-        """Nothing was heard yet.
+        """Begin without any messages.
 
         Args:
-            world: Where the robot is; None: that is not known.
-            missions: Those that can be ordered, with their titles.
-            installed: As `standing` takes it.
-            begun: As `Chronicle` takes it.
+            world: The world of the robot, or None if unknown.
+            missions: Titles of the missions that can be ordered, by name.
+            installed: See `standing`.
+            begun: See `Chronicle`.
         """
         super().__init__(installed=installed, begun=begun)
         self._world = world
@@ -69,12 +66,12 @@ class Society(Chronicle):
             self._requests.append((t, message))
 
     def where(self, now: float) -> dict[str, Any]:
-        """Where the robot is, and what it does; m, degrees, m/s and rad/s."""
+        """Return the robot's pose, speed, driver and mission, in m, degrees, m/s and rad/s."""
         view, state, pose = self.view, self.view.state, self.view.pose
         if state is None:
             return {"heard": False, "note": "nothing is heard of a robot"}
         found: dict[str, Any] = {
-            "heard": view.hears_robot(now),  # if not, what follows is as it last reported
+            "heard": view.state_is_fresh(now),  # if false, the rest is the last report
             "speed": rounded({"v": state.v, "w": state.w}),
             "driver": described.resource(view, WHEELS.name, now)["obeyed"],
             "stop": {"stopped": view.stopped(now), "by": state.stop.by},
@@ -92,7 +89,7 @@ class Society(Chronicle):
         return found
 
     def map(self) -> dict[str, Any]:
-        """The places, and a picture of the world as far as it is known."""
+        """Return the named places and a picture of the known world."""
         world, pose = self._world, self.view.pose
         found: dict[str, Any] = {}
         if world is not None:
@@ -120,7 +117,7 @@ class Society(Chronicle):
         }
 
     def who(self) -> dict[str, Any]:
-        """The agents that are alive."""
+        """Return the agents that are alive."""
         agents = []
         for seen in self.view.agents:
             card = seen.card
@@ -133,7 +130,7 @@ class Society(Chronicle):
         return {"agents": agents}
 
     def missions(self) -> dict[str, Any]:
-        """Those that can be ordered, and those of the board."""
+        """Return the missions that can be ordered and those on the board."""
         return {
             "available": [{"name": name, "title": what} for name, what in self._missions.items()],
             "board": [
@@ -143,38 +140,41 @@ class Society(Chronicle):
         }
 
     def why(self, now: float) -> dict[str, Any]:
-        """Why the robot stands, as it is seen now."""
+        """Return why the robot stands now."""
         return described.stands(self.view, now, self.installed)
 
     def moment(self) -> dict[str, Any]:
-        """The moment that was marked last: who holds what, and what the others would do."""
+        """Return the moment marked last: the holders, and what the other agents would do."""
         if not self.moments:
             return {"note": "nothing is known of this moment"}
         found: dict[str, Any] = msgspec.to_builtins(self.moments[-1])
         return found
 
     def history(self, now: float, last: int) -> dict[str, Any]:
-        """What has happened since this was begun, the newest last; `ago` is in s."""
+        """Return the last events since the start, newest last; `ago` is in s."""
         events = sorted(self._events(), key=lambda event: event[0])[-last:]
         return {"events": [{"ago": round(now - t, 1), "what": what} for t, what in events]}
 
     def _events(self) -> Iterator[tuple[float, str]]:
         explained: list[Exchange | Press | Collision]
         explained = [*self.exchanges, *self.presses, *self.collisions]
-        for told in explained:
-            yield self._begun + told.t, " ".join(told.sentences)
-        for said in self.view.logs:
-            yield said.at, f"{said.instance}: {said.log.text}"
+        for event in explained:
+            yield self._begun + event.t, " ".join(event.sentences)
+        for logged in self.view.logs:
+            yield logged.at, f"{logged.instance}: {logged.log.text}"
         for t, record in self._requests:
-            asked, reply = record.request, record.reply
+            request, reply = record.request, record.reply
             more = f"; {record.left_out} more before it were too many" if record.left_out else ""
             came = f"refused, {reply.refusal}" if reply.refusal else reply.said or "answered"
-            yield t, f"{asked.by or 'a program'} asked: {asked.tool} {asked.text}: {came}{more}"
+            yield (
+                t,
+                f"{request.by or 'a program'} asked: {request.tool} {request.text}: {came}{more}",
+            )
 
     # The picture ---------------------------------------------------------------------------------
 
     def _picture(self, bounds: Segment) -> tuple[list[str], float]:
-        """Rows of letters, the uppermost first, and what a letter stands for, m."""
+        """Return rows of letters, top row first, and the side of a cell, m."""
         x1, y1, x2, y2 = bounds
         across, down = LARGEST_PICTURE
         cell = max((x2 - x1) / across, (y2 - y1) / down, FINEST_M)
@@ -192,9 +192,9 @@ class Society(Chronicle):
         pose, view = self.view.pose, self.view
         if pose is not None:
             c, s = cos(pose.theta), sin(pose.theta)
-            for said in view.newest.values():
-                if isinstance(said, Obstacles):
-                    for p in said.points:
+            for message in view.newest.values():
+                if isinstance(message, Obstacles):
+                    for p in message.points:
                         put(pose.x + c * p.x - s * p.y, pose.y + s * p.x + c * p.y, "o")
         if view.trajectory is not None and view.trajectory.waypoints:
             goal = view.trajectory.waypoints[-1]
@@ -205,7 +205,7 @@ class Society(Chronicle):
 
 
 def _along(wall: Segment, step: float) -> Iterator[tuple[float, float]]:
-    """Points of a wall, so far apart, m."""
+    """Yield points of a wall at most `step` m apart."""
     x1, y1, x2, y2 = wall
     count = max(ceil(hypot(x2 - x1, y2 - y1) / step), 1)
     for at in range(count + 1):

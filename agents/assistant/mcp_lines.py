@@ -1,8 +1,8 @@
-"""The Model Context Protocol, as far as a server of tools needs it (sans-IO): lines in, lines out.
+"""The Model Context Protocol as far as a server of tools needs it: lines in, lines out (sans-IO).
 
-JSON-RPC 2.0, a message a line (modelcontextprotocol.io, versions below). Whoever runs it hands it
-lines, has calls answered by whoever knows the society, and writes what comes out. A line that is
-none gives an error and nothing else; no line ends anybody.
+JSON-RPC 2.0, one message per line (modelcontextprotocol.io, versions below). The caller passes in
+lines, has calls answered, and writes the resulting lines. An invalid line gives an error response;
+no line raises an exception.
 """
 
 from __future__ import annotations
@@ -15,22 +15,20 @@ from msgspec import UNSET, Struct, UnsetType
 from armadico.agents.assistant.tools import TOOLS, Tool
 from armadico.core.messages import line
 
+# The version without a handshake: each request states its version in `_meta`.
 STATELESS: Final = "2026-07-28"
-"""The version without a handshake: each request carries in `_meta` which version it is of."""
 
+# Versions with a handshake (`initialize`), newest first. They do not differ for tools.
 VERSIONS: Final = ("2025-11-25", "2025-06-18", "2025-03-26", "2024-11-05")
-"""Those with a handshake (`initialize`), the newest first; for tools they do not differ."""
 
+# How long a client of the stateless version may cache the list of tools, which never changes.
 CACHED_MS: Final = 3_600_000
-"""How long a client of the stateless version may keep the list of tools, which never changes."""
 
 _META: Final = "io.modelcontextprotocol/"
 
-LONGEST: Final = 65_536
-"""Bytes of a line."""
+LONGEST: Final = 65_536  # bytes of a line
 
-NAME_LONGEST: Final = 60
-"""Characters of a client's name that are told."""
+NAME_LONGEST: Final = 60  # characters of a client's name that are shown
 
 PARSE_ERROR, INVALID, NO_METHOD, BAD_PARAMS = -32700, -32600, -32601, -32602
 BAD_VERSION: Final = -32022
@@ -54,13 +52,13 @@ class _Hello(Struct, frozen=True, rename="camel"):
 
 
 class _Meta(Struct, frozen=True):
-    """What a request of the stateless version says of itself; empty in other versions."""
+    """The metadata of a request of the stateless version; empty in other versions."""
 
     version: str = msgspec.field(default="", name=f"{_META}protocolVersion")
     client: _Client = msgspec.field(default=_Client(), name=f"{_META}clientInfo")
 
 
-class _Asked(Struct, frozen=True):
+class _Stamped(Struct, frozen=True):
     meta: _Meta = msgspec.field(default=_Meta(), name="_meta")
 
 
@@ -69,7 +67,7 @@ class _Params(Struct, frozen=True):
     arguments: msgspec.Raw = msgspec.Raw(b"{}")
 
 
-class _Said(Struct, frozen=True):
+class _Message(Struct, frozen=True):
     """A request, or without an id a notification; a response has no method."""
 
     jsonrpc: str
@@ -79,61 +77,61 @@ class _Said(Struct, frozen=True):
 
 
 class Call(Struct, frozen=True):
-    """A tool is called: `text` has its arguments, as JSON in one line of printable ASCII.
+    """A call of a tool; `text` has its arguments as JSON in one line of printable ASCII.
 
-    Whether there is such a tool and such arguments is not looked at: whatever is asked for is taken
-    down, and refused where it is done.
+    The tool and its arguments are not checked here. The assistant agent records and refuses
+    invalid ones.
     """
 
     id: int | str
     tool: str
     text: str
-    stamp: dict[str, Any] = {}
-    """What the answer carries besides, by the version of the call."""
+    stamp: dict[str, Any] = {}  # further fields of the answer, by the version of the call
 
 
 class Lines:
-    """One client's conversation.
+    """The conversation with one client.
 
     Attributes:
-        client: How the client names itself; empty before it has.
+        client: The client's name; empty until it is received.
     """
 
     def __init__(self, version: str) -> None:
-        """Nobody has said anything; `version` is this program's, for people."""
+        """Begin a conversation; `version` is this program's, shown to clients."""
         self.client = ""
+        self._version = version
         self._version = version
 
     def receive(self, data: bytes) -> Call | bytes | None:
-        """One line: a call to be answered, a line to be written at once, or nothing to do."""
+        """Return a call to answer, a line to write at once, or None if nothing is to be done."""
         if len(data) > LONGEST:
             return _error(None, INVALID, f"a line of more than {LONGEST:,} bytes")
         try:
-            said = msgspec.json.decode(data, type=_Said)
+            message = msgspec.json.decode(data, type=_Message)
         except msgspec.ValidationError as error:
-            return _error(None, INVALID, f"no message of JSON-RPC: {error}")
+            return _error(None, INVALID, f"not a JSON-RPC message: {error}")
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            return _error(None, PARSE_ERROR, f"no JSON: {error}")
-        if said.method is UNSET or said.id is UNSET or said.id is None:
-            return None  # notifications, and answers to what was never asked
-        if said.jsonrpc != "2.0":
-            return _error(said.id, INVALID, "only JSON-RPC 2.0 is spoken")
+            return _error(None, PARSE_ERROR, f"not JSON: {error}")
+        if message.method is UNSET or message.id is UNSET or message.id is None:
+            return None  # a notification, or a response, although this server sends no requests
+        if message.jsonrpc != "2.0":
+            return _error(message.id, INVALID, "jsonrpc must be 2.0")
         try:
-            meta = _meta(said.params)
+            meta = _meta(message.params)
             if meta.version:
-                return self._stateless(said.id, said.method, said.params, meta)
-            return self._requested(said.id, said.method, said.params)
+                return self._stateless(message.id, message.method, message.params, meta)
+            return self._requested(message.id, message.method, message.params)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            return _error(said.id, BAD_PARAMS, f"{said.method}: {error}")
+            return _error(message.id, BAD_PARAMS, f"{message.method}: {error}")
 
     def _stateless(
         self, number: int | str, method: str, params: msgspec.Raw, meta: _Meta
     ) -> Call | bytes:
-        """Answer a request that says which version it is of."""
+        """Answer a request that states its version."""
         self.client = line(meta.client.name)[:NAME_LONGEST] or self.client
         if meta.version != STATELESS:
             supported = {"supported": [STATELESS], "requested": meta.version}
-            return _error(number, BAD_VERSION, "the protocol's version is not spoken", supported)
+            return _error(number, BAD_VERSION, "unsupported protocol version", supported)
         stamp = {"resultType": "complete", "_meta": {f"{_META}serverInfo": self._server}}
         cached = {"ttlMs": CACHED_MS, "cacheScope": "public"}
         match method:
@@ -176,17 +174,20 @@ class Lines:
         }
 
 
-def answer(call: Call, told: dict[str, Any], *, failed: bool = False) -> bytes:
-    """The line that answers a call: an object, and the same as text for clients that read none."""
-    content = [{"type": "text", "text": msgspec.json.encode(told).decode()}]
-    result = {"content": content, "structuredContent": told, "isError": failed}
+def answer(call: Call, found: dict[str, Any], *, failed: bool = False) -> bytes:
+    """Return the line that answers a call.
+
+    It has the object, and the same as text for clients that do not read objects.
+    """
+    content = [{"type": "text", "text": msgspec.json.encode(found).decode()}]
+    result = {"content": content, "structuredContent": found, "isError": failed}
     return _result(call.id, result | call.stamp)
 
 
 def _meta(params: msgspec.Raw) -> _Meta:
-    """What a request says of itself; nothing if it says that in no way that is known."""
+    """Return a request's metadata; empty if it has none or it is invalid."""
     try:
-        return msgspec.json.decode(params, type=_Asked).meta
+        return msgspec.json.decode(params, type=_Stamped).meta
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return _Meta()
 
@@ -201,7 +202,7 @@ def _called(number: int | str, params: _Params, stamp: dict[str, Any]) -> Call:
 
 
 def _in_ascii(data: bytes) -> str:
-    """The same JSON in one line that any terminal may have."""
+    """Return the same JSON in one line that is safe on any terminal."""
     text = msgspec.json.format(data, indent=-1).decode()
     return "".join(c if c.isascii() and c.isprintable() else _escaped(c) for c in text)
 
@@ -212,7 +213,7 @@ def _escaped(character: str) -> str:
 
 
 def _shown(tool: Tool) -> dict[str, Any]:
-    """A tool as clients are told of it."""
+    """Return a tool's entry in the list for clients."""
     hints = {
         "readOnlyHint": not tool.does,
         "destructiveHint": False,
@@ -228,13 +229,13 @@ def _shown(tool: Tool) -> dict[str, Any]:
 
 
 def _schema(kind: type[Struct]) -> dict[str, Any]:
-    """Its arguments' JSON schema, with nothing to be looked up elsewhere in it."""
+    """Return the JSON schema of a tool's arguments, without references."""
     (schema,), parts = msgspec.json.schema_components([kind], ref_template="{name}")
     found: dict[str, Any] = parts.pop(schema["$ref"])
-    for name, told in found.get("properties", {}).items():
-        reference = told.get("$ref")
+    for name, property_ in found.get("properties", {}).items():
+        reference = property_.get("$ref")
         if reference is not None:
-            found["properties"][name] = parts[reference] | {"default": told.get("default")}
+            found["properties"][name] = parts[reference] | {"default": property_.get("default")}
     found.pop("title", None)
     return found | {"type": "object"}
 

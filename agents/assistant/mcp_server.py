@@ -1,4 +1,4 @@
-"""Serve one program: its lines on one side, a society on the other, a stop before all else."""
+"""The MCP server: answers one program's calls from the state of a society; stops come first."""
 
 from __future__ import annotations
 
@@ -15,47 +15,40 @@ import msgspec
 from armadico.agents.assistant.mcp_answers import Society
 from armadico.agents.assistant.mcp_lines import LONGEST, Call, Lines, answer
 from armadico.agents.assistant.messages import AssistantReply, AssistantRequest
-from armadico.agents.assistant.tools import TOOLS, Asking, Last, Why
+from armadico.agents.assistant.tools import TOOLS, Last, Subject, Why
 from armadico.core.messages import MessageError, RobotState, checked
-from armadico.observe.watching import ASK_S, Watcher, show
+from armadico.observe.watching import QUERY_S, Watcher, show
 from armadico.observe.why import LATER_S
 from armadico.runtime.client import Client
 from armadico.runtime.errors import SocietyError
 from armadico.runtime.latch import rests
 
-WAITING: Final = 64
-"""Calls that wait to be answered, one after another; what is more is refused at once."""
+WAITING: Final = 64  # calls in the queue; further calls are refused at once
 
-TURN_S: Final = 0.05
-"""How often it is looked for a call while nothing is heard of the society."""
+TURN_S: Final = 0.05  # how often the queue is read while no message arrives from the society
 
+# Agents are queried for bids and cards for this time after a call.
 WATCHED_S: Final = 60.0
-"""Agents are asked for their bids and cards for so long after a program has asked for something."""
 
-FIND_S: Final = 2.0
-"""How long the assistant agent is looked for before one is started;"""
+FIND_S: Final = 2.0  # how long to wait for an assistant agent before one is started
 
-HURRY_S: Final = 0.3
-"""and how long it is where the robot is to be stopped;"""
+HURRY_S: Final = 0.3  # the same before a stop is published without it
 
-START_S: Final = 15.0
-"""how long that may take."""
+START_S: Final = 15.0  # how long an assistant agent may take to start
 
+# The timeout for an answer that other agents contribute to; planning takes at most 25 s.
 ANSWER_S: Final = 40.0
-"""What an answer may take that others have to give, too: a way is planned for 25 s at most."""
 
-STOP_S: Final = 5.0
-"""What braking may take."""
+STOP_S: Final = 5.0  # the timeout for braking
 
-STOP: Final = "stop"
-"""The tool."""
+STOP: Final = "stop"  # the tool
 
 
 class Server:
-    """Answers one program's calls, one after another, and listens to the society meanwhile.
+    """Answers one program's calls in sequence, and receives the society's messages meanwhile.
 
-    A stop waits for nothing that was asked before it: it has a thread and a guest of its own, and
-    lines are read by a third, which never waits for either.
+    A stop does not wait for earlier calls: it has its own thread and client. A third thread reads
+    the lines and waits for neither.
     """
 
     def __init__(
@@ -67,13 +60,13 @@ class Server:
         start: Callable[[], object],
         out: BinaryIO,
     ) -> None:
-        """Prepare.
+        """Set up the server.
 
         Args:
-            guests: On the mesh: one for stops, one for all else.
-            watcher: Hears the society.
-            society: What is known of it.
-            lines: The program's conversation.
+            guests: Clients on the mesh: the first for stops, the second for all other calls.
+            watcher: Receives the society's messages.
+            society: The state that they are added to.
+            lines: The conversation with the program.
             start: Starts an assistant agent.
             out: Where answers are written.
         """
@@ -86,15 +79,15 @@ class Server:
         self._writing = threading.Lock()
         self._calls: queue.Queue[Call | None] = queue.Queue(WAITING)
         self._stops: queue.SimpleQueue[Call | None] = queue.SimpleQueue()
-        self._called_at = self._asked_at = float("-inf")
+        self._called_at = self._polled_at = float("-inf")
 
     def serve(self, file: BinaryIO) -> None:
-        """Until the file ends; what was asked for before is answered."""
+        """Answer calls until the file ends, including those still in the queue."""
         threading.Thread(target=self._read, args=(file,), name="stdin", daemon=True).start()
         stopping = threading.Thread(target=self._serve_stops, name="stop", daemon=True)
         stopping.start()
         while True:
-            self._listen(TURN_S)
+            self._receive(TURN_S)
             try:
                 call = self._calls.get_nowait()
             except queue.Empty:
@@ -105,7 +98,7 @@ class Server:
         stopping.join()
 
     def _read(self, file: BinaryIO) -> None:
-        """Take lines as they come: what needs no society is answered at once."""
+        """Queue each call; answer at once what does not need the society."""
         for line in lines_of(file):
             found = self._lines.receive(line) if line.strip() else None
             if not isinstance(found, Call):
@@ -126,9 +119,9 @@ class Server:
             self._answer(call, *self._stopped(call))
 
     def _stopped(self, call: Call) -> tuple[dict[str, Any], bool]:
-        """Stop the robot; with no assistant agent that answers at once, as any guest may."""
+        """Stop the robot: by the assistant agent, or directly if that does not reply at once."""
         request = self._request(call)
-        reply = None if request is None else self._stopper.ask(request, FIND_S, patience=HURRY_S)
+        reply = None if request is None else self._stopper.query(request, FIND_S, patience=HURRY_S)
         if isinstance(reply, AssistantReply):
             if reply.refusal:
                 return {"refused": reply.refusal}, True
@@ -141,81 +134,80 @@ class Server:
         said = "it is stopped, and no assistant agent has taken that down"
         return {"said": said, "stopped": True}, False
 
-    def _answer(self, call: Call, told: dict[str, Any], failed: bool) -> None:
-        self._write(answer(call, told, failed=failed))
+    def _answer(self, call: Call, found: dict[str, Any], failed: bool) -> None:
+        self._write(answer(call, found, failed=failed))
 
     def _write(self, line: bytes | None) -> None:
-        """Write a line; if nobody reads any more, the end of what is read will tell."""
+        """Write a line. If the reader is gone, standard input ends, too, and ends the server."""
         if line is not None:
             with self._writing, suppress(BrokenPipeError):
                 self._out.write(line)
                 self._out.flush()
 
-    def _listen(self, for_s: float) -> None:
-        """Take what comes of the society within so long, s; at once what has come already."""
+    def _receive(self, for_s: float) -> None:
+        """Wait up to `for_s` seconds for a message; process it and those already received."""
         now = time.monotonic()
-        if now - self._called_at < WATCHED_S and now - self._asked_at >= ASK_S:
-            self._asked_at = now
-            self._watcher.ask_for_cards()
-            self._watcher.ask_for_bids()
+        if now - self._called_at < WATCHED_S and now - self._polled_at >= QUERY_S:
+            self._polled_at = now
+            self._watcher.query_cards()
+            self._watcher.query_bids()
         item = self._watcher.get(for_s)
         while item is not None:
             show(self._society, item)
             item = self._watcher.get(0.0)
 
-    def _hear_until(self, enough: Callable[[], bool], for_s: float) -> None:
-        """Listen until something is so, s at most."""
+    def _receive_until(self, enough: Callable[[], bool], for_s: float) -> None:
         end = time.monotonic() + for_s
         while not enough() and time.monotonic() < end:
-            self._listen(TURN_S)
+            self._receive(TURN_S)
 
     # Calls ---------------------------------------------------------------------------------------
 
     def _called(self, call: Call) -> tuple[dict[str, Any], bool]:
-        """What comes of a call, and whether it has failed."""
+        """Return the answer to a call, and whether it failed."""
         idle = time.monotonic() - self._called_at > WATCHED_S
         self._called_at = time.monotonic()
-        reply, refused = self._asked(call)
+        reply, refused = self._request_reply(call)
         if reply is None:
             return refused, True
         if TOOLS[call.tool].does:
             mission = {"mission": str(reply.mission)} if reply.mission else {}
             return {"said": reply.said} | mission, False
         if idle:
-            self._hear_until(lambda: False, ASK_S)  # for who is there, and what they would do
-        return self._look(call), False
+            self._receive_until(lambda: False, QUERY_S)  # for agents' cards and bids
+        return self._read_only(call), False
 
     @property
     def _by(self) -> str:
         return self._lines.client or "a program"
 
     def _request(self, call: Call) -> AssistantRequest | None:
-        """What is asked of the assistant agent; None: it is no message."""
+        """Return the request to the assistant agent, or None if it is no valid message."""
         try:
             return checked(AssistantRequest(call.tool, call.text, self._by))
         except MessageError:
             return None
 
-    def _asked(self, call: Call) -> tuple[AssistantReply | None, dict[str, Any]]:
-        """The assistant agent's word on it, or why there is none, or it is no."""
+    def _request_reply(self, call: Call) -> tuple[AssistantReply | None, dict[str, Any]]:
+        """Return the assistant agent's reply, or None and the refusal."""
         request = self._request(call)
         if request is None:
             return None, {"refused": "too long: 2,000 characters at most, and printable ones"}
-        reply = self._client.ask(request, ANSWER_S, patience=FIND_S)
+        reply = self._client.query(request, ANSWER_S, patience=FIND_S)
         if reply is None:
             self._start()
-            reply = self._client.ask(request, ANSWER_S, patience=START_S)
+            reply = self._client.query(request, ANSWER_S, patience=START_S)
         if not isinstance(reply, AssistantReply):
             return None, {"refused": "no assistant agent answers: is the society up?"}
         return (None, {"refused": reply.refusal}) if reply.refusal else (reply, {})
 
     def _rests(self) -> bool:
-        """Whether the robot itself says that it is stopped, and its wheels are at rest."""
+        """Return whether the robot reports the stop, and its wheels are at rest."""
         state = self._stopper.latest(RobotState)
         return state is not None and state.stop.stopped and rests(state.v, state.w)
 
-    def _look(self, call: Call) -> dict[str, Any]:
-        """What a tool answers that only looks; the agent has found nothing wrong with its call."""
+    def _read_only(self, call: Call) -> dict[str, Any]:
+        """Return the answer of a tool that only reads. The agent has already checked the call."""
         society, now = self._society, self._watcher.clock() / 1e9
         match call.tool:
             case "where":
@@ -228,19 +220,19 @@ class Server:
                 return society.missions()
             case "history":
                 return society.history(now, msgspec.json.decode(call.text, type=Last).lines)
-        if msgspec.json.decode(call.text, type=Why).what is Asking.STANDING:
+        if msgspec.json.decode(call.text, type=Why).what is Subject.STANDING:
             return society.why(now)
         count = len(society.moments)
         society.mark(now)
-        self._hear_until(lambda: len(society.moments) > count, 2 * LATER_S)
+        self._receive_until(lambda: len(society.moments) > count, 2 * LATER_S)
         return society.moment()
 
 
 def lines_of(file: BinaryIO) -> Iterator[bytes]:
-    """The lines of a file as they come; of one that is too long, as much as shows that.
+    """Yield the lines of a file as they arrive; a too long line is cut to `LONGEST` + 1 bytes.
 
-    By its descriptor: whoever waits in one of Python's files has its lock, and a process that is
-    left meanwhile, by Ctrl-C say, is aborted for that.
+    It reads by the descriptor: a thread that waits in a Python file holds its lock, and a process
+    that exits meanwhile, such as by Ctrl-C, is aborted.
     """
     begun = b""
     while data := os.read(file.fileno(), LONGEST):

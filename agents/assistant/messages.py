@@ -1,4 +1,4 @@
-"""The messages of the assistant: requests of programs and language models."""
+"""The messages of the assistant agent: requests of programs and language models."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from armadico.core.services import event, query
 
 
 class AssistantRequest(Message, frozen=True):
-    """A program asks the assistant agent for something; `text` has its arguments, as JSON."""
+    """A program requests something of the assistant agent; `text` has the arguments as JSON."""
 
     tool: Name
     text: Text = "{}"
-    by: Label = ""  # as the program names itself
+    by: Label = ""  # the program's name for itself
 
 
 class AssistantReply(Message, frozen=True):
-    """What is done about it, or why nothing is."""
+    """The result of the request, or the reason of its refusal."""
 
     said: Text = ""
     refusal: Text = ""
-    mission: Bits64 = 0  # that it has led to; 0: to none
+    mission: Bits64 = 0  # that it led to; 0: none
 
 
 class AssistantRecord(Message, frozen=True):
-    """A request to the assistant agent and what came of it, for whoever looks or records.
+    """A request to the assistant agent and its result, for displays and recordings.
 
-    Requests beyond the rate are refused and counted: `left_out` is how many came since the last
-    record and have none.
+    Requests beyond the rate limit are refused without a record. `left_out` counts those since the
+    last record.
     """
 
     number: Counter
@@ -35,5 +35,5 @@ class AssistantRecord(Message, frozen=True):
     left_out: Counter = 0
 
 
-query(AssistantRequest, "assistant/request", AssistantReply, "a program asks for something")
-event(AssistantRecord, "assistant/record", "what a program asked for")
+query(AssistantRequest, "assistant/request", AssistantReply, "a program requests something")
+event(AssistantRecord, "assistant/record", "a program's request and its result")

@@ -1,8 +1,7 @@
-"""What programs and language models may ask the assistant agent for, and how: tools.
+"""The tools that the assistant agent offers to programs and language models.
 
-Whoever serves them to programs and the agent that is asked read this one table. A tool that only
-looks is answered by whoever serves it, once the agent has taken the request down; what is done is
-done by the agent, which has the last word on it.
+The server of programs and the agent read this table. The server answers a tool that only reads,
+after the agent has recorded the request. The agent executes all other tools, or refuses them.
 """
 
 from __future__ import annotations
@@ -36,28 +35,26 @@ class Because(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Named(Struct, frozen=True, forbid_unknown_fields=True):
-    """A mission that comes with Armadico, by its name."""
+    """The name of a mission that comes with Armadico."""
 
     name: Annotated[str, Meta(min_length=1, max_length=128)]
 
 
 class Numbered(Struct, frozen=True, forbid_unknown_fields=True):
-    """A mission of the board, by its number; as text, since JSON's numbers are too short for it."""
+    """The number of a mission on the board, as text: JSON's numbers have too few digits."""
 
     number: Annotated[str, Meta(pattern=r"^[0-9]{1,19}$")]
 
 
-class Asking(Enum):
-    """What may be asked about the robot."""
-
-    STANDING = "standing"  # why it stands
-    NOW = "now"  # who drives, and what the others would do
+class Subject(Enum):
+    STANDING = "standing"
+    NOW = "now"
 
 
 class Why(Struct, frozen=True, forbid_unknown_fields=True):
-    """`standing`: why it stands; `now`: who drives, and what the others would do."""
+    """`standing`: why the robot stands; `now`: which agent drives, and what the others would do."""
 
-    what: Asking = Asking.STANDING
+    what: Subject = Subject.STANDING
 
 
 class Last(Struct, frozen=True, forbid_unknown_fields=True):
@@ -67,7 +64,7 @@ class Last(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Tool(Struct, frozen=True):
-    """One of them; `does`: something may come of it, beyond an answer."""
+    """A tool; `does` is false if it only reads."""
 
     name: str
     what: str
@@ -78,24 +75,33 @@ class Tool(Struct, frozen=True):
 TOOLS: Final = {
     tool.name: tool
     for tool in (
-        Tool("where", "Where the robot is, how fast, who drives it, its mission, battery and stop"),
+        Tool("where", "The robot's pose, speed, driving agent, mission, battery and stop"),
         Tool("map", "The world: places by name with their poses, and a picture of it in letters"),
         Tool("who", "The agents that are alive: host, what they provide, what they hold"),
-        Tool("why", "Why the robot stands, or who drives now and why, as a chain of reasons", Why),
+        Tool(
+            "why",
+            "Why the robot stands, or which agent drives now and why, as a chain of reasons",
+            Why,
+        ),
         Tool("history", "What has happened: exchanges, stops, requests, the agents' lines", Last),
         Tool("missions", "Missions that can be ordered, and those that were, with their states"),
         Tool(
             "goto",
-            "Send the robot to a pose. Refused while it is stopped, or under way for somebody else",
+            "Send the robot to a pose. Refused while it is stopped, or driving for another client",
             Goal,
             does=True,
         ),
         Tool("mission", "Order a mission by its name, at the lowest priority", Named, does=True),
         Tool("cancel", "Cancel a mission that was ordered with `mission`", Numbered, does=True),
-        Tool("stop", "Stop the robot, whoever drives it; only people release that", Because, True),
+        Tool(
+            "stop",
+            "Stop the robot, whichever agent drives; only people release the stop",
+            Because,
+            True,
+        ),
         Tool(
             "resume",
-            "Ask people to release the stop: says what a person has to type; releases nothing",
+            "Request people to release the stop: returns the command to type; releases nothing",
             Because,
             does=True,
         ),

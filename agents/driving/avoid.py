@@ -1,4 +1,4 @@
-"""The avoid agent: keeps the robot off what is in its way (thesis 3.5.2, 3.10.1)."""
+"""The avoid agent: keeps the robot clear of obstacles (thesis 3.5.2, 3.10.1)."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from armadico.mobile.safety import ON_THE_SPOT_M_S, Scene, corner_cut, critical
 from armadico.mobile.swept_path import free_path, free_turn
 
 FLANKS = ((1.0, 0.0), (0.5, 0.2), (0.2, 0.5), (0.0, 0.8))
-"""Shares of the flank that is kept beside the body, and what a tight fit costs, rad."""
+"""Shares of `flank_m` tried beside the footprint, and the cost of a tight fit, rad."""
 
-LOOKED_AWAY_S = 0.5
-"""Longer than this without a bid, and it does not know whether the robot stood still, s."""
+BID_GAP_S = 0.5
+"""Longer than this without a bid, it does not know whether the robot stood still, s."""
 
 LEAST_REACH_M = 0.3
-"""An open heading must be open for so long at least, before the body, however near the bend is."""
+"""Least distance, before the footprint, over which an open heading must be free, at any bend."""
 
 BACK_MARGIN_M = 0.05
-"""Kept all round while it backs off."""
+"""Clearance all round while it backs off."""
 
 BACK_STALL_S = 1.0
-"""Still stalled so long after it began to back off, s, it is the way back that is not free."""
+"""Still stalled this long after it began to back off, s, the way back is blocked."""
 
 SMALL, LATCHED = radians(2), radians(15)
 
 
 class Way(NamedTuple):
-    """Where the trajectory leads: a heading in the body frame, rad, and how far until it bends, m.
+    """Where the trajectory leads: heading in the body frame, rad, and distance to its next bend, m.
 
-    What lies beyond the bend is not in the way. Infinite if it goes on straight.
+    Obstacles beyond the bend are not in the way. The distance is infinite on a straight line.
     """
 
     heading: float
@@ -50,36 +50,36 @@ class Way(NamedTuple):
 
 
 class Parameters(ZoneParameters, frozen=True, kw_only=True):
-    """The three zones (figure 3.16) and what is done in each.
+    """The three zones (figure 3.16) and the behaviour in each.
 
-    `rules` "thesis" reads 3.5.2 and 3.10.1 literally: distance and heading of the closest points,
-    an obstacle in the danger zone is turned away from, in the stop zone the robot turns round.
-    "safe" takes the free way along the robot's motion for the distance, and turns to the open
-    heading nearest to where the trajectory leads.
+    `rules` "thesis" follows 3.5.2 and 3.10.1 literally: it uses distance and heading of the closest
+    points, turns away from an obstacle in the danger zone, and turns round in the stop zone. "safe"
+    uses the free distance along the robot's motion, and turns to the open heading nearest to where
+    the trajectory leads.
     """
 
     rules: Literal["safe", "thesis"] = "safe"
-    v_back: NonNegative = 0.08  # m/s, backwards off what it cannot turn from
-    back_room_m: NonNegative = 0.1  # backs off only with more remembered free behind
-    stuck_s: Positive = 2.0  # at rest for so long beyond `goal_m`, the robot is stuck
+    v_back: NonNegative = 0.08  # m/s, backwards off obstacles that it cannot turn away from
+    back_room_m: NonNegative = 0.1  # least free distance behind for backing off
+    stuck_s: Positive = 2.0  # at rest for this time beyond `goal_m`, the robot is stuck
     goal_m: Positive = 0.4  # nearer to the goal than this it may rest
-    escape_s: Positive = 2.5  # time for which avoid works it free
-    nowhere_s: Positive = 8.0  # driven for so long within `nowhere_m` of one place, it is stuck
+    escape_s: Positive = 2.5  # time for which avoid frees a stuck robot
+    nowhere_s: Positive = 8.0  # driven for this time within `nowhere_m` of one place, it is stuck
     nowhere_m: Positive = 0.35  # radius of such a place
-    back_s: Positive = 3.0  # time for which avoid backs it off, or turns, before a new try
-    let_go: Positive = radians(150)  # a trajectory farther behind than this no longer counts
-    turn_first: Positive = radians(60)  # an open heading farther off is turned to on the spot
+    back_s: Positive = 3.0  # time for which avoid backs off, or turns, before a new try
+    let_go: Positive = radians(150)  # a trajectory farther behind than this does not count
+    turn_first: Positive = radians(60)  # it turns on the spot to an open heading farther off
     aligned: Positive = radians(15)
-    flank_m: NonNegative = 0.15  # kept beside the body on an open heading
-    other_side: NonNegative = 0.8  # rad: what changing the side that something is dodged on costs
-    reach_m: Positive = 1.1  # how far an open heading must be open
-    ahead_m: Positive = 0.8  # where the trajectory leads: so far along it
-    cut_least_m: Positive = 0.06  # by so much its corners may be cut where something is near
+    flank_m: NonNegative = 0.15  # clearance beside the footprint on an open heading
+    other_side: NonNegative = 0.8  # rad: cost of changing the side on which an obstacle is passed
+    reach_m: Positive = 1.1  # distance over which an open heading must be free
+    ahead_m: Positive = 0.8  # look-ahead on the trajectory
+    cut_least_m: Positive = 0.06  # by how much its corners may be cut near obstacles
     safety: Safety = Safety(slow=0.12)
 
 
 class Avoid(Behaviour):
-    """Slows down, turns away, or stops and turns, as the nearest obstacle demands."""
+    """Slows down, turns away, or stops and turns, depending on the nearest obstacle."""
 
     name = "avoid"
     reacts_to = Obstacles
@@ -103,27 +103,27 @@ class Avoid(Behaviour):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._side = 0.0  # +1 left, -1 right: latched while the same thing is dodged
+        self._side = 0.0  # +1 left, -1 right: latched while it passes the same obstacle
         self._side_at: tuple[float, float] = (0.0, 0.0)
-        self._moved_at = inf  # when the robot was last seen to move on its mission
-        self._looked_at = -inf  # when it last looked: not while the robot is stopped
+        self._moved_at = inf  # when the robot last moved on its mission
+        self._bid_at = -inf  # when it last computed a bid: not while the robot is stopped
         self._escape_until = -inf
-        self._around: tuple[float, float] = (inf, inf)  # the place that it does not get away from
+        self._around: tuple[float, float] = (inf, inf)  # the place that it does not leave
         self._around_since = inf
-        self._turned_out = False  # of that place, or has tried to
+        self._turned_out = False  # of that place, or tried to
         self._back_until = -inf
         self._backs_since = inf
         self._turns_until = -inf
 
     def on_mission(self) -> None:
-        """Nothing is dodged yet."""
+        """Reset the latched side and the timers."""
         self._side = 0.0
         self._moved_at = self._around_since = self.now
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        """How to keep off what is in the way, and how much that helps."""
+        """The speeds that keep clear of obstacles, and their utility."""
         state = self.latest(RobotState)
-        assert state is not None, "nobody bids without robot/state"
+        assert state is not None, "a bid needs robot/state"
         if self.p.rules == "safe":
             return self._safe(obstacles, pose, state)
         bid = literal(obstacles, state.v, self.body.outline, self.p)
@@ -151,16 +151,16 @@ class Avoid(Behaviour):
         return Bid(utility, action, critical(scene, p.safety), within, reason)
 
     def _along(self, points: Sequence[Point], v: float, w: float) -> float:
-        """The free way on the present arc, m; on the spot there is none to be free."""
+        """The free distance on the present arc, m; infinite on the spot."""
         if v <= ON_THE_SPOT_M_S:
             return inf
         return free_path(points, v, w, self.body.outline, self.p.safety.margin_m)
 
     def _toward(self, points: Sequence[Point], way: Way) -> float:
-        """The free way to where the trajectory leads, m, once it has turned there.
+        """The free distance where the trajectory leads, m, after turning there.
 
-        While avoid holds this counts whatever the angle: else it would let go as soon as it has
-        turned away, only for the other to turn back. Before, what is far aside is not in the way.
+        While avoid holds the wheels this counts at any angle. Otherwise it would release them after
+        turning away, and the next holder would turn back. Before, obstacles far aside do not count.
         """
         limit_angle = self.p.let_go if self.holds(WHEELS) else self.p.u_heading_low
         if abs(way.heading) > limit_angle:
@@ -170,7 +170,7 @@ class Avoid(Behaviour):
         return free if free < way.bend_m else inf
 
     def _act(self, scene: Scene, way: Way, pose: Pose, v: float) -> tuple[tuple[float, float], str]:
-        """The zones, by the free way along the open heading: slow down; and turn; stop and turn."""
+        """The action in the zone of the open heading: slow down; also turn; stop and turn."""
         p, points, outline = self.p, scene.points, self.body.outline
         if self.now < self._back_until and (back := self._back(scene)) is not None:
             return back, "back off and try again"
@@ -193,7 +193,7 @@ class Avoid(Behaviour):
         return (speed, w), f"{zone}: open at {degrees:.0f} deg"
 
     def _zone(self, free: float, v: float) -> tuple[float, str]:
-        """The speed for a free way, m/s, and the zone's name."""
+        """The speed for a free distance, m/s, and the zone's name."""
         p = self.p
         stop, danger, caution = (zone.border(v) for zone in (p.stop, p.danger, p.caution))
         top = min(p.v_max or inf, p.v_top)
@@ -206,9 +206,9 @@ class Avoid(Behaviour):
         return 0.0, "stop"
 
     def _heading(self, points: Sequence[Point], way: Way, pose: Pose) -> float | None:
-        """The open heading that costs least: off the wanted one, off the present one, a tight fit.
+        """The open heading with the least cost: angles to the path and to the present heading, fit.
 
-        The side on which something is dodged is latched: the other one must be much better.
+        The side on which an obstacle is passed is latched: the other side must be much better.
         """
         best: tuple[float, float] | None = None
         wanted, outline = way.heading, self.body.outline
@@ -232,53 +232,54 @@ class Avoid(Behaviour):
         return best[1]
 
     def _stuck(self, pose: Pose, state: RobotState) -> bool:
-        """Whether the robot gets nowhere, far from its goal: then avoid works it free.
+        """Whether the robot makes no progress far from its goal: then avoid frees it.
 
-        Whoever holds the wheels may see no way and command nothing, with nothing in *its* way; or
-        two turn it to and fro. If no agent is obeyed, none drives, and that is not for avoid to
-        mend.
+        The holder may see no way and command nothing, without an obstacle in *its* way, or two
+        holders may turn the robot to and fro. If the robot obeys no agent, avoid cannot help.
         """
         ack = self.acked(WHEELS)
         at = None if ack is None or ack.obeyed is None else ack.obeyed_cycle
         driven = at is not None and self.cycles.fresh(at)
-        looked_away, self._looked_at = self._looked_away, self.now
+        idle, self._bid_at = self._was_idle, self.now
         near = self.route.to_go(pose.x, pose.y) < self.p.goal_m
-        excused = looked_away or near or not driven
-        self._watch_rest(excused or abs(state.v) > 0.02 * self.sureness or abs(state.w) > 0.05)
-        self._watch_place(pose, excused)
-        self._watch_stall(state.stalled)
+        excused = idle or near or not driven
+        self._update_rest(
+            excused or abs(state.v) > 0.02 * self.pose_confidence or abs(state.w) > 0.05
+        )
+        self._update_place(pose, excused)
+        self._update_stall(state.stalled)
         return self.now < max(self._escape_until, self._back_until)
 
     @property
-    def _looked_away(self) -> bool:
-        return self.now - self._looked_at > LOOKED_AWAY_S
+    def _was_idle(self) -> bool:
+        return self.now - self._bid_at > BID_GAP_S
 
-    def _watch_rest(self, moving: bool) -> None:
+    def _update_rest(self, moving: bool) -> None:
         if moving:
             self._moved_at = self.now
         elif self.now - self._moved_at > self.p.stuck_s:
             self._moved_at = self.now
-            if self._turned_out:  # too near to something, or it was turned back
+            if self._turned_out:  # too near to an obstacle, or another agent turned it back
                 self._back_off()
             else:
                 self._escape_until = self.now + self.p.escape_s
 
-    def _watch_place(self, pose: Pose, excused: bool) -> None:
+    def _update_place(self, pose: Pose, excused: bool) -> None:
         away = hypot(pose.x - self._around[0], pose.y - self._around[1])
         if away > self.p.nowhere_m:
             self._around, self._around_since = (pose.x, pose.y), self.now
             self._turned_out = False
         elif excused:
             self._around_since = self.now
-        elif self.now - self._around_since > self.p.nowhere_s / self.sureness:
+        elif self.now - self._around_since > self.p.nowhere_s / self.pose_confidence:
             self._around_since = self.now
             self._back_off()
 
-    def _watch_stall(self, stalled: bool) -> None:
-        """What stalls the wheels is touched, at an unknown place of the body.
+    def _update_stall(self, stalled: bool) -> None:
+        """Back off from an obstacle that stalls the wheels, at an unknown place of the footprint.
 
-        Whoever turns may push it with a corner, for as long as it turns. The way that it came is
-        free; unless it is stalled on that: then it turns for as long before it tries that again.
+        A robot that turns may push it with a corner for as long as it turns. The way it came is
+        free. If it stalls on that, too, it turns for as long before it tries again.
         """
         if not stalled or self.now < self._turns_until:
             return
@@ -291,7 +292,7 @@ class Avoid(Behaviour):
         self._backs_since, self._back_until = self.now, self.now + self.p.back_s
 
     def _back(self, scene: Scene) -> tuple[float, float] | None:
-        """Straight back, if there is room behind."""
+        """The speeds straight back, if there is free distance behind."""
         mirrored = [Point(-p.x, p.y) for p in scene.points]
         behind = free_path(mirrored, 1.0, 0.0, self.body.outline.turned_round, BACK_MARGIN_M)
         if behind <= self.p.back_room_m:
@@ -300,13 +301,13 @@ class Avoid(Behaviour):
         return (v, w) if v < 0.0 else None
 
     def _unlatch(self, pose: Pose) -> None:
-        """Forget the side once the dodge is far behind and avoid does not hold."""
+        """Clear the side once the passed obstacle is far behind and avoid does not hold."""
         away = hypot(pose.x - self._side_at[0], pose.y - self._side_at[1])
         if self._side and not self.holds(WHEELS) and away > 1.0:
             self._side = 0.0
 
     def _turn_on_the_spot(self, scene: Scene, heading: float) -> tuple[float, float]:
-        """Turn to the side of the open heading, or the other; if neither goes, back off."""
+        """Turn to the side of the open heading, or to the other; if both are blocked, back off."""
         sign = self._side or copysign(1.0, heading)
         for direction in (sign, -sign):
             room = free_turn(scene.points, direction, self.body.outline, TURN_MARGIN_M)
@@ -317,12 +318,12 @@ class Avoid(Behaviour):
         return self._back(scene) or (0.0, 0.0)
 
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
-        """What to command in the cycle or two until another agent takes over."""
+        """The command for the cycle or two until another agent takes over."""
         w = max(-self.p.w_max, min(self.p.w_max, self.p.turn_gain * wanted))
         return self.limited_in(scene, v, w, self.p.safety)[:2]
 
     def _way(self, pose: Pose, obstacles: Obstacles) -> Way:
-        """Where the trajectory leads; it bends or ends if the point ahead is nearer than asked."""
+        """Where the trajectory leads; it bends or ends if its point is nearer than `ahead_m`."""
         cut = corner_cut(obstacles, self.body, self.p.cut_least_m)
         target = self.route.ahead(pose.x, pose.y, self.p.ahead_m, cut)[0]
         dx, dy = target.x - pose.x, target.y - pose.y
@@ -332,6 +333,5 @@ class Avoid(Behaviour):
 
 
 def _rotated(points: Sequence[Point], heading: float) -> list[Point]:
-    """The points as seen after turning on the spot."""
     c, s = cos(heading), sin(heading)
     return [Point(c * p.x + s * p.y, c * p.y - s * p.x) for p in points]

@@ -1,11 +1,11 @@
-"""Goto's fast-braking controller: the same line as fast as the robot's ramps and its turns allow.
+"""Goto's `brisk` controller: as fast along the line as the robot's ramps and turns allow.
 
-The thesis's laws slow down in proportion to what is left, so that half a metre takes as long as
-five. This one asks from which speed the robot can still come to rest, turn into the next leg, or
-stop turning: `braking`. It steers from where it will be when the wheels follow (`late_s`), and its
-turn rate has a bounded acceleration and jerk: so it turns fast, and smoothly.
+The thesis's laws slow down in proportion to the remaining distance, so half a metre takes as long
+as five. This one uses the speed from which the robot can still stop, turn into the next leg, or
+stop turning: `braking`. It steers from the predicted pose when the wheels follow (`late_s`). Its
+turn rate has a bounded acceleration and jerk, so that it turns fast and smoothly.
 
-Near the goal it turns to the goal's heading, and brakes meanwhile.
+Near the goal it turns to the goal's heading while it brakes.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from armadico.mobile.motion import Body, Speeds, braking
 from armadico.mobile.route import Route
 
 SAME_M = 0.02
-"""Waypoints nearer than this are one."""
+"""Waypoints closer than this are one."""
 
 RESTS_M_S = 0.03
-"""Slower than this it comes no nearer to the goal."""
+"""At less than this speed it does not approach the goal any more."""
 
 
 def slowed(settings: Brisk, body: Body, v_max: float | None) -> Brisk:
-    """The settings within a robot's limits, and a scenario's (m/s)."""
+    """The settings within the limits of a robot and of a scenario (m/s)."""
     v, w = min(settings.v, v_max or inf, body.v_max), min(settings.w, body.w_max)
     v_decel, w_accel = min(settings.v_decel, body.v_decel), min(settings.w_accel, body.w_accel)
     return replace(
@@ -43,7 +43,7 @@ def slowed(settings: Brisk, body: Body, v_max: float | None) -> Brisk:
 
 
 class Driver:
-    """Drives along a route and parks on its end."""
+    """Drives along a route and parks at its end."""
 
     def __init__(self, settings: Brisk) -> None:
         self.settings = settings
@@ -56,7 +56,6 @@ class Driver:
     def steer(
         self, pose: Posed, measured: Speeds, before: Speeds, route: Route, cut: float, period: float
     ) -> Speeds:
-        """Speeds for the next period."""
         s = self.settings
         there = self.soon(pose, measured, before)
         goal = route.goal
@@ -71,12 +70,12 @@ class Driver:
     def toward(
         self, off: float, there: Placed, route: Route, before: Speeds, period: float
     ) -> Speeds:
-        """Speeds to turn by `off` from where it will be, and to go on along the route."""
+        """The speeds to turn by `off` from the predicted pose and continue along the route."""
         v = min(self.settings.v, self._calm(off), self._corners(there, route))
         return v, self._smooth(before[1], self._turn(off, self.settings.w_decel), period)
 
     def _park(self, there: Placed, goal: Posed, before: Speeds, period: float) -> Speeds:
-        """Speeds to come to rest beside the goal, and turn to its heading meanwhile."""
+        """The speeds to stop beside the goal while turning to its heading."""
         s = self.settings
         left = distance(there, goal) * cos(direction(there, goal) - there.theta)
         v = braking(left - s.short_m, s.v_decel, s.late_s)
@@ -85,7 +84,7 @@ class Driver:
         return v, self._smooth(before[1], w, period)
 
     def soon(self, pose: Posed, measured: Speeds, before: Speeds) -> Placed:
-        """Where it is when the wheels follow."""
+        """The predicted pose when the wheels follow."""
         late = self.settings.late_s
         v, w = 0.5 * (measured[0] + before[0]), 0.5 * (measured[1] + before[1])
         middle = pose.theta + 0.5 * late * w
@@ -95,14 +94,14 @@ class Driver:
 
     def _settle(self, pose: Posed, measured: Speeds, goal: Posed, route: Route) -> None:
         s, rho = self.settings, distance(pose, goal)
-        if self._turning:  # it rests no farther off than it may, or drives there anew
+        if self._turning:  # it stops within its tolerance, or approaches again
             self._turning = rho <= s.leave_m or (rho <= s.turn_m and measured[0] > RESTS_M_S)
         elif route.last_leg:
             abeam = cos(direction(pose, goal) - pose.theta) <= 0.0
             self._turning = rho <= (s.beside_m if abeam else s.turn_m)
 
     def _ahead(self, at: Placed, route: Route, look: float, cut: float) -> Posed:
-        """The point to steer to; beyond the goal the last leg goes on."""
+        """The point to steer to, on the last leg's line beyond the goal if needed."""
         points = route.ahead(at.x, at.y, look, cut)
         if len(points) > 1 or not route.last_leg:
             return points[0]
@@ -125,7 +124,7 @@ class Driver:
         return s.v * clip(1.0 - (abs(off) - s.calm_from) / s.calm_over, 0.0, 1.0)
 
     def _corners(self, at: Placed, route: Route) -> float:
-        """As fast as it can still turn into the legs to come, and stop at the goal."""
+        """The speed from which it can still turn into the next legs and stop at the goal, m/s."""
         s = self.settings
         most, way = inf, 0.0
         before: tuple[float, float] | None = None

@@ -1,8 +1,8 @@
-"""Which way is open: the heading nearest to the wanted one along which the body fits.
+"""The open heading nearest to the wanted one along which the footprint fits.
 
-Each remembered point within reach shuts the headings that would bring the body's flank against it;
-what is left are gaps (the idea of the vector field histogram, Borenstein and Koren 1991, without
-the histogram: there are few points, and each knows the exact angle it shuts).
+Each remembered point within reach closes the headings at which the footprint's flank would hit it;
+the gaps remain. This is the idea of the vector field histogram (Borenstein and Koren 1991) without
+the histogram: there are few points, and each closes an exact angle.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from armadico.core.messages import Point
 from armadico.mobile.geometry import wrap
 
 EDGE = 0.02
-"""rad by which a heading stays clear of what shuts it."""
+"""Margin of a heading to what closes it, rad."""
 
 BEYOND = 1e-9
-"""rad past an edge: exactly on it, rounding would find it shut again, and give up."""
+"""Step past an edge, rad: exactly on it, rounding would find it closed again."""
 
 
 def shut(points: Iterable[Point], half_width: float, reach: float) -> list[tuple[float, float]]:
-    """The shut headings as (middle, half width), rad, for points within `reach` m of the axle."""
+    """The closed headings as (middle, half width), rad, for points within `reach` m of the axle."""
     found = []
     for p in points:
         away = hypot(p.x, p.y)
@@ -40,8 +40,7 @@ def open_heading(
 ) -> float | None:
     """The open heading nearest to `wanted`, rad in the body frame; None if there is none.
 
-    `side` (+1 left, -1 right) looks only to that side of `wanted`; 0 to both. No farther than half
-    a turn from where it was wanted.
+    `side` (+1 left, -1 right) searches only that side of `wanted`; 0 both. At most half a turn.
     """
     closed = shut(points, half_width, reach)
     options = []
@@ -54,7 +53,7 @@ def open_heading(
 
 
 def _slide(closed: list[tuple[float, float]], wanted: float, sign: float) -> float | None:
-    """How far to turn to one side of `wanted` until nothing shuts the heading."""
+    """The turn to one side of `wanted` until no point closes the heading, rad; None: no gap."""
     turned = 0.0
     for _ in range(len(closed) + 1):
         heading = wanted + turned

@@ -30,11 +30,11 @@ Positive = Annotated[float, Meta(gt=0, le=10)]
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Gothrough's parameters.
 
-    `controller` "proportional" drives by v, turn_gain, w_max, gain and v_corner; "brisk" turns and
-    slows down as goto's does.
+    `controller` "proportional" uses v, turn_gain, w_max, gain and v_corner; "brisk" turns and slows
+    down as goto's.
 
-    `rules` "thesis" bids whenever something is on both sides. "safe" abstains when the way through
-    is not clear, when the trajectory does not lead through, and near the goal.
+    `rules` "thesis" bids whenever obstacles are on both sides. "safe" does not bid if the passage
+    is not clear, if the trajectory does not lead through it, or near the goal.
     """
 
     controller: Literal["proportional", "brisk"] = "proportional"
@@ -45,22 +45,22 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     w_max: Positive = radians(50)
     u_low_m: Positive = 0.5  # equation 3.7
     u_high_m: Positive = 1.2
-    least_m: Positive = 0.3  # least way from the narrowest place to the point to drive to
-    most_m: Positive = 1.0  # most way from there to that point
-    clear_m: Positive = 0.6  # of free way, or it abstains
-    astray: Positive = radians(45)  # a trajectory that leads off by more is not through here
-    goal_m: Positive = 0.8  # nearer to the goal than this, parking is goto's
+    least_m: Positive = 0.3  # least distance from the narrowest place to the target point
+    most_m: Positive = 1.0  # greatest distance from there to that point
+    clear_m: Positive = 0.6  # least free distance for a bid
+    astray: Positive = radians(45)  # greatest angle to the trajectory's direction
+    goal_m: Positive = 0.8  # nearer to the goal than this, goto parks
     ahead_m: Positive = 1.0
-    off_line: Positive = 0.15  # rad: the middle may lead off the trajectory by so much
-    cut_least_m: Positive = 0.06  # by so much its corners may be cut where something is near
-    gain: Positive = 0.38  # m/s for a metre until the trajectory bends: goto's
+    off_line: Positive = 0.15  # rad: greatest angle between the middle and the trajectory
+    cut_least_m: Positive = 0.06  # by how much its corners may be cut near obstacles
+    gain: Positive = 0.38  # m/s per metre to the trajectory's next bend, as goto's
     v_corner: Positive = 0.2  # least speed towards a bend, m/s
     brisk: Brisk = Brisk()
     safety: Safety = Safety()
 
 
 class Gothrough(Behaviour):
-    """Steers for the middle between what is left and what is right."""
+    """Steers for the middle between the obstacles on the left and on the right."""
 
     name = "gothrough"
     reacts_to = Obstacles
@@ -79,14 +79,13 @@ class Gothrough(Behaviour):
         super().__init__(identity, parameters)
         self._commanded = (0.0, 0.0)
         self._driver = Driver(self.p.brisk)
-        self._ahead: list[Waypoint] = []  # what is left of the trajectory, as far as it matters
+        self._ahead: list[Waypoint] = []  # the rest of the trajectory, as far as needed
 
     def on_body(self) -> None:
-        """Drive within the robot's limits."""
         self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        """The way through, and how narrow it is."""
+        """The speeds through the passage; the utility grows with its narrowness."""
         left, right = obstacles.left, obstacles.right
         if left is None or right is None:
             return self._none("not between two things")
@@ -105,7 +104,7 @@ class Gothrough(Behaviour):
         return self._steer(alpha, utility, pose, obstacles)
 
     def _none(self, why: str) -> Bid | None:
-        """Nothing to propose; a holder offers the wheels while they still turn."""
+        """No bid; a holder offers the wheels while they still turn."""
         self.why = why
         if not self.holds(WHEELS):
             return None
@@ -116,7 +115,7 @@ class Gothrough(Behaviour):
         return Bid(0.0, self._commanded, reason=why)
 
     def _abstains(self, pose: Pose, goal: Point) -> str:
-        """Why the trajectory does not lead through here."""
+        """The reason why the trajectory does not lead through here, or an empty string."""
         route = self.route
         if abs(atan2(goal.y, goal.x)) > self.p.astray:
             return "the trajectory leads elsewhere"
@@ -125,7 +124,6 @@ class Gothrough(Behaviour):
         return ""
 
     def _goal(self, pose: Pose, obstacles: Obstacles) -> Point:
-        """Where the trajectory leads, in the body frame."""
         if self.p.rules == "thesis":
             self._ahead = list(self.route.waypoints[self.route.leg :])
         else:

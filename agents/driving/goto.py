@@ -25,8 +25,8 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.safety import corner_cut, unhurried
 
 CREEP_M = 0.15
-"""With less of its way in sight than this it goes on as if it saw so much, or it would never see
-more: slowly enough that what is near is known by its points."""
+"""Least visible path that is assumed. Otherwise the robot would stop and never see more; at the
+resulting speed near obstacles are known by their points."""
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 Metres = Annotated[float, Meta(gt=0, le=10)]
@@ -37,12 +37,12 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """Goto's parameters.
 
-    `controller` "brisk" is faster, with settings of its own (`brisk`); the set `brisk` has it. The
-    others are the thesis's, with `settings`, ahead_m, park_m, cut_least_m and calm.
+    `controller` "brisk" is faster and has its own settings (`brisk`); the parameter set `brisk`
+    selects it. The others are the thesis's, with `settings`, ahead_m, park_m, cut_least_m and calm.
 
-    `rules` "thesis" reads 3.10.1 literally: the utility by the distance to each waypoint, straight
-    to the waypoint, both controllers mixed near each (5.2.1), no look at obstacles. "safe" measures
-    to the final goal, keeps to the line between waypoints, and drives no faster than it can stop.
+    `rules` "thesis" follows 3.10.1 literally: utility by the distance to each waypoint, straight to
+    the waypoint, both controllers mixed near each (5.2.1), obstacles ignored. "safe" measures to
+    the final goal, keeps to the line between waypoints, and drives no faster than it can stop.
     """
 
     controller: Literal["brisk", "fast", "precise", "collaborative"] = "collaborative"
@@ -50,11 +50,11 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     rules: Literal["safe", "thesis"] = "safe"
     v_max: Speed | None = None
     ahead_m: Metres = 0.6  # look-ahead on the line between waypoints
-    park_m: Metres = 1.0  # within this of the goal straight to it, where `precise` joins in
-    cut_least_m: Metres = 0.06  # by so much it may cut a corner where something is near
-    calm_from: Angle = radians(5)  # slows down from this angle to where it steers
-    calm_over: Angle = radians(30)  # angle on top of `calm_from` at which no speed is left
-    calm_least: Share = 0.2  # least share of the speed: it must get along while it turns
+    park_m: Metres = 1.0  # within this of the goal it drives straight to it, mixing in `precise`
+    cut_least_m: Metres = 0.06  # by how much it may cut a corner near obstacles
+    calm_from: Angle = radians(5)  # it slows down from this angle to its target
+    calm_over: Angle = radians(30)  # angle beyond `calm_from` at which the speed reaches 0
+    calm_least: Share = 0.2  # least share of the speed: it must progress while it turns
     brisk: Brisk = Brisk()
     safety: Safety = Safety()
     p_max: Share = 1.0  # equation 3.6
@@ -64,7 +64,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
 
 class Goto(Behaviour):
-    """Proposes the speeds that lead along the trajectory and park on its end."""
+    """Proposes the speeds that follow the trajectory and park at its end."""
 
     name = "goto"
     reacts_to = Pose
@@ -90,28 +90,26 @@ class Goto(Behaviour):
         self._commanded = (0.0, 0.0)
 
     def on_body(self) -> None:
-        """Drive within the robot's limits, and by its own ramps."""
         self._controller.settings = within(SETTINGS[self.p.settings], self.body, self.p.v_max)
         if self._driver is not None:
             self._driver.settings = slowed(self.p.brisk, self.body, self.p.v_max)
 
     def on_mission(self) -> None:
-        """Forget where the last one was parked."""
         self._controller.reset()
         if self._driver is not None:
             self._driver.reset()
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        """Where it would steer, and how much that helps."""
-        v, w = self._wish(pose, obstacles)
+        """The speeds along the trajectory, and their utility."""
+        v, w = self._desired(pose, obstacles)
         if self.p.rules == "safe":
             v, w = self.limited(v, w, obstacles, self.p.safety)
         self._commanded = (v, w)
         return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
 
-    def _wish(self, pose: Pose, obstacles: Obstacles) -> Speeds:
-        """What the controller asks for, before anybody looks at obstacles."""
-        before, period = self._before(), self.body.cycle_s
+    def _desired(self, pose: Pose, obstacles: Obstacles) -> Speeds:
+        """The controller's speeds before any limit by obstacles."""
+        before, period = self._ramp_start(), self.body.cycle_s
         if self._driver is not None:
             cut = corner_cut(obstacles, self.body, self.p.brisk.cut_m)
             v, w = self._driver.steer(pose, self.measured, before, self.route, cut, period)
@@ -123,7 +121,7 @@ class Goto(Behaviour):
         return (min(v, self._calm(pose, ahead[0])) if self.p.rules == "safe" else v), w
 
     def _by_sight(self, pose: Pose, obstacles: Obstacles) -> float:
-        """From which speed it stops within what it sees of its way, m/s, if nobody drives on."""
+        """The speed from which it can stop within the visible part of its path, m/s."""
         reach, body = self.p.brisk.sight_m, self.body
         if reach is None:
             return inf
@@ -135,20 +133,19 @@ class Goto(Behaviour):
         return body.stops_within(max(free, CREEP_M))
 
     def _calm(self, pose: Pose, target: Waypoint) -> float:
-        """The speed limit while the robot turns towards where it steers, m/s.
+        """The speed limit while the robot turns to its target, m/s.
 
-        At full speed it would swing wide of the line, and beside a door that is the post.
+        At full speed it would swing wide of the line, and beside a door hit the post.
         """
         off = abs(wrap(atan2(target.y - pose.y, target.x - pose.x) - pose.theta))
         share = 1.0 - (off - self.p.calm_from) / self.p.calm_over
         return self._controller.settings.fast.v * min(max(share, self.p.calm_least), 1.0)
 
-    def _before(self) -> tuple[float, float]:
-        """What the ramps start from."""
+    def _ramp_start(self) -> tuple[float, float]:
         return self._commanded if self.holds(WHEELS) else self.measured
 
     def _ahead(self, pose: Pose, obstacles: Obstacles) -> list[Waypoint]:
-        """What to steer along: the waypoints that are left, or the line between them."""
+        """What to steer along: the remaining waypoints, or points on the line between them."""
         route, goal = self.route, self.route.goal
         assert goal is not None, "there is a goal"
         parking = route.last_leg and hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.park_m
@@ -173,9 +170,9 @@ class Goto(Behaviour):
 
 
 def within(settings: Settings, body: Body, v_max: float | None) -> Settings:
-    """The controllers' settings for this robot: its limits, and its ramps where there are any.
+    """The controllers' settings within a robot's limits, with its ramps if they have ramps.
 
-    `v_max`: a scenario's limit for the fast controller, m/s.
+    `v_max` is a scenario's limit for the fast controller, m/s.
     """
 
     def law(of: Law, most: float) -> Law:

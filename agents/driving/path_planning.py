@@ -1,4 +1,4 @@
-"""The path planning agent: a way to the goal over rooms, doors and cells (thesis 3.6.2)."""
+"""The path planning agent: plans paths over rooms, doors and cells (thesis 3.6.2)."""
 
 from __future__ import annotations
 
@@ -34,35 +34,35 @@ from armadico.mobile.resources import PLANNER
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The world it plans in, the robot it plans for, and how fast that is driven.
+    """The world and the robot to plan for, and the robot's pace.
 
-    Without a world it plans over what was seen, and what was not seen is free.
+    Without a world it plans over what the sensors saw; everything else is free.
     """
 
     world: Annotated[str, Meta(min_length=1)] | None = None
     profile: str = "pioneer-2dx"
-    recent_s: Annotated[float, Meta(ge=0, le=60)] = 3.0  # without a map: the latest that was seen
-    round_corners: bool = False  # for the brisk controller; the thesis's turn at each waypoint
+    recent_s: Annotated[float, Meta(ge=0, le=60)] = 3.0  # without a map: age of obstacles to keep
+    round_corners: bool = False  # for the brisk controller; the thesis's turns at each waypoint
     pace: Pace = Pace()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit, m/s
 
 
 class PathPlanning(Agent):
-    """Knows the world's walls, rooms and doors; answers where to go, and what it costs.
+    """Returns paths and their costs in a world of walls, rooms and doors.
 
-    It plans for whoever holds it (3.6.2), and for whoever asks in between: people, and the owner of
-    the trajectory, whose way is blocked.
+    It plans for the agent that holds it (3.6.2), and for other requests in between: the operator's,
+    and those of the trajectory's owner when its path is blocked.
 
-    What the sensors see and the map has not it remembers for a while, and plans round it. Where the
-    pose is unsure nothing is put down: a wall that is seen beside its place would close a door.
+    It remembers sensed obstacles that are not on the map for a while, and plans around them. While
+    the pose is uncertain it adds none: a wall beside its true place would close a door.
 
-    Without a map it remembers all that is seen. If that leaves no way, some of it was not so: then
-    it forgets all but the latest.
+    Without a map it remembers all obstacles. If no path is left, some of them were wrong: then it
+    drops all but the latest.
     """
 
     name = "path-planning"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan)
     provides: ClassVar[tuple[type[Message], ...]] = (Planned,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     owns = (PLANNER,)
@@ -77,13 +77,13 @@ class PathPlanning(Agent):
             check_extent(self._world, CELL_M)
         self._profile = load_profile(self.p.profile)
         self._seen: Seen | None = None
-        self._task: int | None = None  # the holder's,
-        self._planned: Planned | None = None  # and what came of it, or of one before
+        self._task: int | None = None  # the holder's
+        self._planned: Planned | None = None  # the result of that task, or of one before
 
     def obey(self, resource: Resource, action: PlanTask) -> None:  # noqa: ARG002
-        """Plan for the holder, and publish it: again each cycle, until it lets go.
+        """Plan for the holder and publish the plan, again each cycle until it is released.
 
-        It plans in the second cycle that the holder has it: who wants it more has had its say then.
+        It plans in the second cycle of a holder: by then an agent with a better bid has taken over.
         """
         if self._task != action.id:
             self._task = action.id
@@ -94,20 +94,18 @@ class PathPlanning(Agent):
         self.publish(self._planned)
 
     def on_pose(self, pose: Pose) -> None:
-        """Where the pings and the scan of this cycle were, if they have come."""
+        """Add the pings and the scan of this cycle, if they have arrived."""
         self._match(pose, self.latest(Sonar))
         self._match(pose, self.latest(Scan))
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """The pings of this cycle, if it is known where they were."""
         self._match(self.latest(Pose), sonar)
 
     def on_scan(self, scan: Scan) -> None:
-        """The scan of this cycle, if it is known where it was."""
         self._match(self.latest(Pose), scan)
 
     def on_plan_request(self, question: Question) -> Plan:
-        """The waypoints, or why there is no way."""
+        """The waypoints, or the reason why there is no path."""
         request = question.request
         assert isinstance(request, PlanRequest)
         return self._plan(request)
@@ -125,7 +123,7 @@ class PathPlanning(Agent):
                 return Plan((), refusal=line(str(again)))
         waypoints = tuple(Waypoint(p.x, p.y, p.theta) for p in way.waypoints)
         if len(waypoints) > WAYPOINTS:
-            return Plan((), refusal=f"the way has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
+            return Plan((), refusal=f"the path has {len(waypoints):,} turns, at most {WAYPOINTS:,}")
         state = self.latest(RobotState)
         cost = energy(
             (request.start, *waypoints),
@@ -140,7 +138,7 @@ class PathPlanning(Agent):
         return Plan(waypoints, way.length_m, cost.joules)
 
     def _way(self, request: PlanRequest) -> Way:
-        """By the map and what was seen. Raises PlanError."""
+        """Plan by the map and the obstacles seen. Raises PlanError."""
         seen = () if self._seen is None else self._seen.points(self.now)
         world = self._world
         if world is None:
@@ -155,20 +153,25 @@ class PathPlanning(Agent):
             under_way=bool(request.why) or self._world is None,
         )
 
-    def _match(self, pose: Pose | None, said: Sonar | Scan | None) -> None:
-        """Take a cycle's pings or scan once both its messages are there, in whatever order."""
-        if pose is None or said is None or pose.cycle != said.cycle or pose.deviation > UNSURE_M:
+    def _match(self, pose: Pose | None, reading: Sonar | Scan | None) -> None:
+        """Add a cycle's pings or scan once both messages have arrived, in any order."""
+        if (
+            pose is None
+            or reading is None
+            or pose.cycle != reading.cycle
+            or pose.deviation > UNSURE_M
+        ):
             return
         if self._seen is None:
             world = self._world
             known = None if world is None else grid_of(world.barriers, world.bounds, CELL_M)
             self._seen = Seen(known)
         self._seen.move(pose)
-        if isinstance(said, Scan):
-            with suppress(ValueError):  # the laser agent says that it is blind
-                self._seen.take_scan(pose, said, pose.deviation, self.now)
+        if isinstance(reading, Scan):
+            with suppress(ValueError):  # the laser agent reports invalid scans
+                self._seen.add_scan(pose, reading, pose.deviation, self.now)
         else:
-            for echo in said.echoes:
+            for echo in reading.echoes:
                 self._seen.add(pose, echo, pose.deviation, self.now)
         state = self.latest(RobotState)
         if state is not None and state.touch is not None and state.cycle == pose.cycle:

@@ -1,8 +1,8 @@
-"""Braking by sight: how far ahead of a robot its way is in sight.
+"""Visible distance along a robot's path, for braking by sight.
 
-What stands there hides what is behind it. Of a place on the way that is hidden, or beyond what the
-sensors see, nobody knows whether it is free; who drives so that it can stop before the first such
-place touches nothing that stands still, whatever comes into view.
+Obstacles hide what is behind them. A hidden place on the path, or one beyond the sensors' range,
+may be occupied. A robot that can stop before the first such place touches nothing that stands
+still, whatever comes into view.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from armadico.core.messages import Point
 from armadico.mobile.geometry import wrap
 
 STEP_M = 0.15
-"""The way is looked at so often."""
+"""Distance between places of the path that are checked."""
 
 BEYOND_M = 0.15
-"""What is hidden is so much farther than what hides it: a place beside it is not."""
+"""A hidden place is at least this much farther than what hides it: not one beside it."""
 
 WIDE_M = 0.05
-"""To each side of a point what stands there goes on so far."""
+"""Half width of an obstacle around a point."""
 
 
 def in_sight(points: Iterable[Point], places: Sequence[tuple[float, float]], reach: float) -> float:
-    """How far along the way the first place lies that is not in sight, m; no more than `reach`.
+    """Distance along the path to the first place that is not visible, m; at most `reach`.
 
     Args:
-        points: What is known to stand there, in the body frame, m.
-        places: Of the way, from the robot on, in the body frame, m.
-        reach: How far the sensors see, m.
+        points: The obstacles, in the body frame, m.
+        places: The path from the robot on, in the body frame, m.
+        reach: The sensors' range, m.
     """
     near = [(hypot(p.x, p.y), atan2(p.y, p.x)) for p in points]
     near = [(away, bearing) for away, bearing in near if WIDE_M < away < reach]

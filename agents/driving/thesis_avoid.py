@@ -1,4 +1,4 @@
-"""Avoid's three zones (thesis 3.5.2, figure 3.16), and its rules as the text has them."""
+"""Avoid's three zones (thesis 3.5.2, figure 3.16), and its rules as in the text."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Positive = Annotated[float, Meta(gt=0, le=10)]
 
 
 class Zone(Struct, frozen=True, forbid_unknown_fields=True):
-    """The border of a zone: a distance and a time, so that it grows with the speed."""
+    """The border of a zone: a distance plus a time, so that it grows with the speed."""
 
     distance_m: NonNegative
     time_s: NonNegative
@@ -31,7 +31,7 @@ class Zone(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ZoneParameters(agent.Parameters, frozen=True, kw_only=True):
-    """The zones, and how fast the robot drives and turns in each."""
+    """The zones, and the robot's speeds and turn rates in each."""
 
     v_max: Positive | None = None
     stop: Zone = Zone(0.05, 0.25)
@@ -40,20 +40,20 @@ class ZoneParameters(agent.Parameters, frozen=True, kw_only=True):
     v_top: Positive = 0.55  # at the caution zone's outer border, m/s
     v_caution: Positive = 0.38  # at its inner border
     v_danger: NonNegative = 0.12  # at the danger zone's inner border
-    turn_gain: Positive = 1.7  # rad/s for one rad
+    turn_gain: Positive = 1.7  # rad/s per rad
     w_max: Positive = radians(60)
     w_stop: Positive = radians(45)
-    abeam: Positive = radians(80)  # thesis: steer the obstacle here
+    abeam: Positive = radians(80)  # thesis: bearing to which an obstacle is steered
     u_heading_low: Positive = radians(40)
     u_heading_high: Positive = radians(120)
 
 
 def literal(obstacles: Obstacles, v: float, outline: Outline, p: ZoneParameters) -> Bid | None:
-    """Equations 3.8 and 3.9 with the closest point and the closest one in front.
+    """The bid by equations 3.8 and 3.9, with the closest point and the closest one in front.
 
-    `v` is the measured speed, m/s. None if nothing is in the way.
+    `v` is the measured speed, m/s. None without an obstacle in the way.
     """
-    around = turning_circle(*outline)  # from a range to the distance left
+    around = turning_circle(*outline)  # subtracted from a range, it gives the distance left
     borders = [zone.border(v) for zone in (p.stop, p.danger, p.caution)]
     best: tuple[float, float, Point] | None = None
     for point in (obstacles.closest, obstacles.front):

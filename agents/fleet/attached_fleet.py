@@ -1,4 +1,4 @@
-"""A run of a fleet that others have started, on whatever machines: nobody is started or ended."""
+"""A run of a fleet that is already running, on any machines: it starts and ends no process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.agents.fleet.messages import FleetClaims
 from armadico.agents.fleet.run import HEAR_S, FleetRun, give, names_of, short, tasks_of
 from armadico.core.messages import Message, RobotState
-from armadico.launch.attached import COME_S, SAY_S, STOP_S
+from armadico.launch.attached import COME_S, REPORT_S, STOP_S
 from armadico.launch.processes import undisturbed
 from armadico.launch.run import SILENT_S
 from armadico.mesh.topology import MeshError, TopologyError, checked_namespace
@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from armadico.launch.society import Options
     from armadico.mesh.base import Mesh
 
-BY: Final = "armadico run"
-"""Who stops the robots, for people."""
+BY: Final = "armadico run"  # published as the reason of a stop
 
 
 class AttachedFleet(FleetRun):
-    """Watches societies that are up. Unless all tasks are done, it leaves their robots stopped."""
+    """Watches running societies. Unless all tasks are done, it leaves their robots stopped."""
 
     come_s: float = COME_S
 
@@ -42,25 +41,25 @@ class AttachedFleet(FleetRun):
         scouts: Callable[[], Iterable[Mesh]] = tuple,
         replace: bool = False,
     ) -> None:
-        """Prepare.
+        """Set up a run.
 
         Args:
-            scenario: The tasks, and the world that the robots have a map of.
-            options: What else was chosen.
-            robots: So many are waited for; None: one.
+            scenario: The tasks, and the world of the robots' map.
+            options: The other options.
+            robots: The number of robots to wait for; None: one.
             fleet: Its name: the robots' namespaces are in it.
-            join: Joins the mesh in a namespace; what it gives is closed at the end.
-            scouts: Gives an open mesh for each further way to a router of the fleet, whenever there
-                is a new one: each passes on what all robots share.
+            join: Joins the mesh in a namespace; the mesh is closed at the end.
+            scouts: Returns an open mesh for each new route to a router of the fleet; each passes on
+                what all robots share.
             replace: Give the list also instead of one that the fleet works on.
         """
         super().__init__(scenario, options, fleet)
         self._wanted, self._replace = robots or 1, replace
-        self._heard: dict[str, float] = {}  # when each robot's fleet agent last said its claims
+        self._claimed_at: dict[str, float] = {}  # each robot's last claims
         self._silent: set[str] = set()
-        self._notes: dict[str, str] = {}  # why a robot does nothing, as it was said
+        self._notes: dict[str, str] = {}  # the reported reasons why robots take no task
         self._meshes, self._join, self._more = ExitStack(), join, scouts
-        # What robots share lies beside their namespaces: any of the fleet's will do.
+        # Shared messages are beside the robots' namespaces: any namespace of the fleet will do.
         self._scouts = [self._guest(join(names_of(fleet, 1)[0]))]
 
     def __exit__(
@@ -69,7 +68,7 @@ class AttachedFleet(FleetRun):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop the robots, by the latch, if the list was taken on and is not done."""
+        """Latch the stop of all robots if the list was accepted and is not done."""
         with undisturbed():
             if self.watch.began is not None and not self.watch.over:
                 self._stop()
@@ -78,16 +77,16 @@ class AttachedFleet(FleetRun):
     # Starting ------------------------------------------------------------------------------------
 
     def find(self) -> None:
-        """Find the robots that are there. Raises RunFailedError if they are too few."""
-        if not self._seek(self._enough, SAY_S):
+        """Find the running robots. Raises RunFailedError if there are too few."""
+        if not self._seek(self._enough, REPORT_S):
             self._warn(f"waiting for {self._wanted} or more robots of the fleet {self.fleet!r}")
-        if not self._seek(self._enough, self.come_s - SAY_S):
+        if not self._seek(self._enough, self.come_s - REPORT_S):
             raise RunFailedError(self._lacking())
-        self._seek(lambda: False, HEAR_S)  # all of it: whoever else is there
+        self._seek(lambda: False, HEAR_S)  # the whole time, to find all robots
         self._meet()
 
     def start(self) -> None:
-        """Find them, and wait until one can take a task. Raises RunFailedError if none can."""
+        """Find the robots, and wait until one can take a task. Raises RunFailedError if none."""
         if not self.names:
             self.find()
         soon, end = self.now() + HEAR_S, self.now() + self.come_s
@@ -104,8 +103,8 @@ class AttachedFleet(FleetRun):
                 f" `armadico resume --namespace {self.names[0]}` releases one that is stopped"
             )
 
-    def hand_over(self) -> int:
-        """See `FleetRun`: the first of those that can take a task is asked, then the next."""
+    def request_mission(self) -> int:
+        """See `FleetRun`: the robots that can take a task are queried one after another."""
         tasks = tasks_of(self.scenario)
         *others, last = self._able()
         try:
@@ -118,7 +117,7 @@ class AttachedFleet(FleetRun):
         except MissionRefusedError as error:
             raise MissionRefusedError(f"{error.reason}; --replace gives it instead") from None
 
-    # While it goes on ----------------------------------------------------------------------------
+    # Watching ------------------------------------------------------------------------------------
 
     def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
         self._meet()
@@ -128,36 +127,36 @@ class AttachedFleet(FleetRun):
             silent = told and self.watch.silent(short(name), self.now())
             if silent and name not in self._silent:
                 self._silent.add(name)
-                self._warn(f"{name}: its fleet agent is silent: its tasks are the others' now")
+                self._warn(f"{name}: its fleet agent is silent; other robots take its tasks")
             elif not silent and name in self._silent:
                 self._silent.remove(name)
                 self._warn(f"{name}: its fleet agent is back")
-        if self.now() - max(self._heard.values()) > SILENT_S:
+        if self.now() - max(self._claimed_at.values()) > SILENT_S:
             raise RunFailedError(
-                f"nobody of the fleet {self.fleet!r} has said anything for {SILENT_S:g} s;"
-                f" `armadico ps --namespace {self.names[0]}` shows who is there"
+                f"no robot of the fleet {self.fleet!r} has published for {SILENT_S:g} s;"
+                f" `armadico ps --namespace {self.names[0]}` lists the agents"
             )
         return True
 
-    # Inside --------------------------------------------------------------------------------------
+    # Implementation ------------------------------------------------------------------------------
 
     def now(self) -> float:
         return self._scouts[0].mesh.now()
 
     def _guest(self, mesh: Mesh) -> Client:
-        """A guest that receives what all robots share."""
+        """Return a client that receives what all robots share."""
         client = Client(self._meshes.enter_context(closing(mesh)))
         client.listen(FleetClaims, then=self._on_claims)
         return client
 
-    def _on_claims(self, said: Message, now: float) -> None:
-        if isinstance(said, FleetClaims):
-            with suppress(TopologyError):  # whose namespace cannot be one is nobody
-                checked_namespace(f"{self.fleet}/{said.robot}")
-                self._heard[said.robot] = now
+    def _on_claims(self, message: Message, now: float) -> None:
+        if isinstance(message, FleetClaims):
+            with suppress(TopologyError):  # an invalid namespace is no robot's
+                checked_namespace(f"{self.fleet}/{message.robot}")
+                self._claimed_at[message.robot] = now
 
     def _seek(self, over: Callable[[], bool], seconds: float) -> bool:
-        """Look for robots by every way, until something is so; whether it is."""
+        """Search for robots by all routes until a condition holds; return whether it does."""
         end = self.now() + seconds
         while not over() and self.now() < end:
             self._scouts += map(self._guest, self._more())
@@ -166,24 +165,24 @@ class AttachedFleet(FleetRun):
         return over()
 
     def _enough(self) -> bool:
-        return len(self._heard) >= self._wanted
+        return len(self._claimed_at) >= self._wanted
 
     def _meet(self) -> None:
-        """Watch whoever has been heard of for the first time."""
+        """Watch the robots that have been found."""
         for each in (*self._scouts, *self.clients.values()):
-            each.latest(FleetClaims)  # hands on what has come
-        for robot in sorted(self._heard):
+            each.latest(FleetClaims)  # processes received messages
+        for robot in sorted(self._claimed_at):
             name = f"{self.fleet}/{robot}"
             if name in self.clients:
                 continue
             client = self._guest(self._join(name))
-            client.listen(RobotState)  # which whoever stops it goes by
+            client.listen(RobotState)  # needed for stopping the robot
             self.meet(name, client)
             if self.watch.began is not None:
                 self._warn(f"{name}: has come")
 
     def _lacking(self) -> str:
-        there = ", ".join(f"{self.fleet}/{robot}" for robot in sorted(self._heard)) or "nobody"
+        there = ", ".join(f"{self.fleet}/{robot}" for robot in sorted(self._claimed_at)) or "nobody"
         return (
             f"{there} of the fleet {self.fleet!r} is there after {self.come_s:g} s, and"
             f" {self._wanted} or more are waited for; `armadico up fleet --namespace"
@@ -192,7 +191,7 @@ class AttachedFleet(FleetRun):
         )
 
     def _why_not(self, name: str) -> str:
-        """Why a robot can do nothing now; "" if it can."""
+        """Return why a robot can take no task now; "" if it can."""
         status = self.watch.status.get(short(name))
         return "its fleet agent has said nothing yet" if status is None else status.note
 
@@ -214,7 +213,7 @@ class AttachedFleet(FleetRun):
             self._notes[name] = why
 
     def _stop(self) -> None:
-        """All are told before one is waited for: none drives on until another's wheels rest."""
+        """Order all stops before waiting for one: no robot drives on meanwhile."""
         for client in self.clients.values():
             with suppress(SocietyError, MeshError):
                 client.stop(PRESS_S, by=BY)

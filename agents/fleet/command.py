@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from armadico.launch.society import Options as Chosen
     from armadico.mesh.base import Mesh
 
-LINE_S: Final = 5.0
-"""How often a line is printed, s of the run."""
+LINE_S: Final = 5.0  # the period of printed lines, s of the run
 
+# Options that are for the run of one robot.
 ALONE: Final = (
     "runs",
     "plot",
@@ -33,14 +33,12 @@ ALONE: Final = (
     "goal",
     "start",
 )
-"""Options that are for the run of one robot."""
-
+# Further options that need a run that starts the societies: field and option name.
 STARTING: Final = {"without": "without", "besides": "with"}
-"""Beside those of one robot's run, what is for whoever starts the societies, and its option."""
 
 
 def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
-    """Have the tasks done; 0 only if all were, none twice, and nothing was touched."""
+    """Run the fleet; return 0 only if all tasks were done, none twice, without collisions."""
     from dataclasses import replace
 
     for option in ALONE:
@@ -77,7 +75,7 @@ def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
 
 
 def fleet_of(mesh: options.Mesh) -> str:
-    """The fleet's name: the robots' namespaces are in it."""
+    """Return the fleet's name: the robots' namespaces are in it."""
     from armadico.agents.fleet.run import FLEET
 
     name = mesh.namespace
@@ -99,7 +97,7 @@ def _virtual(
         if args.record is not None:
             names = rehearsal.names
             stack.enter_context(recorded(rehearsal.mesh, args.record, scenario, *names))
-        return rehearsal.run(progress if sys.stderr.isatty() else None, options.say)
+        return rehearsal.run(progress if sys.stderr.isatty() else None, options.report)
 
 
 def _live(
@@ -122,16 +120,16 @@ def _live(
     try:
         run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args.mesh), joining)
         with page, recorder(args.mesh, args.record, scenario, *robots), run:
-            options.say(
+            options.report(
                 f"{scenario.name}: starting {len(robots)} robots: {', '.join(robots)}; until it"
                 f" ends well, logs are in {run.table.logs}"
             )
-            result = run.run(progress, options.say)
+            result = run.run(progress, options.report)
             if args.page:
-                options.say(PAGE_ENDS)
+                options.report(PAGE_ENDS)
             return result
     except KeyboardInterrupt:
-        options.say(
+        options.report(
             f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
         )
         raise
@@ -154,20 +152,20 @@ def _attached(
         scouts=_scouts(args.mesh),
         replace=args.replace,
     )
-    run.report_to(options.say)
+    run.report_to(options.report)
     with run:
         run.find()
-        options.say(f"{scenario.name}: by the robots {', '.join(run.names)}")
+        options.report(f"{scenario.name}: by the robots {', '.join(run.names)}")
         page = beside(args.mesh, "page", scenario.world, run.names, wanted=args.page)
         with page, recorder(args.mesh, args.record, scenario, *run.names):
             return run.run(progress)
 
 
 def _joiner(mesh: options.Mesh) -> Callable[[str], Mesh]:
-    """Who joins the mesh in a robot's namespace."""
+    """Return a function that joins the mesh in a robot's namespace."""
 
     def join(namespace: str) -> Mesh:
-        found = mesh.of(namespace).join(starts=True)  # the run reports who is missing
+        found = mesh.of(namespace).join(starts=True)  # the run reports missing agents
         found.open()
         return found
 
@@ -175,7 +173,7 @@ def _joiner(mesh: options.Mesh) -> Callable[[str], Mesh]:
 
 
 def _scouts(mesh: options.Mesh) -> Callable[[], Iterator[Mesh]]:
-    """What gives an open mesh for each router of the fleet to which none has been given yet."""
+    """Return a function that yields an open mesh for each new router of the fleet."""
     from armadico.agents.fleet.run import names_of
     from armadico.mesh.sockets import fleet_here
 
@@ -196,13 +194,13 @@ def _scouts(mesh: options.Mesh) -> Callable[[], Iterator[Mesh]]:
 class _Lines:
     def __init__(self, label: str) -> None:
         self._label = label
-        self._said_at = float("-inf")
+        self._printed_at = float("-inf")
 
     def show(self, watch: FleetWatch) -> None:
-        """Now and then a line on stderr."""
-        if watch.began is not None and watch.now - self._said_at >= LINE_S:
-            self._said_at = watch.now
-            options.say(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
+        """Print a line on stderr every `LINE_S`."""
+        if watch.began is not None and watch.now - self._printed_at >= LINE_S:
+            self._printed_at = watch.now
+            options.report(f"{self._label} {watch.now - watch.began:6.1f} s  {watch.remark}")
 
 
 def _table(result: FleetResult, label: str) -> None:

@@ -1,4 +1,4 @@
-"""The fleet agent: shares a list of tasks with the other robots, and has its own done."""
+"""The fleet agent: shares a list of tasks with the other robots, and has its own tasks done."""
 
 from __future__ import annotations
 
@@ -40,57 +40,50 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 
-SAY_S: Final = 1.0
-"""From one report to the next; and who knows of no list asks for it so often."""
+REPORT_S: Final = 1.0  # the period of reports, and of requests for a list while none is known
 
+# A list is sent on request after a random time of up to this, unless another robot was faster.
 GIVE_S: Final = 0.2
-"""Who knows the list gives it within this, drawn, unless somebody else was faster;"""
 
-GIVEN_S: Final = 2.0
-"""and does not again for so long."""
+GIVEN_S: Final = 2.0  # the shortest time between two such answers
 
-WAITS_MOST_S: Final = 600.0
-"""A robot that waits before a passage for longer is stuck."""
+WAITS_MOST_S: Final = 600.0  # a robot that waits longer before a passage is stuck
 
-POSE_CYCLES: Final = 2
-"""The robot's cycles from one pose for the others to the next."""
+POSE_CYCLES: Final = 2  # the robot's cycles between two poses for the other robots
 
+# Without a pose or a mission's status for this time the robot can do nothing. Restarted agents are
+# back sooner.
 SILENT_S: Final = 5.0
-"""Of the robot's pose, or of its missions, nothing has come for so long: it can do nothing. Agents
-that are started again are back sooner."""
 
+# Paths planned per cycle of the fleet to learn their length: the planner has other requests, too.
 PLANS: Final = 1
-"""Ways that are planned in a cycle of the fleet, to know their length: the planner has others."""
 
+# A robot that has failed a task this often gives it up, unless it is the last one to try.
 TRIES: Final = 3
-"""Who has tried a task so often in vain has given it up, unless all others have not."""
 
 NO_LIST: Final = Cycle(0, 0)
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """Which robot this is, the speed that it counts on, and what it does with what goes wrong."""
+    """The robot's name, its expected speed, and timeouts."""
 
     namespace: Annotated[str, Meta(min_length=1)] = "robot1"
     cruise_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.4
     planning_s: Annotated[float, Meta(gt=0, le=120)] = 25.0
-    stuck_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0
-    """No nearer to a task for so long: somebody else may have it;"""
-
-    again_s: Annotated[float, Meta(gt=0, le=3600)] = 20.0
-    """and for so long it is not tried again; twice as long each time."""
+    stuck_s: Annotated[float, Meta(gt=0, le=3600)] = 30.0  # no nearer for so long: the task is left
+    again_s: Annotated[float, Meta(gt=0, le=3600)] = 20.0  # until its next try; doubled each time
 
 
 class Work:
-    """One list of tasks that this robot works on, with others or alone.
+    """One list of tasks that this robot works on.
 
     Attributes:
         list: The list.
-        sharing: Which robot holds which of its tasks, as far as is known.
-        tours: The ways between the tasks.
-        order: The tasks that this robot holds, in the order in which it does them.
-        barred: Until when a task is not tried, s.
-        tries: How often each task was tried in vain.
+        sharing: Which robot holds which task, as far as is known.
+        tours: The paths between the tasks.
+        order: The tasks that this robot holds, in order.
+        barred: The time until which a task is not tried, s, by task.
+        tries: The number of failed tries, by task.
         finished: Whether the list is over.
     """
 
@@ -105,7 +98,7 @@ class Work:
 
     @property
     def held(self) -> list[int]:
-        """The tasks that it holds: in their order, then those that have no place in it yet."""
+        """The tasks that it holds: first in their order, then those without a place in it."""
         mine = self.sharing.mine
         order = [task for task in self.order if task in mine]
         return [*order, *(task for task in mine if task not in order)]
@@ -114,21 +107,21 @@ class Work:
 class Fleet(Agent):
     """Bids for tasks against the other robots' fleet agents, and drives by missions of its own.
 
-    It bids while its robot can: the pose is known, it is not stopped, and nobody has sent it
-    elsewhere. Who has less energy left bids less (`methods/tours.py`). What cannot be done is given
-    back, and so is everything when the agent or the robot dies: nobody hears its claims.
+    It bids while its robot can drive: the pose is known, and the robot is neither stopped nor
+    driven for others. A robot with less energy bids less (`tours.py`). Tasks that cannot be done
+    are released; so are all tasks if the agent or the robot dies, because its claims expire.
     """
 
     name = "fleet"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, BatteryLevel, MissionStatus, FleetTasks, FleetClaims, FleetPassages),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (
         *(FleetPose, FleetTasks, FleetClaims, FleetBoard, FleetStatus),
     )
     answers: ClassVar[tuple[type[Message], ...]] = (FleetRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest, PlanRequest)
+    queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest, PlanRequest)
     parameters = Parameters
     launched_with = ("namespace",)
     p: Parameters
@@ -137,36 +130,36 @@ class Fleet(Agent):
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
         self.work: Work | None = None
-        self._over: set[int] = set()  # the lists before, whether they were done or not
+        self._over: set[int] = set()  # earlier lists, done or not
         self._doing: int | None = None
-        self._drive = Ordered()  # to what it is doing
+        self._drive = Ordered()  # the mission of the current task
         self._looks_until: float | None = None
         self._waits_since: float | None = None  # before a passage
-        self._elsewhere = False  # somebody has sent the robot
-        self._pose_at = self._status_at = -inf  # when they last came
-        self._plans = 0  # that may still be asked for in this cycle
+        self._elsewhere = False  # the robot is driven for others
+        self._pose_at = self._status_at = -inf  # when they were last received
+        self._plans = 0  # plans that may still be requested in this cycle
         self._planning = False
-        self._say_at = 0.0
+        self._report_at = 0.0
         self._give_at: float | None = None
         self._given_at = -inf
         self._note = ""
 
     def key_of(self, kind: type[Message], **names: str) -> str:
-        """Of what robots share each has a key of its own."""
+        """Add the robot to keys of messages that each robot publishes."""
         return super().key_of(kind, robot=self.robot, **names)
 
     def on_start(self) -> None:
-        """Begin to publish now and then."""
-        self._say_at = self.now
+        """Begin to publish regularly."""
+        self._report_at = self.now
         self._set_alarm()
 
-    # What comes in -------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def on_pose(self, pose: Pose) -> None:
-        """Tell the others where the robot is."""
+        """Publish the robot's pose for the other robots."""
         self._pose_at = self.now
-        said, state = self.latest(Description), self.latest(RobotState)
-        if said is None or state is None or pose.cycle.number % POSE_CYCLES:
+        footprint, state = self.latest(Description), self.latest(RobotState)
+        if footprint is None or state is None or pose.cycle.number % POSE_CYCLES:
             return
         self.publish(
             FleetPose(
@@ -177,14 +170,14 @@ class Fleet(Agent):
                 covariance=pose.covariance,
                 v=state.v,
                 w=state.w,
-                front=said.front,
-                rear=said.rear,
-                half_width=said.half_width,
+                front=footprint.front,
+                rear=footprint.rear,
+                half_width=footprint.half_width,
             )
         )
 
     def on_fleet_request(self, question: Question) -> FleetReply:
-        """Take a list on for all of the fleet; if it works on one, only instead of that."""
+        """Accept a list for the fleet; while it works on another, only with `replace`."""
         request = question.request
         assert isinstance(request, FleetRequest)
         work = self.work
@@ -199,15 +192,15 @@ class Fleet(Agent):
         self._remember(work)
         return FleetReply(tasks.id)
 
-    def on_fleet_tasks(self, said: FleetTasks) -> None:
-        """A list: taken on, if one's own is done or is the one before it."""
+    def on_fleet_tasks(self, tasks: FleetTasks) -> None:
+        """Adopt a list if the own one is done, or is the one that it follows."""
         work = self.work
-        if work is None or said.follows == work.list.id or work.finished:
-            if said.id not in self._over and (work is None or said.id != work.list.id):
-                self._remember(self._adopt(said))
+        if work is None or tasks.follows == work.list.id or work.finished:
+            if tasks.id not in self._over and (work is None or tasks.id != work.list.id):
+                self._remember(self._adopt(tasks))
             return
-        self._give_at = None  # somebody was faster
-        if said.id not in (work.list.id, work.list.follows):
+        self._give_at = None  # another robot was faster
+        if tasks.id not in (work.list.id, work.list.follows):
             fleet = self.p.namespace.rpartition("/")[0]
             why = (
                 f"a list that is not this fleet's, whose own is not done yet: two fleets are named"
@@ -215,31 +208,31 @@ class Fleet(Agent):
             )
             self.outbox.append(Refused(service_of(FleetTasks).key, why))
 
-    def on_fleet_claims(self, said: FleetClaims) -> None:
-        """What another robot holds, and knows to be done."""
+    def on_fleet_claims(self, message: FleetClaims) -> None:
+        """Process another robot's claims and done tasks; send it the list if it has none."""
         work = self.work
-        if said.instance == self.instance or work is None:
+        if message.instance == self.instance or work is None:
             return
-        if said.cycle.epoch != work.list.id:
-            left = not work.finished or said.cycle.epoch == work.list.follows
-            if (left or said.cycle == NO_LIST) and self.now > self._given_at + GIVEN_S:
+        if message.cycle.epoch != work.list.id:
+            left = not work.finished or message.cycle.epoch == work.list.follows
+            if (left or message.cycle == NO_LIST) and self.now > self._given_at + GIVEN_S:
                 if self._give_at is None:
                     self._give_at = self.now + self.rng.uniform(0.0, GIVE_S)
                 self._set_alarm()
             return
         before = len(work.sharing.done)
-        if work.sharing.on_claims(said, self.now):
+        if work.sharing.on_claims(message, self.now):
             self._begin_cycle(work)
         if len(work.sharing.done) != before:
             self._remember(work)
-        self._look_whether_done(work)
+        self._check_done(work)
         self._go_on()
 
-    def on_fleet_passages(self, said: FleetPassages) -> None:
-        """Note that this robot waits before a passage: it is not stuck."""
-        if said.robot != self.robot:
+    def on_fleet_passages(self, message: FleetPassages) -> None:
+        """Note that this robot waits before a passage, so that it does not count as stuck."""
+        if message.robot != self.robot:
             return
-        if not said.waits:
+        if not message.waits:
             self._waits_since = None
             return
         self._waits_since = self._waits_since or self.now
@@ -247,17 +240,17 @@ class Fleet(Agent):
             self._drive.nearer_at = self.now
 
     def on_fleet_board(self, board: FleetBoard) -> None:
-        """What the other agents of this robot remember: this one was started again."""
+        """Restore the state from the robot's other agents after a restart."""
         work = self.work
         if work is None and board.tasks:
             work = self._adopt(FleetTasks(board.list, board.follows, board.tasks))
         if work is not None and board.list == work.list.id:
             work.sharing.learn(board.done)
             self._drive.own.add(board.mission)
-            self._look_whether_done(work)
+            self._check_done(work)
 
     def on_mission_status(self, status: MissionStatus) -> None:
-        """How far the robot is, if it is driven for a task."""
+        """Update the progress of the current task; detect drives for others."""
         self._status_at = self.now
         under_way = status.state in (MissionState.DRIVING, MissionState.PLANNING)
         self._elsewhere = under_way and status.mission not in self._drive.own
@@ -276,7 +269,7 @@ class Fleet(Agent):
             self._bar(work, doing, f"no nearer for {self.p.stuck_s:g} s")
 
     def on_wakeup(self) -> None:
-        """Count on, take over, look no longer, give the list: whatever it is time for."""
+        """Do what is due: send the list, count a cycle, report, end an observation."""
         work = self.work
         if self._give_at is not None and self.now >= self._give_at:
             self._give_at, self._given_at = None, self.now
@@ -284,20 +277,20 @@ class Fleet(Agent):
                 self.publish(work.list)
         if work is not None and self.now >= work.sharing.wakeup and work.sharing.wake(self.now):
             self._begin_cycle(work)
-        if self.now >= self._say_at:
-            self._say_at = self.now + SAY_S
+        if self.now >= self._report_at:
+            self._report_at = self.now + REPORT_S
             self._report()
         self._go_on()
 
-    # Its turn ------------------------------------------------------------------------------------
+    # The turn ------------------------------------------------------------------------------------
 
     def _begin_cycle(self, work: Work) -> None:
-        self._look_whether_done(work)
+        self._check_done(work)
         self._plans = PLANS
         work.sharing.turn(lambda: self._bids(work), self.now)
 
     def _bids(self, work: Work) -> Mapping[int, Bid]:
-        """What the robot would do."""
+        """Return the robot's bids."""
         pose = self.fresh(Pose)
         self._note = self._unfit(pose)
         if self._note or work.finished or pose is None:
@@ -316,17 +309,17 @@ class Fleet(Agent):
         )
 
     def _first_s(self, pinned: int | None) -> float | None:
-        """How long it still takes to what it is doing."""
+        """Return the remaining time to the current task, s, if known."""
         to_go = self._drive.to_go
         if pinned is None or not self._drive.mission or to_go == inf:
             return None
         return 0.0 if self._looks_until is not None else TURN_S + to_go / self.p.cruise_m_s
 
     def _unfit(self, pose: Pose | None) -> str:
-        """Why the robot can do nothing now; "" if it can."""
+        """Return why the robot can do nothing now; "" if it can."""
         if self.stopped is not None:
             return f"stopped by {self.stopped.by}"
-        # A pose stays fresh by its cycle if no cycle follows: the fleet's go on without the robot.
+        # A pose stays fresh while no newer cycle follows: the fleet's cycles go on without them.
         silent = self.now - self._pose_at > SILENT_S
         if pose is None or silent or pose.deviation > LOST_M:
             return "nobody knows where the robot is"
@@ -337,7 +330,7 @@ class Fleet(Agent):
         return ""
 
     def _go_on(self) -> None:
-        """Do what is to be done by what it holds now, and publish it."""
+        """Do the next task that it holds, and publish the claims."""
         work = self.work
         if work is not None:
             if self._doing is not None and self._doing not in work.sharing.mine:
@@ -350,20 +343,20 @@ class Fleet(Agent):
                 if following is not None:
                     self._start(work, following)
             self._plan_ahead()
-            said = work.sharing.drain()
-            if said is not None:
-                self.publish(said)
+            claims = work.sharing.drain()
+            if claims is not None:
+                self.publish(claims)
         self._set_alarm()
 
     def _start(self, work: Work, task: int) -> None:
-        """Have the interface agent send the robot there."""
+        """Request the drive to a task from the interface agent."""
         self._end_drive()
         self._doing = task
-        self._drive.ask(self.now)
+        self._drive.request(self.now)
 
-        def taken(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             refusal = self._drive.answered(reply, self.now)
-            if self._doing is None:  # it was withdrawn
+            if self._doing is None:  # the task was dropped meanwhile
                 if not refusal:
                     self._stand()
             elif refusal:
@@ -372,27 +365,27 @@ class Fleet(Agent):
                 self._remember(work)
             self._go_on()
 
-        self.ask(MissionRequest(work.list.tasks[task].goal), taken, self.p.planning_s)
+        self.query(MissionRequest(work.list.tasks[task].goal), on_reply, self.p.planning_s)
 
     def _end_drive(self) -> None:
         self._drive.drop()
         self._doing, self._looks_until = None, None
 
     def _stand(self) -> None:
-        """Stand where the robot is: what it drives to is another's, and there is nothing else."""
+        """Stand where the robot is: its task belongs to another robot, and there is no other."""
         pose = self.fresh(Pose)
         if pose is None or self._doing is not None:
             return
 
-        def taken(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             if reply is not None and not reply.refusal:
                 self._drive.own.add(reply.mission)
 
         here = Waypoint(pose.x, pose.y, pose.theta)
-        self.ask(MissionRequest(here, planned=False), taken)
+        self.query(MissionRequest(here, planned=False), on_reply)
 
     def _drop(self, why: str) -> None:
-        """Do no longer what it is doing; the robot stands, if there is nothing else to do."""
+        """Leave the current task; the robot stands if there is no other."""
         if self._doing is None:
             return
         self.log(f"task {self._doing} is left: {why}")
@@ -402,7 +395,7 @@ class Fleet(Agent):
             self._stand()
 
     def _bar(self, work: Work, task: int, why: str) -> None:
-        """Give a task back that cannot be done now."""
+        """Release a task that cannot be done now."""
         again = self.p.again_s * 2.0 ** min(work.tries[task], 10)
         work.tries[task] += 1
         work.barred[task] = self.now + again
@@ -410,7 +403,7 @@ class Fleet(Agent):
         self._drop(why)
         if work.tries[task] >= TRIES:
             work.sharing.given_up.add(task)
-        work.sharing.let_go([task], self.now)
+        work.sharing.release([task], self.now)
         self._go_on()
 
     def _done(self, work: Work, task: int) -> None:
@@ -421,7 +414,7 @@ class Fleet(Agent):
         self._remember(work)
 
     def _plan_ahead(self) -> None:
-        """Ask how long the ways of its tour are."""
+        """Request the lengths of the paths of its tour."""
         if self._planning or self._plans <= 0 or self.work is None:
             return
         tours = self.work.tours
@@ -441,23 +434,23 @@ class Fleet(Agent):
             self._plan_ahead()
 
         here, there = (self.work.list.tasks[end].goal for end in ends)
-        self.ask(PlanRequest(here, there), planned, self.p.planning_s)
+        self.query(PlanRequest(here, there), planned, self.p.planning_s)
 
-    # What is known -------------------------------------------------------------------------------
+    # State ---------------------------------------------------------------------------------------
 
-    def _adopt(self, said: FleetTasks) -> Work:
+    def _adopt(self, tasks: FleetTasks) -> Work:
         """Work on a list from now on."""
         self._drop("there is another list")
         if self.work is not None:
-            self._over.add(self.work.list.id)  # a robot that still works on it cannot bring it back
-        count = len(said.tasks)
-        sharing = TaskSharing(self.robot, self.instance, said.id, count, self.rng, self.now)
-        self.work, self._give_at = Work(said, sharing, self.p.cruise_m_s), None
+            self._over.add(self.work.list.id)  # a robot that still works on it cannot restore it
+        count = len(tasks.tasks)
+        sharing = TaskSharing(self.robot, self.instance, tasks.id, count, self.rng, self.now)
+        self.work, self._give_at = Work(tasks, sharing, self.p.cruise_m_s), None
         self.log(f"a list of {count} tasks")
         self._set_alarm()
         return self.work
 
-    def _look_whether_done(self, work: Work) -> None:
+    def _check_done(self, work: Work) -> None:
         if work.finished or not work.sharing.over(self.now):
             return
         work.finished = True
@@ -469,8 +462,8 @@ class Fleet(Agent):
             self.log(f"all {len(work.list.tasks)} tasks are done")
 
     def _remember(self, work: Work) -> None:
-        """Have the robot's other agents remember what is known."""
-        self._look_whether_done(work)
+        """Publish the state for the robot's other agents to remember."""
+        self._check_done(work)
         before, known = self.memory.newest(FleetBoard), work.list
         counter = 1 if before is None else next_count(before.counter)
         done, mission = done_of(work.sharing.done), self._drive.mission
@@ -491,7 +484,7 @@ class Fleet(Agent):
         self.publish(FleetStatus(work.list.id, count, done, holds, min(finish, 1e9), note))
 
     def _set_alarm(self) -> None:
-        """Have it woken when something is due."""
+        """Schedule the next wakeup."""
         shared = None if self.work is None else self.work.sharing.wakeup
-        due = (self._say_at, shared, self._give_at, self._looks_until)
+        due = (self._report_at, shared, self._give_at, self._looks_until)
         self.wake_at(min(at for at in due if at is not None))

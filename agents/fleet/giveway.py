@@ -30,46 +30,37 @@ from armadico.mobile.obstacles import Obstacles
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Seconds = Annotated[float, Meta(gt=0, le=600)]
 
-PERIOD_S: Final = 0.5
-"""From one cycle of the fleet's passages to the next."""
+PERIOD_S: Final = 0.5  # the cycle of the fleet's passages
 
+# Cycles that a passage is held before the robot enters: a better bid is known by then.
 CONFIRMED: Final = 2
-"""Cycles that a passage is held before the robot enters: a better bid is known by then."""
 
 MARGIN: Final = 0.05
 
-STEP_M: Final = 0.1
-"""From one place of the trail to the next."""
+STEP_M: Final = 0.1  # the distance between places of the trail
 
-TRAIL: Final = 200
-"""Places that it remembers."""
+TRAIL: Final = 200  # places of the trail
 
-JUMP_M: Final = 0.5
-"""A pose so far from the last place is elsewhere: the trail does not lead there."""
+JUMP_M: Final = 0.5  # a pose that jumps by this much ends the trail
 
-AIM_M: Final = 0.35
-"""It backs towards the place of the trail that is so far off."""
+AIM_M: Final = 0.35  # it backs off towards the place of the trail at this distance
 
-STANDS_S: Final = 1.0
-"""So long a bid for the wheels counts as waiting."""
+STANDS_S: Final = 1.0  # after a bid for the wheels the robot counts as waiting for this time
 
-SPOKEN_S: Final = 5.0
-"""What another robot has published counts for so long."""
+SPOKEN_S: Final = 5.0  # messages of another robot are stale after this time
 
+# A silent robot inside a passage is assumed to be there for this time. By then the sensors of a
+# waiting robot detect it.
 UNSEEN_S: Final = 10.0
-"""A robot that was inside a passage, and publishes nothing, is taken to be inside for so long. By
-then the sensors of a robot that waits have seen what stands there."""
 
+# A robot that has left one passage stops this far before the next; `stop_m` only where there is
+# space.
 BEFORE_M: Final = 0.5
-"""A robot that has left one passage stops so far before the next; `stop_m` only where there is
-room."""
 
+# A robot this near to a passage that another robot holds is in its way, and backs off.
 MOUTH_M: Final = 0.8
-"""Nearer to a passage that another robot holds, a robot is in the way of that robot, and backs off.
-"""
 
-HALF_S: Final = 60.0
-"""A contender that has waited for so long has gained half of all that waiting gains."""
+HALF_S: Final = 60.0  # a contender has half of the bonus for waiting after this time
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -80,17 +71,17 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     v: Annotated[float, Meta(gt=0, le=1)] = 0.2  # m/s, backwards
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit
     w_most: Annotated[float, Meta(gt=0, le=2)] = 0.5  # rad/s
-    contend_m: Metres = 4.0  # it contends for a passage that is so near on its way
-    stop_m: Metres = 2.0  # and waits so far before it
-    left_m: Metres = 0.5  # it has left a passage that is so far off
-    queue_m: Metres = 1.2  # it keeps so far behind a robot that needs the same passage
+    contend_m: Metres = 4.0  # it contends for passages of its path this far ahead
+    stop_m: Metres = 2.0  # it waits this far before them
+    left_m: Metres = 0.5  # it has left a passage at this distance
+    queue_m: Metres = 1.2  # its distance from a robot ahead that needs the same passage
     utility: Annotated[float, Meta(gt=0, le=1)] = 0.95
     safety: Safety = Safety(slow=0.2)
 
 
 @cache
 def resource_of(passage: int) -> Resource:
-    """The resource that a passage is. Its action is how far the robot is from it, m."""
+    """Return a passage's resource. Its action is the robot's distance from it, m."""
     return Resource(
         name=f"passage-{passage}",
         parameters=("away_m",),
@@ -104,16 +95,16 @@ def resource_of(passage: int) -> Resource:
 
 
 class GiveWay(Behaviour):
-    """Contends for the passages on the robot's way, and for the wheels while it has to wait.
+    """Contends for the passages on the robot's path, and for the wheels while it has to wait.
 
-    A passage is a part of the map where two robots cannot pass each other (`methods/passages.py`).
-    It is a resource between robots, as a task is one (`methods/sharing.py`): the robot contends for
-    the next one on its way, enters while it holds it, and releases it when it has left it.
+    A passage is a part of the map where two robots cannot pass each other (`passages.py`). It is a
+    resource between robots, as a task is (`sharing.py`). The robot contends for the next passage,
+    enters while it holds it, and releases it when it has left it.
     """
 
     name = "giveway"
     reacts_to = Obstacles
-    hears: ClassVar[tuple[type[Message], ...]] = (*Behaviour.hears, FleetPose, FleetPassages)
+    receives: ClassVar[tuple[type[Message], ...]] = (*Behaviour.receives, FleetPose, FleetPassages)
     provides: ClassVar[tuple[type[Message], ...]] = (FleetPassages,)
     parameters = Parameters
     launched_with = ("v_max", "namespace", "world")
@@ -134,7 +125,7 @@ class GiveWay(Behaviour):
         self.sharing: Sharing | None = None
         self._robots = KnownRobots(self.robot)
         self._last_seen: dict[str, tuple[FleetPose, float]] = {}
-        self._heard: dict[str, tuple[FleetPassages, float]] = {}
+        self._received: dict[str, tuple[FleetPassages, float]] = {}
         self._next: tuple[float, int] | None = None  # passage that the way enters; how far, m
         self._through: tuple[int, ...] = ()
         self._inside: int | None = None
@@ -144,7 +135,7 @@ class GiveWay(Behaviour):
         self._here: tuple[float, float] | None = None
 
     def key_of(self, kind: type[Message], **names: str) -> str:
-        """Of what robots share each has a key of its own."""
+        """Add the robot to keys of messages that each robot publishes."""
         return super().key_of(kind, robot=self.robot, **names)
 
     def on_start(self) -> None:
@@ -155,24 +146,24 @@ class GiveWay(Behaviour):
             self.sharing = Sharing(self.instance, epoch, resources, self.rng, self.now)
             self.wake_at(self.sharing.wakeup)
 
-    # What comes in --------------------------------------------------------------------------------
+    # Inputs ---------------------------------------------------------------------------------------
 
-    def on_fleet_pose(self, said: FleetPose) -> None:
-        """Note where another robot is."""
-        if said.robot != self.robot:
-            self._robots.update(said, self.now)
-            self._last_seen[said.robot] = said, self.now
+    def on_fleet_pose(self, pose: FleetPose) -> None:
+        """Update the pose of another robot."""
+        if pose.robot != self.robot:
+            self._robots.update(pose, self.now)
+            self._last_seen[pose.robot] = pose, self.now
 
-    def on_fleet_passages(self, said: FleetPassages) -> None:
-        """Take what another robot holds and has to drive through."""
-        if said.robot == self.robot or self.sharing is None:
+    def on_fleet_passages(self, message: FleetPassages) -> None:
+        """Process the passages that another robot holds and drives through."""
+        if message.robot == self.robot or self.sharing is None:
             return
-        if said.cycle.epoch != self.sharing.clock.epoch:
-            why = f"{said.robot} has another map: its passages are not these, and are ignored"
+        if message.cycle.epoch != self.sharing.clock.epoch:
+            why = f"{message.robot} has another map: its passages are not these, and are ignored"
             self.outbox.append(Refused(service_of(FleetPassages).key, why))
             return
-        self._heard[said.robot] = said, self.now
-        if self.sharing.hear_claims(said.instance, said.cycle, said.claims, self.now):
+        self._received[message.robot] = message, self.now
+        if self.sharing.on_other_claims(message.instance, message.cycle, message.claims, self.now):
             self._take_turn()
         self._publish_claims()
 
@@ -184,7 +175,7 @@ class GiveWay(Behaviour):
             self._publish_claims()
 
     def on_pose(self, pose: Pose) -> None:
-        """Note where the robot is, and where it came along: what it has driven over is free."""
+        """Update the pose and the trail: what the robot has driven over is free."""
         here, before = (pose.x, pose.y), self._here
         self._here = here
         if before is not None and dist(before, here) > JUMP_M:
@@ -250,11 +241,11 @@ class GiveWay(Behaviour):
         if self._occupied(passage):
             return None
         if passage not in self._through and any(
-            passage in said.through
-            for said, at in self._heard.values()
+            passage in message.through
+            for message, at in self._received.values()
             if self.now - at <= SPOKEN_S
         ):
-            return None  # it would stand in there, and others have to go through
+            return None  # it would stand inside, and others have to go through
         waited = self.now - self._waits_since.get(passage, self.now)
         near = 1.0 - away / self.p.contend_m
         return 0.45 + 0.3 * waited / (waited + HALF_S) + 0.2 * max(near, 0.0)
@@ -263,18 +254,18 @@ class GiveWay(Behaviour):
         """Whether another robot is inside, as far as it is known."""
         assert self.passages is not None, "of a map"
         return any(
-            self.passages.at(said.x, said.y) == passage
-            for said, at in self._last_seen.values()
+            self.passages.at(seen.x, seen.y) == passage
+            for seen, at in self._last_seen.values()
             if self.now - at <= UNSEEN_S
         )
 
     def _publish_claims(self) -> None:
         sharing = self.sharing
         assert sharing is not None, "of shared passages"
-        said = sharing.take_claims()
-        if said is not None:
+        claims = sharing.next_claims()
+        if claims is not None:
             waits = self.now - self._stood_at <= STANDS_S
-            self.publish(FleetPassages(self.robot, self.instance, *said, self._through, waits))
+            self.publish(FleetPassages(self.robot, self.instance, *claims, self._through, waits))
         self.wake_at(sharing.wakeup)
 
     # The wheels -----------------------------------------------------------------------------------
@@ -333,17 +324,17 @@ class GiveWay(Behaviour):
         return None
 
     def _queued_ahead(self, here: Pose2, passage: int) -> str:
-        """A robot just ahead that needs the same passage; "" if there is none.
+        """Return a robot just ahead that needs the same passage, or "".
 
-        Two that come side by side do not both drive on until they stand beside each other: there
-        they could not turn.
+        Otherwise two robots side by side would drive on until they stand beside each other, where
+        they cannot turn.
         """
         name = resource_of(passage).name
         for robot, (_, there) in self._robots.others(self.now).items():
-            said, at = self._heard.get(robot, (None, -inf))
-            if said is None or passage not in said.through or self.now - at > SPOKEN_S:
+            message, at = self._received.get(robot, (None, -inf))
+            if message is None or passage not in message.through or self.now - at > SPOKEN_S:
                 continue
-            if any(claim.resource == name for claim in said.claims):
+            if any(claim.resource == name for claim in message.claims):
                 continue
             x, y, _ = relative(here, there)
             if x > 0.0 and hypot(x, y) < self.p.queue_m:
@@ -351,7 +342,7 @@ class GiveWay(Behaviour):
         return ""
 
     def _backwards(self, here: Pose2, obstacles: Obstacles) -> tuple[float, float]:
-        """Speeds along the trail, back: an arc through the place to aim at."""
+        """Return speeds backwards along the trail: an arc through the place to aim at."""
         while self._trail:
             x, y, _ = relative(here, (*self._trail[-1], 0.0))
             if x < 0.0 and hypot(x, y) >= AIM_M:

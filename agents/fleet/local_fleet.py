@@ -1,7 +1,7 @@
 """A fleet as real processes on this machine: one simulator, and a society for each robot.
 
-The societies are started by a `Launcher` each, in a namespace of its own; the simulator serves all
-of their robots. Whatever happens, everything is taken down again.
+A `Launcher` starts each society in a namespace of its own; one simulator serves all robots. All of
+it is ended in any case.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ class LocalFleet(FleetRun):
         join: Callable[[str], Mesh],
         joining: Sequence[str] = (),
     ) -> None:
-        """Prepare.
+        """Set up a run.
 
         Args:
             scenario: The world and the tasks.
-            options: What else was chosen.
-            robots: How many; None: all that there is a start for.
+            options: The other options.
+            robots: The number of robots; None: all that there is a start for.
             fleet: Its name: the robots' namespaces are in it.
-            join: Joins the mesh in a namespace; what it gives is closed at the end.
+            join: Joins the mesh in a namespace; the mesh is closed at the end.
             joining: Options by which the processes find the mesh.
         """
         super().__init__(scenario, options, fleet)
@@ -68,7 +68,7 @@ class LocalFleet(FleetRun):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take everything down, the simulator last; the logs stay as those of one robot do."""
+        """End all processes, the simulator last; logs are kept as for one robot."""
         well = isinstance(error, KeyboardInterrupt)
         well |= error is None and self.watch.result().passed
         began = bool(self.table.processes)
@@ -83,7 +83,7 @@ class LocalFleet(FleetRun):
     # Starting ------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start everything. Raises RunFailedError if others are there, or one does not start."""
+        """Start all. Raises RunFailedError if the fleet exists already, or a start fails."""
         meshes = [self._meshes.enter_context(closing(self._join(name))) for name in self.names]
         self._refuse_company(Client(meshes[0]))
         also, seed = self.names[1:], self.options.seed
@@ -112,7 +112,7 @@ class LocalFleet(FleetRun):
                 there.add(claims.robot)
 
         client.listen(FleetClaims, then=add)
-        client.wait_for(lambda: False, HEAR_S)  # all of it: each of them is to be named
+        client.wait_for(lambda: False, HEAR_S)  # the whole time: each robot is to be named
         if there:
             robots = sorted(there)
             raise RunFailedError(
@@ -122,7 +122,7 @@ class LocalFleet(FleetRun):
             )
 
     def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
-        """A robot that is gone is no reason to end: the others have its tasks."""
+        """Go on without a lost robot: the others take its tasks."""
         for name, launcher in self._launchers.items():
             if name in self._lost:
                 continue
@@ -137,11 +137,11 @@ class LocalFleet(FleetRun):
 
 
 def _together(one: Scenario, options: Options) -> tuple[tuple[str, ...], ...]:
-    """Who shares a process: whoever answers people apart from who drives.
+    """Return which agents share a process: those that answer queries, and those that drive.
 
-    Some thirty processes for three robots take a minute to start on a small machine.
+    One process per agent, some thirty for three robots, takes a minute to start on a small machine.
     """
     _, *others = names(one, options.without)
-    asked = tuple(name for name in others if agent_class(name).answers)
-    drives = tuple(name for name in others if name not in asked)
-    return tuple(group for group in (asked, drives) if len(group) > 1)
+    answering = tuple(name for name in others if agent_class(name).answers)
+    drives = tuple(name for name in others if name not in answering)
+    return tuple(group for group in (answering, drives) if len(group) > 1)

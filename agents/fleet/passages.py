@@ -1,9 +1,9 @@
-"""Passages of a map: where two robots cannot pass each other, and that only one may use at a time.
+"""Passages of a map: narrow places that only one robot may use at a time.
 
-Open ground is where a robot stands within some circle of `PASS_M` that is free of walls. What is
-left of the ground that a robot fits on is narrow. A narrow piece between two pieces of open ground,
-or a long one with one end, is a passage. Open ground that is too small to wait on, away from all
-passages, belongs to the passages that it joins: then one robot has the whole stretch.
+Open ground is covered by circles of diameter `PASS_M` free of walls. The rest of the ground on
+which a robot fits is narrow. A narrow piece that joins two pieces of open ground, or a deep one
+with one end, is a passage. Open ground that is too small for waiting and not clear of passages
+belongs to the passages that it joins: then one robot has the whole stretch.
 
 All robots with the same map find the same passages with the same numbers. World frame, m.
 """
@@ -23,26 +23,20 @@ from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
 from armadico.config.places import regions
 from armadico.config.worlds import Segment, World
 
-PASS_M: Final = 1.8
-"""Ground that is as wide lets two robots pass each other."""
+PASS_M: Final = 1.8  # two robots can pass each other on ground of this width
 
-BODY_M: Final = 0.25
-"""The middle of a robot is so far from every wall, at the least."""
+BODY_M: Final = 0.25  # the least distance of a robot's centre from walls
 
-TOLERANCE_M: Final = 0.03
-"""Of distances that cells give."""
+TOLERANCE_M: Final = 0.03  # of distances computed on cells
 
-DEEP_M: Final = 0.6
-"""A narrow piece with one end that is less deep is a corner of a room."""
+DEEP_M: Final = 0.6  # a shallower narrow piece with one end is a corner of a room
 
-WAIT_M: Final = 1.2
-"""A robot that waits keeps so far from every passage, where there is room."""
+WAIT_M: Final = 1.2  # the distance of a waiting robot from every passage, if there is space
 
+# This many cells beside a passage, nearer to walls than `BODY_M`, belong to it.
 GROWN_CELLS: Final = 3
-"""So many cells beside a passage, nearer to walls than `BODY_M`, belong to it."""
 
-STEP_M: Final = 0.1
-"""From one place of a way that is looked at to the next."""
+STEP_M: Final = 0.1  # the distance between checked places of a path
 
 Cells = NDArray[np.bool_]
 
@@ -51,18 +45,18 @@ class Passages:
     """The passages of one world, numbered from 0."""
 
     def __init__(self, walls: tuple[Segment, ...], bounds: Segment) -> None:
-        """Find them between walls, x1, y1, x2, y2 each, within a rectangle."""
+        """`walls`: x1, y1, x2, y2 each; `bounds`: the rectangle that is searched."""
         grid = grid_of(walls, bounds, CELL_M)
         self._bounds = bounds
         self._labels = _labels(grid.clearance)
         self.count = int(self._labels.max(initial=0))
         digest = blake2b(repr(self._labels.shape).encode(), digest_size=7)
         digest.update(np.ascontiguousarray(self._labels).tobytes())
+        # Identifies the set of passages of a map; above 0.
         self.id = 1 + int.from_bytes(digest.digest())
-        """Differs between maps whose passages differ; above 0."""
 
     def at(self, x: float, y: float) -> int | None:
-        """The passage that a place lies in; None: it is on open ground."""
+        """Return the passage at a position, or None on open ground."""
         rows, columns = self._labels.shape
         row, column = int((y - self._bounds[1]) / CELL_M), int((x - self._bounds[0]) / CELL_M)
         if not (0 <= row < rows and 0 <= column < columns):
@@ -70,7 +64,7 @@ class Passages:
         return int(self._labels[row, column]) - 1 if self._labels[row, column] else None
 
     def near(self, passage: int, x: float, y: float, away: float) -> bool:
-        """Whether a place is within so many metres of a passage."""
+        """Return whether a position is within `away` metres of a passage."""
         low_x, low_y = self._bounds[:2]
         cells = ceil(away / CELL_M)
         row, column = int((y - low_y) / CELL_M), int((x - low_x) / CELL_M)
@@ -83,7 +77,7 @@ class Passages:
         return bool((np.hypot(xs - x, ys - y) <= away).any())
 
     def along(self, places: Sequence[tuple[float, float]]) -> list[tuple[float, int]]:
-        """The passages that a way over some places enters, each with how far it is to there, m."""
+        """Return the passages that a path enters, each with the distance to there, m."""
         found: list[tuple[float, int]] = []
         way, last = 0.0, None
         for k, (x, y) in enumerate(places):
@@ -101,7 +95,7 @@ class Passages:
 
 
 def passages_of(world: World) -> Passages:
-    """The passages of a world. Raises ConfigError for one of too many cells."""
+    """Return the passages of a world. Raises ConfigError if it has too many cells."""
     check_extent(world, CELL_M)
     return _found(world.barriers, world.bounds)
 
@@ -112,7 +106,7 @@ def _found(walls: tuple[Segment, ...], bounds: Segment) -> Passages:
 
 
 def _labels(clearance: NDArray[np.float64]) -> NDArray[np.int16]:
-    """By cell, the number of its passage, from 1 on in the order of their first cells; else 0."""
+    """Return each cell's passage, numbered from 1 by their first cells; 0: none."""
     free = clearance >= BODY_M
     wide = clearance >= PASS_M / 2 - TOLERANCE_M
     opened = free & _grown(wide, round((PASS_M / 2 - BODY_M + TOLERANCE_M) / CELL_M))
@@ -142,7 +136,7 @@ def _labels(clearance: NDArray[np.float64]) -> NDArray[np.int16]:
 
 
 def _windows(pieces: NDArray[np.int64]) -> dict[int, tuple[slice, slice]]:
-    """The rows and columns of each piece, with three more on every side."""
+    """Return the rows and columns of each piece, with a margin of three cells."""
     rows, columns = np.nonzero(pieces)
     labels = pieces[rows, columns]
     order = np.argsort(labels, kind="stable")
@@ -159,7 +153,7 @@ def _windows(pieces: NDArray[np.int64]) -> dict[int, tuple[slice, slice]]:
 
 
 def _grown(cells: Cells, by: int) -> Cells:
-    """All cells within so many of those that are set, as the crow flies."""
+    """Return all cells within a Euclidean distance, in cells, of those that are set."""
     rows, columns = cells.shape
     found = np.zeros_like(cells)
     sums = np.zeros((rows, columns + 1), dtype=np.int32)
@@ -175,7 +169,7 @@ def _grown(cells: Cells, by: int) -> Cells:
 
 
 def _within(begin: Cells, ground: Cells, steps: int) -> Cells:
-    """The cells of some ground that so many steps from cell to cell lead to."""
+    """Return the cells of the ground that are reached within so many steps."""
     reached = begin.copy()
     for _ in range(steps):
         reached |= _grown(reached, 1) & ground

@@ -1,8 +1,8 @@
 """A run of several robots: a society each, one world, and a list of tasks for all of them.
 
-It decides nothing: the list is given to one robot, which tells the others, and who does what they
-settle among themselves. `FleetRehearsal` is all of that on one virtual mesh; `local_fleet` has the
-robots as processes on this machine, `attached_fleet` those that others have started.
+It decides nothing: it gives the list to one robot, which shares it with the others. The robots
+distribute the tasks among themselves. `FleetRehearsal` runs on one virtual mesh; `local_fleet` runs
+processes on this machine, and `attached_fleet` uses robots that are already running.
 """
 
 from __future__ import annotations
@@ -22,30 +22,26 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import SETTLE_S, Rehearsal
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mobile.messages import FleetPose, Waypoint
-from armadico.runtime.blame import blaming
+from armadico.runtime.blame import attributed
 from armadico.runtime.client import Client
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 
-FLEET: str = "fleet1"
-"""What a fleet is called that nobody has named."""
+FLEET: str = "fleet1"  # the default name of a fleet
 
-TAKE_S = 10.0
-"""What the list may take to be taken on."""
+TAKE_S = 10.0  # the timeout for accepting the list
 
-HEAR_S = 1.5
-"""A live fleet is heard of within this: each robot speaks once a second."""
+HEAR_S = 1.5  # each robot of a live fleet publishes within this time
 
-SLOW_M_S = 0.1
-"""No fleet is slower on its way than this: a robot's share of the tasks, from one to the next."""
+SLOW_M_S = 0.1  # a lower bound for a robot's mean speed between tasks
 
+# The watched messages that all robots publish beside their namespaces.
 SHARED = (FleetClaims, FleetPose)
-"""Of what is watched, what all robots publish beside their namespaces."""
 
 
 def robots_of(scenario: Scenario, count: int | None) -> list[Scenario]:
-    """A robot's own scenario for each of a fleet; so many, or all that there is a start for.
+    """Return a scenario for each robot: `count` of them, or as many as there are starts.
 
-    Raises ConfigError for a number that cannot be, or a scenario without tasks.
+    Raises ConfigError for an impossible number, or a scenario without tasks.
     """
     starts: list[ScenarioPose] = [scenario.start, *scenario.others]
     count = len(starts) if count is None else count
@@ -62,22 +58,22 @@ def robots_of(scenario: Scenario, count: int | None) -> list[Scenario]:
 
 
 def tasks_of(scenario: Scenario) -> tuple[FleetTask, ...]:
-    """The list that a scenario has for a fleet."""
+    """Return a scenario's list of tasks for a fleet."""
     return tuple(FleetTask(Waypoint(*pose), scenario.look_s) for pose in scenario.tasks)
 
 
 def names_of(fleet: str, count: int) -> list[str]:
-    """The namespaces of a fleet's robots."""
+    """Return the namespaces of a fleet's robots."""
     return [f"{fleet}/r{k + 1}" for k in range(count)]
 
 
 def short(name: str) -> str:
-    """What the fleet calls the robot of a namespace."""
+    """Return a robot's name within its fleet, by its namespace."""
     return name.rpartition("/")[2]
 
 
 def time_limit(scenario: Scenario, robots: int, options: Options) -> float:
-    """Seconds that a run may take: as asked for, or what a very slow fleet would."""
+    """Return the time limit of a run, s: the chosen one, or that of a very slow fleet."""
     if options.limit is not None:
         return options.limit
     places = [scenario.start, *scenario.tasks]
@@ -86,11 +82,11 @@ def time_limit(scenario: Scenario, robots: int, options: Options) -> float:
 
 
 def give(client: Client, tasks: Sequence[FleetTask], *, replace: bool = False) -> int:
-    """Give a robot the list, also instead of one that the fleet works on (`replace`); its id.
+    """Give a robot the list, with `replace` also instead of a present one; return its id.
 
-    Raises MissionRefusedError saying why it is not taken on, AbsentError if nobody answers.
+    Raises MissionRefusedError with the reason, or AbsentError if there is no reply.
     """
-    reply = client.ask(FleetRequest(tuple(tasks), replace), TAKE_S)
+    reply = client.query(FleetRequest(tuple(tasks), replace), TAKE_S)
     if not isinstance(reply, FleetReply):
         raise AbsentError("no fleet agent takes the list of tasks", client.mesh.namespace)
     if reply.refusal:
@@ -99,11 +95,11 @@ def give(client: Client, tasks: Sequence[FleetTask], *, replace: bool = False) -
 
 
 class FleetRun(Run[FleetWatch, FleetResult]):
-    """A run of several robots; what differs between societies is in its subclasses.
+    """A run of several robots; subclasses differ in their societies.
 
     Attributes:
         fleet: Its name: the robots' namespaces are in it.
-        clients: The guest in each robot's namespace, by that.
+        clients: The client in each robot's namespace, by namespace.
     """
 
     step_s = 0.5
@@ -116,7 +112,7 @@ class FleetRun(Run[FleetWatch, FleetResult]):
 
     @property
     def names(self) -> list[str]:
-        """The namespaces of the robots that take part."""
+        """The namespaces of the participating robots."""
         return list(self.clients)
 
     @property
@@ -127,14 +123,14 @@ class FleetRun(Run[FleetWatch, FleetResult]):
         return next(iter(self.clients.values())).mesh.now()
 
     def begin(self) -> float:
-        self.watch.begin(self.hand_over(), self.now())
+        self.watch.begin(self.request_mission(), self.now())
         self.limit = time_limit(self.scenario, len(self.clients), self.options)
         return self.now()
 
-    def hand_over(self) -> int:
-        """Give the list to one of them; its id.
+    def request_mission(self) -> int:
+        """Give the list to one robot; return its id.
 
-        Raises MissionRefusedError, or AbsentError if nobody takes it.
+        Raises MissionRefusedError, or AbsentError if there is no reply.
         """
         return give(next(iter(self.clients.values())), tasks_of(self.scenario))
 
@@ -142,12 +138,12 @@ class FleetRun(Run[FleetWatch, FleetResult]):
         self.wait_until(lambda: self.over, seconds)
 
     def wait_until(self, condition: Callable[[], bool], seconds: float) -> None:
-        """Let each guest take what has come to it, until something is so."""
+        """Process received messages of each client until the condition holds."""
         for client in self.clients.values():
             client.wait_for(condition, seconds / len(self.clients))
 
     def meet(self, name: str, client: Client) -> None:
-        """Watch what a robot publishes; what all robots share, from the robot itself."""
+        """Watch what a robot publishes; shared messages count only from the robot itself."""
         robot = short(name)
         self.clients[name] = client
         self.watch.names += (robot,)
@@ -170,7 +166,7 @@ class FleetRehearsal(FleetRun):
         fleet: str = FLEET,
         mesh: VirtualMesh | None = None,
     ) -> None:
-        """Everybody starts. Raises ConfigError for robots that cannot be."""
+        """Start all processes. Raises ConfigError for an impossible number of robots."""
         super().__init__(scenario, options, fleet)
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         ones = robots_of(scenario, robots)
@@ -203,7 +199,7 @@ class FleetRehearsal(FleetRun):
         warn: Callable[[str], None] | None = None,
     ) -> FleetResult:
         """See `Run`. Raises AgentFailedError if an agent's own code raises."""
-        with blaming():
+        with attributed():
             return super().run(progress, warn)
 
     def wait_until(self, condition: Callable[[], bool], seconds: float) -> None:
@@ -213,7 +209,7 @@ class FleetRehearsal(FleetRun):
         return True
 
     def meet(self, name: str, client: Client) -> None:
-        """See `FleetRun`. At the moment of publication: it has been nowhere on the way."""
+        """See `FleetRun`. Messages are watched at their publication, without delays."""
         robot = short(name)
         self.clients[name] = client
         self.watch.names += (robot,)
@@ -224,11 +220,11 @@ class FleetRehearsal(FleetRun):
         )
 
     def alive(self, name: str) -> bool:
-        """Whether anybody of a robot's society is."""
+        """Return whether any process of a robot's society is alive."""
         return any(node.namespace == name and node.alive for node in self.mesh.nodes)
 
     def kill(self, name: str) -> None:
-        """A robot dies: every process of its society; its body stays where it is."""
+        """Kill every process of a robot's society; its body stays where it is."""
         for node in self.mesh.nodes:
             if node.namespace == name and node.alive:
                 node.kill()

@@ -27,15 +27,13 @@ from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.messages import Claim, Command, Cycle, Message
 from armadico.core.resources import Resource
 
+# A robot that is more cycles ahead than this is followed only if its cycles come steadily: a single
+# wrong number must not end a clock.
 FAR: Final = 1000
-"""Cycles: a robot that is farther ahead than this is followed only if its cycles go on steadily.
-One bad number must not end a clock."""
 
-STEADY: Final = 3
-"""So many cycles in a row, no faster than twice the period, go on steadily."""
+STEADY: Final = 3  # cycles in a row, at most twice as fast as the period, are steady
 
-LATEST: Final = 2**40
-"""No cycle of a fleet has a greater number: there is always a next one."""
+LATEST: Final = 2**40  # the largest number of a cycle, so that there is always a next one
 
 
 class FleetClock:
@@ -46,7 +44,7 @@ class FleetClock:
         self.cycles = CycleClock(period)
         self.epoch = epoch
         self.due = now + period
-        self._far: tuple[int, float, int] | None = None  # a far cycle, when, and so many in a row
+        self._far: tuple[int, float, int] | None = None  # a far cycle, its time, and count in a row
 
     def count(self, now: float) -> bool:
         """Count on if a period has passed without a newer cycle; return whether it did."""
@@ -57,7 +55,7 @@ class FleetClock:
         return True
 
     def follow(self, cycle: Cycle, now: float) -> bool:
-        """Take the cycle of another robot; return whether it is newer than the own one."""
+        """Follow another robot's cycle; return whether it is newer than the own one."""
         newest = self.cycles.newest
         if cycle.epoch != self.epoch or cycle.number > LATEST:
             return False
@@ -70,7 +68,7 @@ class FleetClock:
         return True
 
     def _goes_on(self, number: int, now: float) -> bool:
-        """Whether cycles that are far ahead come steadily: those of a fleet that began long ago."""
+        """Return whether far cycles come steadily, as those of a fleet that began long ago."""
         before, period, count = self._far, self.cycles.period, 1
         if before is not None:
             since = now - before[1]
@@ -83,8 +81,8 @@ class FleetClock:
 
     def _be(self, cycle: Cycle, now: float) -> None:
         if not self.cycles.advance(cycle, now):
-            # Farther on than the time that passed: two partitions, and clocks differ. It is taken
-            # for a clock that timed out, so that a robot listens before it takes anything over.
+            # More cycles than the time that has passed: clocks differ after a partition. It counts
+            # as a clock that has timed out, so that the robot listens before it takes over.
             self.cycles.received_at = float("-inf")
             self.cycles.advance(cycle, now)
         self.due = now + self.cycles.period
@@ -103,7 +101,7 @@ class Sharing:
     ) -> None:
         """Begin to contend for resources of one period, at a time, s.
 
-        `epoch` tells sets of resources apart: claims of another epoch are ignored.
+        `epoch` identifies the set of resources: claims of another epoch are ignored.
         """
         period = resources[0].period_s
         assert period is not None, "a resource between robots has a period of its own"
@@ -116,15 +114,15 @@ class Sharing:
         self._owners = [Owner(resource, cycles) for resource in resources]
         self._numbers = {resource.name: number for number, resource in enumerate(resources)}
         self._claimed: dict[int, Claim] = {}  # by this robot, in this cycle
-        self._said = True  # and published
+        self._published = True  # whether those have been published
 
     @property
     def held(self) -> list[int]:
-        """What this robot holds, as far as it knows."""
+        """The resources that this robot holds, as far as it knows."""
         return [number for number, each in enumerate(self._contenders) if each.holding]
 
     def confirmed(self, number: int, cycles: int) -> bool:
-        """Whether this robot has held a resource for so many cycles: its claim is known by then."""
+        """Return whether a resource was held for so many cycles: its claim is known by then."""
         contender = self._contenders[number]
         tenure = contender.tenure
         if not contender.holding or tenure is None:
@@ -140,8 +138,10 @@ class Sharing:
         age = self.clock.cycles.age(rival.claim.cycle)
         return rival.claim if age is not None and age <= self.clock.cycles.fresh_cycles else None
 
-    def hear_claims(self, instance: str, cycle: Cycle, claims: Iterable[Claim], now: float) -> bool:
-        """Take all that another robot holds in a cycle; return whether a turn begins."""
+    def on_other_claims(
+        self, instance: str, cycle: Cycle, claims: Iterable[Claim], now: float
+    ) -> bool:
+        """Process all claims of another robot in a cycle; return whether a turn begins."""
         if instance == self.instance or cycle.epoch != self.clock.epoch:
             return False
         begins = self.clock.follow(cycle, now)
@@ -157,49 +157,49 @@ class Sharing:
             if rival is None or rival.claim.ballot.instance != instance or rival.gone:
                 continue
             if number not in there and cycle.number >= rival.claim.cycle.number:
-                # All that it holds is in each message: what is missing has been released. A message
-                # that is overtaken by a newer claim releases nothing.
+                # Each message has all that the robot holds: what is missing has been released. A
+                # message that was overtaken by a newer claim releases nothing.
                 ballot = rival.claim.ballot
                 self._on_claim(number, Claim(contender.resource.name, ballot, cycle, None), now)
         return begins
 
     def turn(self, bids: Callable[[], Mapping[int, Bid]], now: float) -> None:
-        """Take the turn of a cycle that has begun: bids by number; none for all others."""
+        """Take the turn of a cycle that has begun; `bids` by number, none for all others."""
         self._claimed.clear()
         for number, contender in enumerate(self._contenders):
             ack = self._owners[number].ack(())
             if ack is not None:
-                self._say(number, contender.acked(ack, now), now)
+                self._judge_own(number, contender.acked(ack, now), now)
         wanted = bids()
         for number in range(len(self._contenders)):
             self._bid(number, wanted.get(number), now)
-        self._said = False
+        self._published = False
 
-    def let_go(self, numbers: Iterable[int], now: float) -> None:
+    def release(self, numbers: Iterable[int], now: float) -> None:
         """Release resources at once."""
         for number in numbers:
             self._bid(number, None, now)
 
     def wake(self, now: float) -> bool:
-        """Take the time; return whether a cycle has begun."""
+        """Update the time; return whether a cycle has begun."""
         for number, contender in enumerate(self._contenders):
             due = contender.wakeup
             if due is not None and now >= due:
-                self._say(number, contender.tick(now), now)
+                self._judge_own(number, contender.tick(now), now)
         return self.clock.count(now)
 
     @property
     def wakeup(self) -> float:
-        """When `wake` should be called, s."""
+        """The next time at which `wake` must be called, s."""
         due = [at for c in self._contenders if (at := c.wakeup) is not None]
         return min([self.clock.due, *due])
 
-    def take_claims(self) -> tuple[Cycle, tuple[Claim, ...]] | None:
-        """The cycle and the claims to publish now; None if nothing has changed since."""
+    def next_claims(self) -> tuple[Cycle, tuple[Claim, ...]] | None:
+        """Return the cycle and the claims to publish; None if nothing has changed since."""
         cycle = self.clock.cycles.newest
-        if self._said or cycle is None:
+        if self._published or cycle is None:
             return None
-        self._said = True
+        self._published = True
         claims = tuple(
             claim
             for number, claim in self._claimed.items()
@@ -207,27 +207,27 @@ class Sharing:
         )
         return cycle, claims
 
-    def closed(self, number: int) -> bool:  # noqa: ARG002 - a subclass knows
-        """Whether a resource is no longer contended for."""
+    def closed(self, number: int) -> bool:  # noqa: ARG002 - for subclasses
+        """Return whether a resource is no longer contended for."""
         return False
 
     def _on_claim(self, number: int, claim: Claim, now: float) -> None:
-        """Another robot's claim: its command for the own owner, and then the claim."""
+        """Judge another robot's claim as a command, and process it."""
         owner = self._owners[number]
         action = None if claim.utility is None else claim.commanded
         command = Command(claim.resource, claim.cycle, claim.ballot, action)
         owner.judge(command, now, fault="" if action is None else owner.resource.fault(action))
         owner.on_claim(claim)
         if not self.closed(number):
-            self._say(number, self._contenders[number].on_claim(claim, now), now)
+            self._judge_own(number, self._contenders[number].on_claim(claim, now), now)
 
     def _bid(self, number: int, bid: Bid | None, now: float) -> None:
         cycle = self.clock.cycles.newest
         if cycle is not None:
-            self._say(number, self._contenders[number].bid(cycle, bid, now), now)
+            self._judge_own(number, self._contenders[number].bid(cycle, bid, now), now)
 
-    def _say(self, number: int, messages: Sequence[Message], now: float) -> None:
-        """Have the own owner judge it; the claims are published with all others."""
+    def _judge_own(self, number: int, messages: Sequence[Message], now: float) -> None:
+        """Judge the own commands, and keep the claims for publication."""
         owner = self._owners[number]
         for message in messages:
             if isinstance(message, Command):
@@ -235,4 +235,4 @@ class Sharing:
             elif isinstance(message, Claim):
                 owner.on_claim(message)
                 self._claimed[number] = message
-                self._said = False
+                self._published = False

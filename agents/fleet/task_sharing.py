@@ -1,9 +1,9 @@
 """The tasks of a list as resources between robots.
 
-Each task is a resource of its own (`sharing.py`). A task that is done stays done: a set that only
-grows, published whole by each robot in each cycle. A task that every robot that still publishes has
-given up is over, too, so that no task is tried for ever.
-Sans-IO: messages and the time (s) in, messages out.
+Each task is a resource (`sharing.py`). A task that is done stays done: a set that only grows, which
+each robot publishes whole in each cycle. A task is also over if every robot that still publishes
+has given it up, so that no task is tried for ever. Sans-IO: messages and the time (s) in, messages
+out.
 """
 
 from __future__ import annotations
@@ -18,20 +18,18 @@ from armadico.agents.fleet.sharing import Sharing
 from armadico.core.exchange import Bid
 from armadico.core.resources import Resource
 
+# The cycle of a fleet. The tasks of a robot that dies are released 2.3 cycles later.
 PERIOD_S: Final = 1.0
-"""From one cycle of a fleet to the next. A robot that dies gives its tasks back 2.3 of them later.
-"""
 
+# Of a bid (`utility_of`): a task changes hands if that saves a seventeenth of the time.
 MARGIN: Final = 0.005
-"""Of a bid (`utility_of`): a task changes hands where that saves a seventeenth of the time."""
 
-SPEAKS_S: Final = 3 * PERIOD_S
-"""A robot that has published nothing for so long is not waited for."""
+SPEAKS_S: Final = 3 * PERIOD_S  # the timeout of a robot that publishes nothing
 
 
 @cache
 def resource_of(task: int) -> Resource:
-    """The resource that a task is. Its action is when its robot is there and done with all, s."""
+    """Return a task's resource. Its action: the times of arrival and of finishing all tasks, s."""
     return Resource(
         name=f"task-{task}",
         parameters=("there_s", "finish_s"),
@@ -61,9 +59,9 @@ class TaskSharing(Sharing):
         self.robot, self.tasks = robot, tasks
         self.done: dict[int, set[str]] = {}  # by task, the robots that did it
         self.given_up: set[int] = set()  # by this robot
-        self._others: dict[str, tuple[float, frozenset[int]]] = {}  # heard when; given up, by robot
+        self._others: dict[str, tuple[float, frozenset[int]]] = {}  # by robot: time, given-up tasks
 
-    # What is known -------------------------------------------------------------------------------
+    # State ---------------------------------------------------------------------------------------
 
     @property
     def open(self) -> list[int]:
@@ -71,7 +69,7 @@ class TaskSharing(Sharing):
         return [task for task in range(self.tasks) if task not in self.done]
 
     def over(self, now: float) -> bool:
-        """Whether all is done, but for what each robot that still publishes has given up."""
+        """Return whether all is done, except what all publishing robots have given up."""
         left = self.open
         if not self.given_up.issuperset(left) or self.mine:
             return False
@@ -87,44 +85,44 @@ class TaskSharing(Sharing):
         """Whether a task is done."""
         return number in self.done
 
-    # What comes in -------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
-    def on_claims(self, said: FleetClaims, now: float) -> bool:
-        """Take what another robot holds and knows to be done; return whether a turn begins."""
-        if said.instance == self.instance or said.cycle.epoch != self.clock.epoch:
+    def on_claims(self, message: FleetClaims, now: float) -> bool:
+        """Process another robot's claims and done tasks; return whether a turn begins."""
+        if message.instance == self.instance or message.cycle.epoch != self.clock.epoch:
             return False
-        self._others[said.robot] = now, frozenset(said.given_up)
-        self.learn(said.done)
-        return self.hear_claims(said.instance, said.cycle, said.claims, now)
+        self._others[message.robot] = now, frozenset(message.given_up)
+        self.learn(message.done)
+        return self.on_other_claims(message.instance, message.cycle, message.claims, now)
 
     def learn(self, done: Iterable[FleetDone]) -> None:
-        """Take tasks that another robot knows to be done."""
+        """Add tasks that another robot knows to be done."""
         for each in done:
             if each.task < self.tasks:
                 self.done.setdefault(each.task, set()).add(each.by)
 
     def finish(self, task: int, now: float) -> None:
-        """Note that this robot has done a task."""
+        """Mark a task as done by this robot."""
         self.done.setdefault(task, set()).add(self.robot)
         self._bid(task, None, now)
 
-    # What comes out ------------------------------------------------------------------------------
+    # Outputs -------------------------------------------------------------------------------------
 
     def turn(self, bids: Callable[[], Mapping[int, Bid]], now: float) -> None:
-        """Take the turn of a cycle that has begun: bids by task; none for all others."""
+        """Take the turn of a cycle that has begun; `bids` by task, none for all others."""
         super().turn(
             lambda: {task: bid for task, bid in bids().items() if task not in self.done}, now
         )
 
     def drain(self) -> FleetClaims | None:
-        """What is to be published now; None if nothing is."""
-        said = self.take_claims()
-        if said is None:
+        """Return the message to be published now, if any."""
+        claims = self.next_claims()
+        if claims is None:
             return None
         done, given_up = done_of(self.done), tuple(sorted(self.given_up - {*self.mine, *self.done}))
-        return FleetClaims(self.robot, self.instance, *said, done, given_up)
+        return FleetClaims(self.robot, self.instance, *claims, done, given_up)
 
 
 def done_of(done: Mapping[int, Iterable[str]]) -> tuple[FleetDone, ...]:
-    """What is done, as it is published."""
+    """Return the done tasks as messages."""
     return tuple(FleetDone(task, by) for task in sorted(done) for by in sorted(done[task]))

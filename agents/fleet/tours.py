@@ -1,15 +1,15 @@
-"""What a robot would do of a list of tasks, in which order, and when it would be done with them.
+"""Computes a robot's tour over tasks of a list, and its bids for them.
 
-A robot bids by when it is done with **all** that it holds, the task it bids for among it. So of two
-that would like a task it goes to the one that is done with it sooner, and a task that is held goes
-over where the other is done with one more sooner than its holder with what it has: each such
-exchange makes the later one of both earlier. That is the rule MiniMax of Lagoudakis et al.,
+A robot's bid for a task depends on when it would be done with **all** tasks that it holds, that one
+included. Of two robots that can do a task, the one that is done sooner gets it. A held task changes
+hands if the other robot, with one task more, is done sooner than its holder is now: each such
+exchange makes the later of both earlier. This is the rule MiniMax of Lagoudakis et al.,
 "Auction-based multi-robot routing" (RSS 2005), without an auctioneer and without an end: bids go on
-as the robots drive, are late, and die.
+while the robots drive, are late, and die.
 
-Ways are as long as the robot's own planner says, where it was asked; until then as the crow flies,
-times what its ways were longer so far. Energy: who has less left counts its time as longer, and
-takes nothing that it has not the energy for. Frames: the world's; m, s, J.
+The length of a path is the planner's, once it is known. Until then it is the straight distance
+times the mean detour of known paths. A robot with less energy counts its time as longer, and takes
+no task that exceeds its energy. Frames: the world's; m, s, J.
 """
 
 from __future__ import annotations
@@ -23,60 +23,56 @@ from armadico.agents.fleet.task_sharing import MARGIN, TaskSharing
 from armadico.agents.methods.geometry import Positioned
 from armadico.core.exchange import Bid
 
-LONGEST_S: Final = 1e5
-"""Whoever would be done later than this does not bid more for being done later still."""
+LONGEST_S: Final = 1e5  # utility is zero from this time on
 
-DETOUR: Final = 1.2
-"""A way is so many times as long as the crow flies, before any was planned."""
+DETOUR: Final = 1.2  # path length over straight distance, before any path is known
 
-TURN_S: Final = 3.0
-"""To turn at the start of a way and at its end, and to stop."""
+TURN_S: Final = 3.0  # the time for turning at both ends of a path, and for stopping
 
-THERE_S: Final = 10.0
-"""Nobody takes a task from a robot that will be there within this."""
+THERE_S: Final = 10.0  # a task is not taken from a robot that arrives within this time
 
 
 def utility_of(finish_s: float) -> float:
-    """The utility of being done after so long: each halving of the time is worth as much."""
+    """Return the utility of being done after a time; each halving of the time adds as much."""
     return max(0.0, 1.0 - log1p(max(finish_s, 0.0)) / log1p(LONGEST_S))
 
 
 class Tours:
-    """Places, ways between them, and tours over some of them."""
+    """Places of tasks, paths between them, and tours over some of them."""
 
     def __init__(
         self, places: Sequence[Positioned], looks: Sequence[float], cruise_m_s: float
     ) -> None:
-        """The places of all tasks (m), how long to look at each (s), and the speed to count on."""
+        """`places` of all tasks (m), the observation times `looks` (s), and the expected speed."""
         self.places, self.looks, self.cruise = places, looks, cruise_m_s
         self.left_j = inf  # of the battery
-        self.joules_a_s = 0.0  # what driving takes
-        self._known: dict[tuple[int, int], float] = {}  # m, by both ends
-        self._crow, self._planned = 1.0, DETOUR  # sums of those that are known
+        self.joules_a_s = 0.0  # the power of driving
+        self._known: dict[tuple[int, int], float] = {}  # path lengths, m, by both ends
+        self._crow, self._planned = 1.0, DETOUR  # sums of straight and of planned lengths
 
-    # Ways ----------------------------------------------------------------------------------------
+    # Paths ---------------------------------------------------------------------------------------
 
     def learn(self, a: int, b: int, length_m: float | None) -> None:
-        """Take how long the way from a task to another is; None: there is no way."""
+        """Store the length of the path between two tasks, m; None: there is none."""
         self._known[min(a, b), max(a, b)] = inf if length_m is None else length_m
         if length_m is not None:
             self._crow += self._straight(self.places[a], b)
             self._planned += length_m
 
     def unknown(self, order: Sequence[int]) -> tuple[int, int] | None:
-        """The first way of a tour that nobody has planned."""
+        """Return the first path of a tour whose length is unknown."""
         for a, b in pairwise(order):
             if (min(a, b), max(a, b)) not in self._known:
                 return a, b
         return None
 
     def leg(self, a: int, b: int) -> float:
-        """From a task to another, s."""
+        """Return the time from one task to another, s."""
         length = self._known.get((a, b) if a < b else (b, a))
         return self._seconds(self._guess(self.places[a], b) if length is None else length)
 
     def first(self, here: Positioned, task: int) -> float:
-        """From where the robot is to a task, s."""
+        """Return the time from the robot to a task, s."""
         return self._seconds(self._guess(here, task))
 
     def _straight(self, a: Positioned, b: int) -> float:
@@ -91,7 +87,7 @@ class Tours:
     # Tours ---------------------------------------------------------------------------------------
 
     def times(self, here: Positioned, order: Sequence[int], first_s: float | None) -> list[float]:
-        """When the robot is at each task of a tour, s; `first_s` to the first, if that is known."""
+        """Return the arrival time at each task of a tour, s; `first_s`: at the first, if known."""
         at, before, found = 0.0, -1, []
         for task in order:
             if before >= 0:
@@ -103,14 +99,14 @@ class Tours:
         return found
 
     def finish(self, here: Positioned, order: Sequence[int], first_s: float | None) -> float:
-        """When it is done with a tour, s."""
+        """Return when the robot is done with a tour, s."""
         times = self.times(here, order, first_s)
         return times[-1] + self.looks[order[-1]] if times else 0.0
 
     def with_one(
         self, here: Positioned, order: Sequence[int], task: int, pinned: bool
     ) -> tuple[float, int]:
-        """The least that a task adds to a tour, s, and where; after the first if that is pinned."""
+        """Return the least time that a task adds, s, and its index; not before a pinned first."""
         best, where = inf, len(order)
         for at in range(1 if pinned and order else 0, len(order) + 1):
             before = self.leg(order[at - 1], task) if at else self.first(here, task)
@@ -124,7 +120,7 @@ class Tours:
         return best + self.looks[task], where
 
     def ordered(self, here: Positioned, tasks: Collection[int], pinned: int | None) -> list[int]:
-        """A short tour over some tasks from here, the pinned one first: insertion, then 2-opt."""
+        """Return a short tour over tasks, the pinned one first: insertion, then 2-opt."""
         order = [] if pinned is None else [pinned]
         for task in sorted(tasks):
             if task != pinned:
@@ -133,7 +129,7 @@ class Tours:
         return self._untangled(here, order, pinned is not None)
 
     def _untangled(self, here: Positioned, order: list[int], pinned: bool) -> list[int]:
-        """Turn a stretch of it round wherever that is shorter, until none is."""
+        """Reverse parts of the tour while that shortens it (2-opt)."""
 
         def leg(at: int, task: int) -> float:
             return self.leg(order[at], task) if at >= 0 else self.first(here, task)
@@ -156,7 +152,7 @@ class Tours:
     # Bids ----------------------------------------------------------------------------------------
 
     def worth(self, finish_s: float) -> float:
-        """The utility of a tour, by what is left of the battery."""
+        """Return the utility of a tour, given the remaining energy."""
         needed = finish_s * self.joules_a_s
         return utility_of(finish_s * (1.0 + needed / self.left_j) if needed else finish_s)
 
@@ -169,15 +165,15 @@ class Tours:
         first_s: float | None = None,
         pinned: bool = False,
     ) -> Mapping[int, Bid]:
-        """What the robot bids for now: all that it holds, and one task more.
+        """Return the bids: for all held tasks, and for one more.
 
         Args:
-            sharing: Who holds what, as far as is known.
-            here: Where the robot is, m.
-            order: What it holds, in the order in which it does it.
-            barred: What it does not want.
-            first_s: How long it still takes to the first, if that is known.
-            pinned: Whether it is on its way there.
+            sharing: Which robot holds which task.
+            here: The robot's position, m.
+            order: The held tasks, in order.
+            barred: Tasks that are not wanted.
+            first_s: The remaining time to the first task, s, if known.
+            pinned: Whether the robot is driving to the first task.
         """
         times = self.times(here, order, first_s)
         finish = times[-1] + self.looks[order[-1]] if order else 0.0

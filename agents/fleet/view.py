@@ -15,19 +15,19 @@ from armadico.mobile.messages import FleetPose, Truth
 
 class RobotRow(Struct, frozen=True):
     robot: str
-    tasks: tuple[int, ...]  # that it did, in its order
-    way_m: float  # by the truth; without, by the poses that it tells the others
-    collisions: int | None  # of its own motion; by the truth, None without
-    bumped: int | None  # somebody ran into it
+    tasks: tuple[int, ...]  # that it did, in order
+    way_m: float  # by the truth; without it, by its published poses
+    collisions: int | None  # by its own motion; None without the truth
+    bumped: int | None  # by the motion of others
     min_clearance_m: float | None
 
 
 class FleetResult(Struct, frozen=True):
-    """One run of a fleet.
+    """The result of one run of a fleet.
 
-    `unreachable` are tasks that every robot has given up. `makespan_s` is from the moment that the
-    list was taken on until the last task was done; null if some were not. `twice` has those that
-    two robots did. `messages` are those by which the tasks were shared, poses apart, for one task.
+    `unreachable` are tasks that every robot has given up. `makespan_s` is the time from accepting
+    the list until the last task was done; null if some were not. `twice` are tasks done by two
+    robots. `messages` is the number of messages for sharing, without poses, per task.
     """
 
     scenario: str
@@ -44,7 +44,7 @@ class FleetResult(Struct, frozen=True):
 
     @property
     def passed(self) -> bool:
-        """All done, none twice, and nothing touched as far as a simulator tells."""
+        """Whether all tasks are done, none twice, and without collisions as far as known."""
         touched = any(row.collisions or row.bumped for row in self.robots)
         return self.done == self.tasks and not self.twice and not touched
 
@@ -62,19 +62,19 @@ class FleetResult(Struct, frozen=True):
         )
 
 
+# A robot whose fleet agent is silent for this time holds no task that the others respect.
 SILENT_S: Final = 5.0
-"""Whose fleet agent has said nothing for so long holds nothing that the others would leave it."""
 
+# The path driven is counted in steps of this: poses of a standing robot are corrected, too.
 POSES_M: Final = 0.05
-"""Poses of a robot that stands are corrected now and then: a way is counted in steps of this."""
 
 
 @dataclass
 class _Robot:
     tasks: list[int] = field(default_factory=list)
     way: float = 0.0  # by the truth
-    told: float = 0.0  # by its poses
-    pose: FleetPose | None = None  # as far as which that is counted
+    posed: float = 0.0  # by its poses
+    pose: FleetPose | None = None  # the last one that was counted
     truth: Truth | None = None
     first: Truth | None = None
     clearance: float | None = None
@@ -82,7 +82,7 @@ class _Robot:
 
 @dataclass
 class FleetWatch:
-    """Watches one run: say `begin` when the list is taken on, then show it every message."""
+    """Measures one run: call `begin` when the list is accepted, then `update` for each message."""
 
     scenario: str
     names: tuple[str, ...]
@@ -96,28 +96,28 @@ class FleetWatch:
     limit: float | None = None
     note: str = ""
     status: dict[str, FleetStatus] = field(default_factory=dict)
-    _said: dict[str, float] = field(default_factory=dict)  # when each robot's last status came
-    # What each robot has given up, and when it spoke.
+    _status_at: dict[str, float] = field(default_factory=dict)  # each robot's last status
+    # The tasks that each robot has given up, and the time of that message.
     _given_up: dict[str, tuple[float, frozenset[int]]] = field(default_factory=dict)
     _robots: dict[str, _Robot] = field(default_factory=dict)
 
     def begin(self, list_id: int, now: float) -> None:
-        """The list is taken on."""
+        """Begin to measure: the list is accepted."""
         self.list, self.began = list_id, now
 
     def end(self, limit: float) -> None:
-        """The time that it may take (s) is over."""
+        """End at the time limit, s."""
         self.limit = limit
 
     def update(self, robot: str, message: Message, now: float) -> None:
-        """Take one message that a robot's agents or simulator published."""
+        """Process a message of a robot's agents or simulator."""
         self.now = now
         if isinstance(message, FleetPose):
             self._follow(message)
             return
         one = self._robots.setdefault(robot, _Robot())
         if isinstance(message, FleetStatus):
-            self.status[robot], self._said[robot] = message, now
+            self.status[robot], self._status_at[robot] = message, now
         elif isinstance(message, FleetClaims):
             self._on_claims(message)
         elif isinstance(message, Truth):
@@ -128,12 +128,12 @@ class FleetWatch:
                 known = message.clearance if one.clearance is None else one.clearance
                 one.clearance = min(known, message.clearance)
 
-    def _follow(self, said: FleetPose) -> None:
-        one = self._robots.setdefault(said.robot, _Robot())
-        step = 0.0 if one.pose is None else hypot(said.x - one.pose.x, said.y - one.pose.y)
+    def _follow(self, pose: FleetPose) -> None:
+        one = self._robots.setdefault(pose.robot, _Robot())
+        step = 0.0 if one.pose is None else hypot(pose.x - one.pose.x, pose.y - one.pose.y)
         if one.pose is None or step >= POSES_M:
-            one.pose = said
-            one.told += step if self._counts else 0.0
+            one.pose = pose
+            one.posed += step if self._counts else 0.0
 
     @property
     def _counts(self) -> bool:
@@ -141,18 +141,18 @@ class FleetWatch:
         return self.began is not None and self.ended is None
 
     def silent(self, robot: str, now: float) -> bool:
-        """Whether nothing of a robot's fleet agent has come lately."""
-        return now - self._said.get(robot, -inf) >= SILENT_S
+        """Return whether a robot's fleet agent is silent."""
+        return now - self._status_at.get(robot, -inf) >= SILENT_S
 
-    def _on_claims(self, said: FleetClaims) -> None:
+    def _on_claims(self, message: FleetClaims) -> None:
         if self.began is None:
             return
-        of_it = said.cycle.epoch == self.list
-        self._given_up[said.robot] = self.now, frozenset(said.given_up if of_it else ())
+        of_it = message.cycle.epoch == self.list
+        self._given_up[message.robot] = self.now, frozenset(message.given_up if of_it else ())
         if not of_it:
             return
         self.messages += self.ended is None
-        for each in said.done:
+        for each in message.done:
             did = self._robots.setdefault(each.by, _Robot()).tasks
             if each.task not in did:
                 did.append(each.task)
@@ -161,24 +161,24 @@ class FleetWatch:
 
     @property
     def done(self) -> set[int]:
-        """Tasks that anybody says are done."""
+        """Tasks that any robot reports as done."""
         return {task for one in self._robots.values() for task in one.tasks}
 
     @property
     def over(self) -> bool:
-        """Whether all is done, but for what nobody gets to."""
+        """Whether all is done, except tasks that no robot can reach."""
         return self.ended is not None or bool(self.unreachable)
 
     @property
     def unreachable(self) -> tuple[int, ...]:
-        """All that is not done, if every robot that speaks has given it up; else none."""
+        """The tasks that are not done, if every publishing robot has given them up; else none."""
         given = [each for at, each in self._given_up.values() if self.now - at < SILENT_S]
         left = set(range(self.tasks)) - self.done
         return tuple(sorted(left)) if given and all(left <= each for each in given) else ()
 
     @property
     def remark(self) -> str:
-        """How far it is, for people."""
+        """The progress in a line."""
         holds = ", ".join(
             f"{name} {'silent' if self.silent(name, self.now) else len(status.holds)}"
             for name, status in sorted(self.status.items())
@@ -186,7 +186,7 @@ class FleetWatch:
         return f"{len(self.done)} of {self.tasks} done; held: {holds or 'none'}"
 
     def result(self) -> FleetResult:
-        """The row, as far as it has come."""
+        """Return the results so far."""
         did = [task for one in self._robots.values() for task in one.tasks]
         took = None
         if self.ended is not None and self.began is not None:
@@ -213,9 +213,9 @@ class FleetWatch:
             bumped = truth.bumped - first.bumped
             touched = truth.collisions - first.collisions - bumped
         clearance = None if one.clearance is None else round(one.clearance, 3)
-        way = round(one.told if truth is None else one.way, 2)
+        way = round(one.posed if truth is None else one.way, 2)
         return RobotRow(name, tuple(one.tasks), way, touched, bumped, clearance)
 
 
+# The messages that a `FleetWatch` needs.
 FLEET_WATCHED: tuple[type[Message], ...] = (FleetStatus, FleetClaims, FleetPose, Truth)
-"""What a `FleetWatch` wants to be shown."""

@@ -1,9 +1,9 @@
-"""How likely a laser's ranges are at a pose on a known map, for many poses at once.
+"""The likelihood of a laser's ranges at poses on a known map, for many poses at once.
 
 The likelihood field of Thrun, Burgard and Fox, *Probabilistic Robotics*, section 6.4: a ray ends
-near a wall of the map, or at random. Rays are narrow and come back from all that is not dark, so
-there are neither cones nor mirrors here; and neighbours tell nearly the same, so a few of each scan
-are weighed. A ray that found nothing tells little: it is left out.
+near a wall of the map, or at random. Rays are narrow and return from all surfaces that are not
+dark, so neither cones nor mirrors are modelled. Neighbouring rays carry nearly the same
+information, so only some of each scan are weighed. Rays without a return are left out.
 """
 
 from __future__ import annotations
@@ -22,41 +22,41 @@ from armadico.mobile.scans import ranges_of
 Floats = NDArray[np.float32]
 
 BEAMS: Final = 36
-"""Rays of a scan that are weighed."""
+"""Rays weighed per scan."""
 
 HIT_M: Final = 0.1
-"""Standard deviation of a ray's end about the map: the cells' size, the range's noise, the map's
-own errors. Chosen on logs of real robots: with 0.06 the particles settle on a place half a metre
-along a corridor when they come back from where the map ends."""
+"""Standard deviation of a ray's end about the map (Nav2's sigma_hit): cell size, range noise, map
+errors. Chosen on logs of real robots: with 0.06 the particles settle half a metre along a corridor
+when they return from beyond the map's end."""
 
 CELL_M: Final = 0.025
-"""Of the field: its steps are what a pose is off by."""
+"""Cell size of the field: its steps limit the accuracy of the pose."""
 
 LARGE: Final = 1_000_000
-"""Cells of a map from which on its own will do: four times as many would take 100 MB and more."""
+"""Maps with more cells keep their own cell size: four times as many cells take over 100 MB."""
 
 RIM_M: Final = 0.5
-"""So far the field goes on beyond the map: half of the ends at a wall on its edge lie outside."""
+"""Margin of the field beyond the map: half of the rays to a wall on its edge end outside."""
 
 COARSE_M: Final = 0.3
-"""The same for guesses that are that far apart."""
+"""Standard deviation for guesses that are that far apart."""
 
 HIT, RANDOM = 0.9, 0.1
-"""Shares of ends at walls of the map, and anywhere."""
+"""Shares of rays that end at walls of the map, and anywhere (Nav2's z_hit, z_rand)."""
 
 WIDE: Final = 400_000
-"""Ends that are worked out at once: what the processor's caches hold."""
+"""Ray ends computed at once, which fit into the processor's caches."""
 
 
 def beams_of(scan: Scan, most: int = BEAMS) -> list[Echo]:
-    """Some of a scan's rays that met something, evenly spread among those; each scan others.
+    """Some of a scan's rays with a return, evenly spaced; other rays in each scan.
 
-    Raises ValueError if its bytes are no ranges.
+    Raises ValueError if its bytes are not ranges.
     """
     ranges = ranges_of(scan)
     met = np.flatnonzero(np.isfinite(ranges))
     step = max(1, -(-len(met) // most))
-    first = scan.number * 7 % step  # which of each few; 7: neighbours in time are none in space
+    first = scan.number * 7 % step  # 7: consecutive scans do not use neighbouring rays
     return [
         Echo(scan.x, scan.y, scan.bearing + scan.step * ray, float(ranges[ray]))
         for ray in met[first::step].tolist()
@@ -64,14 +64,9 @@ def beams_of(scan: Scan, most: int = BEAMS) -> list[Echo]:
 
 
 class LaserModel:
-    """The likelihood of ranges, by a map's clearances."""
+    """A likelihood field, computed from a map's clearances."""
 
     def __init__(self, grid: Grid) -> None:
-        """Prepare.
-
-        Args:
-            grid: The map: the clearance of each of its cells.
-        """
         west, south, east, north = grid.bounds
         beyond = west - RIM_M, south - RIM_M, east + RIM_M, north + RIM_M
         fine = grid.clearance.size <= LARGE
@@ -94,7 +89,7 @@ class LaserModel:
         echoes: Sequence[Echo],
         *,
         coarse: bool = False,
-        excused: bool = False,  # noqa: ARG002 - the field does not tell what is nearer
+        excused: bool = False,  # noqa: ARG002 - the field has no information on nearer objects
     ) -> Floats:
         """The likelihood of each range at each pose, (poses, echoes); see `Model`."""
         ahead, left = _ends(echoes)
@@ -107,7 +102,7 @@ class LaserModel:
             c, s = np.cos(part[:, 2, None]), np.sin(part[:, 2, None])
             column = ((x + (c * ahead - s * left)) * self._inverse).astype(np.int32)
             row = ((y + (s * ahead + c * left)) * self._inverse).astype(np.int32)
-            np.clip(column, 0, self._columns - 1, out=column)  # the rim is nowhere
+            np.clip(column, 0, self._columns - 1, out=column)  # the rim is far from any wall
             np.clip(row, 0, self._rows - 1, out=row)
             row *= self._columns
             row += column

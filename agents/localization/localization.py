@@ -1,4 +1,4 @@
-"""The localization agent: where the robot is on the map, by its sensors (thesis 3.6.3)."""
+"""The localization agent: estimates the pose on a known map from range sensors (thesis 3.6.3)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from armadico.agents.localization import monte_carlo
+from armadico.agents.localization.array_cache import Arrays, cached_arrays
 from armadico.agents.localization.global_search import Alternative, Model, Place, Search, apart
-from armadico.agents.localization.kept import Arrays, arrays
 from armadico.agents.localization.laser_model import LaserModel, beams_of
 from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Settings
 from armadico.agents.localization.sonar_model import FORMAT, Fields, SonarModel, fields
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.grid import CELL_M, Grid, check_extent, grid_of
-from armadico.agents.methods.odometry import WIDEST, begun_anew, may_stand_at, nowhere
+from armadico.agents.methods.odometry import WIDEST, may_apply, out_of_range, was_reset
 from armadico.config.places import Places
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.config.worlds import load_world
@@ -38,57 +38,56 @@ Metres = Annotated[float, Meta(gt=0, le=100)]
 Angle = Annotated[float, Meta(gt=0, le=6.2832)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Odds = Annotated[float, Meta(ge=0, le=1000)]
-"""A natural logarithm."""
+"""Natural logarithm of an odds ratio."""
 
 
 LARGE = 250_000
-"""Cells from which on what is derived from a map is kept: a fifth of a second's work and more."""
+"""Maps with more cells than this have their sensor model cached: computing it takes over 0.2 s."""
 
 UNCOUNTED_M, UNCOUNTED_RAD = 0.5, 0.5
-"""Standard deviations of what rolled while no process counted: two seconds until the controller's
-watchdog, and braking, at half the top speed, or turning."""
+"""Standard deviations of the motion that no process counted: 2 s until the controller's watchdog
+stops the robot, plus braking, at half the top speed or while turning."""
 
-UNDOUBTED = 2
-"""Newest readings that may be of another place though there is no doubt yet."""
+RECENT = 2
+"""Newest readings that may come from another place although no search has shown it yet."""
 
-AGAIN_S = 3.0
-"""A search begins after so long by whatever is new: a slow robot has few readings."""
+SEARCH_S = 3.0
+"""A search starts after this time with any new reading: a slow robot has few readings."""
 
 UNSETTLED_S = 6.0
-"""So long a doubt may last without a new reading, and so may readings that fit by chance."""
+"""Time for which a suspected kidnapping, or a fit by chance, may last without a new reading."""
 
-STAYED = 30.0
-"""So many times likelier than each other place is the one where the robot would be if it had not
-been moved: readings of what is on no map make it lost more often than people lift it. In a room
-that looks the same from both ends only this tells the two apart."""
+UNMOVED_ODDS = 30.0
+"""Prior odds that a lost robot was not moved: unmapped objects make it lost more often than people
+lift it. In a room that looks the same from both ends only this prior separates the two poses."""
 
 PARTICLES_S = 0.5
-"""From one publication of particles to the next, for displays."""
+"""Period of the particles that are published for displays."""
 
 MISFIT_S = 15.0
-"""Time constant of the average over how well readings fit the map, while the robot moves."""
+"""Time constant of the running average of the readings' fit, while the robot moves."""
 
-USUAL = 1.4
-"""Where that average begins, in shares of what counts as bad."""
+USUAL_FIT = 1.4
+"""Initial value of that average, relative to `Confirmation.misfit`."""
 
 WORN = 2.5
-"""Wheel errors beyond so many of the profile's standard deviations are reported."""
+"""Wheel errors beyond this many of the profile's standard deviations are reported."""
 
 
 class Confirmation(Struct, frozen=True):
-    """What it takes to give up a pose, and to accept one on the whole map, by a sensor."""
+    """Thresholds for giving up a pose and for accepting one on the whole map, for one sensor."""
 
-    verdicts: int  # searches in a row that have to agree on one other place,
-    odds: float  # with such odds, a natural logarithm,
-    fit: float  # where the readings fit so well in absolute terms, by their geometric mean,
-    better: float  # and so much better than here
-    looks_after: int  # steps between new readings after which a lost robot is searched for,
-    found_fit: float  # and how well they have to fit where it is found
-    misfit: float  # a worse fit than this on average is reported,
-    chance: float  # and no better than this they fit anywhere
-    clear: int = 3  # verdicts that a search counts for, whichever place it finds,
-    clear_odds: float = 7.0  # with such odds,
-    clear_fit: float = 0.85  # if the readings fit there as if everything were mapped
+    verdicts: int  # consecutive searches that must agree on one other place
+    odds: float  # least log odds of that place
+    fit: float  # least geometric mean of the readings' likelihoods there
+    better: float  # least ratio of that fit to the fit at the present pose
+    looks_after: int  # steps between new readings after which a lost robot is searched for
+    found_fit: float  # least fit at a place where a lost robot is accepted
+    misfit: float  # an average fit below this is reported
+    chance: float  # a fit below this is reached anywhere by chance
+    clear: int = 3  # verdicts that one clear search counts for, at any place
+    clear_odds: float = 7.0  # least log odds of a clear search
+    clear_fit: float = 0.85  # least fit of a clear search: as if everything were mapped
 
 
 SONARS = Confirmation(
@@ -113,93 +112,94 @@ LASER = Confirmation(
 )
 """Chosen on three logs of real robots (laser), and on simulated kidnappings (sonars).
 
-What is on no map fits another place by chance. A laser does not see that it is nearer than the map
-has it, so that one verdict is not enough. Of sonars it is known (`Search.alternative`), and they
+Unmapped objects fit another place by chance. A laser model cannot excuse ranges that are shorter
+than the map's, so one verdict is not enough. The sonar model can (`Search.alternative`), and sonars
 are so ambiguous that the best other place changes from one search to the next.
 """
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The map, the robot, and what is believed at the start.
+    """The map, the robot, and the initial belief.
 
-    `start` "pose" begins about the pose that the encoder agent publishes, "anywhere" with no idea.
-    A value of none means the sensor's own default.
+    `start` "pose" starts around the pose that the encoder agent publishes, "anywhere" with uniform
+    particles. Without `confirm` or `filter` the sensor's own defaults apply.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
     start: Literal["pose", "anywhere"] = "pose"
-    start_m: Metres = 0.15  # standard deviation about that pose
+    start_m: Metres = 0.15  # standard deviation of the position at the start
     start_rad: Angle = radians(6.0)
-    lost: Share = 0.15  # with less than this of the weight in one place the robot is lost,
-    lost_m: Metres = 0.5  # or in one so wide,
-    lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # for so long
-    fits: Share = 0.5  # while the newest readings fit so well there is no search,
-    doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # else one after so many more readings,
-    stays: Odds = 3.0  # until all other places have such odds against them;
-    doubts: Odds = 1.5  # with such odds a place elsewhere raises doubt, and the robot slows down:
-    doubt_m: Metres = 0.45  # its pose is no surer than this,
-    misfit_m: Metres = 0.3  # and no surer than this while the readings fit badly all along;
-    adrift_m: Metres = 0.6  # both at once, a second verdict, no reading, or a bad fit once found
-    confirm: Confirmation | None = None  # what makes it lost, and found
-    found: Share = 0.95  # found with this much of the weight in one of all the places that fit,
-    found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # in so many searches in a row;
-    proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # and sure of it after so many more,
-    unproved_m: Metres = 0.4  # until when its pose is no surer than this
+    lost: Share = 0.15  # lost if the largest cluster has a smaller share of the weight,
+    lost_m: Metres = 0.5  # or a larger standard deviation,
+    lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # for this time
+    fits: Share = 0.5  # no search while the newest readings fit at least this well
+    doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # new readings from search to search
+    stays: Odds = 3.0  # log odds against all other places that end the searches
+    doubts: Odds = 1.5  # log odds of another place that raise suspicion: the robot slows down
+    doubt_m: Metres = 0.45  # least standard deviation published while suspicious
+    misfit_m: Metres = 0.3  # least standard deviation published while readings fit badly
+    adrift_m: Metres = 0.6  # the same with two signs of a wrong pose, or without new readings
+    confirm: Confirmation | None = None  # thresholds for lost and found
+    found: Share = 0.95  # found with this share of the weight in one place,
+    found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # in this many consecutive searches
+    proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # further searches that must confirm it
+    unproved_m: Metres = 0.4  # least standard deviation published until then
     filter: Settings | None = None
 
 
 @dataclass(frozen=True)
 class Localized:
-    """That the pose is known.
+    """The pose is known.
 
     Attributes:
-        unproved: Searches that have to confirm it yet.
-        doubted: Whether another place explains the news better.
-        verdicts: Searches in a row that agreed on another place.
+        unproved: Searches that still have to confirm it.
+        suspect: Whether another place explains the new readings better.
+        verdicts: Consecutive searches that agreed on another place.
         since: When the particles began to spread too far, s.
     """
 
-    unproved: int = 0
-    doubted: bool = False
+    unconfirmed: int = 0
+    suspect: bool = False
     verdicts: int = 0
     since: float | None = None
 
 
 @dataclass(frozen=True)
 class Lost:
-    """That the pose is not known.
+    """The pose is not known.
 
     Attributes:
-        spread: Whether it is lost since the particles spread: they may converge again.
+        spread: Whether it was lost because the particles spread: they may converge again.
         converged: Whether they have.
-        sure: Searches in a row in which one place was much better than all others.
-        doubted: Whether another place explained the news better when it got lost.
+        sure: Consecutive searches in which one place was much better than all others.
+        suspect: Whether another place explained the readings better when the pose was lost.
     """
 
     spread: bool = False
     converged: bool = False
     sure: int = 0
-    doubted: bool = False
+    suspect: bool = False
 
 
 class Localization(Agent):
-    """Estimates the pose on a known map with a particle filter, by laser or sonars.
+    """Estimates the pose on a known map with a particle filter, from a laser or sonars.
 
-    A robot that has a laser uses it alone: its rays are precise, sonars are not.
+    A robot with a laser uses the laser alone: its rays are precise, sonars are not.
 
-    The particles move with the odometry as the controller counts it, so what this agent publishes
-    does not come back to it by the pose: a correction is where the odometry's origin lies in the
-    world, as tf's transform from map to odom. The encoder agent composes it.
+    The particles move with the controller's raw odometry, so this agent's output does not return as
+    its input through the pose. A correction is the pose of the odometry's origin in the world, as
+    tf's transform from map to odom. The encoder agent composes it with the odometry.
 
-    Doubt slows the robot down; only confirmation makes it lost. Readings that fit badly may be of
-    furniture or people, which fit no place on the map. Where another place explains them better,
-    searches of the whole map have to confirm it, by a laser several in a row.
+    A suspected kidnapping slows the robot down; only confirmation makes it lost. Readings that fit
+    badly may come from furniture or people, which fit no place on the map. If another place
+    explains them better, searches of the whole map have to confirm it: one for sonars, several
+    consecutive ones for a laser.
     """
 
     name = "localization"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose, InitialPose)
+    receives: ClassVar[tuple[type[Message], ...]] = (Sonar, Scan, Pose, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, Particles)
     parameters = Parameters
     launched_with = ("world", "profile", "start_m", "start_rad")
@@ -215,45 +215,46 @@ class Localization(Agent):
         self._places = Places(world, profile.body)
         self._free, inhabited = free, free[self._places.inhabited(free)]
         self._useful = bool(world.outlines) and len(free) > 0
-        self._sees = profile.laser is not None
+        self._has_laser = profile.laser is not None
         self._grid, clear_m = grid, profile.body.width_m / 2 - 2 * CELL_M
-        self._confirm = self.p.confirm or (LASER if self._sees else SONARS)
+        self._confirm = self.p.confirm or (LASER if self._has_laser else SONARS)
         self._filter = MonteCarlo(
             model_of(grid, profile),
             inhabited if len(inhabited) else free,
             np.random.default_rng(self.rng.getrandbits(63)),
-            self.p.filter or (monte_carlo.LASER if self._sees else Settings()),
+            self.p.filter or (monte_carlo.LASER if self._has_laser else Settings()),
             profile.wheels,
             lambda x, y: grid.clearances(x, y) > clear_m,
         )
-        self._ping_s = 0.0 if self._sees else profile.ring.period_s
-        self._scan: int | None = None  # the last one's number
+        self._ping_s = 0.0 if self._has_laser else profile.ring.period_s
+        self._scan: int | None = None  # number of the last one
         self._odometry: Pose2 | None = None
-        self._motion: Pose2 = STOOD  # in the last cycle
+        self._motion: Pose2 = STOOD  # during the last cycle
         self._epoch: int | None = None
-        self._begun = False
+        self._started = False
         self._belief: Localized | Lost = Lost() if self.p.start == "anywhere" else Localized()
-        self._at: Pose2 | None = None  # the estimate a cycle ago
-        self._stayed: Pose2 | None = None  # where it is if it was not moved when it got lost
-        self._search: Search | None = None  # under way
-        self._searched = 0  # news when the last search began,
-        self._searched_at = 0.0  # and when that was
-        self._elsewhere: Pose2 = STOOD  # the other place that searches agreed on
-        self._best: Pose2 = STOOD  # the place that was best in the last search of a lost robot
-        self._fit = USUAL * self._confirm.misfit  # of the readings, on average,
-        self._misfit = False  # and whether that is bad
+        self._estimate: Pose2 | None = None  # the estimate of the last cycle
+        self._unmoved: Pose2 | None = None  # the pose if the robot was not moved when it got lost
+        self._search: Search | None = None  # in progress
+        self._searched = 0  # new readings when the last search started
+        self._searched_at = 0.0  # when it started
+        self._alternative: Pose2 = STOOD  # the other place that searches agreed on
+        self._best: Pose2 = STOOD  # the best place in the last search of a lost robot
+        self._fit = USUAL_FIT * self._confirm.misfit  # of the readings, on average
+        self._misfit = False  # whether that is below the threshold
         self._doubts = ""  # of the odometry, as reported
-        self._shown_at = float("-inf")
-        self._shown: tuple[int, Particles] | None = None  # of which change of the particles
+        self._particles_at = float("-inf")
+        # The last particles published, with the particle filter's count of changes.
+        self._last_particles: tuple[int, Particles] | None = None
 
     def on_pose(self, pose: Pose) -> None:
-        """Begin about the first pose."""
-        if self._begun or not self._useful or self._odometry is None:
+        """Start the filter at the first pose."""
+        if self._started or not self._useful or self._odometry is None:
             return
-        if nowhere(pose.x, pose.y):
+        if out_of_range(pose.x, pose.y):
             return
-        self._begun = True
-        if pose.deviation > self.p.lost_m:  # and was so before it started
+        self._started = True
+        if pose.deviation > self.p.lost_m:  # lost already before this agent started
             self._belief = Lost()
         if self.p.start == "anywhere":
             self._filter.start_anywhere()
@@ -261,78 +262,77 @@ class Localization(Agent):
             here = np.array([[pose.x, pose.y]])
             known = isinstance(self._belief, Localized)
             if known and not self._places.inhabited(here).all():
-                self._filter.may_be_at(self._free)  # names tell nothing of where this one drives
-            off = max(self.p.start_m, pose.deviation)  # of a pose that was not corrected lately
+                self._filter.may_be_at(self._free)  # the robot drives outside named rooms too
+            off = max(self.p.start_m, pose.deviation)  # of a pose without recent corrections
             turned = max(self.p.start_rad, pose.heading_deviation)
             self._filter.start_at((pose.x, pose.y, pose.theta), off, turned)
 
-    def on_initial_pose(self, told: InitialPose) -> None:
-        """Begin again about a pose that people know, unless the robot cannot be there."""
-        at_rest = may_stand_at(told, self.latest(RobotState))
+    def on_initial_pose(self, initial: InitialPose) -> None:
+        """Restart the filter at a pose from the operator, unless it is outside free space."""
+        at_rest = may_apply(initial, self.latest(RobotState))
         if not self._useful or self._odometry is None or not at_rest:
             return
-        if np.hypot(*(self._free - (told.x, told.y)).T).min() > 2.0 * self.p.start_m:
-            at = _place((told.x, told.y))
+        if np.hypot(*(self._free - (initial.x, initial.y)).T).min() > 2.0 * self.p.start_m:
+            at = _place((initial.x, initial.y))
             self.log(f"initial pose {at} rejected: no free space there on the map", WARNING)
             return
-        pose = told.x, told.y, told.theta
-        self._begun = True
-        self._find(pose, 0)
+        pose = initial.x, initial.y, initial.theta
+        self._started = True
+        self._set_localized(pose, 0)
         self._filter.start_at(pose, self.p.start_m, self.p.start_rad)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Move the particles.
 
-        The controller counts on while the robot agent is down. If it has begun anew, what the robot
-        rolled meanwhile is not known.
+        The controller counts on while the robot agent is down. If the odometry was reset, the
+        motion meanwhile is unknown.
         """
         odometry, before = (state.x, state.y, state.theta), self._odometry
         another = state.cycle.epoch != self._epoch
         self._motion = STOOD
         self._odometry, self._epoch = odometry, state.cycle.epoch
-        if before is None or not self._begun:
+        if before is None or not self._started:
             return
-        if another and begun_anew(before, odometry):
+        if another and was_reset(before, odometry):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
-            self._search, self._searched, self._stayed = None, 0, None
+            self._search, self._searched, self._unmoved = None, 0, None
             return
         self._motion = motion = relative(before, odometry)
         self._filter.move(motion)
         if self._search is not None:
             self._search.move(motion)
-        self._at = None if self._at is None else compose(self._at, motion)
-        if self._stayed is not None:
-            before, self._stayed = self._stayed, compose(self._stayed, motion)
-            if self._grid.clearance_between(Placed(*before[:2]), Placed(*self._stayed[:2])) == 0.0:
-                self._stayed = None  # it would have driven through a wall: it was moved
+        self._estimate = None if self._estimate is None else compose(self._estimate, motion)
+        if self._unmoved is not None:
+            before, self._unmoved = self._unmoved, compose(self._unmoved, motion)
+            if self._grid.clearance_between(Placed(*before[:2]), Placed(*self._unmoved[:2])) == 0.0:
+                self._unmoved = None  # it would have driven through a wall, so it was moved
         self._best = compose(self._best, motion)
-        self._elsewhere = compose(self._elsewhere, motion)
-        self._seek()  # each cycle, however seldom there are readings
+        self._alternative = compose(self._alternative, motion)
+        self._advance_search()  # every cycle, even if readings are rare
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """Weigh the particles by echoes."""
-        if not self._sees:
+        if not self._has_laser:
             ago = self._ping_s / self.cycles.period
-            self._weigh(sonar.cycle, lambda: as_fired(sonar.echoes, self._motion, ago))
+            self._update(sonar.cycle, lambda: as_fired(sonar.echoes, self._motion, ago))
 
     def on_scan(self, scan: Scan) -> None:
-        """Weigh the particles by a scan; one that is repeated tells nothing new."""
-        if not self._sees:
+        """Weigh the particles by a scan. A repeated scan has no new information."""
+        if not self._has_laser:
             return
         again, self._scan = scan.number == self._scan, scan.number
         try:
             beams = [] if again else beams_of(scan)
         except ValueError:
             return
-        self._weigh(scan.cycle, lambda: beams)
+        self._update(scan.cycle, lambda: beams)
 
     def card(self) -> Card:
-        """With what was learnt of the wheels."""
-        learnt = self._wheels() if self._begun else ""
+        """The card, with the estimated wheel errors."""
+        learnt = self._wheels() if self._started else ""
         return replace(super().card(), learnt=line(learnt), doubts=line(self._doubts))
 
     def _wheels(self) -> str:
-        turning, drift, way = self._filter.learnt
+        turning, drift, way = self._filter.wheel_errors
         o = self._filter.odometry
         return (
             f"errors of the wheels (and the profile's standard deviations): turns"
@@ -340,31 +340,31 @@ class Localization(Agent):
             f" ({100 * o.alpha3:.1f}), drift {drift:+.3f} rad/m ({o.alpha2:.3f})"
         )
 
-    def _watch_wheels(self) -> None:
-        """Report wheels that are far worse than the profile says."""
+    def _check_wheels(self) -> None:
+        """Report wheel errors that are far larger than the profile's."""
         o = self._filter.odometry
-        limits = zip(self._filter.learnt, (o.alpha1, o.alpha2, o.alpha3), strict=True)
+        limits = zip(self._filter.wheel_errors, (o.alpha1, o.alpha2, o.alpha3), strict=True)
         worn = any(abs(off) > WORN * alpha for off, alpha in limits)
         if isinstance(self._belief, Lost) or self._doubts or not worn:
             return
         self._doubts = f"the odometry is worse than [odometry] of the profile: {self._wheels()}"
         self.log(self._doubts, WARNING)
 
-    def _weigh(self, cycle: Cycle, readings: Callable[[], Sequence[Echo]]) -> None:
-        """Weigh the particles, and publish where they are."""
-        if not self._begun or self._odometry is None:
+    def _update(self, cycle: Cycle, readings: Callable[[], Sequence[Echo]]) -> None:
+        """Weigh the particles and publish the estimate."""
+        if not self._started or self._odometry is None:
             return
         if self._filter.due:
             self._filter.weigh(readings())
-            self._watch_fit()
-        # While it is localized it stays with that place: another one that fits as well, the room
-        # next door, is no reason to leave it before it no longer fits.
-        found = self._filter.estimate(None if isinstance(self._belief, Lost) else self._at)
-        self._judge(found)
+            self._update_fit()
+        # A localized robot keeps its cluster: another one that fits equally well, such as the room
+        # next door, is no reason to jump.
+        found = self._filter.estimate(None if isinstance(self._belief, Lost) else self._estimate)
+        self._update_belief(found)
         belief = self._belief
         self._filter.lost = isinstance(belief, Lost) and not belief.spread
         c = found.covariance
-        if isinstance(belief, Lost):  # at least a metre off: no place fits
+        if isinstance(belief, Lost):  # at least 1 m: no place fits
             c = np.clip(self._filter.scatter(), np.eye(3), WIDEST)
         else:
             more = max(0.0, self._least_m(belief) ** 2 - found.deviation_m**2)
@@ -375,136 +375,136 @@ class Localization(Agent):
                 *compose(found.pose, relative(self._odometry, STOOD)),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if isinstance(belief, Lost) else min(1.0, found.share),
-                elsewhere=belief.doubted,
+                elsewhere=belief.suspect,
             )
         )
-        if self.now - self._shown_at >= PARTICLES_S:
-            self._shown_at = self.now
+        if self.now - self._particles_at >= PARTICLES_S:
+            self._particles_at = self.now
             self._publish_particles(cycle)
-            self._watch_wheels()
+            self._check_wheels()
 
     def _least_m(self, belief: Localized) -> float:
-        """Least standard deviation that is published of a localized robot, m."""
+        """Least standard deviation to publish for a localized robot, m."""
         chance = self._filter.fit < self._confirm.chance
-        if belief.doubted or chance:
-            # At rest there is no new reading to settle it by: relocate makes the robot turn.
+        if belief.suspect or chance:
+            # At rest no new reading can settle it: relocate makes the robot turn.
             rests = self.now - self._searched_at > UNSETTLED_S
             agree = chance or self._misfit or belief.verdicts > 1
-            if rests or (belief.doubted and agree):
+            if rests or (belief.suspect and agree):
                 return self.p.adrift_m
-        if belief.doubted:
+        if belief.suspect:
             return self.p.doubt_m
-        if belief.unproved:
+        if belief.unconfirmed:
             fits = self._filter.fit >= self._confirm.found_fit
             return self.p.unproved_m if fits else self.p.adrift_m
         return self.p.misfit_m if self._misfit else 0.0
 
     def _publish_particles(self, cycle: Cycle) -> None:
-        """Publish some particles: the same again while the robot stands."""
+        """Publish a sample of the particles: the same sample while the robot stands."""
         changes = self._filter.changes
-        if self._shown is not None and self._shown[0] == changes:
-            said = replace(self._shown[1], cycle=cycle)
+        if self._last_particles is not None and self._last_particles[0] == changes:
+            message = replace(self._last_particles[1], cycle=cycle)
         else:
-            said = particles.message_of(cycle, self._filter.drawn(particles.MOST).tolist())
-        self._shown = changes, said
-        self.publish(said)
+            message = particles.message_of(cycle, self._filter.drawn(particles.MOST).tolist())
+        self._last_particles = changes, message
+        self.publish(message)
 
-    def _judge(self, found: Estimate) -> None:
-        """Decide by the particles alone whether the robot is lost: they spread, or leap.
+    def _update_belief(self, found: Estimate) -> None:
+        """Decide by the particles alone whether the robot is lost: they spread, or jump.
 
-        Where little that the sensors see is on the map the particles spread as the odometry does,
-        and converge again where the map goes on. An estimate that leaps is of another place.
+        Where few sensed objects are on the map, the particles spread as the odometry does and
+        converge again later. An estimate that jumps belongs to another place.
         """
         p, belief, share, width = self.p, self._belief, found.share, found.deviation_m
-        leaps = self._at is not None and apart(found.pose, self._at)
-        self._at = found.pose
+        leaps = self._estimate is not None and apart(found.pose, self._estimate)
+        self._estimate = found.pose
         if isinstance(belief, Lost):
             fits = width < p.misfit_m and found.fit >= p.fits
             converged = belief.spread and share >= p.found and fits
             self._belief = replaced(belief, converged=converged)
-            if converged and not self._sees:
-                self._find(found.pose, proofs=0)  # it was followed all along
+            if converged and not self._has_laser:
+                self._set_localized(found.pose, proofs=0)  # its particles were tracked all along
             return
-        doubtful = share < p.lost or width > p.lost_m
-        since = (belief.since or self.now) if doubtful else None
+        uncertain = share < p.lost or width > p.lost_m
+        since = (belief.since or self.now) if uncertain else None
         self._belief = replaced(belief, since=since)
         waited = since is not None and self.now - since >= p.lost_s
         if leaps or waited:
-            self._lose(
+            self._set_lost(
                 f"at best at {_place(found.pose)}, with {100 * share:.0f} % of the weight,"
                 f" +-{width:.2f} m; the readings fit by {found.fit:.2f}",
                 spread=not leaps,
             )
 
-    def _seek(self) -> None:
-        """Search the whole map where there is reason to, a piece of it in each cycle."""
+    def _advance_search(self) -> None:
+        """Do one cycle's share of a search of the whole map, if there is a reason for one."""
         if self._search is None:
             self._search = self._begin_search()
         if self._search is None or not self._search.advance():
             return
         search, self._search = self._search, None
         belief = self._belief
-        if isinstance(belief, Lost) or belief.unproved:
-            self._locate(search)
-        elif self._at is not None:
-            self._check(search, belief, self._at)
+        if isinstance(belief, Lost) or belief.unconfirmed:
+            self._accept_place(search)
+        elif self._estimate is not None:
+            self._check_kidnapped(search, belief, self._estimate)
 
     def _begin_search(self) -> Search | None:
-        """A search: of a lost robot, or of one whose readings fit badly, by its newest readings."""
+        """A search for a lost robot, or for one whose newest readings fit badly; None: no need."""
         particles, history, belief = self._filter, self._filter.history, self._belief
-        if isinstance(belief, Lost) or belief.unproved:
+        if isinstance(belief, Lost) or belief.unconfirmed:
             if history.steps < self._confirm.looks_after:
                 return None
             history.mark()
             return particles.search()
-        if not belief.doubted and particles.fit >= self.p.fits:
-            self._trust()
+        if not belief.suspect and particles.fit >= self.p.fits:
+            self._mark_explained()
             return None
-        new, waited = history.news - self._searched, self.now - self._searched_at
-        if new < self.p.doubted_after and not (new > 0 and waited >= AGAIN_S):
+        new, waited = history.new_readings - self._searched, self.now - self._searched_at
+        if new < self.p.doubted_after and not (new > 0 and waited >= SEARCH_S):
             return None
-        self._searched, self._searched_at = history.news, self.now
-        return particles.search(min(history.news, particles.settings.search.doubted))
+        self._searched, self._searched_at = history.new_readings, self.now
+        return particles.search(min(history.new_readings, particles.settings.search.doubted))
 
-    def _trust(self) -> None:
-        """The readings until now are of this place."""
-        self._filter.history.mark(UNDOUBTED)
-        self._searched = self._filter.history.news
+    def _mark_explained(self) -> None:
+        """Count the readings until now as explained by the present pose."""
+        self._filter.history.mark(RECENT)
+        self._searched = self._filter.history.new_readings
 
-    def _check(self, search: Search, belief: Localized, here: Pose2) -> None:
-        """Whether the robot was moved elsewhere: doubt, or a verdict, or neither."""
+    def _check_kidnapped(self, search: Search, belief: Localized, here: Pose2) -> None:
+        """Decide whether the robot was moved: update suspicion and verdicts."""
         p, confirm = self.p, self._confirm
         other = search.alternative(here, self._filter.settings.trust)
         if other is None:
-            self._belief = replaced(belief, doubted=False, verdicts=0)
-            self._trust()
+            self._belief = replaced(belief, suspect=False, verdicts=0)
+            self._mark_explained()
             return
-        doubted = self._better(other)
+        suspect = self._explains_better(other)
         verdicts = 0 if other.throughout < p.doubts else belief.verdicts
-        self._belief = belief = replaced(belief, doubted=doubted, verdicts=verdicts)
-        if not doubted:
+        self._belief = belief = replaced(belief, suspect=suspect, verdicts=verdicts)
+        if not suspect:
             if other.throughout < -p.stays:
-                self._trust()
+                self._mark_explained()
             return
         if other.odds < confirm.odds or other.fit < confirm.fit:
             return
         clear = other.odds >= confirm.clear_odds and other.fit >= confirm.clear_fit
-        again = verdicts if clear or not apart(other.pose, self._elsewhere) else 0
+        again = verdicts if clear or not apart(other.pose, self._alternative) else 0
         verdicts = again + (confirm.clear if clear else 1)
-        self._belief, self._elsewhere = replaced(belief, verdicts=verdicts), other.pose
+        self._belief, self._alternative = replaced(belief, verdicts=verdicts), other.pose
         if verdicts >= confirm.verdicts:
-            self._filter.history.forget(other.readings)
-            self._lose(
+            self._filter.history.discard_old(other.readings)
+            self._set_lost(
                 f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
                 f" they fit by {other.fit:.2f} at {_place(other.pose)}"
             )
-            self._stayed = here
+            self._unmoved = here
 
-    def _better(self, other: Alternative) -> bool:
-        """Whether another place explains the readings, and this one does not.
+    def _explains_better(self, other: Alternative) -> bool:
+        """Whether another place explains the readings, and the present one does not.
 
-        Where this one fits well it is not so: what is on no map, and walls that reflect nothing,
-        let other places fit a little better all along the way, which adds up to any odds.
+        A place that fits well is kept: unmapped objects, and walls that reflect nothing, let other
+        places fit a little better all along the way, which adds up to any odds.
         """
         return (
             other.odds >= self.p.doubts
@@ -512,70 +512,70 @@ class Localization(Agent):
             and other.fit >= self._confirm.better * other.stay_fit
         )
 
-    def _lose(self, why: str, *, spread: bool = False) -> None:
-        self._belief = Lost(spread, doubted=self._belief.doubted)
-        self._search = self._stayed = None
+    def _set_lost(self, why: str, *, spread: bool = False) -> None:
+        self._belief = Lost(spread, suspect=self._belief.suspect)
+        self._search = self._unmoved = None
         self.log(f"the robot is lost: {why}", WARNING)
 
-    def _find(self, pose: Pose2, proofs: int) -> None:
+    def _set_localized(self, pose: Pose2, proofs: int) -> None:
         self._belief, self._searched = Localized(proofs), 0
-        if not proofs or (self._stayed is not None and apart(pose, self._stayed)):
-            self._stayed = None
-        self._search, self._at = None, pose
-        self.log(f"the robot is found: at {_place(pose)}")
+        if not proofs or (self._unmoved is not None and apart(pose, self._unmoved)):
+            self._unmoved = None
+        self._search, self._estimate = None, pose
+        self.log(f"the robot is localized at {_place(pose)}")
 
-    def _locate(self, search: Search) -> None:
+    def _accept_place(self, search: Search) -> None:
         """Accept a place on the whole map for a lost robot, or confirm the one accepted last.
 
-        One place has to be much better than all others, several times in a row while the robot goes
-        on: a wrong place is worse than a late one.
+        One place has to be much better than all others in several consecutive searches while the
+        robot drives: a wrong place is worse than a late one.
         """
         if not (places := search.places):
             return
-        best, belief = self._staying(search) or places[0], self._belief
+        best, belief = self._unmoved_place(search) or places[0], self._belief
         if isinstance(belief, Lost) and not belief.spread:
-            self._filter.gather(search)  # for the next search, and for what relocate compares
+            self._filter.gather(search)  # for the next search, and for relocate's comparison
         sure = best.share >= self.p.found and best.fit >= self._confirm.found_fit
         if isinstance(belief, Localized):
-            if self._at is None or not apart(best.pose, self._at):
-                unproved = belief.unproved - (best.share >= self.p.found)
-                self._belief = replaced(belief, unproved=unproved)
-                self._stayed = self._stayed if unproved else None
+            if self._estimate is None or not apart(best.pose, self._estimate):
+                unconfirmed = belief.unconfirmed - (best.share >= self.p.found)
+                self._belief = replaced(belief, unconfirmed=unconfirmed)
+                self._unmoved = self._unmoved if unconfirmed else None
             elif sure:
-                self._lose(f"the readings since it was found fit better at {_place(best.pose)}")
+                self._set_lost(f"the readings since it was found fit better at {_place(best.pose)}")
             return
         again = belief.sure if not apart(best.pose, self._best) else 0
         times, self._best = (again + 1 if sure else 0), best.pose
         self._belief = replaced(belief, sure=times)
-        # Particles that have spread mostly still hold the true pose: leaving them takes more. They
-        # converge also where scans of what is not on the map fit by chance: a search has to agree.
+        # Spread particles mostly still include the true pose, so leaving them takes more searches.
+        # They also converge if scans of unmapped objects fit by chance: a search has to agree.
         needed = self.p.found_times * (2 if belief.spread else 1)
-        if belief.converged and self._at is not None and not apart(best.pose, self._at):
+        if belief.converged and self._estimate is not None and not apart(best.pose, self._estimate):
             needed = 1
         if times >= needed:
             if belief.spread:
                 self._filter.gather(search)
-            elif best.pose == self._stayed:  # which the search itself may not have among its best
+            elif best.pose == self._unmoved:  # the search may not have it among its best places
                 self._filter.start_at(best.pose, self.p.start_m, self.p.start_rad)
-            self._find(best.pose, self.p.proved_times)
+            self._set_localized(best.pose, self.p.proved_times)
 
-    def _staying(self, search: Search) -> Place | None:
-        """Where the robot is if it was not moved; None if it is likelier elsewhere."""
-        if self._stayed is None:
+    def _unmoved_place(self, search: Search) -> Place | None:
+        """The pose of a robot that was not moved; None if another place is likelier."""
+        if self._unmoved is None:
             return None
-        place = search.staying(self._stayed, STAYED)
+        place = search.staying(self._unmoved, UNMOVED_ODDS)
         if place is None or place.share < 0.5 or place.fit < self._confirm.found_fit:
             return None
-        if apart(place.pose, self._stayed):
+        if apart(place.pose, self._unmoved):
             return None
-        self._stayed = place.pose
+        self._unmoved = place.pose
         return place
 
-    def _watch_fit(self) -> None:
-        """Report readings that fit the map badly on average; the robot is slow until they fit."""
+    def _update_fit(self) -> None:
+        """Report readings that fit the map badly on average. The robot is slow until they fit."""
         least = self._confirm.misfit
         if isinstance(self._belief, Lost):
-            self._fit, self._misfit = USUAL * least, False
+            self._fit, self._misfit = USUAL_FIT * least, False
             return
         self._fit += self.cycles.period / MISFIT_S * (self._filter.fit - self._fit)
         before, self._misfit = self._misfit, self._fit < least
@@ -592,15 +592,15 @@ def _place(pose: Sequence[float]) -> str:
 
 
 def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
-    """The echoes with their sonars where they were when they fired, in the frame of now.
+    """The echoes with each sonar mounted where it was when it fired, in the present body frame.
 
-    One fires after the other, the last on average half a period ago. At 0.5 m/s and 40 ms that is
-    2 cm for each, always the same way.
+    The sonars fire one after the other, the last on average half a period ago. At 0.5 m/s and
+    40 ms the shift is 2 cm per sonar, always in the same direction.
 
     Args:
-        echoes: In the order in which their sonars fired.
-        motion: In this cycle: m, m, rad.
-        share: From one ping to the next, in cycles.
+        echoes: In firing order.
+        motion: During this cycle: m, m, rad.
+        share: Period from one ping to the next, in cycles.
     """
     x, y, turn = motion
     shifted = []
@@ -612,7 +612,7 @@ def as_fired(echoes: Sequence[Echo], motion: Pose2, share: float) -> list[Echo]:
 
 
 def model_of(grid: Grid, profile: RobotProfile) -> Model:
-    """The model of a map for the sensor that tells most."""
+    """The measurement model of a map: a laser's if the robot has one, else the sonars'."""
     if profile.laser is not None:
         return LaserModel(grid)
     ring = profile.ring
@@ -620,11 +620,11 @@ def model_of(grid: Grid, profile: RobotProfile) -> Model:
 
 
 _small_model = lru_cache(maxsize=2)(SonarModel)
-"""Shared by the runs of a series, which are in the same world; nothing changes a model."""
+"""Shared by the runs of a series in the same world: a model is immutable."""
 
 
 def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
-    """The model of a map. What a large map needs for it is kept for the next time."""
+    """The measurement model for sonars. For a large map its fields are cached on disk."""
     if grid.clearance.size < LARGE:
         return _small_model(grid, cone_rad, reach_m)
 
@@ -634,5 +634,5 @@ def sonar_model(grid: Grid, cone_rad: float, reach_m: float) -> SonarModel:
     about = repr((version("armadico"), FORMAT, grid.cell_m, grid.bounds, cone_rad, reach_m))
     key = sha256(about.encode() + grid.walls.tobytes()).hexdigest()[:32]
     return SonarModel(
-        grid, cone_rad, reach_m, Fields(**arrays(f"sonars-{key}", Fields._fields, make))
+        grid, cone_rad, reach_m, Fields(**cached_arrays(f"sonars-{key}", Fields._fields, make))
     )

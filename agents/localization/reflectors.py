@@ -1,10 +1,9 @@
-"""What sends a sonar's sound back, and which of it is heard from where: made once for a map.
+"""The reflectors of a map (walls, corners, edges), and which of them a sonar receives from where.
 
-To smooth walls the sound is light to a mirror (Leonard and Durrant-Whyte's regions of constant
-depth): whatever a sonar looks at, its echo comes from the foot of the perpendicular on a wall, up
-to some 40 degrees off its axis. A corner throws the sound back whence it came, an edge scatters a
-little. So the range that is to be expected is known exactly, wherever the sonar stands in a cell
-from which the same few of them are heard; only which one answers is a matter of chance.
+For sound a smooth wall is a mirror (Leonard and Durrant-Whyte's regions of constant depth). At any
+sonar heading the echo comes from the foot of the perpendicular on a wall, up to 40 degrees off the
+axis. A corner reflects sound back to its source; an edge scatters a little. So the expected range
+is exact wherever the sonar is in a cell; only which reflector answers is random.
 """
 
 from __future__ import annotations
@@ -19,78 +18,79 @@ Floats = NDArray[np.float32]
 
 CELL_M: Final = 0.25
 HEADINGS: Final = 48
-"""How finely it is kept what is heard from where."""
+"""Resolution of the table: cell size, and headings per turn."""
 
 FULL: Final = 255
-"""A chance of 1: a byte each, since what is looked up should lie near by."""
+"""A chance of 1: one byte each, to keep the table small and lookups in the cache."""
 
 LIKELY: Final = 3
-"""So many of what may answer are kept for each cell and heading: the likeliest."""
+"""Likeliest reflectors kept for each cell and heading."""
 
 NEAREST: Final = 16
-"""So many of what is in sight of a cell are considered, the nearest ones. In a doorway between a
-hall and a room there are a dozen, and the far corners of the room are the last."""
+"""Nearest reflectors in sight of a cell that are considered. In a doorway between a hall and a room
+there are a dozen, the far corners of the room last."""
 
 TILE_CELLS: Final = 8
-"""Cells are looked at by squares with sides of so many."""
+"""Side of the square of cells that are computed together."""
 
 BATCH: Final = 512
-"""Cells of which it is worked out at a time what is likely: what is written to stays near by, in
-the processor's cache, and takes little memory."""
+"""Cells whose likely reflectors are computed at a time: the arrays written to stay in the
+processor's cache."""
 
 MARGIN_M: Final = 1.0
-"""So far beyond the map's bounds there are cells: a robot may be a little off its map."""
+"""Margin of cells beyond the map's bounds: a robot may be a little off its map."""
 
 SURE_RAD, GONE_RAD = radians(15.0), radians(34.0)
-"""What is within the first angle of the axis is heard, beyond the second it is not: the mean of
-what walls do (docs/worlds.md)."""
+"""An echo within the first angle off the axis is received, beyond the second it is not: the mean of
+measured walls (docs/worlds.md)."""
 
-WHOSE: Final = 31
-"""Bits of a chance, a float64, that say whose it is: more than `NEAREST`, and no matter."""
+RANK_BITS: Final = 31
+"""Low bits of a float64 chance that hold the reflector's rank: more than `NEAREST`, and too small
+to change the chance."""
 
 AROUND: Final = ceil(GONE_RAD * HEADINGS / tau)
-"""In so many headings to either side of its own something is heard."""
+"""Headings to either side of a reflector's bearing in which it is received."""
 
 WALL, CORNER, EDGE_M = 0.7, 0.9, 0.4
-"""How often a wall is a mirror that answers (others scatter, or swallow the sound), and a corner;
-an edge is heard like that to this distance, and beyond by the inverse of the range."""
+"""Probability that a wall answers (others scatter or absorb the sound), the same for a corner, and
+the distance to which an edge answers like a corner; beyond, by the inverse of the range."""
 
 ARM_M: Final = 0.1
-"""Shorter walls make no corners: cells of a drawn map."""
+"""Shorter walls form no corners: they are cells of a drawn map."""
 
 JOINT_M: Final = 0.01
-"""Walls that come so near to each other are joined."""
+"""Walls with ends closer than this are joined."""
 
 INNER: Final = (radians(75.0), radians(105.0))
 OUTER: Final = radians(200.0)
-"""Corners between these angles throw the sound back, wider ones than this are edges."""
+"""Angles between these are corners, which reflect sound back; angles above `OUTER` are edges."""
 
 SEEN_M: Final = 0.2
-"""What is not farther behind the first thing in its direction is in sight: cells are coarse;"""
+"""A reflector is in sight up to this distance behind the first surface: cells are coarse."""
 
 SEEN_SHARE: Final = pi / HEADINGS
-"""nor is what is not farther behind than this share of its way: so much nearer are the walls of a
-right-angled corner in the two directions beside it, at the most."""
+"""The same, as a share of its distance: in the two headings beside a right-angled corner the walls
+are nearer by at most this share."""
 
 
 class Reflectors(NamedTuple):
-    """Walls, corners and edges, as columns; corners and edges have no direction and no length."""
+    """Walls, corners and edges, one column per field; points have no direction and no length."""
 
     x: Floats
     y: Floats
     along_x: Floats  # unit vector along a wall, from (x, y)
     along_y: Floats
     length: Floats
-    chance: Floats  # of an answer when it is looked at from near by
-    fades_m: Floats  # beyond this by the inverse of the range
-    bearing: Floats  # a corner opens to the left of this,
-    width: Floats  # by this
+    chance: Floats  # probability of an answer from near by
+    fades_m: Floats  # beyond this distance by the inverse of the range
+    bearing: Floats  # a corner opens to the left of this bearing
+    width: Floats  # by this angle
 
 
 def of_walls(walls: NDArray[np.float64]) -> Reflectors:
-    """The walls (rows of x1, y1, x2, y2), corners and edges of a map, and one that never answers.
+    """The walls (rows of x1, y1, x2, y2), corners and edges of a map, and a silent last one.
 
-    The last is for places from which nothing else is heard.
+    The silent reflector stands for cells where no other is received.
     """
     length = np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1])
     long = length >= ARM_M
@@ -113,7 +113,7 @@ def of_walls(walls: NDArray[np.float64]) -> Reflectors:
 
 
 def _columns(rows: list[tuple[float, ...]]) -> Reflectors:
-    """The rows, and the one that never answers."""
+    """The rows as columns, with the silent reflector added."""
     rows = [*rows, (1e6, 1e6, 0.0, 0.0, 0.0, 0.0, np.inf, 0.0, tau)]
     return Reflectors(*np.asarray(rows, dtype=np.float32).T.copy())
 
@@ -125,7 +125,7 @@ def _openings(
     along: NDArray[np.float64],
     length: NDArray[np.float64],
 ) -> list[tuple[float, float]]:
-    """The sectors between the walls that meet at a place: from which bearing on, and how wide."""
+    """The sectors between the walls that meet at a point: first bearing and width, rad."""
     way = (x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1]
     way = np.minimum(np.maximum(way, 0.0), length)
     off = np.hypot(x - start[:, 0] - way * along[:, 0], y - start[:, 1] - way * along[:, 1])
@@ -140,15 +140,15 @@ def _openings(
 ROW: Final = np.dtype(
     [("which", "<u2", LIKELY), ("chance", "u1", LIKELY), ("silent", "u1"), ("sees_mm", "<u2")]
 )
-"""What is heard from a cell in a heading, in 12 bytes, since looking it up is what costs: which
-reflectors, the chance that this one is it and that none is (of `FULL`), and the way to the first
-wall in the cone that is met squarely."""
+"""What a sonar in a cell receives at a heading, in 12 bytes, since lookups dominate the cost: the
+reflectors, the chance of each and of silence (of `FULL`), and the distance to the first wall in the
+cone that is met at a right angle."""
 
 MOST: Final = 2**16 - 2
-"""More reflectors than these are not considered."""
+"""Greatest number of reflectors; more are ignored."""
 
 
-def heard(
+def reception(
     reflectors: Reflectors,
     first: Floats,
     square: Floats,
@@ -157,22 +157,22 @@ def heard(
     cone_rad: float,
     reach_m: float,
 ) -> NDArray[np.void]:
-    """Work out what is heard from where.
+    """Compute which reflectors are received from where.
 
     Args:
-        reflectors: What there is.
-        first: (cells, HEADINGS): the way to the first thing in each direction, m.
-        square: The same, but `reach_m` where that is a wall that is not met squarely.
-        cell: (rows, columns): the number of each cell, -1 where no sonar can be.
+        reflectors: The map's reflectors.
+        first: (cells, HEADINGS): the distance to the first surface in each direction, m.
+        square: The same, but `reach_m` if that wall is not met at a right angle.
+        cell: (rows, columns): the number of each cell, -1 where no sonar fits.
         origin: The lower left corner of the first cell, m.
         cone_rad: The sonars' whole cone.
-        reach_m: The longest range that they hear.
+        reach_m: The sonars' greatest range.
 
     Returns:
-        A `ROW` for each cell and heading, `cell * HEADINGS + heading`; the last HEADINGS are for
-        where no sonar can be.
+        A `ROW` for each cell and heading, at `cell * HEADINGS + heading`; the last HEADINGS rows
+        are for places where no sonar fits.
     """
-    count = len(first) + 1  # the last one is nowhere, where nothing is heard
+    count = len(first) + 1  # the last one: no sonar fits, and no echo
     nothing = len(reflectors.x) - 1
     which = np.full((count, NEAREST), nothing, dtype=np.int32)
     ways = np.full((count, NEAREST), np.inf, dtype=np.float32)
@@ -181,11 +181,11 @@ def heard(
     end_y = reflectors.y + reflectors.along_y * reflectors.length
     slack = np.float32(0.5 * CELL_M)
     longer = reflectors._replace(length=reflectors.length + slack)
-    columns = np.stack(longer).astype(np.float64)  # as what is worked out with them is
+    columns = np.stack(longer).astype(np.float64)  # the precision of what is computed from them
     west, east = np.sort([reflectors.x, end_x], axis=0).astype(np.float64)
     south, north = np.sort([reflectors.y, end_y], axis=0).astype(np.float64)
     far = reach_m + 0.5 * CELL_M
-    # What is near has a coarse bearing: what is in sight in the headings beside counts, too.
+    # The bearing of a near reflector is coarse: headings beside it count as in sight, too.
     sight = beside(np.maximum, first, 1)
     for top in range(0, cell.shape[0], TILE_CELLS):
         for left in range(0, cell.shape[1], TILE_CELLS):
@@ -217,7 +217,7 @@ def heard(
     for begin in range(0, count, BATCH):
         part = slice(begin, begin + BATCH)
         likely = table[begin * HEADINGS : (begin + BATCH) * HEADINGS]
-        _likely(reflectors, which[part], ways[part], angles[part], likely)
+        _fill_table(reflectors, which[part], ways[part], angles[part], likely)
         sees = beside(np.minimum, square[part], round(0.5 * cone_rad / (tau / HEADINGS)))
         likely["sees_mm"][: sees.size] = np.rint(1e3 * sees).ravel()
     table["sees_mm"][-HEADINGS:] = np.rint(1e3 * np.float32(reach_m))
@@ -225,7 +225,7 @@ def heard(
 
 
 def beside(choose: np.ufunc, ways: Floats, by: int) -> Floats:
-    """The least or the most (`choose`) of so many headings to either side, (places, HEADINGS)."""
+    """The least or greatest (`choose`) of `by` headings to either side, (places, HEADINGS)."""
     found = ways.copy()
     for turned in range(1, by + 1):
         for side in (-turned, turned):
@@ -240,17 +240,17 @@ def _seen(
     sight: Floats,
     far: float,
 ) -> tuple[Floats, Floats]:
-    """From each place to each reflector in sight: the way (m; inf: none) and the bearing."""
+    """From each place to each reflector in sight: distance (m; inf: none) and bearing (rad)."""
     to_x, to_y = r.x - x, r.y - y
     foot = -(to_x * r.along_x + to_y * r.along_y)
     to_x, to_y = to_x + foot * r.along_x, to_y + foot * r.along_y
     there = (foot >= -0.5 * CELL_M) & (foot <= r.length)
     there &= to_x * to_x + to_y * to_y < np.float32(1.01 * far * far)
-    pairs = np.flatnonzero(there)  # less than half: what follows takes longer
+    pairs = np.flatnonzero(there)  # fewer than half, and what follows is slower
     place, one = np.divmod(pairs, len(r.x))
     to_x, to_y = to_x.take(pairs), to_y.take(pairs)
     way, angle = np.hypot(to_x, to_y), np.arctan2(to_y, to_x)
-    heading = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.intp)  # -1 is the last one
+    heading = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.intp)  # -1 is the last heading
     hides = sight[place, heading]
     seen = way < hides + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * way)
     seen &= way < far
@@ -263,21 +263,21 @@ def _seen(
     return ways, angles
 
 
-def _likely(
+def _fill_table(
     reflectors: Reflectors,
     which: NDArray[np.int32],
     ways: Floats,
     angles: Floats,
     table: NDArray[np.void],
 ) -> None:
-    """The likeliest of those in sight, nearest first: who answers hides who is behind.
+    """Fill in the likeliest reflectors, nearest first: a reflector hides those behind it.
 
     Args:
-        reflectors: What there is.
-        which: (cells, NEAREST): what is in sight of each cell, and then the one without an answer.
-        ways: Of these, m.
-        angles: Of these, rad.
-        table: Is filled in: a `ROW` for each cell and heading.
+        reflectors: The map's reflectors.
+        which: (cells, NEAREST): those in sight of each cell, padded with the silent one.
+        ways: Their distances, m.
+        angles: Their bearings, rad.
+        table: Output: a `ROW` for each cell and heading.
     """
     which, ways, angles = which.T, ways.T, angles.T
     cells = which.shape[1]
@@ -297,25 +297,25 @@ def _likely(
         before = silent.take(row)
         chance = (answers[nearest, :, None] * _fade(np.abs(off[nearest] - aside))).ravel() * before
         silent[row] = before - chance
-        # Chances are ordered as their bits are. The last ones say whose it is: of equal ones the
-        # nearest comes first, and after what has no chance comes nobody, 0.
-        mine = (chance.view(np.int64) & ~WHOSE) - (nearest + 1)
-        for likely in likeliest[: nearest + 1]:  # what it pushes out may be the next
+        # Chances are ordered as their bits are. The lowest bits hold the rank: of equal chances the
+        # nearest comes first, and after those without a chance comes the silent one, 0.
+        mine = (chance.view(np.int64) & ~RANK_BITS) - (nearest + 1)
+        for likely in likeliest[: nearest + 1]:  # a displaced one may come next
             was = likely.take(row)
             likely[row] = np.maximum(was, mine)
             mine = np.minimum(was, mine)
-    nobody = np.full((1, cells), len(reflectors.x) - 1)
-    numbers = np.concatenate([nobody, which]).astype(np.uint16)
+    silent_one = np.full((1, cells), len(reflectors.x) - 1)
+    numbers = np.concatenate([silent_one, which]).astype(np.uint16)
     cell = np.repeat(np.arange(cells), HEADINGS)
     for rank, likely in enumerate(likeliest):
-        chance = (likely + WHOSE) & ~WHOSE
+        chance = (likely + RANK_BITS) & ~RANK_BITS
         table["which"][:, rank] = numbers.take((chance - likely) * cells + cell)
         table["chance"][:, rank] = np.rint(FULL * chance.view(np.float64).astype(np.float32))
     table["silent"] = np.rint(FULL * silent)
 
 
 def _fade(off: Floats) -> Floats:
-    """How probably something so far off the axis (rad) is heard."""
+    """The probability of an echo at an angle `off` the axis (rad)."""
     share = (off - np.float32(SURE_RAD)) / np.float32(GONE_RAD - SURE_RAD)
     share = np.minimum(np.maximum(share, 0.0), 1.0)
     faded: Floats = 1.0 - share * share * (3.0 - 2.0 * share)

@@ -1,11 +1,13 @@
-"""How likely sonar readings are at a pose on a known map, for many poses at once.
+"""The likelihood of sonar readings at poses on a known map, for many poses at once.
 
-A mixture in the manner of Thrun, Burgard and Fox, *Probabilistic Robotics*, sections 6.3 and 6.4.
-An echo is the range to a wall's foot, a corner or an edge that is heard from there (`reflectors`);
-or it was scattered by anything on an arc across the cone, where the likelihood field tells how near
-each place is to a wall; or it is short (people), random, or came through what the map has as a
-wall: off another wall, since a mirror throws away the sound that meets it at a slant. So that one
-counts little, as no echo at all does where something should have answered.
+A mixture after Thrun, Burgard and Fox, *Probabilistic Robotics*, sections 6.3 and 6.4. An echo is
+one of these:
+- the range to a reflector: a wall's foot, a corner or an edge (see `reflectors`);
+- scattered by any surface on an arc across the cone; the likelihood field has the distance of each
+  place to a wall;
+- short (people), or random;
+- from behind a wall of the map: off another wall, since a smooth wall reflects sound at a slant
+  away. Such an echo counts little, as does no echo where one is expected.
 """
 
 from __future__ import annotations
@@ -32,93 +34,96 @@ from armadico.agents.methods.grid import Grid
 from armadico.mobile.messages import Echo
 
 FORMAT: Final = 2
-"""Of `Fields`, and of how they are worked out: what was kept of another one is of no use."""
+"""Version of `Fields` and their computation: cached fields of another version are not used."""
 
 Poses = NDArray[np.float32]
-"""A row each: x and y in m, the heading in rad, in the world."""
+"""One pose per row: x, y (m) and heading (rad) in the world."""
 
 EXACT: Final = 0.75
-"""Share of echoes whose range is that of a reflector; the others are the field's."""
+"""Share of echoes from reflectors; the others come from the likelihood field."""
 
 EXACT_M, EXACT_SHARE = 0.03, 0.01
-"""Standard deviation of such a range: what a map and a sonar's time of firing leave open, and by
-the range (docs/worlds.md)."""
+"""Standard deviation of a reflector's range, constant and per range: from the map's accuracy and
+the time at which a sonar fires (docs/worlds.md)."""
 
 HIT_M: Final = 0.08
-"""Standard deviation of a scattered echo about the map: the cells' size, the range's noise, the
-map's own errors."""
+"""Standard deviation of a scattered echo about the map (Nav2's sigma_hit): cell size, range noise,
+map errors."""
 
 COARSE_M: Final = 0.3
+"""`HIT_M` for guesses that are that far apart."""
+
 COARSE_EXACT_M: Final = 0.15
-"""The same for guesses that are that far apart."""
+"""`EXACT_M` for such guesses."""
 
 HIT, SHORT, RANDOM = 0.75, 0.15, 0.10
-"""Shares of the others off a mapped wall, off something nearer that is not on the map, and of no
-cause."""
+"""Shares of the other echoes: off a mapped wall, off an unmapped nearer object, and random (Nav2's
+z_hit, z_short, z_rand)."""
 
 EXCUSED: Final = np.float32(0.2)
-"""Least likelihood of an echo off something nearer, where that is excused,"""
+"""Least likelihood of an echo off a nearer object, if that is excused."""
 
 EXCUSED_MM: Final = 100
-"""by so much nearer than any wall that answers. Both were chosen on simulated partitions."""
+"""Least distance of such an object before any wall that answers. This and `EXCUSED` were chosen on
+simulated partitions."""
 
-THROUGH: Final = 0.35
-"""Of their likelihood that remains where a wall of the map should have answered before the echo."""
+BEHIND: Final = 0.35
+"""Factor on an echo's likelihood if a wall of the map should have answered before it."""
 
-THROUGH_M: Final = 0.4
-"""By so much an echo must be behind that wall."""
+BEHIND_M: Final = 0.4
+"""Least distance of such an echo behind that wall."""
 
-UNHEARD: Final = 0.15
-"""Likelihood of no echo where something should have answered, beside 1 where nothing should."""
+MISSED: Final = 0.15
+"""Likelihood of no echo where one is expected, relative to 1 where none is."""
 
 ARC: Final = (-0.7, 0.0, 0.7)
-"""Where the field is read along the arc, in shares of half the cone. At 2 m and 30 degrees a wall
-that is square to the beam between two of them is 8 mm off the nearer one."""
+"""Where the field is read along the arc, as shares of half the cone. At 2 m and 30 degrees a wall
+at a right angle to the beam between two of them is 8 mm off the nearer one."""
 
 SQUARE: Final = 0.82
-"""Cosine of the angle of incidence beyond which a wall throws the sound away: 35 degrees, where
-smooth walls have gone silent for some and not for other sonars (docs/worlds.md)."""
+"""Cosine of the angle of incidence (35 degrees) beyond which a wall returns no echo. At that angle
+smooth walls were silent for some sonars and not for others (docs/worlds.md)."""
 
 BEFORE_M: Final = 0.3
-"""So far before the wall it is looked at."""
+"""Distance before a wall at which its angle of incidence is derived from the clearance."""
 
-TOGETHER: Final = 1024
-"""Cells from which one looks at once: what they look at stays near by, in the processor's cache."""
+BATCH_CELLS: Final = 1024
+"""Cells traced at once: the cells that their rays visit stay in the processor's cache."""
 
 STEPS: Final = 4
-"""So many are made before it is asked who has arrived: to ask takes as long as a step."""
+"""Steps between two checks for rays that have arrived: a check costs as much as a step."""
 
 SENSOR_M: Final = 0.08
-"""No sonar is nearer to a wall than this: it sits within the robot."""
+"""Least distance of a sonar to a wall: it is mounted inside the footprint."""
 
 
-WIDE: Final = 32_000
-"""Echoes at poses that are worked out at once: many, and what the processor's caches hold."""
+BATCH_PAIRS: Final = 32_000
+"""Pairs of echo and pose computed at once: as many as fit into the processor's caches."""
 
 NEGLIGIBLE: Final = np.float32(-80.0)
-"""The exponential of less is a denormal number, for which processors take ten times as long."""
+"""The exponential of less is a denormal number, on which processors are ten times slower."""
 
 
 class Fields(NamedTuple):
-    """All that is made once for a map: arrays alone, so that they can be kept."""
+    """All that is computed once per map: arrays only, so that they can be cached."""
 
     corner: NDArray[np.float64]  # (2,): lower left corner of the fields, m
-    fine: Floats  # (rows, columns): likelihood of an echo from there,
-    coarse: Floats  # and for guesses that are far apart
+    fine: Floats  # (rows, columns): likelihood of an echo from there
+    coarse: Floats  # the same for guesses that are far apart
     reflectors: Floats  # (columns of `Reflectors`, n)
-    cell: NDArray[np.int32]  # (rows, columns): number of each cell of CELL_M; -1: no sonar can be
-    heard: NDArray[np.void]  # `reflectors.ROW`s: what is heard from each cell in each heading
+    cell: NDArray[np.int32]  # (rows, columns): number of each cell of CELL_M; -1: no sonar fits
+    reception: NDArray[np.void]  # `reflectors.ROW`s: what answers, for each cell and heading
 
 
 def fields(grid: Grid, cone_rad: float, reach_m: float) -> Fields:
-    """Make them.
+    """Compute the fields of a map.
 
     Args:
-        grid: The map: the clearance of each of its cells.
+        grid: The map.
         cone_rad: The sonars' whole cone.
-        reach_m: The longest range they hear.
+        reach_m: The sonars' greatest range.
     """
-    pad = int(np.ceil((reach_m + 2.0) / grid.cell_m))  # what a robot at the edge looks at
+    pad = int(np.ceil((reach_m + 2.0) / grid.cell_m))  # the range of a robot at the edge
     clearance = np.pad(grid.clearance.astype(np.float32), pad, constant_values=grid.horizon_m)
     x0, y0 = (low - pad * grid.cell_m for low in grid.bounds[:2])
     fine, coarse = (
@@ -136,34 +141,34 @@ def fields(grid: Grid, cone_rad: float, reach_m: float) -> Fields:
     cell = np.full((rows, columns), -1, dtype=np.int32)
     cell[open_] = np.arange(np.count_nonzero(open_))
     row, column = np.nonzero(open_)
-    first, square = _looked(clearance, ys[row], xs[column], grid.cell_m, reach_m)
+    first, square = _trace(clearance, ys[row], xs[column], grid.cell_m, reach_m)
     made = reflectors.of_walls(grid.walls)
-    heard = reflectors.heard(made, first, square, cell, origin, cone_rad, reach_m)
-    return Fields(np.array([x0, y0]), fine, coarse, np.stack(made), cell, heard)
+    reception = reflectors.reception(made, first, square, cell, origin, cone_rad, reach_m)
+    return Fields(np.array([x0, y0]), fine, coarse, np.stack(made), cell, reception)
 
 
-def _looked(
+def _trace(
     clearance: Floats,
     rows: NDArray[np.int32],
     columns: NDArray[np.int32],
     cell_m: float,
     reach_m: float,
 ) -> tuple[Floats, Floats]:
-    """From each place in each heading, the way to the first thing, and to the first that answers.
+    """The distances to the first surface and to the first that answers, (places, HEADINGS), m.
 
-    By sphere tracing: a step as long as the clearance passes no wall, and half a cell is as near as
-    cells tell. A wall answers that the ray meets squarely enough; by how much tells the clearance,
-    which falls by the way that is made if the wall is square to it. Both (places, HEADINGS), m.
+    Sphere tracing: a step as long as the clearance passes no wall; half a cell is the accuracy. A
+    wall answers if the ray meets it nearly at a right angle. The clearance shows the angle: towards
+    a wall at a right angle it falls by the distance covered.
     """
     width = clearance.shape[1]
-    flat = clearance.ravel() / np.float32(cell_m)  # ways in cells
-    free = np.where(flat > np.float32(0.6), flat, np.float32(0.0))  # who is near a wall stays there
+    flat = clearance.ravel() / np.float32(cell_m)  # in cells
+    free = np.where(flat > np.float32(0.6), flat, np.float32(0.0))  # 0: a ray at a wall stops
     reach, before = np.float32(reach_m / cell_m), np.float32(BEFORE_M / cell_m)
     angles = np.arange(HEADINGS, dtype=np.float32) * np.float32(tau / HEADINGS)
     first = np.empty((len(rows), HEADINGS), dtype=np.float32)
     square = np.empty_like(first)
-    for begin in range(0, len(rows), TOGETHER):
-        part = slice(begin, begin + TOGETHER)
+    for begin in range(0, len(rows), BATCH_CELLS):
+        part = slice(begin, begin + BATCH_CELLS)
         count = len(rows[part])
         x0, y0 = (
             np.repeat(whole[part].astype(np.float32) + np.float32(0.5), HEADINGS)
@@ -193,7 +198,7 @@ def _looked(
 
 
 class SonarModel:
-    """The likelihood of echoes, by what was made of a map."""
+    """The likelihood of echoes, from a map's fields."""
 
     def __init__(
         self,
@@ -205,10 +210,10 @@ class SonarModel:
         """Prepare.
 
         Args:
-            grid: The map: the clearance of each of its cells.
+            grid: The map.
             cone_rad: The sonars' whole cone.
-            reach_m: The longest range they hear.
-            made: What `fields` has made of these three, if it has been kept.
+            reach_m: The sonars' greatest range.
+            made: The result of `fields` for these, if it was cached.
         """
         made = fields(grid, cone_rad, reach_m) if made is None else made
         self._arc = np.asarray(ARC)[:, None] * (0.5 * cone_rad)
@@ -219,8 +224,8 @@ class SonarModel:
         self.bounds = grid.bounds
         r = Reflectors(*made.reflectors)
         self._reflectors = r.x, r.y, r.along_x, r.along_y
-        self._row = made.cell.ravel() * np.int32(HEADINGS)  # of each cell; negative: the last ones
-        self._heard = made.heard.view((np.uint32, 3))
+        self._row = made.cell.ravel() * np.int32(HEADINGS)  # of each cell; negative: the last rows
+        self._table = made.reception.view((np.uint32, 3))
         self._rows, self._across = made.cell.shape
 
     def likelihood(
@@ -236,44 +241,44 @@ class SonarModel:
         for answered in (True, False):
             which = [k for k, echo in enumerate(echoes) if (echo.range is not None) is answered]
             chosen = [echoes[k] for k in which]
-            together = WIDE // max(1, len(which))
+            together = BATCH_PAIRS // max(1, len(which))
             for begin in range(0, len(poses) if which else 0, together):
                 part = slice(begin, begin + together)
-                at = self._held(poses[part])
+                at = self._frames(poses[part])
                 if answered:
                     of = self._answered(at, chosen, coarse, excused)
                 else:
-                    of = self._none(at, chosen)
+                    of = self._silence(at, chosen)
                 found[part, which] = of.T
         return found
 
-    def _none(self, at: Held, echoes: Sequence[Echo]) -> Floats:
-        """The likelihood that there is no echo, (echoes, poses)."""
-        heard, _, _ = self._heard_from(at, echoes)
-        return _float32(UNHEARD + (1.0 - UNHEARD) / FULL * heard["silent"])
+    def _silence(self, at: Frames, echoes: Sequence[Echo]) -> Floats:
+        """The likelihood of no echo, (echoes, poses)."""
+        reception, _, _ = self._lookup(at, echoes)
+        return _float32(MISSED + (1.0 - MISSED) / FULL * reception["silent"])
 
-    def _answered(self, at: Held, echoes: Sequence[Echo], coarse: bool, excused: bool) -> Floats:
+    def _answered(self, at: Frames, echoes: Sequence[Echo], coarse: bool, excused: bool) -> Floats:
         """The likelihood of each range, (echoes, poses)."""
         ranges = np.array([echo.range for echo in echoes], dtype=np.float64)[:, None]
-        heard, x, y = self._heard_from(at, echoes)
+        reception, x, y = self._lookup(at, echoes)
         likelihood = self._scattered(at, echoes, ranges, coarse)
-        sees, range_mm = heard["sees_mm"].astype(np.float32), 1e3 * ranges
-        whole_mm = np.floor(range_mm)  # as the model has them
+        sees, range_mm = reception["sees_mm"].astype(np.float32), 1e3 * ranges
+        whole_mm = np.floor(range_mm)  # the resolution of the model
         before = sees > _float32(whole_mm)
-        through = sees < _float32(np.ceil(range_mm - 1e3 * THROUGH_M))
+        through = sees < _float32(np.ceil(range_mm - 1e3 * BEHIND_M))
         likelihood += np.float32(SHORT) * before + np.float32(RANDOM)
-        likelihood *= _float32((1.0, THROUGH)).take(through)
+        likelihood *= _float32((1.0, BEHIND)).take(through)
         likelihood *= np.float32(1.0 - EXACT)
-        likelihood += self._exact(x, y, heard, ranges, coarse)
+        likelihood += self._exact(x, y, reception, ranges, coarse)
         if excused:
             nearer = sees > _float32(whole_mm + EXCUSED_MM)
             np.maximum(likelihood, EXCUSED * nearer, out=likelihood)
         return likelihood
 
-    def _heard_from(
-        self, at: Held, echoes: Sequence[Echo]
+    def _lookup(
+        self, at: Frames, echoes: Sequence[Echo]
     ) -> tuple[NDArray[np.void], Floats, Floats]:
-        """What is heard from where each sonar is at each pose, and where: (echoes, poses)."""
+        """The table's rows for each sonar at each pose, and its x and y: (echoes, poses)."""
         x, y = at.ahead(_float32([[e.x] for e in echoes]), _float32([[e.y] for e in echoes]))
         west, south = (np.float32(low - MARGIN_M) for low in self.bounds[:2])
         inverse = np.float32(1.0 / CELL_M)
@@ -288,23 +293,23 @@ class SonarModel:
         turn -= turn // HEADINGS * HEADINGS  # numpy's remainder takes 20 times as long
         where = self._row.take(row)
         where += turn
-        heard = self._heard.take(where, axis=0).view(ROW)[..., 0]
-        return heard, x, y
+        reception = self._table.take(where, axis=0).view(ROW)[..., 0]
+        return reception, x, y
 
     def _exact(
         self,
         x: Floats,
         y: Floats,
-        heard: NDArray[np.void],
+        reception: NDArray[np.void],
         ranges: NDArray[np.float64],
         coarse: bool,
     ) -> Floats:
-        """That the range is that of something that is heard from there."""
+        """The likelihood that the range is that of a reflector, (echoes, poses)."""
         deviation = (COARSE_EXACT_M if coarse else EXACT_M) + EXACT_SHARE * ranges
         inverse, reading = _float32(1.0 / deviation), _float32(ranges / deviation)
         likelihood = np.zeros_like(x)
         for rank in range(LIKELY):
-            one = heard["which"][..., rank].astype(np.intp)
+            one = reception["which"][..., rank].astype(np.intp)
             to_x, to_y, along_x, along_y = (column.take(one) for column in self._reflectors)
             to_x -= x
             to_y -= y
@@ -323,15 +328,15 @@ class SonarModel:
             off *= np.float32(-0.5)
             np.maximum(off, NEGLIGIBLE, out=off)
             np.exp(off, out=off)
-            off *= heard["chance"][..., rank]
+            off *= reception["chance"][..., rank]
             likelihood += off
         likelihood *= np.float32(EXACT / FULL)
         return likelihood
 
     def _scattered(
-        self, at: Held, echoes: Sequence[Echo], ranges: NDArray[np.float64], coarse: bool
+        self, at: Frames, echoes: Sequence[Echo], ranges: NDArray[np.float64], coarse: bool
     ) -> Floats:
-        """That it comes from anything on the arc."""
+        """The likelihood that any surface on the arc scattered the echo, (echoes, poses)."""
         field, inverse = self._coarse if coarse else self._fine, self._inverse
         at = at._replace(x=at.x - self._x0, y=at.y - self._y0)
         mounts = np.array([(e.x, e.y, e.bearing) for e in echoes])[:, :, None]
@@ -345,16 +350,16 @@ class SonarModel:
             x *= inverse
             y *= inverse
             row = y.astype(np.int32)
-            row *= self._columns  # an echo from beyond the field is of no wall: any cell will do
+            row *= self._columns  # an echo beyond the field is far from any wall: any cell will do
             row += x.astype(np.int32)
             np.maximum(best, field.take(row, mode="clip"), out=best)
         return best
 
-    def _held(self, poses: Poses) -> Held:
-        """The poses, kept so near to the map that every echo is on the field."""
+    def _frames(self, poses: Poses) -> Frames:
+        """The poses, clipped to the map's surroundings so that every echo is on the field."""
         x1, y1, x2, y2 = self.bounds
         theta = poses[:, 2].copy()
-        return Held(
+        return Frames(
             np.clip(poses[:, 0], x1 - MARGIN_M, x2 + MARGIN_M),
             np.clip(poses[:, 1], y1 - MARGIN_M, y2 + MARGIN_M),
             theta,
@@ -363,7 +368,7 @@ class SonarModel:
         )
 
 
-class Held(NamedTuple):
+class Frames(NamedTuple):
     """Poses, each array (poses,)."""
 
     x: Floats
@@ -373,7 +378,7 @@ class Held(NamedTuple):
     s: Floats
 
     def ahead(self, ahead: Floats, left: Floats) -> tuple[Floats, Floats]:
-        """Where places in their frames are, (places, 1), on the map, (places, poses)."""
+        """Map positions, (places, poses), of points in the poses' frames, (places, 1)."""
         x, y = self.c * ahead, self.s * ahead
         x -= self.s * left
         y += self.c * left

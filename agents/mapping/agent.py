@@ -14,7 +14,7 @@ from armadico.agents.mapping.loop_closure import LoopParameters
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.scan_matching import MatcherParameters
 from armadico.agents.mapping.slam import Slam, SlamParameters, Update
-from armadico.agents.methods.odometry import WIDEST, begun_anew
+from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.config import grid_map
 from armadico.config.discovery import MAPPERS, find
 from armadico.config.errors import ConfigError
@@ -117,7 +117,7 @@ class SlamAgent(Agent):
 
     name = "slam"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
+    receives: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
     parameters = Parameters
@@ -170,7 +170,7 @@ class SlamAgent(Agent):
         odometry, before = _odometry(state), self._odometry
         if before is not None and self._start is not None and state.cycle.epoch != self._epoch:
             was, now = before.tolist(), odometry.tolist()
-            if begun_anew((was[0], was[1], was[2]), (now[0], now[1], now[2])):
+            if was_reset((was[0], was[1], was[2]), (now[0], now[1], now[2])):
                 here = compose(self._start, before)
                 self._start = compose(here, relative(odometry, np.zeros(3)))
         self._odometry, self._epoch = odometry, state.cycle.epoch

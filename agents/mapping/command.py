@@ -83,7 +83,7 @@ def run(args: Options) -> int:
     from armadico.agents.mapping import run as runs
     from armadico.cli.pool import progress
 
-    say = options.teller("armadico slam")
+    say = options.reporter("armadico slam")
     log, drift = _log(args)
     for note in log.notes:
         say(f"note: {note}")

@@ -1,17 +1,17 @@
 """Goto's fast, precise and collaborative controllers (thesis 3.5.1 and 4.6.2 to 4.6.4).
 
-Each law turns where the target lies, `rho` metres away at `alpha` radians from the heading, into
-speeds. The collaborative controller is their weighted mean (3.1) by how near the goal is (3.2).
+Each law maps the target, `rho` metres away at `alpha` radians from the heading, to speeds. The
+collaborative controller is their weighted mean (3.1) by the distance to the goal (3.2).
 
 - Fast: ``v = min(v, gain * ahead)``, ``w = turn * alpha``. The speed is not multiplied by
-  cos(alpha): goto has to get along while it turns, or it stands still whenever another behaviour
-  has turned the robot away. Only a target well behind makes it creep. As turn exceeds gain, alpha
+  cos(alpha): goto has to progress while it turns, or it stands still whenever another behaviour has
+  turned the robot away. Only a target well behind makes it creep. Since turn exceeds gain, alpha
   shrinks at any distance, so it cannot orbit the target.
 - Precise: ``v = gain * rho * cos(alpha)``, never backwards.
 - At the goal, precise and collaborative turn in place to the goal's heading; fast stops as it is.
 
-`ahead` is the distance to the target plus what the trajectory goes on after it, each leg counted
-by the cosine of the turn into it: a waypoint on the way costs no speed, only a corner does.
+`ahead` is the distance to the target plus the rest of the trajectory, each leg multiplied by the
+cosine of the turn into it: a waypoint on a straight line costs no speed, only a corner does.
 
 The stop rule is `Settings`' tolerances. A run counts as reached when the true pose is within
 0.15 m and 5 degrees; the controllers aim well inside, at 3 cm and 2 degrees of the measured pose.
@@ -37,15 +37,15 @@ from armadico.core.fuzzy import Far, Near, weights
 from armadico.mobile.geometry import wrap
 
 EXACT_RAD, EXACT_RAD_S = 0.015, 0.06
-"""Whose heading is uncertain does not stop at the edge of what is good: it turns on no slower than
-this, and what it still turns by then, to the middle."""
+"""With an uncertain heading the turn at the goal does not stop at the edge of the tolerance but at
+this error (rad), and is no slower than this rate (rad/s)."""
 
 Speeds = tuple[float, float]
 """(v, w) in m/s and rad/s, of the middle of the wheel axle."""
 
 
 class Mode(StrEnum):
-    """Which controller drives: table 5.1 compares the three."""
+    """The controller that drives: table 5.1 compares the three."""
 
     FAST = "fast"
     PRECISE = "precise"
@@ -55,10 +55,10 @@ class Mode(StrEnum):
 class Law(Struct, frozen=True):
     """The gains of one controller."""
 
-    v: float  # at most, m/s
+    v: float  # greatest speed, m/s
     gain: float  # of v over distance, 1/s
-    w: float  # at most, rad/s
-    turn: float  # of w over alpha, 1/s; above `gain`
+    w: float  # greatest turn rate, rad/s
+    turn: float  # gain of w over alpha, 1/s; greater than `gain`
 
 
 class Settings(Struct, frozen=True):
@@ -66,10 +66,10 @@ class Settings(Struct, frozen=True):
 
     fast: Law
     precise: Law
-    near_m: float = 0.3  # up to here only the precise controller counts (min of 3.2)
-    far_m: float = 1.0  # from here on only the fast one (max of 3.2)
-    behind_rad: float = math.radians(100)  # a target past this angle lets fast creep only
-    creep: float = 0.1  # speed of that, m/s
+    near_m: float = 0.3  # up to this distance only the precise controller counts (min of 3.2)
+    far_m: float = 1.0  # from this distance only the fast one counts (max of 3.2)
+    behind_rad: float = math.radians(100)  # beyond this angle to the target, fast creeps
+    creep: float = 0.1  # its speed then, m/s
     corner: float = 0.25  # fast's least speed into a waypoint, m/s
     v_accel: float = 0.3  # m/s^2
     v_decel: float = 0.6  # m/s^2
@@ -99,7 +99,7 @@ SETTINGS = {"chapter-5": CHAPTER_5, "chapter-4": CHAPTER_4}
 
 
 def fast(law: Law, settings: Settings, ahead: float, alpha: float) -> Speeds:
-    """As fast as it can be, the set-point reached or not (thesis 4.6.2)."""
+    """The fast law: as fast as possible, whether it reaches the set-point or not (thesis 4.6.2)."""
     v = min(law.v, law.gain * ahead)
     if abs(alpha) > settings.behind_rad:
         v = min(v, settings.creep)
@@ -107,13 +107,13 @@ def fast(law: Law, settings: Settings, ahead: float, alpha: float) -> Speeds:
 
 
 def precise(law: Law, ahead: float, alpha: float) -> Speeds:
-    """Exact, whatever time it takes (thesis 4.6.3)."""
+    """The precise law: exact, however long it takes (thesis 4.6.3)."""
     v = clip(law.gain * ahead * math.cos(alpha), 0.0, law.v)
     return v, clip(law.turn * alpha, -law.w, law.w)
 
 
 def mix(settings: Settings, rho: float, far: Speeds, near: Speeds) -> Speeds:
-    """The mean of both controllers' speeds, weighted by how near the goal is (3.1, 3.2)."""
+    """The mean of both laws' speeds, weighted by the distance to the goal (3.1, 3.2)."""
     share, rest = weights(
         (Far(settings.near_m, settings.far_m), Near(settings.near_m, settings.far_m)), rho
     )
@@ -121,7 +121,7 @@ def mix(settings: Settings, rho: float, far: Speeds, near: Speeds) -> Speeds:
 
 
 def ahead_of(pose: Posed, waypoints: Sequence[Positioned], enough: float) -> float:
-    """Distance to the first waypoint and on, m; legs count by the cosine of the turn into them."""
+    """Distance along the waypoints, m; each leg times the cosine of the turn into it."""
     total, heading, share = distance(pose, waypoints[0]), pose.theta, 1.0
     for here, there in pairwise(waypoints):
         leg = direction(here, there)
@@ -134,7 +134,7 @@ def ahead_of(pose: Posed, waypoints: Sequence[Positioned], enough: float) -> flo
 
 
 def ramp(before: float, wanted: float, up: float, down: float) -> float:
-    """`wanted`, but at most `up` faster or `down` slower than `before`; through zero is slower."""
+    """`wanted`, limited to `up` faster or `down` slower than `before`; through zero is slower."""
     step = up if abs(wanted) > abs(before) and wanted * before >= 0.0 else down
     return clip(wanted, before - step, before + step)
 
@@ -142,16 +142,16 @@ def ramp(before: float, wanted: float, up: float, down: float) -> float:
 class Controller:
     """Drives along waypoints and parks on the last one.
 
-    It remembers only that it is turning in place at the goal and that it has parked, both with
-    hysteresis, so that noise in the pose starts nothing anew.
+    Its state is whether it turns in place at the goal and whether it has parked, both with
+    hysteresis, so that noise in the pose does not restart it.
     """
 
     def __init__(self, settings: Settings = CHAPTER_5, mode: Mode = Mode.COLLABORATIVE) -> None:
-        """One controller for one trajectory after another: `reset` between them."""
+        """One controller for successive trajectories: call `reset` between them."""
         self.settings = settings
         self.mode = mode
-        self.mixes_on_the_way = False  # near each waypoint, and not the goal alone (thesis 5.2.1)
-        self.exact = False  # the heading is uncertain: to the middle of what is good
+        self.mixes_on_the_way = False  # at each waypoint, not only at the goal (thesis 5.2.1)
+        self.exact = False  # the heading is uncertain: turn to EXACT_RAD
         self.reset()
 
     def reset(self) -> None:
@@ -170,9 +170,9 @@ class Controller:
 
         Args:
             pose: Of the robot, in the world frame.
-            waypoints: What is left of the trajectory, the next one first and the goal last.
-            before: What was commanded last while this agent holds the wheels, else the measured
-                speeds. The ramps start there.
+            waypoints: The rest of the trajectory, the next waypoint first and the goal last.
+            before: The last command while this agent holds the wheels, else the measured speeds.
+                The ramps start there.
             period: From one command to the next, s.
 
         Returns:
@@ -186,7 +186,6 @@ class Controller:
         )
 
     def wanted(self, pose: Posed, waypoints: Sequence[Posed]) -> Speeds:
-        """Speeds before the ramps."""
         target = waypoints[0]
         rho = distance(pose, target)
         alpha = wrap(direction(pose, target) - pose.theta)
@@ -203,9 +202,9 @@ class Controller:
         return self._approach(rho, alpha)
 
     def _pass(self, pose: Posed, waypoints: Sequence[Posed], rho: float, alpha: float) -> Speeds:
-        """To an intermediate waypoint; the collaborative controller is the fast one there.
+        """Speeds to an intermediate waypoint; there the collaborative controller is the fast one.
 
-        Unless it is to mix both: then it is the precise one beside each waypoint, too.
+        With `mixes_on_the_way` it mixes in the precise one near each waypoint.
         """
         s = self.settings
 

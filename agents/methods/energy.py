@@ -1,13 +1,13 @@
-"""What a way costs in energy (thesis 3.6.2), by the motor model of 4.5.
+"""The energy that a path takes (thesis 3.6.2), by the motor model of 4.5.
 
-At a steady speed the motors turn against friction alone. One motor, with the wheel turning at
+At a steady speed the motors work against friction alone. One motor, with the wheel turning at
 phi_dot = v / R (equations 4.25 to 4.28, tables 4.2 and 4.6):
 
     torque at the wheel   tau = C_s + t_r mu tau_fr + C_v phi_dot
     current               i = tau / (t_r mu K_T)
     voltage               V = R_a i + t_r K_E phi_dot
 
-A motor takes V i, and there are two; the electronics take their current besides.
+A motor takes V i, and there are two; the electronics take their current in addition.
 """
 
 from __future__ import annotations
@@ -24,14 +24,12 @@ from armadico.config.profile import RobotProfile
 from armadico.mobile.geometry import wrap
 
 STANDING_M_S = 0.003
-"""A slower rim rests: it is noise."""
+"""Least speed of a wheel's rim that counts as motion."""
 
 
 class Energy(Struct, frozen=True):
-    """What driving some way takes."""
-
     joules: float
-    battery_share: float  # of a full battery, 1 is all of it
+    battery_share: float  # of a full battery, 0 to 1
     seconds: float
 
 
@@ -45,7 +43,7 @@ def motor_power(profile: RobotProfile, v: float, w: float = 0.0) -> float:
 
 
 def _one_motor(profile: RobotProfile, rim: float) -> float:
-    """Of a motor whose wheel's rim has this speed (m/s), W; at rest none."""
+    """Power of the motor of a wheel with this rim speed (m/s), W; 0 at rest."""
     if rim < STANDING_M_S:
         return 0.0
     motor, inertia = profile.motor, profile.inertia
@@ -62,16 +60,16 @@ def _one_motor(profile: RobotProfile, rim: float) -> float:
 
 
 class Pace(Struct, frozen=True, forbid_unknown_fields=True):
-    """How fast the society drives a way: what it loses besides the way itself.
+    """How fast the society drives a path, including losses at turns and ends.
 
-    Identified on seeds 1 to 3 of the shipped scenarios but sc2, with sensors as real ones are, by
-    the least mean error of the energy; `armadico experiment energy` has how well it does on others.
+    Identified on seeds 1 to 3 of the shipped scenarios except sc2, with realistic sensors, by the
+    least mean error of the energy. `armadico experiment energy` measures the error on others.
     """
 
     v_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.46  # along a leg
-    turn_s: Annotated[float, Meta(ge=0, le=100)] = 1.5  # more for each radian of turning,
-    ends_s: Annotated[float, Meta(ge=0, le=1000)] = 9.0  # and for starting and parking
-    turn_rad_s: Annotated[float, Meta(gt=0, le=10)] = 0.5  # how fast it turns
+    turn_s: Annotated[float, Meta(ge=0, le=100)] = 1.5  # extra time per radian of turning
+    ends_s: Annotated[float, Meta(ge=0, le=1000)] = 9.0  # extra time for starting and parking
+    turn_rad_s: Annotated[float, Meta(gt=0, le=10)] = 0.5  # turn rate
 
 
 def energy(
@@ -81,25 +79,25 @@ def energy(
     v_max: float | None = None,
     volts: float | None = None,
 ) -> Energy:
-    """What driving a way takes: rolling, turning, starting, and the electronics all the time.
+    """The energy of driving a path: rolling, turning, starting, and the electronics.
 
-    Power at a steady speed is the motors' (4.25 to 4.28); starting takes the kinetic energy, which
-    braking does not give back. The time is that of the speed really driven, not of the
-    cruising speed (3.6.2), and the electronics take their current all that time.
+    Motor power at a steady speed follows 4.25 to 4.28. Starting takes the kinetic energy, which
+    braking does not return. The electronics take their current for the time at the speed really
+    driven, not at the cruising speed (3.6.2).
 
     Args:
-        way: Poses from where the robot is to the goal, each heading as it is passed; only the
-            first heading and the last count. World frame, m and rad.
+        way: Poses from the robot to the goal. Only the first heading and the last count. World
+            frame, m and rad.
         profile: The robot.
         pace: How fast it is driven.
         v_max: A speed limit, m/s.
-        volts: Of the battery now; None: half way between full and empty.
+        volts: Present battery voltage; None: half way between full and empty.
 
     Raises:
-        ValueError: There is no way: fewer than two poses.
+        ValueError: The path has fewer than two poses.
     """
     if len(way) < 2:
-        raise ValueError("no energy for a way without an end")
+        raise ValueError(f"a path has at least 2 poses (got {len(way)})")
     v = min(pace.v_m_s, v_max or inf)
     length = sum(distance(a, b) for a, b in pairwise(way))
     headings = [way[0].theta]

@@ -1,4 +1,4 @@
-"""Places and poses as the methods take them, messages among them (REP-103: m, rad)."""
+"""Types for places and poses in the methods; messages match them, too (REP-103: m, rad)."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from typing import NamedTuple, Protocol
 
 
 class Positioned(Protocol):
-    """Anything at a place, m."""
+    """Anything with a position, m."""
 
     @property
     def x(self) -> float:
-        """Metres."""
+        """In metres."""
 
     @property
     def y(self) -> float:
-        """Metres."""
+        """In metres."""
 
 
 class Posed(Positioned, Protocol):
-    """Anything with a place and a heading; the pose and waypoint messages are."""
+    """Anything with a position and a heading, such as pose and waypoint messages."""
 
     @property
     def theta(self) -> float:
-        """Radians."""
+        """In radians."""
 
 
 class Placed(NamedTuple):
-    """A pose of its own: m, m, rad."""
+    """A pose: m, m, rad."""
 
     x: float
     y: float
@@ -38,15 +38,13 @@ ORIGIN = Placed(0.0, 0.0, 0.0)
 
 
 def clip(value: float, low: float, high: float) -> float:
-    """`value`, but not outside [low, high]."""
     return low if value < low else high if value > high else value
 
 
 def distance(a: Positioned, b: Positioned) -> float:
-    """Between two places, m."""
     return math.hypot(b.x - a.x, b.y - a.y)
 
 
 def direction(a: Positioned, b: Positioned) -> float:
-    """From one place to another, rad in the frame both are in."""
+    """Direction from one place to another, rad in their frame."""
     return math.atan2(b.y - a.y, b.x - a.x)

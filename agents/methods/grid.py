@@ -1,8 +1,8 @@
-"""The grid method: the cheapest way over cells that keep clear of walls (thesis 3.6.2).
+"""The grid method: the cheapest path over cells with clearance from walls (thesis 3.6.2).
 
 Clearance is the exact distance from a cell's centre to the nearest wall. A cell costs its length,
-more where a wall is nearer than the robot likes, and cannot be entered where one is nearer than
-its radius: so paths keep to the middle of what is narrow and go straight where there is margins.
+more where a wall is nearer than preferred, and is blocked where one is nearer than the radius: so
+paths keep to the middle of narrow places and go straight where there is space.
 """
 
 from __future__ import annotations
@@ -32,38 +32,39 @@ CELL_M = 0.05
 """Side of a cell."""
 
 CELLS_MOST = 16_000_000
-"""Of a world that is worked on in cells: 200 m x 200 m of them with sides of 5 cm. The sonar
-model of those takes 1.2 GB and 16 s of a core at the start, with rooms of 4 m."""
+"""Greatest number of cells of a world: 200 m x 200 m with sides of 5 cm. Their sonar model takes
+1.2 GB and 16 s of a core at the start, with rooms of 4 m."""
 
 MANY = 50
-"""Walls among known ones; after more than these all cells are priced anew."""
+"""With more additional walls than this, the costs of all cells are computed again."""
 
 EVERYWHERE = (slice(None), slice(None))
 
 EXACT_CELLS = 250_000
-"""In more cells than these a way is looked for over blocks first."""
+"""In more cells than these a path is searched for over blocks first."""
 
 BLOCK = 5
-"""Cells of a block's side: whatever parts two ways, as wide as the robot, is wider than a block."""
+"""Cells of a block's side. An obstacle that separates two paths is wider than a block.
+"""
 
-_CLOSED = 1e6  # what a blocked block costs: less than infinite, so that sums can be taken off again
-_LOOKS = 48  # samples of a straight way that show most of what is blocked
-_NO_CHEAPER = 1e-6  # those sums are exact to less than this
+_CLOSED = 1e6  # cost of a blocked block: finite, so that it can be subtracted from a sum
+_LOOKS = 48  # samples of a straight line that show most blocked ones
+_NO_CHEAPER = 1e-6  # rounding of those sums
 
 
 class Margins(Struct, frozen=True):
-    """How far from walls the robot wants to be."""
+    """Clearances of the robot's path."""
 
-    radius_m: float  # never nearer to a wall
-    preferred_m: float = 0.45  # kept where there is room
-    dislike: float = 8.0  # a metre at the radius costs this much more than one with room
+    radius_m: float  # least clearance
+    preferred_m: float = 0.45  # clearance where there is space
+    dislike: float = 8.0  # additional cost of a metre at the radius, relative to one with space
 
 
 class Grid:
     """Cells over a world's bounds, with the clearance of each."""
 
     def __init__(self, walls: Sequence[Segment], bounds: Segment, cell_m: float = CELL_M) -> None:
-        """Clearance is exact up to 1 m and cut off there."""
+        """Compute the exact clearance of each cell, limited to 1 m."""
         x1, y1, x2, y2 = bounds
         self.cell_m, self.horizon_m = cell_m, 1.0
         self.bounds = bounds
@@ -78,7 +79,7 @@ class Grid:
             self._raise(wall)
 
     def _raise(self, wall: Field) -> tuple[slice, slice]:
-        """Lower the clearance around one wall; only its neighbourhood is looked at: which."""
+        """Lower the clearance around one wall; return the changed window."""
         near, (x1, y1, x2, y2) = self.horizon_m, wall
         around = self.window(
             min(x1, x2) - near, min(y1, y2) - near, max(x1, x2) + near, max(y1, y2) + near
@@ -90,7 +91,7 @@ class Grid:
         return around
 
     def beside(self, more: Sequence[Segment]) -> Grid:
-        """The same cells with more walls among them; itself if there are none."""
+        """The same cells with additional walls; the same grid if there are none."""
         if not more:
             return self
         grid = copy(self)
@@ -108,19 +109,18 @@ class Grid:
         return grid
 
     def inside(self, place: Positioned) -> bool:
-        """Whether a place lies within the bounds."""
         x1, y1, x2, y2 = self.bounds
         return x1 <= place.x <= x2 and y1 <= place.y <= y2
 
     def cell(self, place: Positioned) -> Cell:
-        """The cell that holds a place, the nearest one for a place outside."""
+        """The cell of a place, the nearest one for a place outside."""
         row = int((place.y - self.bounds[1]) / self.cell_m)
         column = int((place.x - self.bounds[0]) / self.cell_m)
         rows, columns = self.clearance.shape
         return min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
 
     def clearances(self, xs: Field, ys: Field) -> Field:
-        """The clearance of each place's cell, as `cell` has it, m."""
+        """The clearance of each place's cell, m; see `cell`."""
         rows, columns = self.clearance.shape
         return self.clearance[
             _indices(ys - self.bounds[1], self.cell_m, rows),
@@ -128,7 +128,6 @@ class Grid:
         ]
 
     def centre(self, cell: Cell) -> Placed:
-        """The middle of a cell."""
         return Placed(float(self.xs[cell[1]]), float(self.ys[cell[0]]))
 
     def clearance_at(self, place: Positioned) -> float:
@@ -136,7 +135,7 @@ class Grid:
         return self.clearance_between(place, place)
 
     def clearance_between(self, a: Positioned, b: Positioned) -> float:
-        """Exact least distance of a straight way to any wall, m; 0 if it crosses one."""
+        """Exact least distance of a straight line to any wall, m; 0 if it crosses one."""
         if not len(self.walls):
             return math.inf
         walls, way = self.walls, np.array([a.x, a.y, b.x, b.y])
@@ -149,10 +148,10 @@ class Grid:
         return float(np.minimum(ends, corners).min())
 
     def costs(self, margins: Margins) -> Field:
-        """What a metre costs in each cell: 1 with room, infinite where the robot cannot be.
+        """The cost of a metre in each cell: 1 with space, infinite where the robot does not fit.
 
-        Between two free neighbours the way comes nearer to a wall than at both, by at most what
-        half a diagonal does beside a corner: the radius is enlarged by that.
+        Between two free neighbours the line is nearer to a wall than at both, by at most half a
+        diagonal beside a corner: the radius is enlarged by that.
         """
         if margins not in self._priced:
             self._priced[margins] = self._price(margins)
@@ -172,7 +171,7 @@ class Grid:
         return slice(int(low), int(high)), slice(int(left), int(right))
 
     def cost_between(self, costs: Field, a: Positioned, b: Positioned) -> float:
-        """What a straight way costs, summed over samples half a cell apart."""
+        """The cost of a straight line, summed over samples half a cell apart."""
         length = math.hypot(b.x - a.x, b.y - a.y)
         count = max(1, math.ceil(2.0 * length / self.cell_m))
         along = (np.arange(count) + 0.5) / count
@@ -183,12 +182,12 @@ class Grid:
     def open_ahead(
         self, costs: Field, a: Positioned, others: Sequence[Positioned]
     ) -> NDArray[np.bool_]:
-        """Whether straight ways from one place are free, as far as a few of their samples say.
+        """Whether straight lines from one place are free at some of their samples, (others,).
 
-        The samples are some of those of `cost_between`: what is blocked here has no finite cost.
+        The samples are some of those of `cost_between`: a line blocked here has no finite cost.
         """
         xs, ys = np.array([b.x for b in others]) - a.x, np.array([b.y for b in others]) - a.y
-        lengths = np.array([math.hypot(b.x - a.x, b.y - a.y) for b in others])  # numpy's differ
+        lengths = np.array([math.hypot(b.x - a.x, b.y - a.y) for b in others])  # np.hypot differs
         count = np.maximum(1, np.ceil(2.0 * lengths / self.cell_m))
         chosen = np.floor(np.linspace(0.0, 1.0, _LOOKS) * (count[:, None] - 1.0))
         along = (chosen + 0.5) / count[:, None]
@@ -199,34 +198,34 @@ class Grid:
 
 
 def check_extent(world: World, cell_m: float) -> None:
-    """Raises ConfigError for a world of more cells than anybody has memory for."""
+    """Raises ConfigError for a world with too many cells for memory."""
     x1, y1, x2, y2 = world.bounds
     count = (x2 - x1) / cell_m * ((y2 - y1) / cell_m)
     if count > CELLS_MOST:
         raise ConfigError(
             f"world {world.name!r} is {x2 - x1:g} m x {y2 - y1:g} m, {count:,.0f} cells of"
-            f" {cell_m:g} m; expected at most {CELLS_MOST:,}, 200 m x 200 m say"
+            f" {cell_m:g} m; expected at most {CELLS_MOST:,}, such as 200 m x 200 m"
         )
 
 
 @lru_cache(maxsize=8)
 def grid_of(walls: tuple[Segment, ...], bounds: Segment, cell_m: float) -> Grid:
-    """The grid of a world; plans in the same world share it."""
+    """The grid of a world, shared by plans in the same world."""
     return Grid(walls, bounds, cell_m)
 
 
 def search(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | None:
-    """A*: the cheapest way between two cells over the eight neighbours.
+    """A*: the cheapest path between two cells over the eight neighbours.
 
     Args:
-        costs: What a metre costs in each cell, at least 1; infinite is blocked. A step costs its
+        costs: The cost of a metre in each cell, at least 1; infinite is blocked. A step costs its
             length times the mean of both cells.
-        start: First cell of the way.
-        goal: Last cell of the way.
+        start: First cell of the path.
+        goal: Last cell of the path.
 
     Returns:
-        The cells in order and the cost in cell lengths, or None if there is no way. Equal costs
-        are decided by the cells' order, so the answer is always the same.
+        The cells in order and the cost in cell lengths, or None if there is no path. Equal costs
+        are decided by the order of cells, so the result is deterministic.
     """
     goals = np.zeros(costs.shape, dtype=np.bool_)
     goals[goal] = True
@@ -234,11 +233,11 @@ def search(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | 
 
 
 def search_far(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | None:
-    """The same, over blocks of cells first: as short but for a block's width, and much faster.
+    """As `search`, over blocks of cells first: at most a block's width longer, and much faster.
 
-    A block costs what its cheapest cell does. The way leads over the cheapest cell of each block,
-    straight from one to the next, or as the exact search says where that is blocked. What no blocks
-    lead to no cells do.
+    A block costs as much as its cheapest cell. The path leads over the cheapest cell of each block,
+    straight from one to the next, or by the exact search where that is blocked. If no blocks lead
+    to the goal, no cells do.
     """
     if start == goal or not (np.isfinite(costs[start]) and np.isfinite(costs[goal])):
         return search(costs, start, goal)
@@ -253,7 +252,7 @@ def search_far(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float
     if passed is None:
         return None
     off = np.arange(BLOCK) - BLOCK // 2
-    aside = 1e-3 * (off[:, None] ** 2 + off[None, :] ** 2)  # of equal cells the middle one
+    aside = 1e-3 * (off[:, None] ** 2 + off[None, :] ** 2)  # of equal cells prefer the middle one
     turns = [start]
     for row, column in passed[1:-1]:
         inner = int((blocks[row, :, column, :] + aside).argmin())
@@ -273,7 +272,7 @@ def search_far(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float
 
 
 def _around(costs: Field, here: Cell, there: Cell) -> list[Cell] | None:
-    """The cheapest way between two cells near each other, among those around them."""
+    """The cheapest path between two near cells, within the cells around them."""
     low, left = (max(min(here[i], there[i]) - BLOCK, 0) for i in (0, 1))
     high, right = (max(here[i], there[i]) + BLOCK + 1 for i in (0, 1))
     a, b = ((cell[0] - low, cell[1] - left) for cell in (here, there))
@@ -282,7 +281,7 @@ def _around(costs: Field, here: Cell, there: Cell) -> list[Cell] | None:
 
 
 def _line(here: Cell, there: Cell) -> list[Cell]:
-    """The cells of a straight way, without the first."""
+    """The cells of a straight line, without the first."""
     rows, columns = there[0] - here[0], there[1] - here[1]
     count = max(abs(rows), abs(columns))
     return [
@@ -292,11 +291,11 @@ def _line(here: Cell, there: Cell) -> list[Cell]:
 
 
 def _swept(price: Field, goal: Cell) -> Field:
-    """What the cheapest way from each block to the goal costs, in block lengths.
+    """The cost of the cheapest path from each block to the goal, in block lengths.
 
-    By sweeps over whole rows: a row takes what its neighbour has, then within it the cheapest from
-    either side, a running minimum of the cost less that of the way along the row. Down and up
-    again, from the rows that have become cheaper, until none does.
+    By sweeps over whole rows: a row takes its neighbour's costs, then within it the cheapest from
+    either side, a running minimum of the cost less that of the path along the row. The sweeps go
+    down and up again from the rows that became cheaper, until none does.
     """
     count = len(price)
     edges = (
@@ -312,7 +311,7 @@ def _swept(price: Field, goal: Cell) -> Field:
     np.cumsum(0.5 * (price[:, 1:] + price[:, :-1]), axis=1, out=along[:, 1:])
     cost = np.full(price.shape, np.inf)
     cost[goal] = 0.0
-    fresh = {step: bytearray(count) for step in (1, -1)}  # what a neighbour is still to be given
+    fresh = {step: bytearray(count) for step in (1, -1)}  # rows to propagate to their neighbour
 
     def across(row: int) -> None:
         mine, ahead = cost[row], along[row]
@@ -342,7 +341,7 @@ def _swept(price: Field, goal: Cell) -> Field:
 
 
 def _descent(cost: Field, price: Field, start: Cell, goal: Cell) -> list[Cell] | None:
-    """The blocks of the cheapest way, by what each costs to the goal; None if there is none."""
+    """The blocks of the cheapest path, by each block's cost to the goal; None if there is none."""
     if not np.isfinite(cost[start]):
         return None
     way, (rows, columns) = [start], cost.shape
@@ -361,14 +360,14 @@ def _descent(cost: Field, price: Field, start: Cell, goal: Cell) -> list[Cell] |
 
 
 def nearest(costs: Field, start: Cell, goals: NDArray[np.bool_]) -> tuple[list[Cell], float] | None:
-    """Dijkstra: the same to the goal that is the cheapest to reach."""
+    """Dijkstra: as `search`, to the goal that is cheapest to reach."""
     return _cheapest(costs, start, goals, [0.0] * ((costs.shape[0] + 2) * (costs.shape[1] + 2)))
 
 
 def _cheapest(
     costs: Field, start: Cell, goals: NDArray[np.bool_], bound: list[float]
 ) -> tuple[list[Cell], float] | None:
-    """The cheapest way to any goal; `bound`: what each cell of the padded grid costs at least."""
+    """The cheapest path to any goal; `bound` is a lower bound per cell of the padded grid."""
     width = costs.shape[1] + 2
     price: list[float] = np.pad(costs, 1, constant_values=np.inf).ravel().tolist()
     wanted = np.pad(goals & np.isfinite(costs), 1).ravel().tobytes()
@@ -437,7 +436,7 @@ def _to_segments(x: Field | float, y: Field | float, segment: Field) -> Field:
 
 
 def _cross(way: Field, walls: Field) -> NDArray[np.bool_]:
-    """Which walls a way crosses properly; touching ones have an end at distance 0."""
+    """Which walls a line properly crosses; walls that touch it have an end at distance 0."""
     ax, ay, bx, by = way
     x1, y1, x2, y2 = walls.T
     first = (bx - ax) * (y1 - ay) - (by - ay) * (x1 - ax)

@@ -1,8 +1,8 @@
-"""What is near the robot, as far as a sensor knows: points in the body frame, and which is where.
+"""Obstacle points near the robot, as one sensor knows them, and queries on them.
 
-The local map of the sonars and that of a laser differ in what they believe and when they forget;
-what is asked of them is the same. Everything is in the body frame: x forward, y left, origin at the
-middle of the wheel axle; metres and radians.
+The local maps of sonars and of a laser differ in how points appear and fade; the queries are the
+same. All is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres
+and radians.
 """
 
 from __future__ import annotations
@@ -17,35 +17,35 @@ from armadico.agents.methods.geometry import Posed
 from armadico.agents.methods.settings import NearSettings
 from armadico.mobile.swept_path import Outline
 
-NOBODY = Outline(0.0, 0.0, 0.0)  # before the robot is described
+NO_OUTLINE = Outline(0.0, 0.0, 0.0)  # before the robot is described
 
 
 class Obstacle(NamedTuple):
-    """A point, and how far it is from the middle of the axle, m."""
+    """A point, and its distance from the middle of the axle, m."""
 
     x: float
     y: float
     distance: float
 
 
-class Look(Enum):
-    """What came of looking where something is thought to be."""
+class RayResult(Enum):
+    """What a sensor found at a place where an obstacle is assumed."""
 
-    NONE = 0  # nobody looked, or something before it hides it
+    NONE = 0  # not covered, or hidden by a nearer object
     SEEN = 1
-    THROUGH = 2  # something behind it was seen
-    NOTHING = 3  # nothing was: it may be dark, or glass
+    THROUGH = 2  # an object behind it was seen
+    NOTHING = 3  # no return: the surface may be dark, or glass
 
 
 class Near:
-    """Points that were perceived, and those that are expected whether they were or not.
+    """Points that were sensed, and those that are expected in any case.
 
-    `outline` is the body's: nothing can be inside it. A subclass says in `heard` what was
-    perceived, and calls `_changed` when that has changed.
+    No point lies inside the footprint, `outline`. A subclass returns the sensed points from
+    `sensed`, and calls `_changed` when they have changed.
     """
 
     def __init__(self, settings: NearSettings, outline: Outline | None) -> None:
-        """Nothing is near yet; `outline` is the body's, if it is known."""
+        """Prepare without points; `outline` is the footprint, if known."""
         self.reach_m = settings.reach_m
         self.outline = outline
         self._settings = settings
@@ -53,21 +53,21 @@ class Near:
         self._all: tuple[Obstacle, ...] | None = ()
 
     def move(self, motion: Posed, *, mapped: bool = False) -> None:
-        """Move what is remembered against the robot's motion, and let it fade by one cycle.
+        """Move the points against the robot's motion, and let them fade by one cycle.
 
         Args:
-            motion: The robot's new pose in the frame of its last one, m and rad.
-            mapped: Whether what is on the global map is expected: then the rest fades sooner.
+            motion: The robot's new pose in the frame of the last one, m and rad.
+            mapped: Whether the global map's walls are expected: then other points fade sooner.
         """
         raise NotImplementedError
 
-    def heard(self) -> tuple[Obstacle, ...]:
-        """All that was perceived and is believed, the nearest first."""
+    def sensed(self) -> tuple[Obstacle, ...]:
+        """The sensed points that are probable enough, nearest first."""
         raise NotImplementedError
 
     def expect(self, places: Iterable[Obstacle]) -> None:
-        """Take what is there whether it was heard or not, until the next cycle's."""
-        front, rear, half = self.outline or NOBODY
+        """Replace the expected points, which exist whether sensed or not."""
+        front, rear, half = self.outline or NO_OUTLINE
         self._expected = tuple(
             o for o in places if not (-rear < o.x < front and -half < o.y < half)
         )
@@ -75,33 +75,28 @@ class Near:
 
     @property
     def expected(self) -> tuple[Obstacle, ...]:
-        """What is there whether it was heard or not."""
         return self._expected
 
     def points(self) -> tuple[Obstacle, ...]:
-        """All that is there, the nearest first."""
+        """The sensed and the expected points, nearest first."""
         if self._all is None:
-            self._all = tuple(sorted((*self.heard(), *self._expected), key=itemgetter(2, 0, 1)))
+            self._all = tuple(sorted((*self.sensed(), *self._expected), key=itemgetter(2, 0, 1)))
         return self._all
 
     def closest(self) -> Obstacle | None:
-        """The nearest point of all."""
         return next(iter(self.points()), None)
 
     def front(self) -> Obstacle | None:
-        """The nearest point in front."""
         return self._first(lambda bearing: abs(bearing) < self._settings.frontal_rad)
 
     def left(self) -> Obstacle | None:
-        """The nearest point on the left."""
         return self._first(self._is_left)
 
     def right(self) -> Obstacle | None:
-        """The nearest point on the right."""
         return self._first(lambda bearing: self._is_left(-bearing))
 
     def _fades(self, motion: Posed, mapped: bool) -> float:
-        """The share of a belief that is left after one cycle and the way in it; see `move`."""
+        """The share of a probability that remains after one cycle's time and motion; see `move`."""
         s = self._settings
         memory = s.memory_off_map if mapped else s.memory
         return float(memory * 0.5 ** (math.hypot(motion.x, motion.y) / s.memory_m))

@@ -1,8 +1,8 @@
-"""A way over the grid between two places, shortened to its turns.
+"""A path over the grid between two places, reduced to its turns.
 
-A short cut is taken if the straight way keeps the robot's radius clear of every wall, by exact
-geometry, and costs about what the cells cost that it replaces: so it does not give up the distance
-that the search kept from walls.
+A short cut is taken if the straight line keeps the robot's radius clear of every wall, by exact
+geometry, and costs about as much as the cells it replaces: so it keeps the search's distance from
+walls.
 """
 
 from __future__ import annotations
@@ -26,36 +26,36 @@ from armadico.agents.methods.grid import (
 from armadico.config.worlds import Segment
 
 ESCAPE_M = 0.5
-"""How far from a place beside a wall the way over free cells may begin."""
+"""Greatest distance of free cells from a start or end beside a wall."""
 
 ROUND_M = 0.42
-"""A corner that is cut off keeps so far from walls, m, if there is as much on either side of it."""
+"""Clearance of the line that cuts off a corner, if both of its ends have as much."""
 
 ROUND_MOST_M = 0.6
-"""At the most so far from the corner."""
+"""Greatest distance of such a line's ends from the corner."""
 
 WIGGLE_M = 0.04
-"""A place that is no farther off a straight way is left out,"""
+"""A place closer than this to a straight line is left out."""
 
 WIGGLE_ROOM_M = 0.015
-"""if that comes no nearer to walls than by so much."""
+"""Greatest loss of clearance by that."""
 
-_SHARES = (0.45, 0.3, 0.15)  # of the shorter leg
+_SHARES = (0.45, 0.3, 0.15)  # of the shorter leg, for cutting a corner
 _ROUNDS = 2
-_STRAIGHT = 0.99  # cosine: less is no corner
+_STRAIGHT = 0.99  # cosine of the turn: above it is no corner
 
-_SPACING = 10  # a straight run of cells is offered to shortening in pieces of this many
-_SLACK = 1.05  # a short cut may cost this much more than the way it replaces
-_SLACK_M = 0.1  # allowed on top of `_SLACK`: fewer turns for millimetres of clearance
+_SPACING = 10  # cells between places on a straight run
+_SLACK = 1.05  # cost of a short cut, relative to the path it replaces
+_SLACK_M = 0.1  # allowed on top of that: fewer turns for millimetres of clearance
 
 
 def between(
     grid: Grid, margins: Margins, a: Placed, b: Placed, area: Segment
 ) -> list[Placed] | None:
-    """Places of a way from `a` to `b`, both included, over cells within an area.
+    """Places of a path from `a` to `b`, both included, over cells within an area.
 
-    Where `a` or `b` is nearer to a wall than the radius, the way first leads straight away from
-    there. None if there is no way.
+    Where `a` or `b` is nearer to a wall than the radius, the path first leads straight away from
+    it. None if there is no path.
     """
     costs = grid.costs(margins)
     near_a, near_b = nearest_free(grid, margins, costs, a), nearest_free(grid, margins, costs, b)
@@ -85,7 +85,7 @@ def between(
 
 
 def shorten(grid: Grid, margins: Margins, costs: Field, places: Sequence[Placed]) -> list[Placed]:
-    """From each place kept on to the farthest that a straight way leads to."""
+    """Skip places: from each place kept, go to the farthest that a straight line reaches."""
     steps = [grid.cost_between(costs, here, there) for here, there in pairwise(places)]
     spent = list(accumulate(steps, initial=0.0))
     kept, last = [0], len(places) - 1
@@ -109,9 +109,9 @@ def shorten(grid: Grid, margins: Margins, costs: Field, places: Sequence[Placed]
 
 
 def rounded(grid: Grid, margins: Margins, places: Sequence[Placed]) -> list[Placed]:
-    """The way with its corners cut off, and what is left of them again, where there is room.
+    """The path with its corners cut off, twice, where there is clearance.
 
-    Wiggles from cell to cell, where the way is narrow, go first.
+    Small deviations between cells in narrow places are removed first.
     """
     places = _straightened(grid, margins, places)
     for _ in range(_ROUNDS):
@@ -123,7 +123,7 @@ def rounded(grid: Grid, margins: Margins, places: Sequence[Placed]) -> list[Plac
 
 
 def _straightened(grid: Grid, margins: Margins, places: Sequence[Placed]) -> list[Placed]:
-    """Without the places that a straight way passes so near that it hardly loses room."""
+    """Remove places that a straight line passes closely with hardly less clearance."""
     kept, last = [0], len(places) - 1
     while kept[-1] < last:
         here = kept[-1]
@@ -132,7 +132,7 @@ def _straightened(grid: Grid, margins: Margins, places: Sequence[Placed]) -> lis
         for there in range(here + 1, last + 1):
             nearest = min(nearest, grid.clearance_between(places[there - 1], places[there]))
             a, c = places[here], places[there]
-            if any(_off(p, a, c) > WIGGLE_M for p in places[here + 1 : there]):
+            if any(_deviation(p, a, c) > WIGGLE_M for p in places[here + 1 : there]):
                 break
             least = min(nearest, max(nearest - WIGGLE_ROOM_M, margins.radius_m))
             if grid.clearance_between(a, c) >= least - 1e-9:
@@ -141,8 +141,8 @@ def _straightened(grid: Grid, margins: Margins, places: Sequence[Placed]) -> lis
     return [places[index] for index in kept]
 
 
-def _off(place: Placed, a: Placed, b: Placed) -> float:
-    """How far a place lies off a straight line, m."""
+def _deviation(place: Placed, a: Placed, b: Placed) -> float:
+    """Distance of a place from a straight line, m."""
     length = distance(a, b)
     if length == 0.0:
         return distance(place, a)
@@ -150,7 +150,7 @@ def _off(place: Placed, a: Placed, b: Placed) -> float:
 
 
 def _blunt(grid: Grid, margins: Margins, a: Placed, b: Placed, c: Placed) -> list[Placed]:
-    """Two places instead of a corner, as far from it as there is room, or the corner."""
+    """Two places instead of a corner, as far from it as clearance allows, or the corner."""
     before, after = distance(a, b), distance(b, c)
     dot = (b.x - a.x) * (c.x - b.x) + (b.y - a.y) * (c.y - b.y)
     if dot > _STRAIGHT * before * after:
@@ -168,13 +168,13 @@ def _blunt(grid: Grid, margins: Margins, a: Placed, b: Placed, c: Placed) -> lis
 
 
 def clear(grid: Grid, margins: Margins, a: Placed, b: Placed) -> bool:
-    """Whether a straight way keeps the radius clear, or what there is at its ends if less."""
+    """Whether a straight line keeps the radius clear, or its ends' clearance if that is less."""
     least = min(margins.radius_m, grid.clearance_at(a), grid.clearance_at(b))
     return grid.clearance_between(a, b) >= least - 1e-9
 
 
 def nearest_free(grid: Grid, margins: Margins, costs: Field, place: Placed) -> Placed | None:
-    """The place itself if its cell is free, else the nearest free cell straight away from walls."""
+    """The place if its cell is free, else the nearest free cell along a clear straight line."""
     row, column = grid.cell(place)
     if np.isfinite(costs[row, column]):
         return place
@@ -187,7 +187,7 @@ def nearest_free(grid: Grid, margins: Margins, costs: Field, place: Placed) -> P
 
 
 def turns_of(cells: Sequence[Cell]) -> list[Cell]:
-    """Both ends, the cells where the way turns, and some of each long straight run."""
+    """Both ends, the cells at turns, and some of each long straight run."""
     steps = [(there[0] - here[0], there[1] - here[1]) for here, there in pairwise(cells)]
     kept, since = [cells[0]], 0
     for cell, before, after in zip(cells[1:], steps, steps[1:], strict=False):

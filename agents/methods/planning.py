@@ -1,8 +1,8 @@
 """Path planning: rooms and doors first, cells between them, then few waypoints (thesis 3.6.2).
 
-The graph gives the doors; the grid the way between one door and the next; shortening keeps of that
-only the turns. A door is passed square to its wall, by a waypoint on either side. A world without
-rooms, or a pose outside all of them, is planned on the grid alone.
+The graph returns the doors, the grid the path from one door to the next, and smoothing keeps only
+its turns. A door is crossed at a right angle to its wall, with a waypoint on either side. A world
+without rooms, or a pose outside all of them, is planned on the grid alone.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from armadico.config.worlds import Segment, World
 from armadico.mobile.geometry import wrap
 
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
-"""How far before and after a door its waypoints lie: the first distance that has room."""
+"""Distances of a door's waypoints before and after it: the first with enough clearance is taken."""
 
 FLANK_M = 0.075
-"""So much beside the body at the least, between walls where it cannot turn on the spot."""
+"""Least clearance beside the footprint, between walls where it cannot turn on the spot."""
 
-_OFF_MIDDLE = range(-12, 13)  # how far a door's mark may lie from its opening's middle
-_OFF_MIDDLE_M = 0.025  # m, a step of `_OFF_MIDDLE`
+_OFF_MIDDLE = range(-12, 13)  # steps of a door's mark from the middle of its opening
+_OFF_MIDDLE_M = 0.025  # size of such a step
 
 
 AROUND_M = 3.0
-"""Where nobody knows the world, a way leads no farther than this around all that is known."""
+"""In an unknown world, margin of the planning area around all that is known."""
 
 
 class PlanError(ValueError):
@@ -44,12 +44,12 @@ class PlanError(ValueError):
 
 
 class Plan(Struct, frozen=True):
-    """A way that keeps clear of every wall."""
+    """A path that keeps clear of every wall."""
 
-    waypoints: tuple[Placed, ...]  # in order, the goal last; the start is not one
+    waypoints: tuple[Placed, ...]  # in order, the goal last, without the start
     length_m: float  # from the start to the goal
-    clearance_m: float  # the least distance of the way to a wall; infinite without walls
-    doors: tuple[str, ...] = ()  # passed, in order
+    clearance_m: float  # least distance of the path to a wall; infinite without walls
+    doors: tuple[str, ...] = ()  # crossed, in order
 
 
 def plan(
@@ -63,25 +63,24 @@ def plan(
     seen: Sequence[Segment] = (),
     under_way: bool = False,
 ) -> Plan:
-    """The way from a pose to another.
+    """The path from one pose to another.
 
     Args:
-        world: Walls and bounds, rooms and doors if it has them. World frame, m and rad.
-        start: Where the robot is.
-        goal: Where it is to be, and heading where.
-        body: The robot's.
-        margins: How far from walls it has to be; if left out, as far as it takes to turn on the
-            spot, and less only where there is no way with as much room.
-        round_corners: Whether they are cut off where there is room.
-        seen: What stands there besides the walls.
-        under_way: Whether the robot has driven to the start: then it is there, however near to a
-            wall it is by its pose.
+        world: Walls and bounds; rooms and doors if it has them. World frame, m and rad.
+        start: The robot's pose.
+        goal: The pose to reach.
+        body: The robot's footprint.
+        margins: The clearance to keep; None: enough to turn on the spot, and less only if no path
+            has that.
+        round_corners: Whether corners are cut off where there is clearance.
+        seen: Unmapped obstacles.
+        under_way: Whether the robot has driven to the start: then any clearance there is accepted.
 
     Returns:
-        Waypoints with headings along the way; the last one is the goal as asked for.
+        Waypoints with headings along the path; the last one is the goal as requested.
 
     Raises:
-        PlanError: A pose is off the world or inside a wall, or there is no way between them.
+        PlanError: A pose is off the world or inside a wall, or there is no path between them.
     """
     known = grid_of(world.barriers, world.bounds, CELL_M)
     _check(world, known, "start", start, 0.0 if under_way else body.width_m / 2)
@@ -111,13 +110,13 @@ def plan(
 
 
 def unknown(start: Posed, goal: Posed, seen: Sequence[Segment]) -> World:
-    """A world of which nothing is known: free, as far as there is reason to go.
+    """A free world without walls, around the start, the goal and all obstacles seen.
 
-    Raises PlanError for a goal that is too far to be planned for in cells.
+    Raises PlanError for a goal that is too far away to be planned for in cells.
     """
     xs = [start.x, goal.x, *(x for wall in seen for x in wall[::2])]
     ys = [start.y, goal.y, *(y for wall in seen for y in wall[1::2])]
-    # by whole metres: the same world for a while
+    # Whole metres, so that the world stays the same for a while.
     low_x, low_y = floor(min(xs) - AROUND_M), floor(min(ys) - AROUND_M)
     high_x, high_y = ceil(max(xs) + AROUND_M), ceil(max(ys) + AROUND_M)
     world = World("unknown", (), (low_x, low_y, high_x, high_y))
@@ -129,7 +128,7 @@ def unknown(start: Posed, goal: Posed, seen: Sequence[Segment]) -> World:
 
 
 def radii(body: Body) -> tuple[float, float, float]:
-    """How far from walls it is to be, the most first, m."""
+    """The clearances to try, greatest first, m."""
     most, least = body.circle_m, body.width_m / 2 + FLANK_M
     return most, round((most + least) / 2, 3), round(least, 3)
 
@@ -137,7 +136,7 @@ def radii(body: Body) -> tuple[float, float, float]:
 def _widest(
     world: World, grid: Grid, tries: Sequence[Margins], start: Placed, goal: Placed
 ) -> _Way:
-    """The way by the first margins that leave one; the last ones say why there is none."""
+    """The path with the first margins that have one. The error of the last ones is raised."""
     for margins in tries[:-1]:
         with suppress(PlanError):
             return _Planner(world, grid, margins).way(start, goal)
@@ -145,7 +144,7 @@ def _widest(
 
 
 class _Way(NamedTuple):
-    """Places from start to goal, the doors passed, and where: from which place on to the next."""
+    """Places from start to goal, the doors crossed, and the indices of places before a door."""
 
     places: list[Placed]
     doors: tuple[str, ...] = ()
@@ -153,7 +152,7 @@ class _Way(NamedTuple):
 
 
 def headed(places: Sequence[Placed], crossings: Collection[int] = ()) -> list[Placed]:
-    """The places between both ends: at a door with its axis, else half way through the turn."""
+    """The places between both ends with headings: a door's axis, or half way through the turn."""
     headings = [direction(a, b) for a, b in pairwise(places)]
     turned = []
     for index in range(1, len(places) - 1):
@@ -168,14 +167,14 @@ def headed(places: Sequence[Placed], crossings: Collection[int] = ()) -> list[Pl
 
 
 class _Mark(NamedTuple):
-    """A place to come by, and the leg that leads there; None: straight from the mark before."""
+    """A place to pass, and the leg that leads there; None: straight from the mark before."""
 
     place: Placed
     leg: Leg | None
 
 
 class _Planner:
-    """One world's grid, and how its doors are passed."""
+    """One world's grid, and the crossings of its doors."""
 
     def __init__(self, world: World, grid: Grid, margins: Margins) -> None:
         self.world, self.grid, self.margins = world, grid, margins
@@ -184,9 +183,9 @@ class _Planner:
         self._middles: dict[str, Placed] = {}
 
     def way(self, start: Placed, goal: Placed) -> _Way:
-        """From start to goal, over the graph if both are in rooms.
+        """The path from start to goal, over the graph if both are in rooms.
 
-        Where the doors leave no room to be passed squarely, the grid alone may still find a way.
+        If no door can be crossed at a right angle, the grid alone may still find a path.
         """
         also = " and of what is forbidden" if self.world.forbidden else ""
         least = f"that keeps {self.margins.radius_m:g} m clear of walls{also}"
@@ -202,7 +201,7 @@ class _Planner:
         return _Way(places)
 
     def _through_rooms(self, start: Placed, goal: Placed) -> _Way:
-        """Ask the graph again, without what the grid found closed, until a route can be driven."""
+        """Repeat the graph search without legs that the grid found blocked, until one is free."""
         closed: list[Leg] = []
         shut: dict[str, float] = {}
         while (legs := route(self.world, start, goal, closed, shut)) is not None:
@@ -218,7 +217,7 @@ class _Planner:
         raise PlanError(self._why(start, goal, closed, shut))
 
     def _marks(self, legs: Sequence[Leg], start: Placed, goal: Placed) -> list[_Mark]:
-        """The start, a mark before and one after each door, the goal."""
+        """The start, a mark before and one after each door, and the goal."""
         marks = [_Mark(start, None)]
         for leg, beyond in pairwise(legs):
             before, after = (self._beside(leg.leave, side.room) for side in (leg, beyond))
@@ -229,7 +228,7 @@ class _Planner:
         return self._without_turning_back(marks)
 
     def _without_turning_back(self, marks: Sequence[_Mark]) -> list[_Mark]:
-        """Leave a door's mark out where going there means coming back, from a start beside it."""
+        """Leave out a door's mark that a start beside it would have to drive back from."""
         kept, rest = [marks[0]], deque(marks[1:])
         while len(rest) > 1:
             here = rest.popleft()
@@ -244,7 +243,7 @@ class _Planner:
         return dot < 0.0 and clear(self.grid, self.margins, a, c)
 
     def _drive(self, marks: Sequence[_Mark]) -> _Way | Leg:
-        """The places from mark to mark; or the first leg that is blocked."""
+        """The places from mark to mark, or the first leg that is blocked."""
         places, crossings = [marks[0].place], set()
         for here, there in pairwise(marks):
             if there.leg is None:
@@ -259,7 +258,7 @@ class _Planner:
         return _Way(self._blunted(places), crossings=frozenset(crossings))
 
     def _blunted(self, places: list[Placed]) -> list[Placed]:
-        """Shorten the spikes: to where going on is square to it, if that has as much room."""
+        """Shorten spikes to where the next leg is at a right angle, if that is as clear."""
         for index in range(1, len(places) - 1):
             a, b, c = places[index - 1 : index + 2]
             for nearer in (_foot(c, a, b), _foot(a, c, b)):
@@ -272,7 +271,7 @@ class _Planner:
         return clear(self.grid, self.margins, a, b) and clear(self.grid, self.margins, b, c)
 
     def _middle(self, name: str) -> Placed:
-        """The place near a door's mark, along its wall, that is farthest from walls."""
+        """The place near a door's mark, along its wall, with most clearance."""
         if name not in self._middles:
             door = self.doors[name]
             x, y = axis(self.world, door, door.room_a)
@@ -282,7 +281,7 @@ class _Planner:
         return self._middles[name]
 
     def _beside(self, name: str | None, room: str) -> Placed | None:
-        """The mark of a door in one of its rooms, None if there is no room for one."""
+        """The mark of a door in one of its rooms; None without enough clearance."""
         assert name is not None, "only the goal's leg leaves by no door"
         middle = self._middle(name)
         x, y = axis(self.world, self.doors[name], room)
@@ -291,7 +290,7 @@ class _Planner:
         return next((p for p in places if self.grid.clearance_between(middle, p) >= radius), None)
 
     def _too_narrow(self, name: str) -> float | None:
-        """The clearance of a door that the robot cannot pass, None if it can."""
+        """The clearance of a door that is too narrow for the robot; None if it is not."""
         door = self.doors[name]
         if all(self._beside(name, room) is not None for room in (door.room_a, door.room_b)):
             return None
@@ -317,7 +316,7 @@ class _Planner:
 
 
 def _foot(off: Placed, a: Placed, b: Placed) -> Placed | None:
-    """Where a place lies beside the way from `a` to `b`, if that is short of `b` and past `a`."""
+    """The foot of the perpendicular from `off` on the line `a` to `b`, if it is between them."""
     dx, dy = b.x - a.x, b.y - a.y
     square = dx * dx + dy * dy
     share = ((off.x - a.x) * dx + (off.y - a.y) * dy) / square if square else 1.0
@@ -333,7 +332,7 @@ def _check(
         extent = f"({x1:g}, {y1:g}) to ({x2:g}, {y2:g})"
         raise PlanError(f"{what} is off the world, which is {extent}")
     clearance = grid.clearance_at(place)
-    if clearance < room:  # whatever its heading
+    if clearance < room:  # at any heading
         if world.clearance_of_forbidden(place.x, place.y) <= clearance + 1e-9:
             raise PlanError(f"{what} is {clearance:.2f} m from what is forbidden{needs}")
         raise PlanError(f"{what} is inside a wall, or {clearance:.2f} m from one{needs}")

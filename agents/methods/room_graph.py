@@ -1,8 +1,8 @@
-"""The graph method: which doors to go through, by Dijkstra over rooms (thesis 3.6.2).
+"""The graph method: the doors of a route, by Dijkstra over rooms (thesis 3.6.2).
 
-A node is a door together with the room that it was entered by passing it; an edge is the straight
-way through a room from one door to the next. What the grid finds blocked is closed and the search
-repeated, so a door too narrow for the robot is gone round if there is another way.
+A node is a door together with the room entered through it; an edge is the straight line through a
+room from one door to the next. A leg that the grid finds blocked is closed and the search repeated,
+so a door too narrow for the robot is avoided if there is another route.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from armadico.config.worlds import Door, World
 
 
 class Leg(Struct, frozen=True):
-    """A way through one room: between doors, or from the start or to the goal where None."""
+    """A leg through one room: between doors, or from the start or to the goal (None)."""
 
     room: str
     enter: str | None
@@ -41,13 +41,13 @@ def route(
 
     Args:
         world: Rooms and doors; both places must be in rooms.
-        start: Where the robot is.
-        goal: Where it is to go.
-        closed: Legs that cannot be driven.
-        shut: Names of doors that cannot be passed.
+        start: The robot's position.
+        goal: The goal's position.
+        closed: Legs that are blocked.
+        shut: Names of doors that are too narrow.
 
     Returns:
-        The legs in order, or None if the rooms are not connected by what is open.
+        The legs in order, or None if open doors do not connect the rooms.
     """
     first, last = world.room_at(start.x, start.y), world.room_at(goal.x, goal.y)
     if first is None or last is None:
@@ -77,9 +77,9 @@ def route(
 
 
 def axis(world: World, door: Door, into: str) -> tuple[float, float]:
-    """The unit vector through a door, square to the wall it is in, into one of its rooms.
+    """The unit vector through a door, normal to its wall, into one of its rooms.
 
-    The wall is the edge of either room that the door is nearest to.
+    The wall is the edge of either room that is nearest to the door.
     """
     beside = [room for room in world.rooms if room.name in (door.room_a, door.room_b)]
     upright = min(abs(door.x - x) for room in beside for x in (room.x1, room.x2))
@@ -93,7 +93,7 @@ def axis(world: World, door: Door, into: str) -> tuple[float, float]:
 def _exits(
     world: World, room: str, entered: str | None, shut: Collection[str]
 ) -> Iterator[tuple[str | None, str, Placed]]:
-    """The doors out of a room, what is beyond and where they are; not the one just passed."""
+    """The doors out of a room except the one entered by: name, room beyond, position."""
     for door in world.doors:
         if door.name == entered or door.name in shut or room not in (door.room_a, door.room_b):
             continue

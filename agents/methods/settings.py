@@ -1,4 +1,4 @@
-"""What of the methods a file or ``--set KEY=VALUE`` may change, within the agents' parameters."""
+"""Parameters of the methods, which a file or ``--set KEY=VALUE`` may change."""
 
 from __future__ import annotations
 
@@ -9,95 +9,95 @@ from msgspec import Struct
 
 
 class NearSettings(Struct, frozen=True):
-    """What a local map remembers and what is asked of it, whatever the sensor."""
+    """Memory and queries of a local map, for any sensor."""
 
-    reach_m: float  # what is farther is not near
-    memory: float = 0.995  # a cycle: what is certain lasts 24 s at rest,
-    memory_off_map: float = 0.985  # and 8 s where it is not on the map: mostly people, who go on
-    memory_m: float = 1.5  # the way that halves a belief: the same lasts 2.6 m
-    frontal_rad: float = radians(40)  # in front: within this of the heading
-    abeam_rad: float = radians(120)  # beside: between that and this
+    reach_m: float  # greatest distance of points
+    memory: float = 0.995  # share left per cycle: a certain point lasts 24 s at rest
+    memory_off_map: float = 0.985  # the same for unmapped points (8 s): mostly people
+    memory_m: float = 1.5  # distance driven that halves a probability: a certain point lasts 2.6 m
+    frontal_rad: float = radians(40)  # bearings up to this are in front
+    abeam_rad: float = radians(120)  # bearings from there to this are beside
 
 
 class MapSettings(NearSettings, frozen=True):
-    """How the sonars' local map believes and forgets. Probabilities are shares, not calibrated."""
+    """How the sonars' local map gains and loses probability, which is not calibrated."""
 
-    reach_m: float = 2.5  # of the outermost ring
-    hit: float = 0.6  # added where an echo comes from
-    miss: float = 0.35  # taken where an echo from farther away went through
-    silence: float = 0.15  # taken where a ping brought nothing back at all
-    miss_facing: float = cos(radians(45))  # by a sonar that looks the way it was heard, so nearly,
-    silence_facing: float = cos(radians(20))  # or so: a smooth wall at a slant does not answer
-    axis_rad: float = radians(10)  # a point within this of a sonar's axis had to echo
-    threshold: float = 0.3  # occupied from here on
-    seen_by: Literal["axis", "cells"] = "axis"  # a ping doubts near its axis, or by cells: 3.4.2
-    seen_decay: float = 0.93  # by cells: a cycle, where a sonar looks,
-    seen_threshold: float = 0.5  # and occupied there
+    reach_m: float = 2.5  # radius of the outermost ring
+    hit: float = 0.6  # added at an echo
+    miss: float = 0.35  # subtracted where an echo from farther away passed through
+    silence: float = 0.15  # subtracted by a ping without an echo
+    miss_facing: float = cos(radians(45))  # a miss counts within this of the direction of the hit
+    silence_facing: float = cos(radians(20))  # and silence within this: walls at a slant are silent
+    axis_rad: float = radians(10)  # a point within this of a sonar's axis must answer
+    threshold: float = 0.3  # least probability of an occupied cell
+    seen_by: Literal["axis", "cells"] = "axis"  # a ping clears points near its axis, or cells
+    seen_decay: float = 0.93  # with "cells": share left per cycle where a sonar looks
+    seen_threshold: float = 0.5  # with "cells": least probability of an occupied cell there
     forget: float = 0.05  # a cell below this is dropped
-    margin_m: float = 0.1  # an echo clears what lies this much before it
+    margin_m: float = 0.1  # an echo clears points more than this before it
     apart_m: float = 0.06  # points of a near cell farther apart than this are two
-    goes_on: bool = True  # points in a row are a wall that goes on
+    goes_on: bool = True  # extrapolate walls from points in a row
 
 
 class ScanSettings(NearSettings, frozen=True):
-    """What a laser's local map keeps of a scan, and for how long of what is out of sight."""
+    """What a laser's local map keeps of a scan, and how long points out of sight last."""
 
-    reach_m: float = 4.0  # what is farther nobody brakes for yet
-    sector_rad: float = radians(2.0)  # of the rays in each the nearest is kept,
-    jump_m: float = 0.12  # and the nearer of two neighbours whose ranges differ so much,
-    jump: float = 0.08  # and by this share of the range more: an edge
-    apart_m: float = 0.04  # of what is nearer to each other one will do
-    margin_m: float = 0.08  # a ray that went so much farther than a point went through it
-    silence: float = 0.1  # of belief that a ray takes which found nothing: dark things, and glass
-    forget: float = 0.3  # what is believed less is no more
-    most: int = 400  # points, of those remembered the nearest
+    reach_m: float = 4.0  # greatest distance of points: beyond, no behaviour brakes yet
+    sector_rad: float = radians(2.0)  # the nearest ray in each sector is kept
+    jump_m: float = 0.12  # the nearer of two neighbours whose ranges differ by this is kept,
+    jump: float = 0.08  # plus this share of the range: an edge
+    apart_m: float = 0.04  # one point is kept of those closer than this
+    margin_m: float = 0.08  # a ray longer by this passed through a point
+    silence: float = 0.1  # subtracted by a ray without a return: dark surfaces, glass
+    forget: float = 0.3  # a point below this is dropped
+    most: int = 400  # points, the nearest of those remembered
 
 
 class WallSettings(Struct, frozen=True):
-    """How far the walls of the global map count in the local one, and what makes them doubted."""
+    """How walls of the global map count in the local one, and what makes them doubted."""
 
-    reach_m: float = 1.5  # places of walls within this; 0: the map is not used
-    sure_m: float = 0.3  # a pose no more uncertain than this says where they are,
-    kept_s: float = 30.0  # and the wheels for so long after it,
-    grows: float = 0.01  # m^2 of variance more a metre
-    unknown_m: float = 0.5  # with a pose so uncertain they count for nothing,
-    least: float = 0.3  # and not at all with less than this share of belief
-    axis: float = tan(radians(10))  # a place within this of a sonar's axis,
-    square: float = cos(radians(20))  # of a wall that the axis meets so squarely, had to echo
-    margin_m: float = 0.2  # an echo from so much behind it
-    miss: float = 0.4  # adds so much doubt,
-    memory: float = 0.997  # of which so much is left a cycle: half after 23 s
-    explains_m: float = 2.5  # places within this explain echoes: as far as the local map reaches
-    explains_near_m: float = 0.1  # that come from so nearly as far, and the pose's deviation more,
-    explains_cone: float = cos(radians(34))  # off the axis by no more: smooth walls answer there
-    explains_beam: float = cos(radians(15))  # and rough ones, at a slant, from no farther off it
+    reach_m: float = 1.5  # greatest distance of wall points; 0: the map is not used
+    sure_m: float = 0.3  # greatest standard deviation of a pose that places them
+    kept_s: float = 30.0  # time for which odometry extends such a pose
+    grows: float = 0.01  # growth of its variance per metre, m^2
+    unknown_m: float = 0.5  # standard deviation of the pose at which walls have no weight
+    least: float = 0.3  # least weight of a wall that counts
+    axis: float = tan(radians(10))  # a point within this of a sonar's axis must answer,
+    square: float = cos(radians(20))  # if the axis meets its wall within this of the normal
+    margin_m: float = 0.2  # an echo from farther behind it than this
+    miss: float = 0.4  # adds this doubt,
+    memory: float = 0.997  # of which this share is left per cycle: half after 23 s
+    explains_m: float = 2.5  # greatest distance of points that explain echoes
+    explains_near_m: float = 0.1  # greatest difference in range, plus the pose's deviation
+    explains_cone: float = cos(radians(34))  # greatest angle off the axis of a smooth wall
+    explains_beam: float = cos(radians(15))  # the same for a rough wall at a slant
 
 
 class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
-    """Goto's controller `brisk`; SI."""
+    """Goto's `brisk` controller; SI units."""
 
-    v: float = 0.75  # at most
-    v_decel: float = 0.55  # that it counts on
+    v: float = 0.75  # greatest speed
+    v_decel: float = 0.55  # deceleration that it plans with
     w: float = radians(90)
     w_decel: float = 1.3
-    park_decel: float = 1.6  # of a turn on the spot at the goal, which need not settle on a line
+    park_decel: float = 1.6  # for a turn on the spot at the goal, which need not settle on a line
     w_accel: float = 1.7
     w_jerk: float = 6.0
-    settle_s: float = 0.2  # in which the turn rate follows what is wanted, within those
-    late_s: float = 0.25  # the wheels follow so late
-    turn_s: float = 0.25  # how late a turn is stopped
-    look_m: float = 0.4  # it steers to the line so far ahead,
-    look_s: float = 0.35  # and by the way of so long more
-    cut_m: float = 0.1  # corners of the line may be cut by so much where something is near
-    calm_from: float = radians(10)  # turning by more than this, it slows down,
-    calm_over: float = radians(60)  # by so much more to nothing
-    corner_w: float = 1.25  # a corner is taken at no more than this turn rate
-    corner_m: float = 0.5  # on an arc that begins so far before it
+    settle_s: float = 0.2  # time in which the turn rate follows its set-point, within those limits
+    late_s: float = 0.25  # delay of the wheels
+    turn_s: float = 0.25  # delay of the end of a turn
+    look_m: float = 0.4  # look-ahead distance on the line
+    look_s: float = 0.35  # and time, times the speed
+    cut_m: float = 0.1  # by how much corners may be cut near obstacles
+    calm_from: float = radians(10)  # it slows down from this angle to its target
+    calm_over: float = radians(60)  # to a stop at this angle more
+    corner_w: float = 1.25  # greatest turn rate in a corner
+    corner_m: float = 0.5  # distance before a corner at which its arc begins
     corner_v: float = 0.2
-    on_line_m: float = 0.05  # so near to the last leg's line it keeps its direction to the goal
-    turn_m: float = 0.3  # so near to the goal it turns to the goal's heading while it brakes,
-    short_m: float = 0.02  # and comes to rest so far before it
-    beside_m: float = 0.10  # or than this with the goal abeam,
-    leave_m: float = 0.115  # and drives again only beyond this
+    on_line_m: float = 0.05  # within this of the last leg's line it keeps its direction
+    turn_m: float = 0.3  # within this of the goal it turns to the goal's heading while braking
+    short_m: float = 0.02  # and stops this far before it
+    beside_m: float = 0.10  # the same distance to a goal that is abeam
+    leave_m: float = 0.115  # it drives again only beyond this
     stop_rad: float = radians(1.5)
-    sight_m: float | None = None  # so far it sees, and stops within what it sees of its way
+    sight_m: float | None = None  # the sensors' range; it can stop within the visible path

@@ -1,4 +1,4 @@
-"""Alarms: those of a scenario's building (thesis 4.3), and those that mission planning knows."""
+"""Alarms: those of a scenario's building (thesis 4.3), and those known to mission planning."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ from armadico.agents.missions.wanted import Patience
 from armadico.config.scenarios import AlarmAt, Scenario
 from armadico.mobile.errand import Progress
 
-MOST: Final = 32
-"""Alarms that are remembered."""
+MOST: Final = 32  # alarms that are stored
 
 
 class Alarms:
-    """The alarms that are on, those that no robot has looked at yet, and where no way led to."""
+    """The active alarms, those not yet checked by a robot, and those that cannot be reached."""
 
     def __init__(self, rooms: Iterable[str]) -> None:
-        """`rooms`: those that a robot can go to."""
+        """`rooms`: those that a robot can reach."""
         self._rooms = frozenset(rooms)
         self.on: tuple[str, ...] = ()
         self.unchecked: tuple[str, ...] = ()
         self.no_way: dict[str, Patience] = {}
 
     def learn(self, board: Board) -> None:
-        """Take what an earlier mission planning agent has left on the board, before the own."""
+        """Take over the alarms of an earlier mission planning agent's board."""
         self.on = self._known((*board.alarms, *self.on))
         self.unchecked = self._known((*board.unchecked, *self.unchecked))
 
@@ -33,7 +32,7 @@ class Alarms:
         return tuple(room for room in dict.fromkeys(rooms) if room in self._rooms)[:MOST]
 
     def update(self, alarm: Alarm) -> bool:
-        """Take an alarm that begins or ends; return whether that is news."""
+        """Process the begin or end of an alarm; return whether anything has changed."""
         room = alarm.room
         if alarm.on == (room in self.on) or (alarm.on and len(self.on) >= MOST):
             return False
@@ -45,26 +44,26 @@ class Alarms:
         return True
 
     def checked(self, room: str) -> None:
-        """Nothing more is to be done about an alarm."""
+        """Mark a room's alarm as checked."""
         self.unchecked = tuple(other for other in self.unchecked if other != room)
         self.no_way.pop(room, None)
 
     def due(self, now: float) -> str | None:
-        """The first alarm that something is to be done about now; None: there is none."""
+        """Return the first unchecked alarm that is to be handled now, or None."""
         known = Patience()
-        asked = (r for r in self.unchecked if now >= self.no_way.get(r, known).again_at)
-        return next(asked, None)
+        due = (r for r in self.unchecked if now >= self.no_way.get(r, known).again_at)
+        return next(due, None)
 
 
 class Building:
-    """The alarms of a scenario's building: a guest of the society, that rings when it is time."""
+    """The alarms of a scenario's building; publishes them as a guest of the society."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._to_come = list(scenario.alarms)
         self._to_end: list[tuple[float, str]] = []
 
     def due(self, elapsed: float, mission: Progress | None) -> Iterator[Alarm]:
-        """Those that begin or end by now, s since the run began, each once."""
+        """Yield alarms that begin or end by `elapsed`, s since the run began, each once."""
         for alarm in [alarm for alarm in self._to_come if _begins(alarm, elapsed, mission)]:
             self._to_come.remove(alarm)
             if alarm.lasts_s is not None:

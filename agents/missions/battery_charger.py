@@ -1,4 +1,4 @@
-"""The battery charger agent: has the robot charged in time, and says what is enough (3.6.4)."""
+"""The battery charger agent: has the robot charged in time, and answers energy queries (3.6.4)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 
 from armadico.agents.methods.utility import (
-    CHARGE_ASKED,
     CHARGE_NOW,
+    CHARGE_REQUESTED,
     CHARGE_SOON,
-    PEOPLES,
+    OPERATOR_ERRAND,
     ramp_down,
 )
 from armadico.agents.missions.errands import DeliberativeAgent, PlanDesk
@@ -53,22 +53,21 @@ from armadico.mobile.resources import PLANNER
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=86_400)]
 
+# A robot within this lateral distance and angle of a dock's axis is in its lane.
 IN_LANE_M, IN_LANE_RAD = 0.15, 0.4
-"""A robot that is so near beside a dock's line, and turned so little, is in its lane."""
 
+# Lateral offsets of successive docking attempts: without contact, the pose is wrong.
 ASIDE_M = (0.0, 0.04, -0.04, 0.07, -0.07)
-"""Where no contact is met the next attempt is made so much beside the line: the pose is off."""
 
+# The robot is out of the dock within this distance of the lane's beginning.
 OUT_M = 0.03
-"""Nearer than this to where the lane begins, the robot is out of the dock."""
 
-SAY_S = 1.0
-PATIENCE_S = 5.0
-"""A plan that has not come by then does not."""
+REPORT_S = 1.0
+PATIENCE_S = 5.0  # the timeout for a plan
 
 
 class Event(StrEnum):
-    """What happens to a robot that is to be charged."""
+    """The events of charging."""
 
     DRIVEN = "it is driven to a dock"
     ENDED = "it is not driven to a dock"
@@ -79,6 +78,7 @@ class Event(StrEnum):
     OUT = "it is out of the dock"
 
 
+# The next state. An event that is not listed for a state changes nothing.
 TRANSITIONS: Final[dict[tuple[ChargeState, Event], ChargeState]] = {
     (ChargeState.NONE, Event.DRIVEN): ChargeState.TO_DOCK,
     (ChargeState.NONE, Event.LINED_UP): ChargeState.DOCKING,
@@ -96,64 +96,61 @@ TRANSITIONS: Final[dict[tuple[ChargeState, Event], ChargeState]] = {
     (ChargeState.LEAVING, Event.OUT): ChargeState.NONE,
     (ChargeState.LEAVING, Event.LINED_UP): ChargeState.DOCKING,
 }
-"""Which state follows: an event that is not listed for a state changes nothing."""
 
 IN_DOCK = (ChargeState.DOCKING, ChargeState.CHARGING, ChargeState.LEAVING)
-ASKED = 0.3
-"""Utility of a plan that somebody waits for, and"""
 
-LOOKING = 0.02
-"""of one that is only to know how far a dock is."""
+REQUESTED = 0.3  # utility of a plan for another agent's energy query
+LOOKING = 0.02  # utility of a plan for the distance to the docks only
 
-SENT_S = 30.0
-"""A charge that somebody has asked for is wanted for so long after."""
+SENT_S = 30.0  # how long a request to charge is valid
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """What counts as enough, and how much charging is worth.
+    """What counts as enough energy, and the utility of charging.
 
-    A mission may not bid while it takes a photo or has a way planned; what is worth less than it
-    does not take the robot from it even then.
+    A mission may not bid while it takes a photo or has a path planned. Even then it keeps the
+    robot if charging is worth less.
     """
 
     world: Annotated[str, Meta(min_length=1)] = "empty"
     profile: str = "pioneer-2dx"
     capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None  # None: the profile's
+    # Below this voltage charging goes before all else; None: the profile's.
     low_v: Annotated[float, Meta(gt=0, le=1e4)] | None = None
-    """Below this charging goes before all else; None: the profile's."""
-    reserve: Share = 0.05  # of the battery: is to be left when the dock is reached
-    more: Annotated[float, Meta(ge=1, le=10)] = 1.3  # a way may take so many times what is planned
-    plenty: Annotated[float, Meta(gt=1, le=100)] = 4.0  # so many times what is needed is plenty
-    idle_below: Share = 0.5  # with less than this it is charged when nobody else wants to drive
+    reserve: Share = 0.05  # share of the battery left on arrival at the dock
+    more: Annotated[float, Meta(ge=1, le=10)] = 1.3  # a path may take this multiple of its plan
+    plenty: Annotated[float, Meta(gt=1, le=100)] = 4.0  # this multiple of the need is plenty
+    idle_below: Share = 0.5  # below this it is charged while no other agent wants to drive
     idle_utility: Share = 0.02
-    urgent: Share = 0.2  # a robot that has no more than this stays in the dock, but for nearly all,
-    ready: Share = 0.8  # and with this leaves it for whoever wants to drive
-    look_s: Seconds = 60.0  # from one look how far the docks are to the next
-    silent_s: Seconds = 30.0  # a battery sensor that says nothing for so long is dead
-    contact_s: Seconds = 3.0  # it stands for so long without contact: the next attempt
-    docking_s: Seconds = 60.0  # an attempt takes no longer
-    again_s: Seconds = 20.0  # after a way to a dock that failed
+    urgent: Share = 0.2  # up to this share it leaves the dock for the most urgent only
+    ready: Share = 0.8  # from this share on it leaves the dock for any agent that wants to drive
+    look_s: Seconds = 60.0  # period of computing the distance to the docks
+    silent_s: Seconds = 30.0  # a battery sensor that is silent for longer counts as dead
+    contact_s: Seconds = 3.0  # standing without contact for longer ends an attempt
+    docking_s: Seconds = 60.0  # the timeout of an attempt
+    again_s: Seconds = 20.0  # the pause after a failed drive to a dock
 
 
 @dataclass(frozen=True)
 class Sent:
-    """That a charge was asked for: up to which share, and when, s."""
+    """A request to charge: up to which share, and its time, s."""
 
     until: float = 0.0
     at: float = -inf
 
 
 class BatteryCharger(DeliberativeAgent):
-    """Competes for the planner and the trajectory, the more the less is left.
+    """Competes for the planner and the trajectory, with a utility that rises as the charge falls.
 
-    It goes to the dock that costs least, lines up before it, and has the dock agent drive in. What
-    it must know after a restart it sees: the controller says that it charges, the pose that the
-    robot stands in a dock's lane. Whoever wants the robot elsewhere has it backed out first.
+    It drives to the dock with the cheapest path, lines up before it, and has the dock agent drive
+    in. After a restart it recovers its state from inputs: the controller reports charging, and the
+    pose shows the robot in a dock's lane. If another agent wants the robot elsewhere, the robot is
+    backed out first.
     """
 
     name = "battery-charger"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         *(RobotState, Pose, BatteryLevel, BatteryAlarm),
         *(Trajectory, Planned, MissionStatus),
     )
@@ -168,31 +165,29 @@ class BatteryCharger(DeliberativeAgent):
         super().__init__(identity, parameters)
         self._docks: Mapping[str, Place] = load_world(self.p.world).docks
         self._battery = load_profile(self.p.profile).battery
-        self._desk = PlanDesk(self.rng)  # for what is only to be known
+        self._desk = PlanDesk(self.rng)  # for plans that are not driven
         self._questions: list[tuple[Question, EnergyRequest]] = []
-        self._asking_for: tuple[Question, EnergyRequest] | None = (
-            None  # the one that is looked into
-        )
-        self._wanted_at = -inf  # when the plan that is waited for was
+        self._current: tuple[Question, EnergyRequest] | None = None  # the question in progress
+        self._requested_at = -inf  # when the plan in progress was requested
         self._state = ChargeState.NONE
-        self._since = 0.0  # when that began
+        self._since = 0.0  # when that state began
         self._still_at = 0.0  # when the robot last moved
         self._dock = ""  # the one that is driven to, or into
         self._attempt = 0
         self._needed: float | None = None  # J from about here to the nearest dock
         self._needed_at = -inf
-        self._shunned: dict[str, float] = {}  # docks that did not do, until when
+        self._shunned: dict[str, float] = {}  # docks that failed, and until when they are avoided
         self._note = ""
         self._level_at: float | None = None
         self._dead = self._warned = False
-        self._said_at = -inf
+        self._published_at = -inf
         self._sent = Sent()
-        self._foreign = False  # somebody else has the robot driven somewhere
+        self._foreign = False  # another agent has the robot driven
 
-    # What it hears -------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Without a dock there is nothing to be done, and people must know."""
+        """Warn if there is no dock: charging is impossible then."""
         self._level_at = self.now
         if not self._docks:
             self._note = "no dock on the map"
@@ -202,35 +197,35 @@ class BatteryCharger(DeliberativeAgent):
         self._level_at, self._dead = self.now, False
 
     def on_battery_alarm(self, alarm: BatteryAlarm) -> None:
-        """Say what comes of it."""
+        """Warn if there is no dock."""
         if not self._docks:
             self.log(f"{alarm.volts:.1f} V, and there is no dock on the map", WARNING)
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
-        """Where the robot is driven, by whomever."""
+        """Detect whether another agent has the robot driven."""
         super().on_trajectory(trajectory)
         self._foreign = bool(trajectory.waypoints) and trajectory.mission not in self.errand.ways
 
     def on_planned(self, planned: Planned) -> None:
-        """A plan was made, of the way or of another."""
+        """Process a plan of the path or of a survey."""
         super().on_planned(planned)
         self._desk.on_plan(planned)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Look how things stand, once a cycle, and say so."""
+        """Update the state once per cycle, and publish it."""
         if abs(state.v) > 0.01 or abs(state.w) > 0.02:
             self._still_at = self.now
-        self._mind_the_sensor()
+        self._check_sensor()
         pose = self.latest(Pose)
         if pose is not None and self._docks:
-            self._go_on(state, pose)
-            self._answer(pose)
+            self._step(state, pose)
+            self._answer_questions(pose)
         often = self._state in (ChargeState.DOCKING, ChargeState.LEAVING)
-        if often or self.now - self._said_at >= SAY_S:
-            self._tell(state)
+        if often or self.now - self._published_at >= REPORT_S:
+            self._publish_status(state)
 
     def on_energy_request(self, question: Question) -> EnergyReply | None:
-        """Whether the energy will do, once it is known how far the dock is from there."""
+        """Reply whether the energy suffices, after planning from the goal to the docks."""
         request = question.request
         assert isinstance(request, EnergyRequest)
         if not self._docks:
@@ -239,7 +234,7 @@ class BatteryCharger(DeliberativeAgent):
         return None
 
     def on_charge_request(self, question: Question) -> MissionReply:
-        """Somebody wants it charged, though there may be enough left."""
+        """Accept a request to charge, even if the energy suffices."""
         request = question.request
         assert isinstance(request, ChargeRequest)
         if not self._docks:
@@ -247,15 +242,15 @@ class BatteryCharger(DeliberativeAgent):
         self._sent = Sent(request.until, self.now)
         return MissionReply(1)
 
-    # What it bids --------------------------------------------------------------------------------
+    # Bids ----------------------------------------------------------------------------------------
 
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
-        """For a plan, and then to be driven by it; a docked robot's trajectory is kept."""
+        """Bid for a plan, and then to be driven by it; a docked robot's trajectory is kept."""
         utility, critical = self.utility, self._critical
         if resource is PLANNER:
-            asked = max(utility, ASKED if self._questions else LOOKING)
+            survey = max(utility, REQUESTED if self._questions else LOOKING)
             own = self.errand.bid_for(resource, utility, critical=critical)
-            return own or self._desk.bid(asked)
+            return own or self._desk.bid(survey)
         if utility <= 0.0:
             self.why = "there is energy enough"
             return None
@@ -263,7 +258,7 @@ class BatteryCharger(DeliberativeAgent):
 
     @property
     def utility(self) -> float:
-        """What charging is worth now: 0 with plenty."""
+        """The utility of charging now; 0 with plenty of energy."""
         p, share = self.p, self._share
         if not self._docks or not self._known:
             return 0.0
@@ -277,12 +272,12 @@ class BatteryCharger(DeliberativeAgent):
             if self._needed is not None:
                 least = self._needed * p.more + p.reserve * self._full_j
                 worth = max(worth, ramp_down(self._left / least, 1.0, p.plenty, CHARGE_SOON))
-        worth = max(worth, CHARGE_ASKED if sent else 0.0)
-        return 0.0 if self._foreign and worth < PEOPLES else worth  # people do not bid
+        worth = max(worth, CHARGE_REQUESTED if sent else 0.0)
+        return 0.0 if self._foreign and worth < OPERATOR_ERRAND else worth  # people do not bid
 
     @property
     def _critical(self) -> bool:
-        """Whether the voltage is where charging goes before everything."""
+        """Whether the voltage is so low that charging goes before everything."""
         return self._known and self._volts < (self.p.low_v or self._battery.low_v)
 
     @property
@@ -293,12 +288,12 @@ class BatteryCharger(DeliberativeAgent):
 
     @property
     def _known(self) -> bool:
-        """Whether anybody says what is left."""
+        """Whether the remaining charge is known."""
         return self._volts > 0.5 * self._battery.empty_v
 
     @property
     def _volts(self) -> float:
-        """At rest, V; under the load, if the battery sensor is dead; 0: nobody knows."""
+        """The voltage at rest, V; under load if the battery sensor is dead; 0 if unknown."""
         level, state = self.latest(BatteryLevel), self.latest(RobotState)
         if level is not None and not self._dead:
             return level.volts
@@ -312,17 +307,17 @@ class BatteryCharger(DeliberativeAgent):
 
     @property
     def _left(self) -> float:
-        """J until it has to be charged."""
+        """The energy until it must be charged, J."""
         level, battery, share = self.latest(BatteryLevel), self._battery, self._share
         if level is not None and not self._dead:
             return level.joules
         capacity = self.p.capacity_ah or battery.capacity_ah
         return 3600.0 * capacity * share * 0.5 * (self._volts + battery.empty_v)
 
-    # How it goes on ------------------------------------------------------------------------------
+    # Steps ---------------------------------------------------------------------------------------
 
-    def _go_on(self, state: RobotState, pose: Pose) -> None:
-        """One step of what it does, by what is seen."""
+    def _step(self, state: RobotState, pose: Pose) -> None:
+        """Go on by one step, depending on the state and the pose."""
         lane = None if pose.deviation > LOST_M else self._lane(pose)
         if self._state is ChargeState.LEAVING:
             self._leave(pose)
@@ -340,7 +335,7 @@ class BatteryCharger(DeliberativeAgent):
         elif self.utility <= 0.0:
             self._end(Event.ENDED)
         elif lane is not None and not self.errand.under_way and lane not in self._shunned:
-            self._dock = lane  # a charger before this one got so far, or it slipped off
+            self._dock = lane  # an earlier instance got so far, or the robot has slipped off
             self._begin_docking(pose)
         else:
             self._drive(pose, state)
@@ -354,7 +349,7 @@ class BatteryCharger(DeliberativeAgent):
         self._on(event)
 
     def _drive(self, pose: Pose, state: RobotState) -> None:
-        """To where the robot lines up with the nearest dock."""
+        """Drive to the place where the robot lines up with the nearest dock."""
         errand = self.errand
         if errand.stage is Stage.REACHED:
             if self._foreign:
@@ -370,7 +365,7 @@ class BatteryCharger(DeliberativeAgent):
             self._dock = self._dock or next(iter(self._docks))
             self._set_out(pose, state)
         elif not self._desk.busy and self._needed is None:
-            # Nobody else gets the planner while it asks: a way that was not there may take long
+            # A failed search for a path takes long and blocks the planner for others.
             if self.now - self._needed_at > self.p.again_s:
                 self._seek(pose)
         elif self._needed is not None and self._dock and self._dock not in self._shunned:
@@ -381,14 +376,14 @@ class BatteryCharger(DeliberativeAgent):
         self.errand.go(lined_up, pose, state.v, "to be charged")
 
     def _begin_docking(self, pose: Pose) -> None:
-        """Drive in, as soon as nothing else is driven."""
+        """Drive into the dock once the robot stands."""
         self.errand.stand(pose, planned=False)
         if self.errand.stands:
             self._on(Event.LINED_UP)
             self._still_at = self.now
 
     def _watch_docking(self, state: RobotState, pose: Pose) -> None:
-        """In contact at rest, it is in; at rest without, it is tried again a little aside."""
+        """Detect contact at rest; without contact, begin another attempt with an offset."""
         still = self.now - self._still_at
         if state.charging and still > 0.5:
             self._arrive(pose)
@@ -407,7 +402,7 @@ class BatteryCharger(DeliberativeAgent):
         self._on(Event.CONTACT)
 
     def _leave(self, pose: Pose) -> None:
-        """Until the robot is out; an attempt that met no contact is followed by another."""
+        """Wait until the robot is out; then try again if the attempt made no contact."""
         ahead, _, _ = relative(self._docks[self._dock], (pose.x, pose.y, pose.theta))
         out = ahead <= -DOCK_LANE_M + OUT_M
         if not out and self.now - self._since <= self.p.docking_s:
@@ -420,7 +415,7 @@ class BatteryCharger(DeliberativeAgent):
         self._end(Event.OUT)
 
     def _shun(self, why: str) -> None:
-        """Not to this dock for a while."""
+        """Avoid this dock for a while."""
         self.log(line(f"{self._dock} will not do: {why}"), WARNING)
         self._shunned[self._dock] = self.now + self.p.again_s
         self._needed, self._needed_at, self._attempt = None, -inf, 0
@@ -428,10 +423,10 @@ class BatteryCharger(DeliberativeAgent):
     def _on(self, event: Event) -> None:
         state = TRANSITIONS.get((self._state, event), self._state)
         if state is not self._state:
-            self._state, self._since, self._said_at = state, self.now, -inf
+            self._state, self._since, self._published_at = state, self.now, -inf
 
     def _lane(self, pose: Pose) -> str | None:
-        """The dock in whose lane the robot stands."""
+        """Return the dock in whose lane the robot stands."""
         for name, dock in self._docks.items():
             ahead, aside, turned = relative(dock, (pose.x, pose.y, pose.theta))
             in_it = -DOCK_LANE_M - 0.1 < ahead < 0.1
@@ -439,21 +434,21 @@ class BatteryCharger(DeliberativeAgent):
                 return name
         return None
 
-    # How far it is -------------------------------------------------------------------------------
+    # Distances -----------------------------------------------------------------------------------
 
-    def _answer(self, pose: Pose) -> None:
-        """Answer who asks, one after another; else look now and then how far the docks are."""
+    def _answer_questions(self, pose: Pose) -> None:
+        """Answer queries one after another; else survey the docks from time to time."""
         self._shunned = {name: until for name, until in self._shunned.items() if until > self.now}
-        if self._desk.busy and self.now - self._wanted_at > PATIENCE_S:
+        if self._desk.busy and self.now - self._requested_at > PATIENCE_S:
             self._desk.drop()
-            if self._asking_for is not None:
-                question, request = self._asking_for
+            if self._current is not None:
+                question, request = self._current
                 self.answer(question, self._judge(request, None, "no way known: nobody plans"))
         if self._desk.busy or self.errand.desk.busy:
             return
-        self._asking_for = None
+        self._current = None
         if self._questions:
-            question, request = self._asking_for = self._questions.pop(0)
+            question, request = self._current = self._questions.pop(0)
 
             def judged(_: str, plan: Plan | None) -> None:
                 note = "" if plan is not None else "no way from there to a dock"
@@ -468,7 +463,7 @@ class BatteryCharger(DeliberativeAgent):
             self._seek(pose)
 
     def _seek(self, pose: Pose) -> None:
-        """Find the dock that costs least from here."""
+        """Find the dock with the cheapest path from here."""
         self._needed_at = self.now
 
         def found(name: str, plan: Plan | None) -> None:
@@ -482,14 +477,14 @@ class BatteryCharger(DeliberativeAgent):
             self._warned, self._note = False, ""
             if self._state is ChargeState.NONE and name != self._dock:
                 self._dock = name
-                self.errand.drop()  # it is planned to another one, and not driven yet
+                self.errand.drop()  # planned to another dock, and not driven yet
 
         self._survey(Waypoint(pose.x, pose.y, pose.theta), found)
 
     def _survey(self, start: Waypoint, then: Callable[[str, Plan | None], None]) -> None:
-        """Have the ways to all docks planned, the nearest as the crow flies first.
+        """Have the paths to all docks planned, the nearest in a straight line first.
 
-        A dock that is farther off, straight, than the shortest way so far is not asked for.
+        Docks whose straight distance exceeds the shortest path so far are skipped.
         """
         left = sorted(
             (hypot(dock[0] - start.x, dock[1] - start.y), name)
@@ -502,13 +497,13 @@ class BatteryCharger(DeliberativeAgent):
             while left:
                 straight, name = left.pop(0)
                 if best[1] is None or straight < best[1].length:
-                    self._wanted_at = self.now
+                    self._requested_at = self.now
                     goal = _waypoint(before(self._docks[name]))
-                    self._desk.ask(start, goal, partial(taken, name), LOOKED)
+                    self._desk.request(start, goal, partial(planned, name), SURVEY)
                     return
             then(*best)
 
-        def taken(name: str, plan: Plan) -> None:
+        def planned(name: str, plan: Plan) -> None:
             nonlocal best
             if not plan.refusal and (best[1] is None or plan.energy < best[1].energy):
                 best = name, plan
@@ -517,7 +512,7 @@ class BatteryCharger(DeliberativeAgent):
         following()
 
     def _judge(self, request: EnergyRequest, to_dock: float | None, note: str) -> EnergyReply:
-        """Use case 2: to the goal, on to a dock (J; None: there is no way), and some to spare."""
+        """Use case 2: to the goal, then to a dock (J; None: no path), with a reserve."""
         p, left = self.p, self._left
         needed = p.more * (request.energy + (to_dock or 0.0)) + p.reserve * self._full_j
         if not self._known:
@@ -526,20 +521,20 @@ class BatteryCharger(DeliberativeAgent):
         words = f"{left / 1e3:.0f} kJ are left, {needed / 1e3:.0f} kJ are needed"
         return EnergyReply(enough, left, needed, "; ".join(filter(None, [words, note])))
 
-    # What it says --------------------------------------------------------------------------------
+    # Outputs -------------------------------------------------------------------------------------
 
-    def _mind_the_sensor(self) -> None:
-        """A battery sensor that is silent is told of, and the voltage under load stands in."""
+    def _check_sensor(self) -> None:
+        """Warn once if the battery sensor is silent; then the voltage under load is used."""
         if self._dead or self._level_at is None or self.now - self._level_at <= self.p.silent_s:
             return
         self._dead = True
         self.log(
-            f"no battery/level for {self.p.silent_s:g} s: by the voltage alone, under its load",
+            f"no battery/level for {self.p.silent_s:g} s: the voltage under load is used",
             WARNING,
         )
 
-    def _tell(self, state: RobotState) -> None:
-        self._said_at = self.now
+    def _publish_status(self, state: RobotState) -> None:
+        self._published_at = self.now
         dock = self._docks.get(self._dock)
         if dock is not None and self._state is ChargeState.DOCKING:
             dock = compose(dock, (0.0, ASIDE_M[self._attempt % len(ASIDE_M)], 0.0))
@@ -547,7 +542,7 @@ class BatteryCharger(DeliberativeAgent):
         self.publish(ChargeStatus(state.cycle, self._state, pose, self._dock, self._note))
 
 
-LOOKED = "to know how far a dock is"
+SURVEY = "to know how far a dock is"
 
 
 def _waypoint(place: Place) -> Waypoint:

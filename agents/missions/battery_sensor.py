@@ -1,4 +1,4 @@
-"""The battery sensor agent: what is left of the battery, and an alarm (thesis 3.4.3)."""
+"""The battery sensor agent: estimates the battery's charge and publishes alarms (thesis 3.4.3)."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from armadico.mobile.messages import BatteryLevel
 
 Seconds = Annotated[float, Meta(gt=0, le=3600)]
 
+# A longer cycle counts as this long: the voltage shows what was used during a gap.
 LONGEST_S = 1.0
-"""A cycle counts for so long at most: what was used while nobody looked the voltage tells."""
 
 ALARM_STEP_V = 0.1
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The battery, and how often it is checked."""
+    """The battery, and how often its level is published."""
 
     profile: str = "pioneer-2dx"
     capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None  # None: the profile's
-    slow_s: Seconds = 5.0  # from one check to the next when it is full,
-    quick_s: Seconds = 0.5  # and where it has to be charged
+    slow_s: Seconds = 5.0  # publication period with a full battery
+    quick_s: Seconds = 0.5  # publication period with a battery that must be charged
     alarm_v: Annotated[float, Meta(gt=0, le=1e4)] | None = None  # None: the profile's `low_v`
-    lag_s: Seconds = 60.0  # in which the charge that is counted follows the voltage
-    unread_s: Seconds = 5.0  # a controller that says no voltage for so long is told of
+    lag_s: Seconds = 60.0  # time constant of the correction of the counted charge by the voltage
+    unread_s: Seconds = 5.0  # a warning is logged if no plausible voltage comes for this time
 
 
 class BatterySensor(Agent):
-    """Looks at the voltage each cycle; says what that means the oftener, the less is left."""
+    """Estimates the charge each cycle; publishes it more often the lower it is."""
 
     name = "battery-sensor"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (RobotState,)
+    receives: ClassVar[tuple[type[Message], ...]] = (RobotState,)
     provides: ClassVar[tuple[type[Message], ...]] = (BatteryLevel, BatteryAlarm)
     parameters = Parameters
     launched_with = ("profile", "capacity_ah")
@@ -51,34 +51,34 @@ class BatterySensor(Agent):
         profile = load_profile(self.p.profile)
         self._battery = profile.battery
         self._gauge = Gauge(profile, self.p.capacity_ah or self._battery.capacity_ah, self.p.lag_s)
-        self._felt_at: float | None = None
-        self._read_at: float | None = None  # the last reading,
-        self._unread = False  # and whether it was said that there are none
-        self._said_at, self._charging = -inf, False
+        self._updated_at: float | None = None
+        self._read_at: float | None = None  # the last plausible reading
+        self._unread = False  # whether the lack of readings has been logged
+        self._published_at, self._charging = -inf, False
         self._alarmed = inf  # tenths of a volt
 
     def on_robot_state(self, state: RobotState) -> None:
-        dt = 0.0 if self._felt_at is None else min(self.now - self._felt_at, LONGEST_S)
-        self._felt_at = self.now
+        dt = 0.0 if self._updated_at is None else min(self.now - self._updated_at, LONGEST_S)
+        self._updated_at = self.now
         if self._read_at is None:
             self._read_at = self.now
-        if not self._gauge.feel(state.battery_v, state.v, state.w, state.charging, dt):
+        if not self._gauge.update(state.battery_v, state.v, state.w, state.charging, dt):
             self._not_read(state.battery_v)
             return
         self._read_at, self._unread = self.now, False
         changed = state.charging != self._charging
-        if changed or self.now - self._said_at >= self.period:
-            self._said_at, self._charging = self.now, state.charging
-            self._tell(state.cycle)
+        if changed or self.now - self._published_at >= self.period:
+            self._published_at, self._charging = self.now, state.charging
+            self._publish_level(state.cycle)
 
     @property
     def period(self) -> float:
-        """From one check to the next, s."""
+        """The publication period, s."""
         battery, p = self._battery, self.p
         share = (self._gauge.volts - battery.empty_v) / (battery.full_v - battery.empty_v)
         return p.quick_s + min(max(share, 0.0), 1.0) * (p.slow_s - p.quick_s)
 
-    def _tell(self, cycle: Cycle) -> None:
+    def _publish_level(self, cycle: Cycle) -> None:
         gauge = self._gauge
         volts, share = gauge.volts, gauge.share
         self.publish(BatteryLevel(cycle, volts, share, gauge.joules, self._charging))
@@ -96,4 +96,4 @@ class BatterySensor(Agent):
         assert self._read_at is not None, "it has begun"
         if not self._unread and self.now - self._read_at >= self.p.unread_s:
             self._unread = True
-            self.log(f"the controller says {volts:.1f} V, which is no battery's voltage", WARNING)
+            self.log(f"the controller reports {volts:.1f} V, not a battery's voltage", WARNING)

@@ -1,7 +1,7 @@
-"""The board: missions that wait, the one that is done, and those that are over. Sans-IO.
+"""The board: waiting missions, the active one, and those that are over. Sans-IO.
 
-Whoever proposes one that is more urgent than the active one suspends that; it goes on afterwards
-(use case 1 of thesis 3.2.1). All of it is one message, so that it outlives mission planning.
+A mission that is more urgent than the active one suspends it; that goes on afterwards (use case 1
+of thesis 3.2.1). The board is one message, so that it outlives mission planning.
 """
 
 from __future__ import annotations
@@ -20,54 +20,51 @@ from armadico.config.errors import ConfigError
 from armadico.config.places import Places
 from armadico.core.messages import MessageError, encode, line
 
-UNFINISHED_MOST: Final = 12
-"""Missions that wait or are done; one more is refused."""
+UNFINISHED_MOST: Final = 12  # missions that wait or are active; one more is refused
 
+# Finished missions that stay on the board. As many as unfinished ones, so that each end is
+# published at least once even if all are cancelled together.
 FINISHED_MOST: Final = UNFINISHED_MOST
-"""Missions that are over and still told of, those that ended last: each one's end is told at least
-once, though all that wait are cancelled together."""
 
-AHEAD_TOLD: Final = 16
-"""Steps to come that are told of."""
+AHEAD_MOST: Final = 16  # next steps of a mission that are published
 
+# Bytes of the deflated texts of all unfinished missions; results and frames fit beside them.
 TEXTS_MOST: Final = 24_000
-"""Bytes of the texts of all missions that go on, deflated: results and frames fit beside them."""
 
-RESULTS_TOLD: Final = ((100, 100), (10, 100), (0, 50), (0, 10), (0, 0))
-"""So many results of each mission that is over, and of each that goes on: the first that fit."""
+# Results published of each mission that is over, and of each other; the first pair that fits.
+RESULTS_MOST: Final = ((100, 100), (10, 100), (0, 50), (0, 10), (0, 0))
 
-NOTE_MOST: Final = 200
-"""Characters that are kept of why a mission ended."""
+NOTE_MOST: Final = 200  # characters of the note why a mission ended
 
 
-def _cut(told: BoardMission, most: int) -> BoardMission:
-    """A mission with its newest results only."""
-    results = told.course.results
+def _cut(listed: BoardMission, most: int) -> BoardMission:
+    """Return a mission with its newest results only."""
+    results = listed.course.results
     if len(results) <= most:
-        return told
+        return listed
     newest = results[len(results) - most :]
-    return replace(told, course=replace(told.course, results=newest))
+    return replace(listed, course=replace(listed.course, results=newest))
 
 
 class RefusedError(ValueError):
-    """A mission that is not taken on; the text is the reason."""
+    """A mission is refused; the text is the reason."""
 
 
 @dataclass
 class Entry:
-    """One mission: what is told of it, and what it was read as; None: it is over."""
+    """One mission: its row on the board, and the parsed mission; None if it is over."""
 
-    told: BoardMission
+    listed: BoardMission
     mission: Mission | None
 
     @property
     def goes_on(self) -> bool:
-        """Whether it waits, or is done."""
-        return self.mission is not None and not self.told.over
+        """Whether it waits or is active."""
+        return self.mission is not None and not self.listed.over
 
 
 def text_of(packed: bytes) -> str:
-    """A mission's text as it was deflated. Raises ConfigError."""
+    """Return a deflated mission's text. Raises ConfigError."""
     try:
         unpacker = zlib.decompressobj()
         data = unpacker.decompress(packed, 4 * LONGEST)
@@ -79,14 +76,14 @@ def text_of(packed: bytes) -> str:
 
 
 class Missions:
-    """All missions that are known, in the order in which they came."""
+    """All known missions, in the order of their arrival."""
 
     def __init__(self, places: Places) -> None:
         self._places = places
         self.entries: dict[int, Entry] = {}
 
     def propose(self, number: int, order: MissionOrder, start: tuple[float, float] | None) -> Entry:
-        """Take a mission on as the last one of its priority. Raises RefusedError."""
+        """Add a mission as the last one of its priority. Raises RefusedError."""
         if sum(entry.goes_on for entry in self.entries.values()) >= UNFINISHED_MOST:
             raise RefusedError(f"{UNFINISHED_MOST} missions wait already; cancel one")
         try:
@@ -94,17 +91,17 @@ class Missions:
         except ConfigError as error:
             raise RefusedError(str(error)) from None
         priority = mission.priority if order.priority is None else order.priority
-        told = BoardMission(
+        listed = BoardMission(
             number, order.name, priority, MissionEnd.QUEUED, order.by, text=order.text
         )
-        going_on = [entry.told.text for entry in self.entries.values() if entry.goes_on]
+        going_on = [entry.listed.text for entry in self.entries.values() if entry.goes_on]
         if sum(map(len, [*going_on, order.text])) > TEXTS_MOST:
             raise RefusedError("the board is full: nobody could be told of it; cancel one")
-        entry = self.entries[number] = Entry(told, mission)
+        entry = self.entries[number] = Entry(listed, mission)
         return entry
 
     def cancel(self, number: int) -> list[Entry]:
-        """Cancel a mission, or all with 0; those that were going on."""
+        """Cancel a mission, or all with 0; return those that were unfinished."""
         chosen = self.entries.values() if number == 0 else [self.entries.get(number)]
         found = [entry for entry in chosen if entry is not None and entry.goes_on]
         for entry in found:
@@ -112,9 +109,9 @@ class Missions:
         return found
 
     def end(self, entry: Entry, state: MissionEnd, note: str) -> None:
-        """A mission is over; the oldest of those that are is forgotten."""
-        entry.told = replace(
-            entry.told,
+        """End a mission; the oldest of those that are over is removed."""
+        entry.listed = replace(
+            entry.listed,
             state=state,
             note=line(note)[:NOTE_MOST],
             text=b"",
@@ -123,34 +120,34 @@ class Missions:
             ahead=(),
         )
         entry.mission = None
-        if self.entries.pop(entry.told.mission, None) is entry:
-            self.entries[entry.told.mission] = entry  # in the order in which they ended
+        if self.entries.pop(entry.listed.mission, None) is entry:
+            self.entries[entry.listed.mission] = entry  # moves it to the end: sorted by end
         over = [number for number, each in self.entries.items() if not each.goes_on]
         for number in over[:-FINISHED_MOST]:
             del self.entries[number]
 
     @property
     def active(self) -> Entry | None:
-        """The one that is done."""
-        return next((e for e in self.entries.values() if e.told.state is MissionEnd.ACTIVE), None)
+        """The active mission."""
+        return next((e for e in self.entries.values() if e.listed.state is MissionEnd.ACTIVE), None)
 
     def choose(self) -> Entry | None:
-        """The one to be done now: the most urgent, of those the one that was begun first."""
+        """Return the mission to be done now: the most urgent; of equals, the one begun first."""
         going_on = [entry for entry in self.entries.values() if entry.goes_on]
-        best = max((entry.told.priority for entry in going_on), default=0.0)
-        urgent = [entry for entry in going_on if entry.told.priority == best]
-        begun = [entry for entry in urgent if entry.told.state is not MissionEnd.QUEUED]
+        best = max((entry.listed.priority for entry in going_on), default=0.0)
+        urgent = [entry for entry in going_on if entry.listed.priority == best]
+        begun = [entry for entry in urgent if entry.listed.state is not MissionEnd.QUEUED]
         return next(iter(begun or urgent), None)
 
     def board(self, board: Board) -> Board:
-        """All of it, as it is told: those that go on first.
+        """Return the board with all missions, unfinished ones first.
 
-        What would not fit into a message is left out: of results the oldest, of those first that
-        are over, and at last the steps to come, which are for people.
+        What does not fit into a message is left out: the oldest results, of finished missions
+        first, and at last the next steps, which only people need.
         """
-        told = sorted(self.entries.values(), key=lambda entry: not entry.goes_on)
-        for over, others in RESULTS_TOLD:
-            missions = tuple(_cut(e.told, others if e.goes_on else over) for e in told)
+        listed = sorted(self.entries.values(), key=lambda entry: not entry.goes_on)
+        for over, others in RESULTS_MOST:
+            missions = tuple(_cut(e.listed, others if e.goes_on else over) for e in listed)
             found = replace(board, missions=missions)
             with suppress(MessageError):
                 encode(found)
@@ -158,26 +155,26 @@ class Missions:
         return replace(found, missions=tuple(replace(m, ahead=()) for m in found.missions))
 
     def show(self, entry: Entry, room: str) -> None:
-        """Bring up to date what is told of a mission for people."""
-        mission, course = entry.mission, entry.told.course
+        """Update the current step, the room and the next steps of a mission."""
+        mission, course = entry.mission, entry.listed.course
         if mission is None or not course.frames:
             return
         step = procedures.doing(mission, course)
-        ahead = [line(str(each)) for each in procedures.ahead(mission, course)[:AHEAD_TOLD]]
+        ahead = [line(str(each)) for each in procedures.ahead(mission, course)[:AHEAD_MOST]]
         doing = "" if step is None else line(str(step))
-        entry.told = replace(entry.told, doing=doing, room=room, ahead=tuple(ahead))
+        entry.listed = replace(entry.listed, doing=doing, room=room, ahead=tuple(ahead))
 
     def learn(self, board: Board) -> None:
-        """Take what others remember; missions of one's own that are not on it stay."""
+        """Take over a board of peers; unfinished missions that are not on it stay."""
         known, self.entries = self.entries, {}
-        for told in board.missions:
+        for listed in board.missions:
             mission = None
-            if not told.over:
+            if not listed.over:
                 try:
-                    mission = read_mission(text_of(told.text), told.name)
+                    mission = read_mission(text_of(listed.text), listed.name)
                 except ConfigError as error:
-                    told = replace(told, state=MissionEnd.FAILED, note=line(str(error)))  # noqa: PLW2901
-            self.entries[told.mission] = Entry(told, mission)
+                    listed = replace(listed, state=MissionEnd.FAILED, note=line(str(error)))  # noqa: PLW2901
+            self.entries[listed.mission] = Entry(listed, mission)
         for number, entry in known.items():
             if number not in self.entries and entry.goes_on:
                 self.entries[number] = entry

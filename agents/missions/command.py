@@ -1,4 +1,4 @@
-"""Have missions of several tasks done: run one, list, show, cancel; the alarms."""
+"""Run, list, show and cancel missions of several tasks; list alarms."""
 
 from __future__ import annotations
 
@@ -17,11 +17,9 @@ if TYPE_CHECKING:
     from armadico.agents.missions.mission_file import Mission
     from armadico.runtime.client import Client
 
-FIND_S: Final = 3.0
-"""How long the board is listened for: it is published each second while there are missions."""
+FIND_S: Final = 3.0  # the timeout for the board, which is published each second
 
-ANSWER_S: Final = 10.0
-"""What the interface agent may take to cancel one."""
+ANSWER_S: Final = 10.0  # the timeout for the interface agent's reply to a cancellation
 
 EXAMPLES: Final = """\
   armadico mission run surveillance --virtual --seed 7   in one process, repeatable
@@ -29,10 +27,10 @@ EXAMPLES: Final = """\
   armadico mission run my.toml house --virtual           a mission of yours, in that scenario
   armadico mission run rounds --attach --priority 0.9    the society is up: armadico up
   armadico mission list                                  those that come with Armadico
-  armadico mission status                                of the society that is up
-  armadico mission alarms                                that are on, and whether seen to
+  armadico mission status                                those of a running society
+  armadico mission alarms                                active alarms, and whether checked
   armadico mission cancel surveillance                   or by its number, or --all
-  armadico mission log surveillance                      what came of each step
+  armadico mission log surveillance                      the result of each step
 """
 
 RUN_EXAMPLES: Final = """\
@@ -63,20 +61,19 @@ class RunOptions(Drive):
 
 
 def main(argv: Sequence[str]) -> int:
-    """Do what is asked; `run` gives 0 only if it ended as asked, and nothing was touched."""
+    """Run the command; `run` returns 0 only if the mission succeeded without a collision."""
     return RUN(argv[1:]) if argv[:1] == ["run"] else COMMAND(argv)
 
 
-def _ask(args: Options) -> int:
-    """Do one of what is no run."""
-    doing: dict[str, Callable[[Options], int]] = {
+def _show(args: Options) -> int:
+    shown: dict[str, Callable[[Options], int]] = {
         "list": _list,
         "status": _missions,
         "alarms": _alarms,
         "cancel": _cancel,
         "log": _missions,
     }
-    return doing[args.what](args)
+    return shown[args.what](args)
 
 
 # A run --------------------------------------------------------------------------------------------
@@ -90,7 +87,7 @@ def _run(args: RunOptions) -> int:
     if args.scenario is None and args.world is None:
         if mission.scenario is None:
             raise UsageError(
-                f"{mission.name} names no scenario: say one (armadico mission run"
+                f"{mission.name} names no scenario: give one (armadico mission run"
                 f" {args.mission} house), or --world MAP --start X Y DEG"
             )
         args = replace(args, scenario=mission.scenario)
@@ -99,7 +96,7 @@ def _run(args: RunOptions) -> int:
         return run.drive(args, scenario, chosen)
 
 
-# Those that there are -----------------------------------------------------------------------------
+# Shipped missions ---------------------------------------------------------------------------------
 
 
 def _list(args: Options) -> int:
@@ -126,11 +123,11 @@ def _plain(mission: Mission) -> dict[str, object]:
     }
 
 
-# Those of a society that is up --------------------------------------------------------------------
+# Missions of a running society --------------------------------------------------------------------
 
 
 def _missions(args: Options) -> int:
-    """`status`: those of the board, and the alarms; `log`: with the result of each step."""
+    """`status`: the missions on the board, and the alarms; `log`: with the results of steps."""
     with args.mesh.client() as client:
         board = _board(client)
     missions: Sequence[BoardMission] = () if board is None else board.missions
@@ -138,10 +135,10 @@ def _missions(args: Options) -> int:
     if log and args.name is not None:
         missions = _chosen(missions, args.name)
     if args.json:
-        print(json.dumps([told(mission) for mission in missions]))
+        print(json.dumps([plain(mission) for mission in missions]))
         return 0
     for mission in missions:
-        print(words(mission))
+        print(in_a_line(mission))
         for result in mission.course.results if log else ():
             print(f"  {result.at:8.1f} s  {options.shown(str(result))}")
     if board is not None and board.alarms and not log:
@@ -152,7 +149,7 @@ def _missions(args: Options) -> int:
 
 
 def _alarms(args: Options) -> int:
-    """The alarms that are remembered; apart from `status`, whose list is of missions."""
+    """List the known alarms. `status` has a list of missions only."""
     with args.mesh.client() as client:
         board = _board(client)
     rooms = () if board is None else board.alarms
@@ -161,7 +158,7 @@ def _alarms(args: Options) -> int:
         print(json.dumps([{"room": room, "checked": seen} for room, seen in checked.items()]))
         return 0
     for room, seen in checked.items():
-        print(options.shown(f"{room:16} {'checked' if seen else 'nobody has been there yet'}"))
+        print(options.shown(f"{room:16} {'checked' if seen else 'not checked yet'}"))
     if not checked:
         print("no alarms")
     return 0
@@ -169,7 +166,7 @@ def _alarms(args: Options) -> int:
 
 def _cancel(args: Options) -> int:
     if (args.name is None) == (not args.all):
-        raise UsageError("cancel: which mission, by name or number? or --all")
+        raise UsageError("cancel: name one mission (by name or number), or give --all")
     from armadico.agents.missions.messages import MissionCancel
     from armadico.mobile.messages import MissionReply
     from armadico.runtime.errors import AbsentError
@@ -181,10 +178,10 @@ def _cancel(args: Options) -> int:
             chosen = _chosen(() if board is None else board.missions, args.name)
             numbers = [mission.mission for mission in chosen if not mission.over]
             if not numbers:
-                raise FailedError(f"{args.name}: it is over already")
+                raise FailedError(f"{args.name}: the mission is over already")
         for number in numbers:
             request = MissionCancel(number, "armadico mission cancel")
-            reply = client.ask(request, ANSWER_S, patience=FIND_S)
+            reply = client.query(request, ANSWER_S, patience=FIND_S)
             if not isinstance(reply, MissionReply):
                 raise AbsentError("no agent that takes missions is alive", client.mesh.namespace)
             if reply.refusal:
@@ -194,9 +191,9 @@ def _cancel(args: Options) -> int:
 
 
 def _board(client: Client) -> Board | None:
-    """The board of a society that is up; None: nobody has ever ordered a mission.
+    """Return the board of a running society; None: no mission was ever ordered.
 
-    Raises AbsentError if nobody who plans missions is alive.
+    Raises AbsentError if no mission planning agent is alive.
     """
     from armadico.agents.missions.messages import Board, MissionProposal
     from armadico.core.services import service_of
@@ -211,7 +208,7 @@ def _board(client: Client) -> Board | None:
 
 
 def _chosen(missions: Sequence[BoardMission], named: str) -> list[BoardMission]:
-    """Those of a name or a number. Raises FailedError with the nearest name."""
+    """Return the missions with a name or number. Raises FailedError with the nearest name."""
     found = [m for m in missions if named in (m.name, str(m.mission))]
     if not found:
         from armadico.config.errors import advice
@@ -221,16 +218,15 @@ def _chosen(missions: Sequence[BoardMission], named: str) -> list[BoardMission]:
     return found
 
 
-def words(mission: BoardMission) -> str:
-    """A mission of the board in a line."""
+def in_a_line(mission: BoardMission) -> str:
     line = f"{mission.name:16} {mission.priority:.1f}  {mission.state.value:10} {mission.mission}"
     doing = "" if mission.over else f"  {mission}"
     note = f"  {mission.note}" if mission.note and mission.over else ""
     return options.shown(f"{line}{doing}{note}")
 
 
-def told(mission: BoardMission) -> dict[str, object]:
-    """A mission of the board for programs."""
+def plain(mission: BoardMission) -> dict[str, object]:
+    """Return a mission of the board for JSON."""
     results = [
         {"step": r.step, "end": r.end.value, "said": r.said, "at_s": round(r.at, 3)}
         for r in mission.course.results
@@ -253,9 +249,10 @@ def told(mission: BoardMission) -> dict[str, object]:
 COMMAND: Final = Command(
     "armadico mission",
     Options,
-    _ask,
-    "Missions are procedures of several tasks, in TOML: docs/missions.md. `armadico mission"
-    " run --help` has the options of a run; the others are about the society that is up.",
+    _show,
+    "Show and cancel missions of a running society, or list the shipped ones. Missions are"
+    " procedures of several tasks, in TOML: docs/missions.md. `armadico mission run --help` has"
+    " the options of a run.",
     EXAMPLES,
 )
 
@@ -263,11 +260,10 @@ RUN: Final = Command(
     "armadico mission run",
     RunOptions,
     _run,
-    "Have a mission done and measure it, as `armadico run` drives to a goal. It ends with the"
-    " mission, or at its time limit: --for, or the mission's own, or an hour.",
+    "Run a mission and measure it, as `armadico run` does with a goal. The run ends with the"
+    " mission or at its time limit (default: the mission's own, or an hour).",
     RUN_EXAMPLES,
     run.refused,
 )
 
-parser = COMMAND.parser
-"""The options; those of `run` are `RUN`'s."""
+parser = COMMAND.parser  # the options of `run` are RUN's

@@ -1,4 +1,4 @@
-"""The dock agent: drives the robot into the dock that the charger names, and out of it (3.6.4)."""
+"""The dock agent: drives the robot into the dock named by the charger, and out again (3.6.4)."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ Gain = Annotated[float, Meta(gt=0, le=20)]
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """How it drives in, and how near it goes.
+    """The speeds and gains of docking.
 
-    At the speeds that it drives a small margin will do: what is driven up to is a wall.
+    A small safety margin suffices at these low speeds: the robot drives up to a wall.
     """
 
     v: Speed = 0.12  # m/s
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit
-    gain: Gain = 0.6  # m/s for a metre that is left
+    gain: Gain = 0.6  # m/s per metre of remaining distance
     v_least: Speed = 0.03
-    there_m: Annotated[float, Meta(ge=0, le=0.05)] = 0.005  # so near to the dock's pose it stands
-    aside: Gain = 4.0  # for a metre beside the line it heads 1/m back to it, as the arc tangent,
-    head_most: Angle = radians(25)  # by no more than this
-    turn: Gain = 1.5  # rad/s for a radian off that
+    there_m: Annotated[float, Meta(ge=0, le=0.05)] = 0.005  # it stops this near to the dock's pose
+    aside: Gain = 4.0  # 1/m: tangent of the heading back to the line, per metre of offset
+    head_most: Angle = radians(25)  # limit of that heading
+    turn: Gain = 1.5  # rad/s per radian of heading error
     w_most: Angle = radians(30)  # rad/s
-    beside_m: Metres = 0.2  # farther beside the line than this, or turned more, it does not drive
+    beside_m: Metres = 0.2  # it does not drive if farther beside the line, or turned more
     turned_rad: Angle = radians(40)
     safety: Safety = Safety(slow=0.12)
 
 
 class Dock(Behaviour):
-    """Contends for the wheels while the charger says that the robot is to go in or out."""
+    """Contends for the wheels while the charger reports that the robot is to go in or out."""
 
     name = "dock"
     reacts_to = Pose
@@ -58,18 +58,18 @@ class Dock(Behaviour):
     p: Parameters
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        """Straight along the dock's line, in or out."""
-        p, said = self.p, self.fresh(ChargeStatus)
-        if said is None or not said.leads or said.dock is None:
+        """Follow the dock's line, in or out."""
+        p, status = self.p, self.fresh(ChargeStatus)
+        if status is None or not status.leads or status.dock is None:
             self.why = "nobody is to be charged"
             return None
-        dock = (said.dock.x, said.dock.y, said.dock.theta)
+        dock = (status.dock.x, status.dock.y, status.dock.theta)
         ahead, aside, turned = relative(dock, (pose.x, pose.y, pose.theta))
         turned = wrap(turned)
         if abs(aside) > p.beside_m or abs(turned) > p.turned_rad:
             self.why = f"not before the dock: {aside:.2f} m aside, {turned:.2f} rad"
             return None
-        if said.state is ChargeState.LEAVING:
+        if status.state is ChargeState.LEAVING:
             v, off = -p.v, -turned
         else:
             left = -ahead - p.there_m
@@ -79,4 +79,4 @@ class Dock(Behaviour):
         most = min(p.v, p.v_max or inf)
         v, w = clip(v, -most, most), clip(p.turn * off, -p.w_most, p.w_most)
         v, w = self.limited(v, w, obstacles, p.safety)
-        return Bid(1.0, (v, w), reason=f"{said.state.value}, {-ahead:.2f} m before it")
+        return Bid(1.0, (v, w), reason=f"{status.state.value}, {-ahead:.2f} m before it")

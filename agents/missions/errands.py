@@ -1,11 +1,11 @@
-"""How a deliberative agent has the robot driven: the planner first, then the trajectory (3.6).
+"""How a deliberative agent has the robot driven: by the planner, then the trajectory (3.6).
 
-Sans-IO: an agent that competes for both resources keeps one of these, hands it what it hears, and
-bids what this says. Two resources and no arbiter: whoever else wants the planner or the trajectory
-may have it in between, and what was wanted here goes on afterwards, from where the robot then is.
+Sans-IO: an agent that competes for both resources keeps an `Errand`, passes it the messages that it
+receives, and bids what it returns. There are two resources and no arbiter: another agent may win
+the planner or the trajectory in between. The errand goes on afterwards from where the robot is.
 
-An agent whose robot stands for a task bids for the trajectory, too (`stand`): so others see by its
-claim what standing is worth, whatever agent it is, and need not know why it stands.
+An agent whose robot stands for a task bids for the trajectory, too (`stand`): its claim shows the
+others the utility of standing.
 """
 
 from __future__ import annotations
@@ -37,19 +37,18 @@ from armadico.mobile.route import Route
 
 BITS = 63
 
+# A new path begins where the robot will be on the present one after this time: contending for the
+# planner and then for the trajectory takes some cycles of 0.2 s and of 0.5 s.
 JOIN_S = 2.0
-"""A new way begins where the robot will be on the present one in so long: to contend for the
-planner and then for the trajectory takes some cycles of 0.2 s and of 0.5 s."""
 
-JOIN_M = 0.3
-"""It begins so much farther on at least."""
+JOIN_M = 0.3  # the least distance to that place
 
+# A new path joins the present one only if the robot is this near to it.
 JOINED_M = 0.5
-"""Only a robot that is so near to the present way joins another one to it."""
 
 
 class PlanDesk:
-    """What an agent has the planner do: one plan after another."""
+    """Requests plans from the planner, one at a time."""
 
     def __init__(self, rng: random.Random) -> None:
         self._rng = rng
@@ -58,13 +57,13 @@ class PlanDesk:
 
     @property
     def busy(self) -> bool:
-        """Whether a plan is waited for."""
+        """Whether a plan is pending."""
         return self._task is not None
 
-    def ask(
+    def request(
         self, start: Waypoint, goal: Waypoint, then: Callable[[Plan], None], why: str = ""
     ) -> None:
-        """Want a plan; what was wanted before is not any more."""
+        """Request a plan, instead of the one requested before."""
         self._task = PlanTask(self._rng.getrandbits(BITS), start, goal, why)
         self._then = then
 
@@ -72,14 +71,14 @@ class PlanDesk:
         self._task = self._then = None
 
     def bid(self, utility: float, *, critical: bool = False) -> Bid | None:
-        """What to bid for the planner now."""
+        """Return the bid for the planner now."""
         task = self._task
         if task is None:
             return None
         return Bid(utility, task, critical, reason=f"to {_at(task.goal)}")
 
     def on_plan(self, planned: Planned) -> None:
-        """Hear a plan; it may be somebody else's."""
+        """Process a plan, which may be another agent's."""
         if self._task is None or planned.id != self._task.id:
             return
         then = self._then
@@ -89,12 +88,11 @@ class PlanDesk:
 
 
 class Errand:
-    """One place after another that an agent has the robot driven to.
+    """Drives that an agent has the robot make, one after another.
 
-    The agent hands over what it hears (`pose`, `trajectory`, `planned`, `status`), and bids what
-    `bid_for` says. Somebody who wants the trajectory more may take it: the errand is interrupted
-    then, goes on contending with what is left of its way, and whoever owns the trajectory has that
-    planned anew if the robot is elsewhere by then.
+    The agent passes in messages (`pose`, `trajectory`, `planned`, `status`) and bids what `bid_for`
+    returns. If another agent wins the trajectory, the errand is interrupted and contends with the
+    rest of its path. The owner of the trajectory has that planned anew if the robot has left it.
     """
 
     def __init__(self, rng: random.Random) -> None:
@@ -104,45 +102,45 @@ class Errand:
         self.goal: Waypoint | None = None
         self.plan: Plan | None = None
         self.note = ""
-        self.standing: Way | None = None  # what is bid for while it has no way of its own
-        self.stands = False  # the robot has come to the end of that
+        self.standing: Way | None = None  # bid for while there is no path of its own
+        self.stands = False  # the robot has reached the end of `standing`
         self._way: Way | None = None
-        self._driven = Route()  # whoever's way it is
+        self._driven = Route()  # the path driven now, of any agent
         self._mission = 0
         self._waits = False
 
     @property
     def way(self) -> int:
-        """The number of its way, by which the trajectory and the mission's status know it; or 0."""
+        """The number of its path in the trajectory and the mission's status; 0 without a path."""
         return 0 if self._way is None else self._way.id
 
     @property
     def ways(self) -> set[int]:
-        """The numbers of all that it bids for."""
+        """The numbers of all paths that it bids for."""
         return {way.id for way in (self._way, self.standing) if way is not None}
 
     @property
     def under_way(self) -> bool:
-        """Whether it has begun, and is not over."""
+        """Whether it has begun and not ended."""
         return self.stage in UNDER_WAY
 
     @property
     def interrupted(self) -> bool:
-        """Whether it has a way, and somebody else's is driven."""
+        """Whether it has a path while another one is driven."""
         return self.stage is Stage.WAITING and self._mission not in (0, self.way)
 
     def go(self, goal: Waypoint, pose: Pose, v: float = 0.0, why: str = "") -> None:
-        """Begin: have a way planned from where the robot will soon be.
+        """Begin: request a path from where the robot will soon be.
 
         Args:
-            goal: Where to, in the world frame.
-            pose: Where the robot is.
+            goal: The goal pose in the world frame.
+            pose: The robot's pose.
             v: Its speed by the wheels, m/s.
-            why: What the planner is told, and logs.
+            why: The reason in the planner's log.
         """
         self.pause()
         self.goal = goal
-        if pose.deviation > LOST_M:  # a way from where it is not is none: found, it is planned anew
+        if pose.deviation > LOST_M:  # a path from a wrong pose is useless; it is planned later
             self._way = Way(self._rng.getrandbits(BITS), (goal,), Point(pose.x, pose.y))
             self._on(Event.TAKEN)
             return
@@ -153,14 +151,14 @@ class Errand:
         def planned(plan: Plan) -> None:
             if place is not None and _leads_back(place, plan):
                 here = Waypoint(pose.x, pose.y, pose.theta)
-                self.desk.ask(here, goal, lambda again: self._take(again, here), why)
+                self.desk.request(here, goal, lambda again: self._take(again, here), why)
             else:
                 self._take(plan, start)
 
-        self.desk.ask(start, goal, planned, why)
+        self.desk.request(start, goal, planned, why)
 
     def resume(self, goal: Waypoint, way: int) -> bool:
-        """Take up a way that is driven already, as after a restart; whether it is."""
+        """Take over a path that is already driven, as after a restart; return whether it is."""
         if not way or way != self._mission or not self._driven.waypoints:
             return False
         self.drop()
@@ -171,9 +169,9 @@ class Errand:
         return True
 
     def stand(self, pose: Pose | None, *, planned: bool = True) -> None:
-        """Keep the robot where it is, at the end of the way that it has reached or at `pose`.
+        """Keep the robot where it is, at the end of the path that it has reached or at `pose`.
 
-        A robot that was driven away comes back by a way that is planned, unless `planned` is False.
+        A robot that was driven away returns by a planned path, unless `planned` is False.
         """
         if self.stage is Stage.REACHED and self._way is not None:
             self.standing, self.stands = self._way, True
@@ -184,13 +182,13 @@ class Errand:
         self._end()
 
     def pause(self) -> None:
-        """End its way for another one: until that is there, it bids for what is driven now."""
+        """End the path; until the next one is planned, bid for what is driven now."""
         if self.stage in (Stage.DRIVING, Stage.REACHED):
             self.standing, self.stands = self._way, self.stage is Stage.REACHED
         self._end()
 
     def drop(self) -> None:
-        """End it: nothing is bid for any more."""
+        """End it, and bid for nothing."""
         self.standing, self.stands = None, False
         self._end()
 
@@ -205,9 +203,9 @@ class Errand:
     def bid_for(
         self, resource: Resource, utility: float, *, critical: bool = False, cleared: bool = True
     ) -> Bid | None:
-        """What to bid for the planner or the trajectory now; None: nothing.
+        """Return the bid for the planner or the trajectory now, or None.
 
-        A way that is not `cleared` yet is not bid for.
+        There is no bid for a path that is not `cleared` yet.
         """
         if resource is PLANNER:
             return self.desk.bid(utility, critical=critical)
@@ -220,12 +218,12 @@ class Errand:
         return Bid(utility, self.standing, critical, reason=reason)
 
     def pose(self, pose: Pose) -> None:
-        """How far the robot has come on the way that is driven."""
+        """Update the progress on the path that is driven."""
         self._driven.advance(pose.x, pose.y)
         self._keep()
 
     def trajectory(self, trajectory: Trajectory) -> None:
-        """Which way is driven; its own may have been joined to another's, or planned anew."""
+        """Update the path that is driven; its own may have been joined to another or replanned."""
         self._mission, self._waits = trajectory.mission, trajectory.waits
         if trajectory.waypoints != self._driven.waypoints:
             self._driven = Route.of(trajectory)
@@ -237,7 +235,7 @@ class Errand:
         self.desk.on_plan(planned)
 
     def status(self, status: MissionStatus) -> None:
-        """How far whoever's way is driven has come."""
+        """Update the stage by the status of the path that is driven."""
         if self.standing is not None and status.mission == self.standing.id:
             self.stands = status.state is MissionState.REACHED
         if self._way is None or not self.under_way:
@@ -250,7 +248,7 @@ class Errand:
             self.standing, self.stands = None, False
 
     def _ahead(self, pose: Pose, v: float) -> Waypoint | None:
-        """The place to join the way that is driven; None: the robot stands, or is not on it."""
+        """Return where to join the driven path; None: the robot stands or is not on it."""
         driven = self._driven
         if not driven.waypoints or self._waits or driven.off(pose.x, pose.y) > JOINED_M:
             return None
@@ -266,7 +264,7 @@ class Errand:
         self._on(Event.TAKEN)
 
     def _keep(self) -> None:
-        """What is bid for is the way as it is driven, and what is left of it."""
+        """Bid for the path as it is driven, and what remains of it."""
         way, driven = self._way, self._driven
         if way is None or way.id != self._mission or not driven.waypoints:
             return
@@ -275,13 +273,13 @@ class Errand:
 
 
 class DeliberativeAgent(Agent):
-    """An agent that has the robot driven by an errand: it hands it what it receives.
+    """An agent that has the robot driven by an errand, to which it passes what it receives.
 
-    A subclass sends the robot off (`errand.go`), and bids what `errand.bid_for` returns. It lists
-    these messages in its own `hears`, too.
+    A subclass begins a drive (`errand.go`) and bids what `errand.bid_for` returns. It lists these
+    messages in its own `receives`, too.
     """
 
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
     competes_for = (PLANNER, TRAJECTORY)
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
@@ -302,7 +300,7 @@ class DeliberativeAgent(Agent):
 
 
 def _leads_back(place: Waypoint, plan: Plan) -> bool:
-    """Whether a plan from a place on the way turns back there."""
+    """Return whether a plan from a place on the path turns back there."""
     if not plan.waypoints:
         return True
     to = plan.waypoints[0]

@@ -36,37 +36,37 @@ from armadico.mobile.messages import (
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The robot that is driven, and what is tried until something is given up."""
+    """The robot, and how long something is tried before it is given up."""
 
     profile: str = "pioneer-2dx"
-    stuck_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # without coming nearer
-    map_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # without a map
-    tries: Annotated[int, Meta(ge=1, le=100)] = 5  # to have a mission taken on, or to get home
-    charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # with this it goes on from the dock
+    stuck_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # timeout without coming nearer
+    map_s: Annotated[float, Meta(ge=1, le=600)] = 15.0  # timeout for a map
+    tries: Annotated[int, Meta(ge=1, le=100)] = 5  # to have a mission accepted, or to get home
+    charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # share from which it leaves the dock
 
 
+# A frontier is this much farther away than the turning circle: beyond it nothing is known yet.
 TURNING_M = 0.05
-"""So much more than its turning circle a frontier leaves it: what is beyond is not known yet."""
 
+# The longest path expected: lanes of this width over the whole rectangle.
 LANE_M = 1.0
-"""The way is counted on to be no longer than lanes of this width over all of the rectangle."""
 
 
 class Explore(Agent):
-    """Asks the interface agent for one mission after another: it drives nobody itself.
+    """Requests one mission after another from the interface agent; does not drive itself.
 
-    The next frontier is chosen as soon as the last one is known, which is mostly on the way to it.
+    The next frontier is chosen as soon as the last one is known, usually on the way to it.
     """
 
     name = "explore"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, OccupancyGrid, MissionStatus),
         *(ChargeStatus, BatteryLevel),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ExploreStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (ExploreRequest,)
-    asks: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
+    queries: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     parameters = Parameters
     launched_with = ("profile",)
     changeable: ClassVar = {"stuck_s": "s", "tries": "", "charged": ""}
@@ -85,20 +85,20 @@ class Explore(Agent):
         self._within = (0.0, 0.0, 0.0, 0.0)
         self._home = Waypoint(0.0, 0.0, 0.0)
         self._places = self._failures = 0
-        self._avoided: list[Placed] = []  # what was given up
+        self._avoided: list[Placed] = []  # places given up
         self._second_look = False
         self._order = Ordered()
-        self._target: Placed | None = None  # what it was ordered for
+        self._target: Placed | None = None  # the place of the current order
         self._way: list[Placed] = []
-        self._paused = False  # while the robot is charged
+        self._paused = False  # while the robot is charging
         self._map_at = 0.0
 
     def on_start(self) -> None:
-        """Begin to publish now and then."""
+        """Begin to publish regularly."""
         self.wake_at(self.now + 1.0)
 
     def on_explore_request(self, question: Question) -> MissionReply:
-        """Begin, at once; what was explored before is ended."""
+        """Begin at once; an earlier exploration ends."""
         request = question.request
         assert isinstance(request, ExploreRequest)
         pose = self.fresh(Pose)
@@ -123,7 +123,7 @@ class Explore(Agent):
         return MissionReply(self._exploration, length=min(width * height / LANE_M, 1e6))
 
     def on_occupancy_grid(self, grid: OccupancyGrid) -> None:
-        """Look whether what is driven to is still worth it."""
+        """Update the map; choose another target if the present one has become pointless."""
         try:
             self._cells = cells_of(grid)
         except ValueError as error:
@@ -139,7 +139,7 @@ class Explore(Agent):
             self._go_on(chart)
 
     def on_mission_status(self, status: MissionStatus) -> None:
-        """Arrived, nearer, or sent elsewhere by somebody."""
+        """Detect arrival, progress, and drives for other agents."""
         if not self._at_work:
             return
         event = self._order.update(status, self.now)
@@ -152,7 +152,7 @@ class Explore(Agent):
                 self._fail("somebody has sent the robot elsewhere")
 
     def on_wakeup(self) -> None:
-        """Publish how far it is; give up what is not reached."""
+        """Publish the status; give up targets that are not reached."""
         self.wake_at(self.now + 1.0)
         if self._at_work and self._paused:
             self._order.nearer_at = self._map_at = self.now
@@ -168,7 +168,7 @@ class Explore(Agent):
                 self._give_up("no nearer")
         self._publish()
 
-    # Inside --------------------------------------------------------------------------------------
+    # Implementation ------------------------------------------------------------------------------
 
     @property
     def _at_work(self) -> bool:
@@ -176,19 +176,19 @@ class Explore(Agent):
 
     @property
     def _charges(self) -> bool:
-        """Whether the charger has the robot driven, or holds it in a dock."""
+        """Whether the charger has the robot driven or holds it in a dock."""
         status = self.latest(ChargeStatus)
         return status is not None and status.state is not ChargeState.NONE
 
     @property
     def _is_charged(self) -> bool:
-        """Whether it stands in a dock with enough to go on: who drives on is let out."""
+        """Whether the robot is charged enough to leave the dock."""
         status, level = self.latest(ChargeStatus), self.latest(BatteryLevel)
         docked = status is not None and status.state is ChargeState.CHARGING
         return docked and level is not None and level.share >= self.p.charged
 
     def _pause(self) -> None:
-        """The charger needs the robot: what was driven to is chosen anew afterwards."""
+        """Wait for the charger; the next target is chosen afterwards."""
         self.log("the robot is charged first")
         self._drop()
         self._paused = True
@@ -197,14 +197,14 @@ class Explore(Agent):
         return within[0] <= at.x <= within[2] and within[1] <= at.y <= within[3]
 
     def _drop(self) -> None:
-        """Nothing is driven to."""
+        """Drop the current target."""
         self._target = None
         self._way = []
         self._order.drop()
         self._order.nearer_at = self._map_at = self.now
 
     def _worth(self, chart: Chart, target: Placed) -> bool:
-        """Whether what is driven to is unknown still, or home, and nothing was seen on the way."""
+        """Return whether a target is still unknown, or home, with nothing detected on the path."""
         pose = self.latest(Pose)
         if pose is not None and self._cells is not None:
             left = [Placed(pose.x, pose.y), *self._way[self._order.leg + 1 :]]
@@ -214,7 +214,7 @@ class Explore(Agent):
         return home or chart.unknown_at(target, self._tries[0])
 
     def _go_on(self, chart: Chart) -> None:
-        """To the next frontier, or home if there is none."""
+        """Drive to the next frontier, or home if there is none."""
         pose = self.fresh(Pose)
         if pose is None:
             return
@@ -227,7 +227,7 @@ class Explore(Agent):
                 self._drive(places, direction(before, places[-1]))
                 return
             if self._avoided and not self._second_look:
-                self._second_look = True  # what was in the way may have gone, or was never there
+                self._second_look = True  # obstacles may have gone, or never been there
                 self._avoided = []
                 self._go_on(chart)
                 return
@@ -240,20 +240,20 @@ class Explore(Agent):
             self._drive(way, self._home.theta)
 
     def _drive(self, places: list[Placed], theta: float) -> None:
-        """Have the interface agent send the robot there."""
+        """Request the drive from the interface agent."""
         end = places[-1]
         through = tuple(Waypoint(p.x, p.y, p.theta) for p in headed(places))
         goal = Waypoint(end.x, end.y, theta if abs(theta) <= pi else 0.0)
         self._drop()
         self._target, self._way = end, places
-        self._order.ask(self.now)
+        self._order.request(self.now)
 
-        def taken(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             refusal = self._order.answered(reply, self.now)
             if refusal and self._at_work:
                 self._failed(f"a mission was refused: {refusal}")
 
-        self.ask(MissionRequest(goal, through, planned=False), taken)
+        self.query(MissionRequest(goal, through, planned=False), on_reply)
 
     def _arrived(self) -> None:
         if self._state is ExploreState.RETURNING:
@@ -270,7 +270,7 @@ class Explore(Agent):
         self._target = None
 
     def _give_up(self, why: str) -> None:
-        """Leave what is driven to for later; of home that is a failure."""
+        """Leave the target for later; failing to reach home is a failure."""
         if self._state is ExploreState.RETURNING or self._target is None:
             self._failed(f"no way on: {why}")
             return
@@ -279,7 +279,7 @@ class Explore(Agent):
         self._drop()
 
     def _failed(self, why: str) -> None:
-        """Try again with the next map, so many times."""
+        """Try again with the next map, up to `tries` times."""
         self._drop()
         self._failures += 1
         if self._failures >= self.p.tries:

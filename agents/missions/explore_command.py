@@ -1,4 +1,4 @@
-"""Map a world that nobody told the robot, and come back to where it began."""
+"""Explore an unknown environment, build a map, and return to the start."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ EXAMPLES: Final = """\
 """
 
 
-FARTHEST: Final = 1e6
-"""A place farther away cannot be said on the mesh, m."""
+FARTHEST: Final = 1e6  # m; messages have no coordinates beyond that
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +33,12 @@ class Options(Drive):
     within: tuple[float, float, float, float] | None = option(
         "the rectangle to explore, m (default: the world's)", metavar=("X1", "Y1", "X2", "Y2")
     )
-    map: Path | None = option("where the map goes: .yaml or .map", metavar="FILE")
-    resume: str | None = option("a map that was saved, .yaml, to go on with", metavar="FILE")
+    map: Path | None = option("write the map to FILE (.yaml or .map)", metavar="FILE")
+    resume: str | None = option("extend the saved map FILE (.yaml)", metavar="FILE")
 
 
 def run(args: Options) -> int:
-    """Explore; 0 only if all that can be reached is known, and it is back, and touched nothing."""
+    """Explore; return 0 only if all is known, without a collision, and the robot is back."""
     from armadico.config.scenarios import exploring
 
     with answering(args):
@@ -58,7 +57,7 @@ def _check(args: Options) -> None:
         if not (-FARTHEST <= x1 < x2 <= FARTHEST and -FARTHEST <= y1 < y2 <= FARTHEST):
             raise UsageError(f"--within: expected X1 < X2 and Y1 < Y2, within {FARTHEST:,.0f} m")
     if args.attach and args.resume is not None:
-        raise UsageError("--resume is for whoever starts the mapping agent; --attach starts nobody")
+        raise UsageError("--resume needs a mapping agent of this run: not with --attach")
     if args.map is None and args.resume is None:
         return
     from armadico.config import grid_map
@@ -96,7 +95,7 @@ def _check_sensors(args: Options, scenario: Scenario) -> None:
 
 
 def exploration(scenario: Scenario) -> ExploreRequest:
-    """What sends the robot off to explore a scenario's world, of which it knows the bounds only."""
+    """Return the request to explore a scenario's world; the agents know only its bounds."""
     from armadico.agents.missions.messages import ExploreRequest
     from armadico.config.worlds import load_world
     from armadico.mobile.messages import Waypoint
@@ -110,10 +109,10 @@ main: Final = Command(
     "armadico explore",
     Options,
     run,
-    "Drive to one frontier of the map after another until nothing is unknown that can be"
-    " reached, in a world that no agent is told, and then back. A robot with a laser makes the map"
-    " by SLAM (agent slam). With --sensors ideal the agent mapping makes it at the pose of the"
-    " odometry, also by sonars.",
+    "Drive to the frontiers of the map, one after another, until everything reachable is known,"
+    " and then return. No agent knows the world. A robot with a laser makes the map by SLAM (agent"
+    " slam). With --sensors ideal the agent mapping makes it at the pose of the odometry, also by"
+    " sonars.",
     EXAMPLES,
     refused,
 )

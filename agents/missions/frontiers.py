@@ -1,8 +1,8 @@
-"""Frontiers (Yamauchi, 1997): where what is known to be free ends, and how to get there.
+"""Frontiers (Yamauchi, 1997): where known free space ends, and how to get there.
 
-The planner's grid over a map that is still growing. The robot drives over known cells only; a
-frontier is one of them that it can reach beside an unknown one that it could be in, for all that is
-known. Pockets that are unknown and too narrow for it are none.
+This is the planner's grid over a growing map. The robot drives over known cells only. A frontier
+is a reachable known cell beside unknown cells in which the robot could be. Unknown pockets that are
+too narrow for the robot are not frontiers.
 """
 
 from __future__ import annotations
@@ -20,26 +20,23 @@ from armadico.agents.methods.path_smoothing import between, nearest_free, shorte
 from armadico.config.grid_map import OCCUPIED, UNKNOWN, Cells
 from armadico.config.worlds import Segment
 
-CELL_M: Final = 0.1
-"""Cells of the search; walls are as fine as the map."""
+CELL_M: Final = 0.1  # cells of the search; walls are as fine as the map
 
+# Unknown cells among the nine around a frontier's: fewer are a seam between scans.
 FEWEST: Final = 3
-"""Unknown cells among the nine around a frontier's: fewer are a seam and no place to look at."""
 
-BESIDE_M: Final = 0.35
-"""A frontier is still there while there is one so near to it."""
+BESIDE_M: Final = 0.35  # a frontier still exists while there is one within this distance
 
-AROUND_M: Final = 0.4
-"""Nearer than this to a place that was given up no other is chosen."""
+AROUND_M: Final = 0.4  # no frontier is chosen this near to a place that was given up
 
 Mask = NDArray[np.bool_]
 
 
 class Chart(Grid):
-    """A map as a grid to plan on: what is unknown is closed."""
+    """A map as a grid for planning; unknown cells are closed."""
 
     def __init__(self, cells: Cells, within: Segment) -> None:
-        """Frontiers are looked for within a rectangle of the world."""
+        """`within`: the rectangle of the world in which frontiers are searched."""
         times = max(1, round(CELL_M / cells.cell_m))
         cell_m = times * cells.cell_m
         x1, y1, x2, y2 = cells.bounds
@@ -61,7 +58,7 @@ class Chart(Grid):
         return np.where(self.known[part], super()._price(margins, part), np.inf)
 
     def frontiers(self, margins: Margins, avoided: Sequence[Placed] = ()) -> Mask:
-        """The cells that border on what is unknown and could be driven over, but for some."""
+        """Return the reachable cells that border on unknown passable ones, without `avoided`."""
         unknown_ = np.isfinite(super()._price(margins)) & ~self.known & self._within
         around = sum(
             np.roll(unknown_, (down, right), axis=(0, 1)).astype(np.int8)
@@ -77,10 +74,10 @@ class Chart(Grid):
     def to_frontier(
         self, here: Placed, tries: Sequence[Margins], avoided: Sequence[Placed] = ()
     ) -> list[Placed] | None:
-        """The cheapest way to a frontier, both ends included, by the first margins that have one.
+        """Return the cheapest path to a frontier, both ends included.
 
-        At the frontier itself there is as much room as the first of them want. Where there is none,
-        everything that can be reached is known: None.
+        The first margins with a path count; the frontier itself has the clearance of `tries[0]`.
+        None: everything that can be reached is known.
         """
         goals = self.frontiers(tries[0], avoided)
         for margins in tries:
@@ -96,7 +93,7 @@ class Chart(Grid):
         return None
 
     def way(self, here: Placed, there: Placed, tries: Sequence[Margins]) -> list[Placed] | None:
-        """The way over what is known, both ends included; None if there is none."""
+        """Return the path over known cells, both ends included, or None."""
         for margins in tries:
             found = between(self, margins, here, there, self.bounds)
             if found is not None:
@@ -104,13 +101,13 @@ class Chart(Grid):
         return None
 
     def unknown_at(self, place: Placed, margins: Margins) -> bool:
-        """Whether there is a frontier still, there or beside it."""
+        """Return whether a frontier is still at a place or beside it."""
         near = np.hypot(self.xs[None, :] - place.x, self.ys[:, None] - place.y) < BESIDE_M
         return bool((self.frontiers(margins) & near).any())
 
 
 def crossed(cells: Cells, places: Sequence[Placed]) -> bool:
-    """Whether something has been seen on a way."""
+    """Return whether a path crosses an occupied cell."""
     for a, b in pairwise(places):
         count = max(1, round(2.0 * distance(a, b) / cells.cell_m))
         for k in range(count + 1):

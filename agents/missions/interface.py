@@ -1,4 +1,4 @@
-"""The interface agent: takes a goal, has it planned, publishes the trajectory, reports (3.9.1)."""
+"""The interface agent: accepts a goal, has it planned, publishes trajectory and status (3.9.1)."""
 
 from __future__ import annotations
 
@@ -57,46 +57,41 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.resources import TRAJECTORY
 from armadico.mobile.route import Route
 
-NOBODY_KNOWS: Final = "nobody knows where the robot is: no fresh encoder/pose"
+NO_POSE: Final = "nobody knows where the robot is: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
 BY_HAND: Final = "the robot was driven by hand"
 UNDER_WAY: Final = "the robot is under way for somebody else"
-NOBODY_PLANS: Final = "nobody plans missions: no mission planning agent answered"
-ACROSS: Final = "something stands across the way"
-ELSEWHERE: Final = "the way begins elsewhere"
+NO_MISSION_PLANNING: Final = "nobody plans missions: no mission planning agent answered"
+OBSTRUCTED: Final = "something stands across the way"
+OFF_PATH: Final = "the way begins elsewhere"
 
+# An order without a reply is withdrawn repeatedly for this time: it may still be queued.
 WITHDRAW_S: Final = 60.0
-"""So long an order that nobody has answered is withdrawn again and again: it may wait somewhere."""
 
 WITHDRAWN_MOST: Final = 16
 
-LOOK_CYCLES: Final = 3
-"""Whether something stands across the way is looked at in each so many-th cycle."""
+CHECK_CYCLES: Final = 3  # the path is checked for obstacles in each so many-th cycle
 
-UNHEARD_S: Final = 2.0
-"""A longer time without poses counts for nothing: no timeout is due to it."""
+UNHEARD_S: Final = 2.0  # longer gaps without poses do not count for timeouts
 
-PARKING_M: Final = 0.3
-"""Nearer to the goal than this there is no other way to it."""
+PARKING_M: Final = 0.3  # this near to the goal no other path is planned
 
-ELSEWHERE_M: Final = 0.15
-"""A way that leaves the one that is driven by so much is another one."""
+ELSEWHERE_M: Final = 0.15  # a plan that leaves the present path by this much is another path
 
+# The pose is this near to the given one once the encoder agent has accepted it.
 PLACED_M: Final = 0.3
-"""The pose is so near to where people have the robot, once the encoder agent knows of it,"""
 
-PLACED_S: Final = 2.0
-"""within this time."""
+PLACED_S: Final = 2.0  # the timeout for that
 
 MOVES: Final = "it moves: where it stands can be told at rest only"
 NOT_PLACED: Final = "no encoder agent took on where the robot stands"
 
+# A holder's path that is farther from the robot than this is replanned before it is driven.
 BESIDE_M: Final = 0.5
-"""A holder's way that is farther from the robot than this is planned anew before it is driven."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """When a goal counts as reached, by pose and measured speeds; and how often it publishes."""
+    """When a goal counts as reached, by pose and measured speeds; and the timeouts of missions."""
 
     near_m: Annotated[float, Meta(gt=0, le=1)] = 0.12
     turned_rad: Annotated[float, Meta(gt=0, le=1)] = 0.07
@@ -104,70 +99,57 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     slow_rad_s: Annotated[float, Meta(gt=0, le=1)] = SLOW_RAD_S
     repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0
     planning_s: Annotated[float, Meta(gt=0, le=120)] = 20.0
-    reach_m: Annotated[float, Meta(gt=0, le=1e5)] = 200.0
-    """A goal or waypoint that no planner has looked at may be so far from the one before."""
+    reach_m: Annotated[float, Meta(gt=0, le=1e5)] = 200.0  # between waypoints without a planner
 
-    nearer_m: Annotated[float, Meta(gt=0, le=10)] = 0.1
-    nearer_s: Annotated[float, Meta(gt=0, le=600)] = 10.0
-    """No nearer by so much for so long: the way is planned anew. A turn on the spot takes 6 s."""
+    # The path is replanned if the robot comes no nearer, or if an obstacle blocks the path ahead.
+    nearer_m: Annotated[float, Meta(gt=0, le=10)] = 0.1  # the progress expected in `nearer_s`
+    nearer_s: Annotated[float, Meta(gt=0, le=600)] = 10.0  # a turn on the spot takes 6 s
+    across_m: Annotated[float, Meta(ge=0, le=1)] = 0.15  # an obstacle this near to the path blocks
+    flank_m: Annotated[float, Meta(ge=0, le=1)] | None = None  # instead: beside the footprint
+    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0  # how long it must be there
+    look_m: Annotated[float, Meta(gt=0, le=10)] = 1.5  # how far ahead the path is checked
+    again_s: Annotated[float, Meta(gt=0, le=600)] = 3.0  # the pause between two replannings
 
-    across_m: Annotated[float, Meta(ge=0, le=1)] = 0.15
-    flank_m: Annotated[float, Meta(ge=0, le=1)] | None = None
-    """None, or so far beside the body, instead of `across_m` to the way: for who drives fast."""
+    # A blocked mission fails without progress for `give_up_s`, plus the time that the longest
+    # detour takes at `give_up_m_s`.
+    give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0  # timeout of a blocked mission
+    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # plus the longest detour at this speed
 
-    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0
-    look_m: Annotated[float, Meta(gt=0, le=10)] = 1.5
-    """So is it if something is that near to the way, so far ahead, for so long."""
-
-    again_s: Annotated[float, Meta(gt=0, le=600)] = 3.0
-    """At the most so often; and so often is it tried whether a way has become free."""
-
-    give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0
-    """A mission fails that has been blocked, and come no nearer to its goal, for so long,"""
-
-    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1
-    """and for as long as the longest way round takes at this speed."""
-
-    contacts: Annotated[int, Meta(ge=1, le=1000)] = 3
-    """A mission fails, and the robot stands, at this contact"""
-
-    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
-    """within this time,"""
-
-    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5
-    """and this distance of each other by the odometry: trying again only does damage there."""
+    # A mission fails at repeated contacts in one place: further tries only cause damage.
+    contacts: Annotated[int, Meta(ge=1, le=1000)] = 3  # a mission fails at this contact
+    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0  # within this time
+    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # and distance, by the odometry
 
 
 @dataclass(frozen=True)
 class Replan:
-    """A way that is asked for anew.
+    """The state of replanning.
 
     Attributes:
-        why: Why; empty: none was asked for yet.
-        asking: Whether the answer is still to come.
-        not_before: When the next one may be asked for, s.
+        why: The reason; empty: there was no request yet.
+        pending: Whether the reply is still to come.
+        not_before: The earliest time of the next request, s.
     """
 
     why: str = ""
-    asking: bool = False
+    pending: bool = False
     not_before: float = -inf
 
 
 class Interface(Agent):
-    """The link to the people and programs outside the community.
+    """The interface to people and programs outside the society.
 
-    The mission is the trajectory, a latched state: an interface agent that is started
-    again goes on with it. Agents that want the robot driven somewhere contend for the trajectory
-    (3.6): this one owns it, and has the holder's way driven. While nobody holds it, it takes a goal
-    from people.
+    The mission is the trajectory, a latched state: a restarted interface agent goes on with it.
+    Agents that want the robot driven contend for the trajectory (3.6). This agent owns it, and has
+    the holder's path driven. While there is no holder, it accepts goals of people.
     """
 
     name = "interface"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, ByHand)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, ByHand)
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus, InitialPose)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
     owns = (TRAJECTORY,)
     parameters = Parameters
     changeable: ClassVar = {
@@ -185,26 +167,26 @@ class Interface(Agent):
         self._route = Route()
         self._to_go = 0.0
         self._note = ""
-        self._refused = ""  # why the last goal was
-        self._plans = False  # the mission's way is the planner's,
-        self._replans = ""  # and it is to be asked again, for this reason
-        self._waits: str | None = None  # no way is free: why, as far as it is known
+        self._refused = ""  # the reason of the last refusal
+        self._plans = False  # whether the mission's path comes from the planner
+        self._replans = ""  # the reason for a replanning that is due
+        self._waits: str | None = None  # no path is free: the reason, as far as it is known
         self._replan = Replan()
-        self._unanswered = False  # nobody plans, and that was said
+        self._unanswered = False  # the planner did not reply, and that was logged
         self._nearing = Nearing()
         self._pose_at = 0.0
         self._across_m = self.p.across_m
         self._contacts = Contacts()
-        self._held = False  # the mission is the way of whoever holds the trajectory
-        self._placing: tuple[Question, MissionRequest, float] | None = None  # until when
-        self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number; until when
+        self._held = False  # the mission is the path of the trajectory's holder
+        self._placing: tuple[Question, MissionRequest, float] | None = None  # with its timeout
+        self._withdrawn: dict[int, tuple[MissionCancel, float]] = {}  # by number, with a timeout
 
     def on_start(self) -> None:
-        """Begin to publish now and then."""
+        """Begin to publish regularly."""
         self.wake_at(self.now + self.p.repeat_s)
 
     def on_mission_request(self, question: Question) -> MissionReply | None:
-        """Take a mission on, or refuse it with the reason, before the robot moves."""
+        """Accept a mission, or refuse it with the reason, before the robot moves."""
         request = question.request
         assert isinstance(request, MissionRequest)
         if request.start is not None:
@@ -214,7 +196,7 @@ class Interface(Agent):
     def _place(
         self, question: Question, request: MissionRequest, at: Waypoint
     ) -> MissionReply | None:
-        """Tell the encoder agent where the robot stands; the mission waits for its pose."""
+        """Publish the initial pose; the mission waits until the encoder agent uses it."""
         if self._placing is not None or self._state is MissionState.PLANNING:
             return self._refuse(UNDER_WAY)
         if not self._rests() or self._held or self._state is MissionState.DRIVING:
@@ -230,13 +212,13 @@ class Interface(Agent):
     def _is_slow(self, state: RobotState) -> bool:
         return rests(state, self.p.slow_m_s, self.p.slow_rad_s)
 
-    def _see_placed(self, pose: Pose | None) -> None:
-        """Go on with a mission once the pose is where people have the robot; not too late."""
+    def _check_placed(self, pose: Pose | None) -> None:
+        """Go on with a waiting mission once the pose is the given one; else time out."""
         if self._placing is None:
             return
         question, request, until = self._placing
         at = request.start
-        assert at is not None, "it waits for that"
+        assert at is not None, "only a mission with a start waits"
         reply: MissionReply | None
         if self.now >= until:
             reply = self._refuse(NOT_PLACED)
@@ -254,10 +236,10 @@ class Interface(Agent):
             self.answer(question, reply)
 
     def _consider(self, question: Question, request: MissionRequest) -> MissionReply | None:
-        """Take a mission on from where the robot is by its pose."""
+        """Accept a mission from where the robot is by its pose."""
         pose = self.fresh(Pose)
         if pose is None:
-            return self._refuse(NOBODY_KNOWS)
+            return self._refuse(NO_POSE)
         if self._held:
             holder = self.owner(TRAJECTORY).obeyed
             return self._refuse(f"{holder.instance if holder else 'somebody'} has the robot driven")
@@ -268,11 +250,11 @@ class Interface(Agent):
             if far:
                 return self._refuse(far)
             return self._begin((*request.waypoints, request.goal), 0.0, planned=False)
-        if pose.deviation > LOST_M:  # a way from a place where it is not is none
+        if pose.deviation > LOST_M:  # a path from a wrong pose is useless: it is planned later
             reply = self._begin((request.goal,), 0.0, planned=True)
             self._replans = WAS_LOST
             return reply
-        if self._state is not MissionState.DRIVING:  # a mission goes on until another is taken on
+        if self._state is not MissionState.DRIVING:  # a mission goes on until another is accepted
             self._state = MissionState.PLANNING
         start = Waypoint(pose.x, pose.y, pose.theta)
 
@@ -280,51 +262,51 @@ class Interface(Agent):
             late = self._may_not_replace(request)
             self.answer(question, self._refuse(UNDER_WAY) if late else self._planned(plan))
 
-        self.ask(PlanRequest(start, request.goal), planned, self.p.planning_s)
+        self.query(PlanRequest(start, request.goal), planned, self.p.planning_s)
         return None
 
     def _may_not_replace(self, request: MissionRequest) -> bool:
-        """Whether the mission that is under way is another than the one that it may replace."""
+        """Return whether the current mission is another than the one that this may replace."""
         only = request.replaces
         return only not in (None, self._mission) and self._state is MissionState.DRIVING
 
     def on_mission_order(self, question: Question) -> None:
-        """Propose a mission of several tasks to whoever plans missions (use case 1).
+        """Propose a mission of several tasks to the mission planning agent (use case 1).
 
-        Who does not answer may hang, and would begin it later: what people are told is refused is
-        withdrawn.
+        An agent that does not reply may be hung, and would begin the mission later. So an order
+        that is reported as refused is withdrawn.
         """
         order = question.request
         assert isinstance(order, MissionOrder)
         order = order if order.mission else replace(order, mission=self.rng.getrandbits(63) or 1)
 
-        def answered(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             if reply is None:
                 self._withdraw(MissionCancel(order.mission, order.by))
-                reply = MissionReply(0, f"{NOBODY_PLANS}; the order is withdrawn")
+                reply = MissionReply(0, f"{NO_MISSION_PLANNING}; the order is withdrawn")
             self.answer(question, reply)
 
-        self.ask(MissionProposal(order), answered)
+        self.query(MissionProposal(order), on_reply)
 
     def on_mission_cancel(self, question: Question) -> None:
         cancel = question.request
         assert isinstance(cancel, MissionCancel)
 
-        def answered(reply: MissionReply | None) -> None:
+        def on_reply(reply: MissionReply | None) -> None:
             if reply is None and cancel.mission:
                 self._withdraw(cancel)
-            self.answer(question, reply or MissionReply(0, NOBODY_PLANS))
+            self.answer(question, reply or MissionReply(0, NO_MISSION_PLANNING))
 
-        self.ask(MissionWithdrawal(cancel), answered)
+        self.query(MissionWithdrawal(cancel), on_reply)
 
     def _withdraw(self, cancel: MissionCancel) -> None:
-        """Have a mission left be that nobody has answered for, until somebody does."""
+        """Withdraw a mission repeatedly until there is a reply."""
         withdrawn = {**self._withdrawn, cancel.mission: (cancel, self.now + WITHDRAW_S)}
         self._withdrawn = dict([*withdrawn.items()][-WITHDRAWN_MOST:])
         self._withdraw_again()
 
     def _withdraw_again(self) -> None:
-        def answered(number: int, reply: MissionReply | None) -> None:
+        def on_reply(number: int, reply: MissionReply | None) -> None:
             if reply is not None:
                 self._withdrawn.pop(number, None)
 
@@ -332,55 +314,55 @@ class Interface(Agent):
             if self.now > until:
                 del self._withdrawn[number]
             else:
-                self.ask(MissionWithdrawal(cancel), partial(answered, number))
+                self.query(MissionWithdrawal(cancel), partial(on_reply, number))
 
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002
-        """Nobody's way is driven by a robot of which nobody knows where it is."""
-        return "" if self.fresh(Pose) is not None or self._held else NOBODY_KNOWS
+        """Return why no path can be driven: the pose is unknown."""
+        return "" if self.fresh(Pose) is not None or self._held else NO_POSE
 
     def beyond(self, resource: Resource, action: Way) -> str:  # noqa: ARG002
-        """What is wrong with a way that no planner has looked at."""
+        """Return what is wrong with a path that no planner has checked."""
         pose = self.latest(Pose)
         return "" if action.planned or pose is None else self._too_far(pose, action.waypoints)
 
     def obey(self, resource: Resource, action: Way) -> None:  # noqa: ARG002
-        """Have the holder's way driven, if it is another one than so far."""
+        """Have the holder's path driven, if it has changed."""
         peoples, self._held = not self._held, True
         pose = self.latest(Pose)
         if pose is None or (action.id == self._mission and self._state is not MissionState.NONE):
             return
         if self._state is MissionState.DRIVING and action.id != self._mission:
-            # A holder's is interrupted, and may go on; people's has nobody to remember it.
+            # A holder's mission may go on later; one of people is not remembered, and has failed.
             self._state = MissionState.FAILED if peoples else MissionState.NONE
             self._note = "another way is driven instead"
-            self._say_status(self._to_go)
+            self._publish_status(self._to_go)
         route = Route(action.waypoints, action.start, action.leg)
         self._take_on(action.id, route, pose, planned=action.planned)
         if action.planned and route.off(pose.x, pose.y) > BESIDE_M:
-            self._waits = ""  # until there is a way from here
-            self._plan_anew(pose, ELSEWHERE)
+            self._waits = ""  # until there is a path from here
+            self._plan_anew(pose, OFF_PATH)
         self.publish(self._next(action.id, self._route, action.waypoints))
 
     def rest(self, resource: Resource) -> None:  # noqa: ARG002
-        """End the holder's way where the robot is."""
+        """End the holder's path where the robot is."""
         if not self._held:
             return
         self._held = False
         if self._state is MissionState.DRIVING:
             self._state, self._waits, self._note = MissionState.NONE, None, ""
             self.publish(self._next(self._mission, self._route, ()))
-            self._say_status(self._to_go)
+            self._publish_status(self._to_go)
 
     def measure(self, resource: Resource) -> Action:
-        """The way that is driven now, and how far it has come: who wants another may join it."""
+        """Return the path that is driven now and its progress, which contenders may join."""
         if self._state is not MissionState.DRIVING:
             return resource.neutral
         route = self._route
         return encode(Way(self._mission, route.waypoints, route.start, route.leg, self._plans))
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
-        """A mission that a peer remembers, and this one does not know."""
-        ended = self._state in (MissionState.REACHED, MissionState.FAILED)  # so peers remember, too
+        """Take over a mission that a peer remembers, and this instance does not know."""
+        ended = self._state in (MissionState.REACHED, MissionState.FAILED)  # also for peers
         if trajectory.mission == self._mission and (trajectory.waypoints or ended):
             return
         self._mission, self._refused = trajectory.mission, ""
@@ -394,11 +376,11 @@ class Interface(Agent):
             self._state = MissionState.NONE
 
     def on_pose(self, pose: Pose) -> None:
-        """Follow the trajectory; publish how far it is, and the arrival."""
-        unheard, self._pose_at = self.now - self._pose_at, self.now
-        if unheard > UNHEARD_S:
-            self._nearing = self._nearing.without(unheard, self.now)
-        self._see_placed(pose)
+        """Follow the trajectory; publish the progress and the arrival."""
+        discard_output, self._pose_at = self.now - self._pose_at, self.now
+        if discard_output > UNHEARD_S:
+            self._nearing = self._nearing.without(discard_output, self.now)
+        self._check_placed(pose)
         if self._state is not MissionState.DRIVING:
             return
         person = driven_by(self)
@@ -425,12 +407,12 @@ class Interface(Agent):
             self._state = MissionState.REACHED
             self.log(f"mission {self._mission}: goal reached")
             self.publish(self._next(self._mission, self._route, ()))
-            self._say_status(self._to_go)
+            self._publish_status(self._to_go)
         elif pose.cycle.number % 2 == 0:
-            self._say_status(self._to_go)
+            self._publish_status(self._to_go)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Fail a mission that has the robot touch something at one place again and again."""
+        """Fail a mission that has repeated contacts in one place."""
         begins = self._contacts.begins(state)
         if not begins or driven_by(self) or self._state is not MissionState.DRIVING:
             return
@@ -445,31 +427,31 @@ class Interface(Agent):
     def on_wakeup(self) -> None:
         """Publish the trajectory again for late joiners."""
         self.wake_at(self.now + self.p.repeat_s)
-        self._see_placed(None)
+        self._check_placed(None)
         self._withdraw_again()
         known = self.memory.newest(Trajectory)
         if known is not None:
             self.publish(replace(known, leg=self._route.leg))
         if self._state is not MissionState.DRIVING:
-            self._say_status(self._to_go)
+            self._publish_status(self._to_go)
 
-    def on_description(self, said: Description) -> None:
-        """How wide the robot is, and so its way."""
+    def on_description(self, description: Description) -> None:
+        """Compute the width of the path from the robot's."""
         if self.p.flank_m is not None:
-            self._across_m = said.half_width + self.p.flank_m
+            self._across_m = description.half_width + self.p.flank_m
 
     def on_obstacles(self, obstacles: Obstacles) -> None:
-        """Whether something stands across the way ahead."""
-        if obstacles.cycle.number % LOOK_CYCLES:
+        """Detect an obstacle on the path ahead."""
+        if obstacles.cycle.number % CHECK_CYCLES:
             return
         pose = self.fresh(Pose)
         watched = self._state is MissionState.DRIVING and self._plans and self._waits is None
-        across = watched and pose is not None and self._stands_across(pose, obstacles)
+        across = watched and pose is not None and self._obstructed(pose, obstacles)
         at = since(self._nearing.across_since, across, self.now)
         self._nearing = replaced(self._nearing, across_since=at)
 
-    def _stands_across(self, pose: Pose, obstacles: Obstacles) -> bool:
-        """Whether anything is nearer than `across_m` to the way ahead, as far as is looked."""
+    def _obstructed(self, pose: Pose, obstacles: Obstacles) -> bool:
+        """Return whether an obstacle is within `across_m` of the path, up to `look_m` ahead."""
         here = (pose.x, pose.y, pose.theta)
         places = [(0.0, 0.0)]
         left = self.p.look_m
@@ -486,24 +468,24 @@ class Interface(Agent):
         return any(_off(p.x, p.y, places) < self._across_m for p in near)
 
     def _blocked(self) -> str:
-        """Why the way is to be planned anew; "" if it is not, or not yet."""
+        """Return why the path is to be replanned; "" if it is not, or not yet."""
         p, nearing, replan = self.p, self._nearing, self._replan
         if self.stopped is not None:
             nearing = nearing.anew(self.now)
         self._nearing = nearing = nearing.to_go(self._to_go, self.now, p.nearer_m)
-        if not self._plans or self._replans or replan.asking or self.now < replan.not_before:
+        if not self._plans or self._replans or replan.pending or self.now < replan.not_before:
             return ""
         if self._waits is not None:
             return replan.why or "no way was free"
         if self.now - nearing.nearest_at > p.nearer_s and self._to_go > PARKING_M:
             return f"no nearer for {p.nearer_s:g} s"
         across_at = nearing.across_since
-        return ACROSS if across_at is not None and self.now - across_at >= p.across_s else ""
+        return OBSTRUCTED if across_at is not None and self.now - across_at >= p.across_s else ""
 
     def _plan_anew(self, pose: Pose, why: str) -> None:
-        """Have the way to the goal planned from here; the mission is the same."""
+        """Request a path to the goal from here; the mission stays the same."""
         goal = self._route.goal
-        assert goal is not None, "it drives somewhere"
+        assert goal is not None, "a mission that is driven has a goal"
         mission = self._mission
         self._replan = Replan(why, True, self._replan.not_before)
 
@@ -518,14 +500,14 @@ class Interface(Agent):
             self._unanswered = plan is None
             if plan is None or plan.refusal or not plan.waypoints:
                 self._no_way(why, "nobody plans" if plan is None else plan.refusal)
-            elif why != ACROSS or self._waits is not None or self._leads_elsewhere(plan, here):
+            elif why != OBSTRUCTED or self._waits is not None or self._leads_elsewhere(plan, here):
                 self._take_way(plan, here, why)
 
         start = Waypoint(pose.x, pose.y, pose.theta)
-        self.ask(PlanRequest(start, goal, why), planned, self.p.planning_s)
+        self.query(PlanRequest(start, goal, why), planned, self.p.planning_s)
 
     def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
-        """Drive another way to the same goal."""
+        """Drive another path to the same goal."""
         longest = max(self._nearing.longest, plan.length)
         self._nearing = replaced(self._nearing, longest=longest)
         if self._given_up(why):
@@ -537,22 +519,22 @@ class Interface(Agent):
         self.log(f"planned anew, {plan.length:.1f} m: {why}")
 
     def _go_on(self, why: str) -> None:
-        """Nobody plans: that is no word on the way there is, and behaviours go round things."""
+        """Keep the present path without a planner: behaviours avoid obstacles."""
         if not self._given_up(why) and not self._unanswered:
             self._unanswered = True
-            self.log(line(f"{why}, and nobody plans: it goes on by the way there is"), WARNING)
+            self.log(line(f"{why}; no planner replies: the present path is kept"), WARNING)
 
     def _no_way(self, why: str, refusal: str) -> None:
-        """Wait for a way to become free."""
+        """Wait for a path to become free."""
         if self._given_up(refusal):
             return
         waited, self._waits = self._waits is not None, line(f"waits: {refusal}")
         if not waited:
-            self.log(line(f"{why}, and there is no plan from here: {refusal}"), WARNING)
+            self.log(line(f"{why}; no plan from here: {refusal}"), WARNING)
             self.publish(self._next(self._mission, self._route, self._route.waypoints))
 
     def _given_up(self, why: str) -> bool:
-        """Whether the mission has failed because the robot comes no nearer."""
+        """Fail the mission if the robot comes no nearer for too long; return whether it has."""
         no_nearer_s = self.now - self._nearing.best_at
         if no_nearer_s <= self.p.give_up_s + self._nearing.longest / self.p.give_up_m_s:
             return False
@@ -565,15 +547,15 @@ class Interface(Agent):
         self._note = line(why)
         self.log(line(f"mission {self._mission} failed, {self._note}"), WARNING)
         self.publish(self._next(self._mission, self._route, ()))
-        self._say_status(self._to_go)
+        self._publish_status(self._to_go)
 
     def _leads_elsewhere(self, plan: Plan, here: Pose) -> bool:
-        """Whether a way leaves the one that is driven, and not by a little."""
+        """Return whether a plan leaves the present path by more than `ELSEWHERE_M`."""
         left = [(w.x, w.y) for w in self._route.waypoints[self._route.leg :]]
         return any(_off(w.x, w.y, [(here.x, here.y), *left]) > ELSEWHERE_M for w in plan.waypoints)
 
     def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
-        """Why waypoints are refused: no planner has checked them against a map."""
+        """Return why waypoints are refused: no planner has checked them against a map."""
         x, y = pose.x, pose.y
         for to in waypoints:
             if hypot(to.x - x, to.y - y) > self.p.reach_m:
@@ -594,7 +576,7 @@ class Interface(Agent):
     def _begin(
         self, waypoints: tuple[Waypoint, ...], length: float, *, planned: bool
     ) -> MissionReply:
-        """Take it on, if it can be published: else no agent would drive it."""
+        """Begin the mission, if its messages can be encoded: else no agent would drive it."""
         pose = self.latest(Pose)
         assert pose is not None, "a mission begins somewhere"
         if not waypoints:
@@ -609,8 +591,8 @@ class Interface(Agent):
         begun = replace(self._next(mission, route, waypoints), planned=planned, waits=False)
         reply = MissionReply(mission, "", waypoints, length or to_go)
         try:
-            for said in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
-                encode(said)
+            for message in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
+                encode(message)
         except MessageError as error:
             return self._refuse(f"nobody could be told of it: {error}")
         self._take_on(mission, route, pose, planned=planned)
@@ -618,7 +600,7 @@ class Interface(Agent):
         return reply
 
     def _take_on(self, mission: int, route: Route, pose: Pose, *, planned: bool) -> None:
-        """Drive that from now on."""
+        """Drive the route from now on."""
         self._mission, self._route = mission, route
         self._to_go = route.to_go(pose.x, pose.y)
         self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
@@ -630,13 +612,13 @@ class Interface(Agent):
     def _refuse(self, why: str) -> MissionReply:
         if self._state is MissionState.PLANNING:
             self._state = MissionState.NONE
-        told = line(f"mission refused: {why}")
+        refusal = line(f"mission refused: {why}")
         if self._state is MissionState.NONE:
-            self._note = told
+            self._note = refusal
         if self._state is not MissionState.DRIVING:
             self._refused = line(why)
-            self._say_status(self._to_go)
-        self.log(told, WARNING)
+            self._publish_status(self._to_go)
+        self.log(refusal, WARNING)
         return MissionReply(0, line(why))
 
     def _arrived(self, pose: Pose) -> bool:
@@ -651,14 +633,14 @@ class Interface(Agent):
         )
 
     def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:
-        """The trajectory that begins a mission, changes its way, or ends it."""
+        """Return the trajectory that begins a mission, changes its path, or ends it."""
         known = self.memory.newest(Trajectory)
         counter = 1 if known is None else next_count(known.counter)
         waits = self._waits is not None
         planned, waits = (self._plans, waits) if waypoints else (False, False)
         return Trajectory(counter, mission, waypoints, route.start, route.leg, planned, waits)
 
-    def _say_status(self, to_go: float) -> None:
+    def _publish_status(self, to_go: float) -> None:
         leg = self._route.leg if self._route.waypoints else 0
         self.publish(
             MissionStatus(self._mission, self._state, to_go, leg, self._note, self._refused)
@@ -666,7 +648,7 @@ class Interface(Agent):
 
 
 def _off(x: float, y: float, places: Sequence[tuple[float, float]]) -> float:
-    """How far a point is from a way over some places, m."""
+    """Return the distance of a point from a polyline, m."""
     least = inf
     for (ax, ay), (bx, by) in pairwise(places):
         dx, dy = bx - ax, by - ay

@@ -30,7 +30,7 @@ from armadico.mobile.messages import Joules, Leading, MissionReply, Waypoint
 
 
 class ExploreRequest(Order, frozen=True):
-    """Map what can be reached in a rectangle of the world, and come back to where it began."""
+    """Requests to explore a rectangle of the world, and to end at `home`."""
 
     x1: Real
     y1: Real
@@ -39,13 +39,13 @@ class ExploreRequest(Order, frozen=True):
     home: Waypoint | None = None  # where it ends; null: where the robot is now
 
     @property
-    def asks_for(self) -> str:
-        """What its kind is called."""
+    def kind_name(self) -> str:
+        """The name of this kind of errand."""
         return "explorations"
 
 
 class ExploreState(StrEnum):
-    """How far an exploration has come."""
+    """The state of an exploration."""
 
     NONE = "none"
     EXPLORING = "exploring"
@@ -55,18 +55,18 @@ class ExploreState(StrEnum):
 
 
 class ExploreStatus(Errands, frozen=True):
-    """The explore agent's report: `exploration` is the number that its request was answered."""
+    """The explore agent's report; `exploration` is the number of the reply to its request."""
 
     exploration: Bits64
     state: ExploreState
     known: Annotated[float, Meta(ge=0, le=1e12)] = 0.0  # m^2 of the map that are free
-    places: Counter = 0  # that it has set out for
+    places: Counter = 0  # driven to
     given_up: Counter = 0  # of those, not reached
     note: Text = ""
 
     @property
     def errands(self) -> tuple[Progress, ...]:
-        """The exploration that it is about."""
+        """The exploration, as the only errand."""
         why = f": {self.note}" if self.note else ""
         return (
             Progress(
@@ -81,7 +81,7 @@ class ExploreStatus(Errands, frozen=True):
 
 
 class BatteryAlarm(Message, frozen=True):
-    """The battery is nearly where it has to be charged; said anew for each tenth of a volt."""
+    """The battery must be charged soon; published again for each tenth of a volt lost."""
 
     cycle: Cycle
     volts: Volts  # at rest
@@ -89,14 +89,14 @@ class BatteryAlarm(Message, frozen=True):
 
 
 class EnergyRequest(Message, frozen=True):
-    """Asks whether the energy will do: for what is planned, and from its end to a dock."""
+    """Queries whether the energy suffices for a plan, and from its end to a dock."""
 
-    goal: Waypoint  # where it ends
-    energy: Joules = 0.0  # that it takes to there
+    goal: Waypoint  # where the plan ends
+    energy: Joules = 0.0  # that the plan takes
 
 
 class EnergyReply(Message, frozen=True):
-    """Whether it will (thesis 3.2.2, use case 2)."""
+    """Whether the energy suffices (thesis 3.2.2, use case 2)."""
 
     enough: bool
     left: Joules = 0.0
@@ -105,16 +105,13 @@ class EnergyReply(Message, frozen=True):
 
 
 class ChargeRequest(Message, frozen=True):
-    """Asks the battery charger to charge up to a share of a full battery; asked again meanwhile.
-
-    Who does not ask again within 30 s does not want it any more.
-    """
+    """Requests charging up to a share of a full battery; must be repeated within 30 s."""
 
     until: Share = 1.0
 
 
 class ChargeState(StrEnum):
-    """What the battery charger does."""
+    """The state of the battery charger."""
 
     NONE = "none"
     TO_DOCK = "to-dock"
@@ -124,52 +121,51 @@ class ChargeState(StrEnum):
 
 
 class ChargeStatus(Leading, frozen=True):
-    """The battery charger's report: of each cycle while the robot is driven into a dock or out."""
+    """The battery charger's report; each cycle while the robot is driven into a dock or out."""
 
     cycle: Cycle
     state: ChargeState
-    dock: Waypoint | None = None  # the pose of the robot in it; None: there is none
+    dock: Waypoint | None = None  # the robot's pose in the dock
     name: Label = ""
     note: Text = ""
 
     @property
     def leads(self) -> bool:
-        """Into the dock, and out of it: an agent that follows a trajectory would turn beside it."""
+        """Whether the dock agent drives: agents that follow a trajectory would turn off course."""
         return self.state in (ChargeState.DOCKING, ChargeState.LEAVING)
 
 
 class Alarm(Message, frozen=True):
-    """An alarm in a room of the world has begun, or is over; anybody may say so."""
+    """An alarm in a room of the world begins or ends; any agent or program may publish it."""
 
     room: Name
     on: bool = True
 
 
 class Photo(Message, frozen=True):
-    """A photo that a mission had taken: without a camera, where and how sure that is."""
+    """A photo that a mission took: without a camera, the pose and its deviation."""
 
     mission: Bits64
-    room: Label  # empty: in none that has a name
+    room: Label  # empty: in no named room
     x: Real
     y: Real
     theta: Real
-    deviation: Annotated[float, Meta(ge=0, le=LARGEST)]  # of the position, m
+    deviation: Annotated[float, Meta(ge=0, le=LARGEST)]  # standard deviation of the position, m
 
 
 class Told(Message, frozen=True):
-    """What a step of a mission is told, by name: a value of TOML, as JSON."""
+    """One named argument of a mission's step: a value of TOML, encoded as JSON."""
 
     name: Name
     json: Text
 
     @classmethod
     def of(cls, name: str, value: TomlValue) -> Told:
-        """A value by its name."""
         return cls(name, msgspec.json.encode(value).decode())
 
     @property
     def value(self) -> TomlValue:
-        """The value; what is no JSON of one is a text."""
+        """The decoded value; text that is not JSON is returned as it is."""
         try:
             value: TomlValue = _VALUE.decode(self.json)
         except (msgspec.DecodeError, RecursionError):
@@ -181,7 +177,7 @@ _VALUE: Final = msgspec.json.Decoder(TomlValue)
 
 
 class PlanStep(Message, frozen=True):
-    """One step of a plan: a task, and what it is told."""
+    """One step of a plan: a task and its arguments."""
 
     do: Name
     told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()
@@ -189,111 +185,112 @@ class PlanStep(Message, frozen=True):
     @classmethod
     def of(cls, do: str, **told: TomlValue) -> PlanStep:
         """A step by its task's name: `PlanStep.of("move", to="R1")`."""
+        """Return a step by its task's name: `PlanStep.of("move", to="R1")`."""
         return cls(do, tuple(Told.of(name, value) for name, value in told.items()))
 
     def __str__(self) -> str:
-        """As the thesis writes it: move(R1)."""
-        told = ", ".join(f"{each.value}" for each in self.told)
-        return f"{self.do}({told})" if told else self.do
+        """In the notation of the thesis: move(R1)."""
+        arguments = ", ".join(f"{each.value}" for each in self.told)
+        return f"{self.do}({arguments})" if arguments else self.do
 
 
 Steps = Annotated[tuple[PlanStep, ...], Meta(max_length=64)]
 
 
 class Frame(Message, frozen=True):
-    """How far a mission is in one list of steps: those of a procedure, or of a detour's plan."""
+    """The progress in one list of steps: those of a procedure, or of a detour's plan."""
 
-    procedure: Label = ""  # empty: the mission's own steps,
-    detour: Steps = ()  # or these, if there are any
-    told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()  # what the procedure was told
+    procedure: Label = ""  # empty: the mission's own steps
+    detour: Steps = ()  # replaces the procedure's steps, unless empty
+    told: Annotated[tuple[Told, ...], Meta(max_length=16)] = ()  # the procedure's arguments
     step: Counter = 0
-    attempt: Counter = 0  # 0: the step itself, else which of its alternatives
-    turn: Counter = 0  # of its repetitions
-    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that it has been at work on it
+    attempt: Counter = 0  # 0: the step itself, else the number of its alternative
+    turn: Counter = 0  # the step's repetitions so far
+    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # time spent on the step, s
     begun: bool = False
     stage: Counter = 0  # the task's own
 
 
 class StepEnd(StrEnum):
-    """How a step of a mission ended."""
+    """The result of a mission's step."""
 
     DONE = "done"
     FAILED = "failed"
-    PASSED = "passed over"  # its precondition was not believed
+    PASSED = "passed over"  # its precondition did not hold
 
 
 class StepResult(Message, frozen=True):
-    """What came of one step."""
+    """The result of one step."""
 
     step: Text
     end: StepEnd
     said: Text = ""
-    at: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that the mission was at work by then
+    at: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # the mission's time at work by then, s
 
     def __str__(self) -> str:
         return str(self.done)
 
     @property
     def done(self) -> StepDone:
-        """As of any errand."""
+        """The result in the form that all errands share."""
         return StepDone(self.step, self.end.value, self.said, self.at)
 
 
 class Course(Message, frozen=True):
-    """How far a mission has come: all that is needed to go on with it."""
+    """The progress of a mission: all that is needed to go on with it."""
 
     frames: Annotated[tuple[Frame, ...], Meta(max_length=32)] = (Frame(),)
-    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # s that it was at work
-    tasks: Counter = 0  # begun so far; tells one from the next
-    detour: Steps = ()  # comes before the next step
-    drops: Counter = 0  # so many steps are left out then
+    elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # time at work, s
+    tasks: Counter = 0  # begun so far; distinguishes a task from the next
+    detour: Steps = ()  # done before the next step
+    drops: Counter = 0  # the number of steps that the detour replaces
     results: Annotated[tuple[StepResult, ...], Meta(max_length=100)] = ()  # the newest
 
 
 class MissionEnd(StrEnum):
-    """Where a mission of the board stands."""
+    """The state of a mission on the board."""
 
     QUEUED = "queued"  # not begun
     ACTIVE = "active"
-    SUSPENDED = "suspended"  # begun, and another one is more urgent
+    SUSPENDED = "suspended"  # begun, while another one is more urgent
     DONE = "done"
     FAILED = "failed"
     CANCELLED = "cancelled"
 
 
+# The states of a mission that is over, with the reason why it is not done.
 ENDS: Final = {
     MissionEnd.DONE: "",
     MissionEnd.FAILED: "it failed",
     MissionEnd.CANCELLED: "it was cancelled",
 }
-"""How a mission ends, and why it is not done."""
 
 
 class BoardMission(Message, frozen=True):
-    """One mission of the board."""
+    """One mission on the board."""
 
     mission: Bits64
     name: Name
     priority: Share
     state: MissionEnd
-    by: Label = ""  # who ordered it
+    by: Label = ""  # the person or program that ordered it
     text: Annotated[bytes, Meta(max_length=16_384)] = (
-        b""  # its TOML, deflated; none once it is over
+        b""  # its TOML, deflated; empty once it is over
     )
     course: Course = Course()
-    doing: Text = ""  # the step that is done now,
-    room: Label = ""  # and where
-    ahead: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()  # steps to come, the first ones
+    doing: Text = ""  # the current step
+    room: Label = ""  # the current room
+    ahead: Annotated[tuple[Text, ...], Meta(max_length=64)] = ()  # the next steps
     note: Text = ""
-    way: Bits64 = 0  # on which its task has the robot driven; 0: on none
+    way: Bits64 = 0  # the path that its task has the robot driven on; 0: none
 
     @property
     def over(self) -> bool:
-        """Whether it has ended."""
+        """Whether the mission has ended."""
         return self.state in ENDS
 
     def __str__(self) -> str:
-        """In half a line: how many steps are done, and what it does now."""
+        """The number of steps done, the current step, and the note."""
         done = sum(result.end is StepEnd.DONE for result in self.course.results)
         words = [f"{done} done", self.doing or self.state.value]
         words += [f"{len(self.ahead)} to come"] if self.ahead else []
@@ -301,7 +298,7 @@ class BoardMission(Message, frozen=True):
 
     @property
     def progress(self) -> Progress:
-        """How far it has come, as of any errand."""
+        """The progress in the form that all errands share."""
         why = ENDS.get(self.state, "")
         return Progress(
             self.mission,
@@ -322,7 +319,7 @@ class BoardMission(Message, frozen=True):
 
 
 class Board(Latched, Errands, frozen=True):
-    """All that mission planning knows: its missions, those that are over last.
+    """The state of mission planning: all missions, finished ones last.
 
     At most one of them is active.
     """
@@ -330,39 +327,39 @@ class Board(Latched, Errands, frozen=True):
     counter: Counter
     by: Bits64  # drawn at random by each mission planning agent
     missions: Annotated[tuple[BoardMission, ...], Meta(max_length=32)] = ()
-    alarms: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # rooms where one is on,
-    unchecked: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # and nobody has been yet
+    alarms: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # rooms with an active alarm
+    unchecked: Annotated[tuple[Name, ...], Meta(max_length=32)] = ()  # of those, not yet visited
 
     @property
     def order(self) -> tuple[int, int]:
-        """Counted each time it is published."""
+        """The order of boards: the counter first."""
         return self.counter, self.by
 
     @property
     def errands(self) -> tuple[Progress, ...]:
-        """Its missions."""
+        """The progress of its missions."""
         return tuple(each.progress for each in self.missions)
 
 
 class MissionOrder(Order, frozen=True):
-    """Asks the interface agent to have a mission done; `text` is its TOML, deflated (zlib).
+    """Orders a mission from the interface agent; `text` is its TOML, deflated (zlib).
 
-    `mission` is its number, drawn at random by whoever orders it: ordered again it is the same
-    mission, and it can be cancelled though nobody has answered. 0: the interface agent draws one.
+    `mission` is its number, drawn at random by the sender: a repeated order is the same mission,
+    and it can be cancelled before any reply. 0: the interface agent draws one.
     """
 
     name: Name
     text: Annotated[bytes, Meta(max_length=16_384)]
-    priority: Share | None = None  # none: its own
+    priority: Share | None = None  # null: the mission's own
     by: Label = ""
     mission: Bits64 = 0
 
     def numbered(self, number: int) -> MissionOrder:
-        """With its number: an order that was refused is withdrawn, and counts as over."""
+        """Return the order with its number, by which a refused one is withdrawn."""
         return replace(self, mission=number)
 
     def withdrawal(self) -> MissionCancel:
-        """Cancels it."""
+        """Return the message that cancels it."""
         return MissionCancel(self.mission, self.by)
 
 
@@ -373,53 +370,50 @@ class MissionProposal(Message, frozen=True):
 
 
 class MissionCancel(Message, frozen=True):
-    """Asks the interface agent to have a mission cancelled; 0: all of them."""
+    """Requests the interface agent to cancel a mission; 0: all of them."""
 
     mission: Bits64
     by: Label = ""
 
 
 class MissionWithdrawal(Message, frozen=True):
-    """The interface agent passes that on to mission planning."""
+    """The interface agent passes a cancellation on to mission planning."""
 
     cancel: MissionCancel
 
 
 class NamedPlace(Message, frozen=True):
-    """Where the robot stands in a room or at a goal of the world, m."""
+    """A place in a room or at a goal of the world where the robot can stand, m."""
 
     name: Name
     x: Real
     y: Real
 
 
-PLACES: Final = 256
-"""Of a world, that planner agents are told of."""
+PLACES: Final = 256  # of a world that are sent to planner agents
 
 
 class SubplanRequest(Message, frozen=True):
-    """The coordinator asks the planner agents: what is to be done `before` a mission goes on?
+    """The coordinator requests plans: what should be done `before` a mission goes on?
 
-    Only those answer whose card has its `surprise` among its `plans`.
+    Planner agents reply whose card has the `surprise` among its `plans`.
     """
 
     id: Bits64
     mission: Bits64
     why: Text
-    at: Waypoint  # where the robot is,
-    room: Label  # and in which room
+    at: Waypoint  # where the robot is
+    room: Label  # the robot's room
     before: Steps
-    ahead: Steps  # of the mission as it stands
+    ahead: Steps  # the mission's remaining steps
     places: Annotated[tuple[NamedPlace, ...], Meta(max_length=PLACES)] = ()  # that it can move to
-    surprise: Label = "alarm"
-    """Also `battery` (the energy will not do for the way ahead), `blocked` (no way to where the
-    first step `ahead` moves) and `failed` (that step has failed otherwise)."""
+    surprise: Label = "alarm"  # or battery, blocked, failed (the first step `ahead`)
 
 
 class Subplan(Message, frozen=True):
-    """A planner agent's answer: the steps, and what they take until the mission's next objective.
+    """A planner agent's plan: the steps, and their cost until the mission's next objective.
 
-    The last of the steps leads to where one of the mission's own does, which is left out then.
+    The last of its steps moves where one of the mission's own steps does, and replaces that.
     """
 
     id: Bits64
@@ -430,18 +424,23 @@ class Subplan(Message, frozen=True):
     refusal: Text = ""
 
 
-query(ExploreRequest, "explore/request", MissionReply, "map a place")
-state(ExploreStatus, "explore/status", 1, None, "how far the exploration has come")
-event(BatteryAlarm, "battery/alarm", "it has to be charged soon")
-query(EnergyRequest, "battery/enough", EnergyReply, "will it do?")
-state(ChargeStatus, "battery/charging", 1, 3, "what the charger does; 10 Hz in the dock")
-query(ChargeRequest, "battery/charge", MissionReply, "charge it")
-event(Alarm, "alarm", "an alarm in a room; anyone may say so")
-query(MissionOrder, "mission/order", MissionReply, "do a mission")
-query(MissionCancel, "mission/cancel", MissionReply, "leave one be")
+query(ExploreRequest, "explore/request", MissionReply, "explore and map a rectangle")
+state(ExploreStatus, "explore/status", 1, None, "the progress of the exploration")
+event(BatteryAlarm, "battery/alarm", "the battery must be charged soon")
+query(EnergyRequest, "battery/enough", EnergyReply, "does the energy suffice?")
+state(ChargeStatus, "battery/charging", 1, 3, "the charger's state; 10 Hz in the dock")
+query(ChargeRequest, "battery/charge", MissionReply, "charge the battery")
+event(Alarm, "alarm", "an alarm in a room; any program may publish it")
+query(MissionOrder, "mission/order", MissionReply, "order a mission")
+query(MissionCancel, "mission/cancel", MissionReply, "cancel a mission")
 query(MissionProposal, "mission/proposal", MissionReply, "the interface agent passes an order on")
-query(MissionWithdrawal, "mission/withdrawal", MissionReply, "and a cancellation")
-latch(Board, "mission/board", "the missions, and how far they have come", rate_hz=1)
-event(SubplanRequest, "mission/subplan", "asks the planner agents")
-event(Subplan, "mission/subplan/answer", "what a planner agent would do")
-event(Photo, "mission/photo", "a photo that a mission had taken")
+query(
+    MissionWithdrawal,
+    "mission/withdrawal",
+    MissionReply,
+    "the interface agent passes a cancellation on",
+)
+latch(Board, "mission/board", "the missions and their progress", rate_hz=1)
+event(SubplanRequest, "mission/subplan", "a request to the planner agents")
+event(Subplan, "mission/subplan/answer", "a planner agent's plan")
+event(Photo, "mission/photo", "a photo that a mission took")

@@ -1,9 +1,9 @@
-"""Missions: procedures in the manner of PRS, as TOML that people write (thesis 3.6.1).
+"""Missions: procedures in the manner of PRS, written in TOML (thesis 3.6.1).
 
-A mission is a list of steps. What a step does is a task (`armadico.tasks`) or another procedure of
-the file; what else it may say is in `HEAD`. A mission is read with the places of a world, and what
-is wrong with it is said with file and line before anything moves: names that nobody has, procedures
-that call themselves, places that cannot be got to.
+A mission is a list of steps. A step does a task (`armadico.tasks`) or another procedure of the
+file; its other keys are in `HEAD`. A mission is read with the places of a world. Errors are
+reported with file and line before the robot moves: unknown names, procedures that call themselves,
+places that cannot be reached.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from msgspec.structs import replace
 
 from armadico.agents.missions.messages import MissionOrder, Told
 from armadico.agents.missions.task import Task
-from armadico.config.discovery import TASKS, UnknownNameError, installed, unknown
+from armadico.config.discovery import TASKS, installed
 from armadico.config.discovery import load as load_installed
 from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import counted_from, find
+from armadico.core.errors import UnknownNameError, no_such
 
 if TYPE_CHECKING:
     from armadico.config.places import Places
@@ -34,95 +35,82 @@ if TYPE_CHECKING:
 Share = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=1e6)]
 Value = str | float | bool | tuple[float, ...]
-Arguments = tuple[tuple[str, Value], ...]
-"""What a step is told, by name, in the order of the file."""
+Arguments = tuple[tuple[str, Value], ...]  # by name, in the order of the file
 
-Key = tuple[str | int, ...]
-"""Where a value is in a mission's file."""
+Key = tuple[str | int, ...]  # the position of a value in a mission's file
 
-LONGEST: Final = 16_000
-"""Characters of a mission's text: it travels in messages."""
+LONGEST: Final = 16_000  # characters of a mission's text, which is sent in messages
 
-STEPS_MOST: Final = 1000
-"""Steps that are looked at, those of each call of a procedure anew."""
+STEPS_MOST: Final = 1000  # different calls of procedures that are checked
 
-TOLD_MOST, TOLD_CHARACTERS = 16, 256
-"""What a step is told: so many values, so many characters together, for the board has them all."""
+# Limits of a step's arguments, and of their characters together: the board contains them all.
+ARGUMENTS_MOST, ARGUMENTS_CHARACTERS = 16, 256
 
-LARGEST_WHOLE: Final = 2**53
-"""Beyond it a float is no certain whole number."""
+LARGEST_WHOLE: Final = 2**53  # beyond it a float is not an exact integer
 
-DEEPEST: Final = 8
-"""Procedures within procedures."""
+DEEPEST: Final = 8  # nested procedures
 
 NAME: Final = re.compile(r"[\w-]{1,64}\Z")
 
+# The keys of every step; the others are arguments of its task or procedure.
 HEAD: Final = ("do", "when", "else", "timeout_s", "repeat")
-"""The keys that every step may have; the others are its task's, or its procedure's."""
 
 
 class When(Struct, frozen=True, forbid_unknown_fields=True):
-    """What has to be believed, all of it: a precondition."""
+    """A precondition: all that is given must hold. An unknown battery level fails both tests."""
 
-    battery_above: Share | None = None  # share of a full battery; not known is neither
+    battery_above: Share | None = None  # share of a full battery
     battery_below: Share | None = None
-    alarm: str | None = None  # in this room one is on
-    no_alarm: str | None = None  # and here none
-    room: str | None = None  # where the robot is,
-    not_room: str | None = None  # or is not
-    after_s: Seconds | None = None  # since the mission began, while it was at work
+    alarm: str | None = None  # a room with an active alarm
+    no_alarm: str | None = None  # a room without one
+    room: str | None = None  # where the robot is
+    not_room: str | None = None  # where it is not
+    after_s: Seconds | None = None  # of the mission's time at work
     before_s: Seconds | None = None
 
 
 class Step(Struct, frozen=True):
-    """One step: what it does, told what, and what if not."""
+    """One step: its task or procedure, the arguments, and the alternatives."""
 
     do: str
     arguments: Arguments = ()
-    when: When | None = None
-    """Not believed: its alternatives instead; without one it is passed over."""
-    otherwise: tuple[Step, ...] = ()
-    """`else`: if it fails they are tried, one after another, until one succeeds."""
+    when: When | None = None  # if it does not hold: the alternatives, or the next step
+    otherwise: tuple[Step, ...] = ()  # `else`: tried one after another if it fails
     timeout_s: float | None = None
     repeat: int = 1
 
     def __str__(self) -> str:
-        """As the thesis writes it: move(R1)."""
-        told = ", ".join(str(value) for _, value in self.arguments)
-        return f"{self.do}({told})" if told else self.do
+        """In the notation of the thesis: move(R1)."""
+        arguments = ", ".join(str(value) for _, value in self.arguments)
+        return f"{self.do}({arguments})" if arguments else self.do
 
 
 class Procedure(Struct, frozen=True):
-    """Steps that are done one after another."""
+    """A sequence of steps."""
 
     name: str
     steps: tuple[Step, ...]
     goal: str = ""
-    takes: tuple[str, ...] = ()
-    """What it is told by those who call it; its steps say `$name` for it."""
-    when: When | None = None
-    """Not believed: it does not apply, and the step that calls it fails."""
+    takes: tuple[str, ...] = ()  # the names of its arguments; its steps refer to them by `$name`
+    when: When | None = None  # if it does not hold, the calling step fails
 
 
 class Mission(Struct, frozen=True):
-    """A mission as it was read; its own steps are those of the procedure called ""."""
+    """A parsed mission; its own steps are those of the procedure called ""."""
 
     name: str
     title: str
     priority: float
     procedures: dict[str, Procedure]
-    scenario: str | None = None
-    """Where it is driven unless that is said."""
+    scenario: str | None = None  # the default scenario
     timeout_s: float | None = None
-    on_alarm: str = ""
-    """The task or procedure that is done in a room with an alarm; none: alarms are let be."""
-    energy: str = "charge"
-    """What is done before a way that the battery will not do for: charge, risk or fail."""
+    on_alarm: str = ""  # the task or procedure for a room with an alarm; empty: ignore alarms
+    energy: str = "charge"  # if the energy does not suffice for a path: charge, risk or fail
     text: str = ""
 
     @property
     def does(self) -> frozenset[str]:
-        """The names of all tasks that it may do, and of its own procedures."""
+        """The names of all tasks that it may do, and of its procedures."""
         left = [step for procedure in self.procedures.values() for step in procedure.steps]
         found = {self.on_alarm}
         while left:
@@ -132,7 +120,7 @@ class Mission(Struct, frozen=True):
         return frozenset(found)
 
     def order(self, priority: float | None, by: str) -> MissionOrder:
-        """What asks for it; without a priority it has its own."""
+        """Return the order for it; without a priority the mission's own counts."""
         return MissionOrder(self.name, zlib.compress(self.text.encode()), priority, by)
 
 
@@ -170,14 +158,14 @@ def load_mission(
     places: Places | None = None,
     start: tuple[float, float] | None = None,
 ) -> Mission:
-    """A shipped mission by its name, or a TOML file. Raises ConfigError with file and line.
+    """Load a shipped mission by its name, or a TOML file. Raises ConfigError with file and line.
 
-    A scenario that is a file counts from the mission's folder.
+    A scenario that is a file is relative to the mission's folder.
 
     Args:
-        name_or_path: Which.
-        places: Those of the world that it is for; None: its places are not looked up.
-        start: From where they must be got to, m; None: that is not looked at.
+        name_or_path: The mission.
+        places: The places of its world; None: places are not checked.
+        start: The position from which they must be reachable, m; None: that is not checked.
     """
     path = find("missions", name_or_path)
     text = read_text(path)
@@ -199,26 +187,26 @@ def read_mission(
     start: tuple[float, float] | None = None,
     file: Path | str | None = None,
 ) -> Mission:
-    """The mission in a text; see `load_mission`."""
+    """Parse a mission's text; see `load_mission`."""
     try:
         return _Reader(text, file or name, name).read(places, start)
-    except RecursionError:  # it comes from anybody, and is to end nobody
+    except RecursionError:  # the text may come from another program: it must not end this one
         raise ConfigError("lists and tables too deep within each other", file or name) from None
 
 
 @cache
 def task_class(name: str) -> type[Task]:
-    """The class of a task that is installed. Raises UnknownNameError, or ImportError."""
+    """Return the class of an installed task. Raises UnknownNameError or ImportError."""
     return load_installed(TASKS, name, Task)
 
 
 def arguments_of(step: Step) -> Any:
-    """What a task is told, as it wants it. Raises ConfigError."""
+    """Return a step's arguments as its task declares them. Raises ConfigError."""
     return convert(_as_written(step), task_class(step.do).Arguments, step.do, "")
 
 
 def _as_written(step: Step) -> dict[str, Value]:
-    """What a step is told, whole numbers as such: messages have them as floats, as all others."""
+    """Return a step's arguments with integers restored: messages have all numbers as floats."""
     return {name: _whole(value) for name, value in step.arguments}
 
 
@@ -230,13 +218,13 @@ def _whole(value: Any) -> Any:
 
 
 def bound(step: Step, to: Mapping[str, Value]) -> Step:
-    """The step with each `$name` replaced by what its procedure was told."""
+    """Return the step with each `$name` replaced by the argument of its procedure."""
     if not to:
         return step
-    told = tuple((key, _bound(value, to)) for key, value in step.arguments)
+    arguments = tuple((key, _bound(value, to)) for key, value in step.arguments)
     return Step(
         step.do,
-        told,
+        arguments,
         None if step.when is None else bound_when(step.when, to),
         tuple(bound(other, to) for other in step.otherwise),
         step.timeout_s,
@@ -245,7 +233,7 @@ def bound(step: Step, to: Mapping[str, Value]) -> Step:
 
 
 def bound_when(when: When, to: Mapping[str, Value]) -> When:
-    """The same of a precondition."""
+    """Return the precondition with each `$name` replaced."""
     return When(*(_bound(getattr(when, key), to) for key in when.__struct_fields__))
 
 
@@ -254,23 +242,24 @@ def _bound(value: Any, to: Mapping[str, Value]) -> Any:
 
 
 class _Reader:
-    """Reads one mission, and says where it is wrong."""
+    """Parses one mission, and reports errors with their position."""
 
     def __init__(self, text: str, file: Path | str, name: str) -> None:
         self._text, self._file, self._name = text, file, name
         if len(text) > LONGEST:
-            raise ConfigError(f"{len(text):,} characters, at most {LONGEST:,} are sent", file)
+            raise ConfigError(f"must have at most {LONGEST:,} characters (got {len(text):,})", file)
         self._given = convert(document(text, file), _File, file, text)
         self._tasks = installed(TASKS)
         self._known = sorted({*self._tasks, *self._given.procedures})
-        self._looked_at: set[tuple[str, Arguments]] = set()
+        self._checked: set[tuple[str, Arguments]] = set()
 
     def read(self, places: Places | None, start: tuple[float, float] | None) -> Mission:
-        """All of it. Raises ConfigError."""
+        """Parse the whole mission. Raises ConfigError."""
         given, name = self._given, self._name
         if not NAME.match(name):
             raise ConfigError(
-                f"a mission's name is of letters, digits, - and _, not {name!r}", self._file
+                f"a mission's name must consist of letters, digits, - and _ (got {name!r})",
+                self._file,
             )
         self._check_names()
         bodies = {"": _Procedure(given.steps), **given.procedures}
@@ -298,7 +287,7 @@ class _Reader:
             self._check_procedure(mission, key, (), places, start, 0)
         return mission
 
-    # Inside --------------------------------------------------------------------------------------
+    # Implementation ------------------------------------------------------------------------------
 
     def _wrong(self, key: Key, message: str) -> ConfigError:
         return ConfigError(message, self._file, line_of(self._text, key))
@@ -312,15 +301,18 @@ class _Reader:
             key = self._at(name)
             if not NAME.match(name):
                 raise self._wrong(
-                    key, f"a procedure's name is of letters, digits, - and _, not {name!r}"
+                    key,
+                    f"a procedure's name must consist of letters, digits, - and _ (got {name!r})",
                 )
             if name in self._tasks:
                 raise self._wrong(
-                    key, f"procedure {name!r}: a task is called so; expected another name"
+                    key, f"procedure {name!r} has the name of a task: give it another name"
                 )
             for each in body.takes:
                 if each in HEAD or not NAME.match(each):
-                    raise self._wrong((*key, "takes"), f"takes {each!r}: that means something else")
+                    raise self._wrong(
+                        (*key, "takes"), f"takes {each!r}: a reserved or invalid name"
+                    )
 
     def _steps(self, given: Sequence[Mapping[str, Any]], at: Key) -> tuple[Step, ...]:
         return tuple(self._step(step, (*at, "steps", n)) for n, step in enumerate(given))
@@ -329,13 +321,13 @@ class _Reader:
         head = {key: value for key, value in given.items() if key in HEAD}
         if "do" not in head:
             known = advice(next(iter(given), ""), HEAD)
-            raise self._wrong(at, f"a step says what it does, do = ...; {known}")
+            raise self._wrong(at, f"a step needs a key do; {known}")
         read = convert(head, _Head, self._file, self._text, at)
         if read.do not in self._known:
             what = "task or procedure"
-            raise self._wrong((*at, "do"), unknown(what, read.do, self._known))
+            raise self._wrong((*at, "do"), no_such(what, read.do, self._known))
         if read.otherwise and not within:
-            raise self._wrong((*at, "else"), "else within else: name a procedure that has it")
+            raise self._wrong((*at, "else"), "else within else: call a procedure that has it")
         others = enumerate(read.otherwise)
         arguments = tuple(
             self._argument(key, value, at) for key, value in given.items() if key not in HEAD
@@ -358,11 +350,11 @@ class _Reader:
             if isinstance(value, int | float):
                 return key, float(value)
         except OverflowError:
-            raise self._wrong((*at, key), f"{key}: no number is so large") from None
+            raise self._wrong((*at, key), f"{key}: the number is too large") from None
         raise self._wrong((*at, key), f"{key}: expected a string, a number or a list of numbers")
 
     def _check_circles(self, procedures: Mapping[str, Procedure]) -> None:
-        """Raises ConfigError for procedures that call themselves, or too many others in a row."""
+        """Raises ConfigError for procedures that call themselves, or are nested too deep."""
 
         def follow(name: str, chain: tuple[str, ...]) -> None:
             for key, step in _every(procedures[name].steps, (*self._at(name), "steps")):
@@ -374,7 +366,7 @@ class _Reader:
                     raise self._wrong((*key, "do"), f"procedure {step.do!r} calls itself: {circle}")
                 if len(calls) > DEEPEST:
                     whole = " -> ".join(calls)
-                    raise self._wrong((*key, "do"), f"{whole}: at most {DEEPEST} within each other")
+                    raise self._wrong((*key, "do"), f"{whole}: nested more than {DEEPEST} deep")
                 if step.do not in done:
                     follow(step.do, calls)
             done.add(name)
@@ -384,78 +376,78 @@ class _Reader:
             follow(name, (name,) if name else ())
 
     def _check_on_alarm(self, mission: Mission, places: Places | None) -> None:
-        """Raises ConfigError if what is done at an alarm is nothing, or is told no room."""
+        """Raises ConfigError if `on_alarm` names nothing, or something that takes no room."""
         do, key = mission.on_alarm, ("on_alarm",)
         if not do:
             return
         if do not in self._known:
-            raise self._wrong(key, unknown("task or procedure", do, self._known))
+            raise self._wrong(key, no_such("task or procedure", do, self._known))
         procedure = mission.procedures.get(do)
         takes = task_class(do).Arguments.__struct_fields__ if procedure is None else procedure.takes
         if "room" not in takes:
-            raise self._wrong(key, f"{do} takes no room: it could not be told where the alarm is")
+            raise self._wrong(key, f"{do} takes no room: it needs an argument room")
         if places is not None and not places.rooms:
             raise self._wrong(key, f"the world {places.world.name!r} has no rooms for an alarm")
-        # It is called as a step would, with whichever room has the alarm: one stands for all.
+        # It is called with the room that has the alarm: any room stands for all.
         call = Step(do, (("room", _roomy(places)),))
         if procedure is None:
-            self._look_task(call, key, places, None)
+            self._check_task(call, key, places, None)
         else:
-            self._look_call(procedure, call, key)
+            self._check_call(procedure, call, key)
             self._check_procedure(mission, do, call.arguments, places, None, 0)
 
     def _check_procedure(
         self,
         mission: Mission,
         name: str,
-        told: Arguments,
+        arguments: Arguments,
         places: Places | None,
         start: tuple[float, float] | None,
         depth: int,
     ) -> None:
-        """Look through what a procedure does when it is told so."""
-        if (name, told) in self._looked_at:
+        """Check what a procedure does with these arguments."""
+        if (name, arguments) in self._checked:
             return
-        self._looked_at.add((name, told))
-        if len(self._looked_at) > STEPS_MOST:
+        self._checked.add((name, arguments))
+        if len(self._checked) > STEPS_MOST:
             raise ConfigError(f"more than {STEPS_MOST} different calls of procedures", self._file)
-        procedure, to = mission.procedures[name], dict(told)
+        procedure, to = mission.procedures[name], dict(arguments)
         if procedure.when is not None:
-            self._look_when(bound_when(procedure.when, to), (*self._at(name), "when"), places)
+            self._check_when(bound_when(procedure.when, to), (*self._at(name), "when"), places)
         for key, step in _every(procedure.steps, (*self._at(name), "steps")):
             plain = bound(step, to)
-            self._look_left(plain, key)
+            self._check_arguments(plain, key)
             if plain.when is not None:
-                self._look_when(plain.when, (*key, "when"), places)
+                self._check_when(plain.when, (*key, "when"), places)
             if plain.do in mission.procedures:
-                self._look_call(mission.procedures[plain.do], plain, key)
+                self._check_call(mission.procedures[plain.do], plain, key)
                 self._check_procedure(mission, plain.do, plain.arguments, places, start, depth + 1)
             else:
-                self._look_task(plain, key, places, start)
+                self._check_task(plain, key, places, start)
 
-    def _look_left(self, step: Step, key: Key) -> None:
-        told = [Told.of(name, value) for name, value in step.arguments]
-        much = len(told) > TOLD_MOST or sum(len(each.json) for each in told) > TOLD_CHARACTERS
-        if much:
-            most = f"at most {TOLD_MOST} values, {TOLD_CHARACTERS} characters together"
-            raise self._wrong(key, f"{step.do!r} is told too much: {most}")
+    def _check_arguments(self, step: Step, key: Key) -> None:
+        sent = [Told.of(name, value) for name, value in step.arguments]
+        characters = sum(len(each.json) for each in sent)
+        if len(sent) > ARGUMENTS_MOST or characters > ARGUMENTS_CHARACTERS:
+            most = f"at most {ARGUMENTS_MOST}, {ARGUMENTS_CHARACTERS} characters together"
+            raise self._wrong(key, f"{step.do!r} has too many arguments: {most}")
         for name, value in step.arguments:
             if isinstance(value, str) and value[:1] == "$":
                 raise self._wrong(
                     (*key, name), f"{name} = {value!r}: the procedure takes no {value[1:]!r}"
                 )
 
-    def _look_call(self, procedure: Procedure, step: Step, key: Key) -> None:
-        told = [name for name, _ in step.arguments]
-        for name in told:
+    def _check_call(self, procedure: Procedure, step: Step, key: Key) -> None:
+        given = [name for name, _ in step.arguments]
+        for name in given:
             if name not in procedure.takes:
                 known = advice(name, (*procedure.takes, *HEAD))
                 raise self._wrong((*key, name), f"unknown key {name} of {step.do!r}; {known}")
         for name in procedure.takes:
-            if name not in told:
-                raise self._wrong(key, f"{step.do!r} is not told its {name}: {name} = ...")
+            if name not in given:
+                raise self._wrong(key, f"{step.do!r} needs an argument {name}: {name} = ...")
 
-    def _look_task(
+    def _check_task(
         self, step: Step, key: Key, places: Places | None, start: tuple[float, float] | None
     ) -> None:
         try:
@@ -467,16 +459,16 @@ class _Reader:
             if name not in names:
                 known = advice(name, (*names, *HEAD))
                 raise self._wrong((*key, name), f"unknown key {name} of {step.do!r}; {known}")
-        told = convert(_as_written(step), kind.Arguments, self._file, self._text, key)
+        converted = convert(_as_written(step), kind.Arguments, self._file, self._text, key)
         given = dict(step.arguments)
         named = [
             name
             for name in (kind.places if places is not None else ())
-            if isinstance(place := getattr(told, name), str) and (place or name in given)
+            if isinstance(place := getattr(converted, name), str) and (place or name in given)
         ]
         for name in named:
-            assert places is not None, "else nothing is looked up"
-            place = getattr(told, name)
+            assert places is not None, "else no place is checked"
+            place = getattr(converted, name)
             try:
                 places.of(place)
             except ConfigError as error:
@@ -489,11 +481,11 @@ class _Reader:
                     f" {places.world.name!r} is as wide as the robot",
                 )
 
-    def _look_when(self, when: When, key: Key, places: Places | None) -> None:
+    def _check_when(self, when: When, key: Key, places: Places | None) -> None:
         if not any(getattr(when, name) is not None for name in when.__struct_fields__):
-            raise self._wrong(key, f"when says nothing; {advice('', when.__struct_fields__)}")
+            raise self._wrong(key, f"when is empty; {advice('', when.__struct_fields__)}")
         for name in ("alarm", "no_alarm", "room", "not_room"):
-            room = getattr(when, name)  # what a `$name` stands for may be anything
+            room = getattr(when, name)  # the value of a `$name` may be of any type
             if room is not None and not isinstance(room, str):
                 raise self._wrong((*key, name), f"{name} = {room!r}: expected a room's name")
             if room is not None and places is not None and room not in places.rooms:
@@ -504,7 +496,7 @@ class _Reader:
 
 
 def _roomy(places: Places | None) -> str:
-    """A room of the world in which the robot can turn; without a world, a name."""
+    """Return a room of the world in which the robot can turn; without a world, any name."""
     if places is not None:
         for room in places.rooms:
             with suppress(ConfigError):
@@ -514,7 +506,7 @@ def _roomy(places: Places | None) -> str:
 
 
 def _every(steps: Sequence[Step], at: Key) -> Iterator[tuple[Key, Step]]:
-    """Steps and their alternatives, and where each is."""
+    """Yield steps and their alternatives, each with its position."""
     for n, step in enumerate(steps):
         yield (*at, n), step
         for k, other in enumerate(step.otherwise):

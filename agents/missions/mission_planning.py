@@ -85,23 +85,22 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.resources import TRAJECTORY
 
+# A battery with this share is not charged for a path that would take even more.
 FULL: Final = 0.9
-"""A battery with so much left is not charged for the sake of a way that takes even more."""
 
-ASK_S: Final = 10.0
-"""A charge is asked for again so often: the charger forgets, and may be another one by now."""
+# The period of repeating an order to another agent, which may have restarted and lost it.
+ORDER_S: Final = 10.0
 
+# An explore agent that is to end, and is silent for this time, does not exist.
 HALT_S: Final = 10.0
-"""An explore agent that is to end, and says nothing for so long, is not there."""
 
+# A status that is received this soon after an order may be older than it.
 AFRESH_S: Final = 2.0
-"""What is heard of an exploration so soon after it was asked for may be older than that."""
 
-WITHDRAWN_MOST: Final = 64
-"""Numbers of missions that are remembered as withdrawn."""
+WITHDRAWN_MOST: Final = 64  # numbers of withdrawn missions that are stored
 
+# A robot that is to stand, and is farther away than this, was driven away by another agent.
 AWAY_M: Final = 0.5
-"""Who is to stand, and is farther from there, was driven away by somebody."""
 
 UNKNOWN: Final = "nobody knows where the robot is"
 
@@ -109,43 +108,43 @@ AWAY: Final = "the robot is not where it is to stand: somebody has it driven, or
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The world whose places it knows, the robot, and how patient it is."""
+    """The world whose places it uses, the robot, and timeouts."""
 
     world: str = "empty"
     profile: str = "pioneer-2dx"
-    look_s: Annotated[float, Meta(ge=0.05, le=1)] = 0.2  # from one look at the mission to the next
-    repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0  # so often the board is published
-    again_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # a plan that was refused is asked for again
-    patience_s: Annotated[float, Meta(ge=0, le=600)] = 30.0  # for so long,
-    battery_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0  # what is older is not known
-    lost_s: Annotated[float, Meta(ge=0, le=3600)] = 150.0  # relocate looks for 120 s where it is
+    look_s: Annotated[float, Meta(ge=0.05, le=1)] = 0.2  # period of updating the mission
+    repeat_s: Annotated[float, Meta(gt=0, le=10)] = 1.0  # period of publishing the board
+    again_s: Annotated[float, Meta(gt=0, le=60)] = 3.0  # pause after a refusal
+    patience_s: Annotated[float, Meta(ge=0, le=600)] = 30.0  # a task fails if refused for so long
+    battery_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0  # an older battery level is stale
+    lost_s: Annotated[float, Meta(ge=0, le=3600)] = 150.0  # for a pose; relocate searches for 120 s
 
 
 @dataclass(frozen=True)
 class Halt:
-    """A way that takes the robot from an exploration that is wanted no more, and until when."""
+    """A path that takes the robot from an unwanted exploration, with its timeout."""
 
     way: Way
     until: float  # s
 
 
 class MissionPlanning(DeliberativeAgent):
-    """Has its missions' tasks carried out, and coordinates the planner agents (figure 3.19).
+    """Has the tasks of missions carried out, and coordinates the planner agents (figure 3.19).
 
-    All that it knows is on the board, a latched state: who starts again goes on. It contends for
-    the planner and the trajectory with the battery charger, by the mission's priority, and asks
-    that one before each way whether the energy will do (use case 2).
+    Its whole state is the board, a latched state, so a restarted instance goes on. It contends
+    with the battery charger for the planner and the trajectory, by the mission's priority. Before
+    each path it queries the charger whether the energy suffices (use case 2).
     """
 
     name = "mission-planning"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (
-        *DeliberativeAgent.hears,
+    receives: ClassVar[tuple[type[Message], ...]] = (
+        *DeliberativeAgent.receives,
         *(ExploreStatus, Board, Alarm, Subplan, BatteryLevel, ChargeStatus),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (Board, SubplanRequest, Photo)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionProposal, MissionWithdrawal)
-    asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest, ExploreRequest)
+    queries: ClassVar[tuple[type[Message], ...]] = (EnergyRequest, ChargeRequest, ExploreRequest)
     parameters = Parameters
     launched_with = ("world", "profile")
     p: Parameters
@@ -154,30 +153,30 @@ class MissionPlanning(DeliberativeAgent):
         super().__init__(identity, parameters)
         self._places = Places(load_world(self.p.world), load_profile(self.p.profile).body)
         self._missions = Missions(self._places)
-        self._withdrawn: deque[int] = deque(maxlen=WITHDRAWN_MOST)  # also what has not come yet
+        self._withdrawn: deque[int] = deque(maxlen=WITHDRAWN_MOST)  # also before they arrive
         self._coordinator = Coordinator()
         self._alive: set[str] = set()  # instances
-        self._asked_for: tuple[Any, ...] = ()  # the step that planner agents were asked about last
+        self._consulted: tuple[Any, ...] = ()  # the step of the last request to planner agents
         self._by = self.rng.getrandbits(63)
         self._alarms = Alarms(self._places.rooms)
         self._wanted: Wanted | None = None
-        self._unwanted = 0  # the last exploration that is wanted no more
+        self._unwanted = 0  # the last exploration that is to end
         self._halt: Halt | None = None
-        self._left = 0  # the way that an earlier mission planning agent has left
+        self._left = 0  # the path left by an earlier instance
         self._battery_at = float("-inf")
-        self._unknown_at: float | None = None  # since when the pose is not known
-        self._no_dock_at: float | None = None  # since when the charger knows of no way to a dock
-        self._looked_at = self._published_at = 0.0
+        self._unknown_at: float | None = None  # since when the pose is unknown
+        self._no_dock_at: float | None = None  # since when the charger reports no path to a dock
+        self._updated_at = self._published_at = 0.0
         self._changed = False
 
-    # People ---------------------------------------------------------------------------------------
+    # Orders ---------------------------------------------------------------------------------------
 
     def on_mission_proposal(self, question: Question) -> MissionReply:
-        """Take a mission on; it is begun at once if none that is as urgent is done (use case 1)."""
+        """Accept a mission; it begins at once if no active one is as urgent (use case 1)."""
         request = question.request
         assert isinstance(request, MissionProposal)
         number = request.order.mission or self.rng.getrandbits(63) or 1
-        if number in self._missions.entries:  # ordered again, for the answer did not come
+        if number in self._missions.entries:  # ordered again because the reply was lost
             return MissionReply(number)
         if number in self._withdrawn:
             return MissionReply(0, "it was withdrawn before it came")
@@ -188,7 +187,7 @@ class MissionPlanning(DeliberativeAgent):
         except RefusedError as error:
             self.log(line(f"mission {request.order.name} refused: {error}"), WARNING)
             return MissionReply(0, line(str(error)))
-        self.log(f"mission {entry.told.name} taken on, priority {entry.told.priority:g}")
+        self.log(f"mission {entry.listed.name} taken on, priority {entry.listed.priority:g}")
         self._changed = True
         self._select()
         return MissionReply(number)
@@ -205,24 +204,24 @@ class MissionPlanning(DeliberativeAgent):
             return MissionReply(0, what)
         for entry in found:
             who = f" by {request.cancel.by}" if request.cancel.by else ""
-            self.log(line(f"mission {entry.told.name} cancelled{who}"))
+            self.log(line(f"mission {entry.listed.name} cancelled{who}"))
         self._changed = True
         self._select()
-        return MissionReply(found[0].told.mission)
+        return MissionReply(found[0].listed.mission)
 
-    # What it hears --------------------------------------------------------------------------------
+    # Inputs ---------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        self._looked_at = self.now
+        self._updated_at = self.now
         self.wake_at(self.now + self.p.look_s)
 
     def on_wakeup(self) -> None:
-        """Look at the mission; publish the board now and then."""
+        """Update the mission; publish the board regularly."""
         self.wake_at(self.now + self.p.look_s)
         self._select()
 
     def on_board(self, board: Board) -> None:
-        """What others remember of an earlier mission planning agent."""
+        """Take over the state of an earlier instance from peers."""
         if board.by == self._by:
             return
         self._missions.learn(board)
@@ -230,27 +229,27 @@ class MissionPlanning(DeliberativeAgent):
         self._want(None)
         active = self._missions.active
         if active is not None:
-            self._left = active.told.way
-            self.log(f"mission {active.told.name} goes on")
+            self._left = active.listed.way
+            self.log(f"mission {active.listed.name} goes on")
 
     def on_explore_status(self, status: ExploreStatus) -> None:
-        """How far an exploration has come."""
+        """Update the state of a requested exploration; end one that is not wanted."""
         active = status.state in (ExploreState.EXPLORING, ExploreState.RETURNING)
         if not active:
             self._halt = None
         elif self._unwanted and status.exploration == self._unwanted:
-            self._halt_exploring()  # it was paused while the robot was charged
+            self._halt_exploring()  # it was paused for charging, and has resumed
         wants = self._wanted
         if not isinstance(wants, Exploring) or not wants.order:
             return
-        wants.heard_at = self.now
+        wants.received_at = self.now
         if status.exploration != wants.order:
             if self.now - wants.ordered_at < AFRESH_S:
-                return  # it was said before
+                return  # published before the order
             if active:
                 wants.fail("somebody else has it explore")
             else:
-                wants.order = 0  # it was started again: asked anew
+                wants.order = 0  # the explore agent has restarted: order again
                 wants.wait(self.now)
         elif status.state is ExploreState.DONE:
             wants.reach = Reach.DONE
@@ -265,12 +264,12 @@ class MissionPlanning(DeliberativeAgent):
                     wants.reach = Reach.DONE
 
     def on_charge_status(self, status: ChargeStatus) -> None:
-        """What the charger is at; without a way to a dock it never is."""
+        """Track whether there is a path to a dock; without one the robot is never charged."""
         nowhere = status.state is ChargeState.NONE and bool(status.note)
         self._no_dock_at = since(self._no_dock_at, nowhere, self.now)
 
     def on_alarm(self, alarm: Alarm) -> None:
-        """An alarm begins, or is over."""
+        """Process the begin or end of an alarm."""
         if alarm.room not in self._places.rooms:
             self.log(line(f"an alarm in {alarm.room!r}, which is no room: ignored"), WARNING)
             return
@@ -283,31 +282,31 @@ class MissionPlanning(DeliberativeAgent):
         self._coordinator.add(subplan, self.now)
 
     def on_appeared(self, name: str, instance: str) -> None:
-        """Ask a planner agent for its card, which has what it plans for, until it comes."""
+        """Query the card of a new planner agent, which has what it plans for, until it comes."""
         self._alive.add(instance)
         if name.startswith(PLANNERS):
-            self._ask_what_it_plans(name, instance)
+            self._query_plans(name, instance)
 
-    def _ask_what_it_plans(self, name: str, instance: str) -> None:
-        def answered(card: Card | None) -> None:
+    def _query_plans(self, name: str, instance: str) -> None:
+        def on_reply(card: Card | None) -> None:
             if instance not in self._alive:
                 return
             if card is not None and card.instance == instance:
-                self._coordinator.met(card)
+                self._coordinator.add_planner(card)
             else:
-                self._ask_what_it_plans(name, instance)
+                self._query_plans(name, instance)
 
-        self.ask_card(name, instance, answered)
+        self.query_card(name, instance, on_reply)
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
-        """Perhaps a planner agent: it is not waited for any more."""
+        """Stop waiting for it, in case it is a planner agent."""
         self._alive.discard(instance)
-        self._coordinator.gone(instance, self.now)
+        self._coordinator.remove_planner(instance, self.now)
 
-    # What it bids ---------------------------------------------------------------------------------
+    # Bids -----------------------------------------------------------------------------------------
 
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
-        """By the mission's priority; for the trajectory once the energy was looked at."""
+        """Bid by the mission's priority; for the trajectory once the energy is cleared."""
         active = self._missions.active
         if resource is TRAJECTORY and self._halt is not None and not self.errand.under_way:
             return Bid(of_mission(1.0), self._halt.way, reason="nobody wants it explored any more")
@@ -315,7 +314,7 @@ class MissionPlanning(DeliberativeAgent):
             self.why = "no mission"
             return None
         self.why = "no way yet"
-        worth = of_mission(active.told.priority)
+        worth = of_mission(active.listed.priority)
         wants = self._wanted
         cleared = not isinstance(wants, Driving) or wants.energy is Energy.CLEARED
         return self.errand.bid_for(resource, worth, cleared=cleared)
@@ -337,8 +336,8 @@ class MissionPlanning(DeliberativeAgent):
         )
 
     def _select(self) -> None:
-        """Look at the missions: go on with the most urgent one."""
-        seconds, self._looked_at = max(self.now - self._looked_at, 0.0), self.now
+        """Go on with the most urgent mission."""
+        seconds, self._updated_at = max(self.now - self._updated_at, 0.0), self.now
         if self.stopped is not None:
             seconds = 0.0
         self._coordinator.choose(self.now)
@@ -353,18 +352,18 @@ class MissionPlanning(DeliberativeAgent):
             beliefs = self._beliefs()
             self._carry_out(entry, beliefs)
             if self._waits_for_pose(beliefs):
-                entry.told = replace(entry.told, note=UNKNOWN)
+                entry.listed = replace(entry.listed, note=UNKNOWN)
             elif entry is before and self._is_away:
-                entry.told = replace(entry.told, way=self.errand.way, note=AWAY)
+                entry.listed = replace(entry.listed, way=self.errand.way, note=AWAY)
             else:
                 self._go_on(entry, beliefs, seconds if entry is before else 0.0)
-            self._heed_alarms(entry, beliefs)
+            self._handle_alarms(entry, beliefs)
         self._publish_board()
 
     def _waits_for_pose(self, beliefs: Beliefs) -> bool:
-        """Whether the next step, or one that stands, waits until it is known where the robot is.
+        """Return whether the mission waits for a pose: the robot is lost, or has no encoder agent.
 
-        It may be lost, or its encoder agent dead for now. A way that is driven is interface's.
+        A path that is already driven is not affected: the interface agent handles it.
         """
         self._unknown_at = since(self._unknown_at, beliefs.at is None, self.now)
         if self._unknown_at is None or self.now - self._unknown_at >= self.p.lost_s:
@@ -374,15 +373,15 @@ class MissionPlanning(DeliberativeAgent):
 
     @property
     def _is_driven(self) -> bool:
-        """Whether anybody has the robot driven."""
+        """Whether any agent has the robot driven."""
         trajectory = self.memory.newest(Trajectory)
         return trajectory is not None and bool(trajectory.waypoints)
 
     @property
     def _is_away(self) -> bool:
-        """Whether it is to stand for a task, and somebody has it driven, or has left it elsewhere.
+        """Whether the robot is to stand for a task, and is driven or was left elsewhere.
 
-        The task waits then, and the robot comes back.
+        The task waits until the robot is back.
         """
         if not isinstance(self._wanted, Standing):
             return False
@@ -391,22 +390,22 @@ class MissionPlanning(DeliberativeAgent):
         return self._is_driven or bool(away)
 
     def _switch(self, before: Entry | None, entry: Entry | None) -> None:
-        """Another mission is the most urgent one now."""
+        """Switch to another mission."""
         self._changed = True
         self._coordinator.drop()
         if before is not None:
-            before.told = replace(before.told, state=MissionEnd.SUSPENDED, doing="", way=0)
-            self.log(f"mission {before.told.name} suspended")
+            before.listed = replace(before.listed, state=MissionEnd.SUSPENDED, doing="", way=0)
+            self.log(f"mission {before.listed.name} suspended")
         if entry is not None:
-            begun = entry.told.state is MissionEnd.SUSPENDED
-            entry.told = replace(entry.told, state=MissionEnd.ACTIVE)
-            self.log(f"mission {entry.told.name} {'goes on' if begun else 'begins'}")
+            begun = entry.listed.state is MissionEnd.SUSPENDED
+            entry.listed = replace(entry.listed, state=MissionEnd.ACTIVE)
+            self.log(f"mission {entry.listed.name} {'goes on' if begun else 'begins'}")
 
     def _go_on(self, entry: Entry, beliefs: Beliefs, seconds: float) -> None:
-        """Let a mission's procedures go on, and have done what its task wants."""
+        """Advance a mission's procedures, and begin what its task requests."""
         assert entry.mission is not None, "it goes on"
-        course = entry.told.course
-        number = entry.told.mission
+        course = entry.listed.course
+        number = entry.listed.mission
         wants, state, note = self._wanted, Reach.NONE, ""
         if wants is not None and wants.key[:2] == (number, course.tasks):
             state, note = wants.reach, wants.note
@@ -420,21 +419,21 @@ class MissionPlanning(DeliberativeAgent):
             else 0
         )
         for result in out.course.results[old:]:
-            said = f": {result.said}" if result.said else ""
-            self.log(line(f"{entry.told.name}: {result.step} {result.end}{said}"))
+            note = f": {result.said}" if result.said else ""
+            self.log(line(f"{entry.listed.name}: {result.step} {result.end}{note}"))
         for event in out.events:
-            self._tell(event, number)
+            self._publish_event(event, number)
         self._changed |= out.course.tasks != course.tasks or out.course.results != course.results
-        entry.told = replace(entry.told, course=out.course)
+        entry.listed = replace(entry.listed, course=out.course)
         if out.request is None:
             self._over(entry, out.failed)
             return
         key = (number, out.course.tasks, out.request)
-        if not self._still_wants(key):
+        if key != (None if self._wanted is None else self._wanted.key):
             self._want(key)
             self._carry_out(entry, beliefs)
-        way, note = self.errand.way, self._doings()
-        entry.told = replace(entry.told, way=way, note=note)
+        way, note = self.errand.way, self._doing_note()
+        entry.listed = replace(entry.listed, way=way, note=note)
         self._missions.show(entry, beliefs.room)
 
     def _over(self, entry: Entry, failed: str | None) -> None:
@@ -443,10 +442,10 @@ class MissionPlanning(DeliberativeAgent):
         self._want(None)
         why = "" if failed is None else f": {failed}"
         level = agent.INFO if failed is None else WARNING
-        self.log(line(f"mission {entry.told.name} {end}{why}"), level)
+        self.log(line(f"mission {entry.listed.name} {end}{why}"), level)
         self._changed = True
 
-    def _tell(self, event: Message, mission: int) -> None:
+    def _publish_event(self, event: Message, mission: int) -> None:
         if type(event) not in self.provides:
             self.log(f"{type(event).__name__} is no event of missions: not published", WARNING)
             return
@@ -454,8 +453,8 @@ class MissionPlanning(DeliberativeAgent):
             event = replace(event, mission=mission)
         self.publish(event)
 
-    def _doings(self) -> str:
-        """What keeps what is wanted, for people."""
+    def _doing_note(self) -> str:
+        """Return what the current request waits for."""
         if self.errand.interrupted:
             return "somebody more urgent has the robot driven"
         if self.errand.under_way:
@@ -472,13 +471,10 @@ class MissionPlanning(DeliberativeAgent):
         self.publish(self._missions.board(board))
         self._published_at, self._changed = self.now, False
 
-    # What a task wants ----------------------------------------------------------------------------
-
-    def _still_wants(self, key: Key | None) -> bool:
-        return (None if self._wanted is None else self._wanted.key) == key
+    # Requests of a task ---------------------------------------------------------------------------
 
     def _want(self, key: Key | None) -> None:
-        """Want something else, or nothing: what was wanted is let be."""
+        """Replace the current request by another, or by none."""
         before = self._wanted
         if isinstance(before, Exploring) and before.order and before.reach is Reach.UNDER_WAY:
             self._unwanted = before.order
@@ -500,30 +496,30 @@ class MissionPlanning(DeliberativeAgent):
                 self._wanted.energy = Energy.CLEARED
 
     def _ordered(self, key: Key, reply: MissionReply | None, what: str) -> None:
-        """Whether an exploration, or a charge, was taken on; who would may be back soon."""
+        """Process the reply to an order for an exploration or a charge."""
         refusal = f"nobody {what}" if reply is None else reply.refusal
         wants = self._wanted
         if wants is None or wants.key != key:
             if reply is not None and not refusal and isinstance(key[2], Explore):
                 self._unwanted = reply.mission
-                self._halt_exploring()  # it was cancelled in the moment in which it began
+                self._halt_exploring()  # it was cancelled while it began
         elif reply is None or refusal:
             wants.refuse(refusal, self.now, self.p.again_s, self.p.patience_s)
         else:
             wants.note, wants.patience = "", Patience(again_at=wants.patience.again_at)
             if isinstance(wants, Exploring):
-                wants.order, wants.ordered_at, wants.heard_at = reply.mission, self.now, self.now
+                wants.order, wants.ordered_at, wants.received_at = reply.mission, self.now, self.now
 
     def _halt_exploring(self) -> None:
-        """Have an exploration ended: the explore agent does when somebody else drives the robot."""
+        """Have an exploration end: the explore agent fails it if another agent drives the robot."""
         at = self._beliefs().at
         if at is not None and self._halt is None:
             way = Way(self.rng.getrandbits(63), (at,), Point(at.x, at.y), planned=False)
             self._halt = Halt(way, self.now + HALT_S)
 
     def _carry_out(self, entry: Entry, beliefs: Beliefs) -> None:
-        """See to what the task wants; most of it is seen to by others."""
-        wants, mission = self._wanted, entry.told.mission
+        """Advance the current request; most are executed by other agents."""
+        wants, mission = self._wanted, entry.listed.mission
         if wants is None or wants.key[0] != mission or wants.reach is not Reach.UNDER_WAY:
             return
         match wants, wants.key[2]:
@@ -537,12 +533,13 @@ class MissionPlanning(DeliberativeAgent):
                 self._explore(wants, request)
 
     def _come_back(self, entry: Entry, wants: Standing, beliefs: Beliefs) -> None:
-        """Drive to where it is to stand, once whoever had it driven elsewhere is done with it.
+        """Return to where the robot is to stand, once the agent that had it driven has finished.
 
-        Without a way back for a while the task stands where it is, and may fail for that.
+        If there is no path back for a while, the task continues where the robot is, and may fail.
         """
         errand, pose = self.errand, self.fresh(Pose)
         if wants.at is None:
+            # Without another agent's drive, the robot stands where it is now.
             wants.at = None if self._is_driven else beliefs.at
             if wants.at is not None and pose is not None:
                 self._stand(pose)
@@ -557,15 +554,15 @@ class MissionPlanning(DeliberativeAgent):
             known = pose is not None and beliefs.at is not None
             if known and self._is_away and not self._is_driven:
                 assert pose is not None, "it is known"
-                errand.go(wants.at, pose, 0.0, f"{entry.told.name}: back to where it stood")
+                errand.go(wants.at, pose, 0.0, f"{entry.listed.name}: back to where it stood")
 
     def _stand(self, pose: Pose) -> None:
-        """Have the robot kept where it stands: what that is worth, others see by the bid."""
+        """Have the robot kept where it stands; the bid shows others the utility of standing."""
         if self.errand.standing is None and not self._is_driven:
             self.errand.stand(pose)
 
     def _charge(self, wants: Charging, request: Charge) -> None:
-        """Have it charged; it fails where nobody can say when it is, or no dock can be got to."""
+        """Order charging; fail without a battery level or a path to a dock."""
         if self.now - max(self._battery_at, wants.since) > self.p.battery_s:
             wants.fail("nobody says what is left of the battery: no fresh battery/level")
             return
@@ -577,17 +574,17 @@ class MissionPlanning(DeliberativeAgent):
         self._order(wants, ChargeRequest(request.until), "charges")
 
     def _order(self, wants: Wanted, request: Message, what: str) -> None:
-        """Ask another agent for it, now and then."""
+        """Send an order to another agent, repeatedly."""
         if self.now >= wants.patience.again_at:
-            wants.wait(self.now + ASK_S)
-            self.ask(request, lambda reply: self._ordered(wants.key, reply, what))
+            wants.wait(self.now + ORDER_S)
+            self.query(request, lambda reply: self._ordered(wants.key, reply, what))
 
     def _explore(self, wants: Exploring, request: Explore) -> None:
-        """Have it explored; anew if the explore agent does not know of it any more."""
+        """Order an exploration; again if the explore agent has lost it."""
         if not wants.order:
-            asked = ExploreRequest(*(request.within or self._places.world.bounds))
-            self._order(wants, asked, "explores")
-        elif self.now - wants.heard_at > self.p.patience_s:
+            order = ExploreRequest(*(request.within or self._places.world.bounds))
+            self._order(wants, order, "explores")
+        elif self.now - wants.received_at > self.p.patience_s:
             wants.fail("the explore agent says nothing")
 
     def _drive(self, entry: Entry, wants: Driving, request: Drive, beliefs: Beliefs) -> None:
@@ -608,13 +605,13 @@ class MissionPlanning(DeliberativeAgent):
                 wants.fail(f"no place {request.to!r}")
                 return
             state = self.latest(RobotState)
-            errand.go(goal, pose, state.v if state is not None else 0.0, entry.told.name)
+            errand.go(goal, pose, state.v if state is not None else 0.0, entry.listed.name)
         elif errand.plan is not None and wants.energy is Energy.UNKNOWN:
-            wants.energy = Energy.ASKED
-            self._look_at_energy(entry, wants, beliefs)
+            wants.energy = Energy.REQUESTED
+            self._check_energy(entry, wants, beliefs)
 
     def _goal(self, request: Drive, at: Waypoint | None) -> Waypoint | None:
-        """The pose to drive to; at a place that says no heading, that of the way there."""
+        """Return the goal pose; a place without a heading gets that of the way there."""
         if not isinstance(request.to, str):
             return Waypoint(*request.to)
         try:
@@ -626,7 +623,7 @@ class MissionPlanning(DeliberativeAgent):
         return Waypoint(x, y, theta)
 
     def _not_planned(self, wants: Driving) -> None:
-        """No way, or one that was given up: try again for a while, for people walk on."""
+        """Handle a missing or failed path: try again for a while, as people move on."""
         plan, why = self.errand.plan, self.errand.note
         self.errand.drop()
         wants.energy = Energy.UNKNOWN
@@ -635,13 +632,13 @@ class MissionPlanning(DeliberativeAgent):
         else:
             wants.refuse(why, self.now, self.p.again_s, self.p.patience_s)
 
-    def _look_at_energy(self, entry: Entry, wants: Driving, beliefs: Beliefs) -> None:
-        """Ask the battery charger whether there is enough for the way, and to a dock (3.2.2)."""
+    def _check_energy(self, entry: Entry, wants: Driving, beliefs: Beliefs) -> None:
+        """Query the charger whether the energy suffices for the path and to a dock (3.2.2)."""
         errand = self.errand
         assert errand.goal is not None, "it has a plan"
         assert errand.plan is not None, "it has a plan"
 
-        def told(reply: EnergyReply | None) -> None:
+        def on_reply(reply: EnergyReply | None) -> None:
             if self._wanted is not wants or errand.plan is None:
                 return
             if reply is None or reply.enough:
@@ -649,18 +646,18 @@ class MissionPlanning(DeliberativeAgent):
             else:
                 self._not_enough(entry, wants, reply, beliefs)
 
-        self.ask(EnergyRequest(errand.goal, errand.plan.energy), told)
+        self.query(EnergyRequest(errand.goal, errand.plan.energy), on_reply)
 
     def _not_enough(
         self, entry: Entry, wants: Driving, reply: EnergyReply, beliefs: Beliefs
     ) -> None:
-        """The charger warns: charge first, run the risk or give it up, as the mission says."""
+        """Charge first, run the risk or fail, as the mission demands."""
         assert entry.mission is not None, "it goes on"
         note = reply.note or f"{reply.left:.0f} J left, {reply.needed:.0f} J needed"
-        self.log(line(f"{entry.told.name}: the energy will not do: {note}"), WARNING)
+        self.log(line(f"{entry.listed.name}: the energy will not do: {note}"), WARNING)
         failed = any(
             result.step == "dock" and result.end is StepEnd.FAILED
-            for result in entry.told.course.results[-2:]
+            for result in entry.listed.course.results[-2:]
         )
         full = beliefs.battery is not None and beliefs.battery >= FULL
         if entry.mission.energy == "fail":
@@ -671,7 +668,7 @@ class MissionPlanning(DeliberativeAgent):
             self._charge_first(entry, beliefs, note)
 
     def _charge_first(self, entry: Entry, beliefs: Beliefs, note: str) -> None:
-        """Have it charged before the way, as the planner agents say, or at once."""
+        """Have the robot charged before the path, by a planner agent's plan or directly."""
         dock, wants = (PlanStep("dock"),), self._wanted
 
         def chosen(subplan: Subplan | None) -> None:
@@ -684,11 +681,11 @@ class MissionPlanning(DeliberativeAgent):
             why = f"the energy will not do: {note}"
             self._consult(entry, beliefs.at, Surprise.BATTERY, why, dock, chosen)
 
-    # What is unexpected ---------------------------------------------------------------------------
+    # Surprises ------------------------------------------------------------------------------------
 
-    def _heed_alarms(self, entry: Entry, beliefs: Beliefs) -> None:
-        """Ask the planner agents what to do about an alarm (3.6.1)."""
-        mission, course = entry.mission, entry.told.course
+    def _handle_alarms(self, entry: Entry, beliefs: Beliefs) -> None:
+        """Consult the planner agents about an alarm (3.6.1)."""
+        mission, course = entry.mission, entry.listed.course
         room = self._alarms.due(self.now)
         if room is None or mission is None or not course.frames or beliefs.at is None:
             return
@@ -698,11 +695,11 @@ class MissionPlanning(DeliberativeAgent):
 
         def chosen(subplan: Subplan | None) -> None:
             if room not in self._alarms.unchecked or not entry.goes_on:
-                return  # over by now; or another mission's
+                return  # it is over by now, or belongs to another mission
             if subplan is None and self._waits_for_a_way(room):
                 return
             self._alarms.checked(room)
-            # Nobody to ask, or nobody who knows: straight there and on, as far as it goes.
+            # Without a planner's answer: drive straight there, then go on with the mission.
             self._merge(entry, before if subplan is None else subplan.steps)
 
         why = f"alarm in {room}"
@@ -718,52 +715,52 @@ class MissionPlanning(DeliberativeAgent):
         chosen: Callable[[Subplan | None], None],
         course: Course | None = None,
     ) -> None:
-        """Ask the planner agents that plan for such a surprise what to do.
+        """Request sub-plans from the planner agents that plan for such a surprise.
 
         Args:
             entry: The mission.
-            at: Where the robot is.
-            surprise: The kind.
-            why: In words.
-            before: What is to be done.
-            chosen: Is told the cheapest answer; None if there is none.
-            course: How the mission would go on; None: as it is, with its task broken off.
+            at: The robot's pose.
+            surprise: Its kind.
+            why: The reason, for the log.
+            before: The steps that must be done.
+            chosen: Called with the cheapest sub-plan, or None.
+            course: The course to go on with; None: the present one, its task broken off.
         """
         mission = entry.mission
         assert mission is not None, "it goes on"
-        after = ahead(mission, course or broken_off(mission, entry.told.course))
-        ask = SubplanRequest(
+        after = ahead(mission, course or broken_off(mission, entry.listed.course))
+        request = SubplanRequest(
             self.rng.getrandbits(63),
-            entry.told.mission,
+            entry.listed.mission,
             line(why),
             at,
             self._beliefs().room,
             before,
             after,
-            self._places_told(visited((*before, *after))),
+            self._places_for(visited((*before, *after))),
             surprise,
         )
 
-        def taken(subplan: Subplan | None) -> None:
+        def received(subplan: Subplan | None) -> None:
             if subplan is not None:
                 self.log(line(f"{why}: {_words(subplan.steps)}, by {subplan.planner}"))
             chosen(subplan)
 
-        self.publish(ask)
-        self._coordinator.ask(ask, self.now, taken)
+        self.publish(request)
+        self._coordinator.request(request, self.now, received)
 
     def _consults(self, entry: Entry, beliefs: Beliefs, why: str) -> bool:
-        """Whether a step that fails waits for what planner agents say; each step does once.
+        """Return whether a failing step waits for sub-plans; each step does so once.
 
-        With an answer it is begun anew after the sub-plan. Without, it has failed.
+        With a sub-plan it begins anew afterwards; without one it has failed.
         """
-        course, mission = entry.told.course, entry.mission
+        course, mission = entry.listed.course, entry.mission
         assert mission is not None, "it goes on"
         places = [(f.procedure, f.step, f.turn, f.attempt) for f in course.frames]
-        step = (entry.told.mission, *places)
+        step = (entry.listed.mission, *places)
         drives = isinstance(self._wanted, Driving)
         surprise = Surprise.BLOCKED if drives else Surprise.FAILED
-        if step == self._asked_for or beliefs.at is None or not self._coordinator.able(surprise):
+        if step == self._consulted or beliefs.at is None or not self._coordinator.able(surprise):
             return False
         pose = self.fresh(Pose)
         if pose is not None:
@@ -772,10 +769,10 @@ class MissionPlanning(DeliberativeAgent):
             return True
 
         def chosen(subplan: Subplan | None) -> None:
-            self._asked_for = step
+            self._consulted = step
             if subplan is not None and entry.goes_on:
                 self._want(None)
-                entry.told = replace(entry.told, course=merged(mission, anew, subplan.steps))
+                entry.listed = replace(entry.listed, course=merged(mission, anew, subplan.steps))
                 self._changed = True
 
         anew = again(course)
@@ -783,18 +780,18 @@ class MissionPlanning(DeliberativeAgent):
         self._consult(entry, beliefs.at, surprise, text, (), chosen, anew)
         return True
 
-    def _places_told(self, first: Sequence[str]) -> tuple[NamedPlace, ...]:
-        """Where the robot stands in the world's places; these ones at any rate."""
+    def _places_for(self, first: Sequence[str]) -> tuple[NamedPlace, ...]:
+        """Return where the robot can stand in the world's places, those of `first` in any case."""
         found = []
         for name in dict.fromkeys((*first, *self._places.names)):
-            with suppress(ConfigError):  # no place, or too full to turn in
+            with suppress(ConfigError):  # no place, or no space to turn
                 found.append(NamedPlace(name, *self._places.of(name)[:2]))
         return tuple(found[:PLACES])
 
     def _waits_for_a_way(self, room: str) -> bool:
-        """Whether the planner agents, who know no way to an alarm, are asked again.
+        """Return whether the planner agents are consulted again about an unreachable alarm.
 
-        The path planner may be dead for now, and people in the way walk on.
+        The path planner may be dead for now, and people in the way move on.
         """
         if not self._coordinator.able(Surprise.ALARM):
             return False
@@ -808,10 +805,10 @@ class MissionPlanning(DeliberativeAgent):
         return True
 
     def _merge(self, entry: Entry, steps: tuple[PlanStep, ...]) -> None:
-        """Put steps before the next one of a mission."""
+        """Insert steps before a mission's next one."""
         assert entry.mission is not None, "it goes on"
-        course = broken_off(entry.mission, entry.told.course)
-        entry.told = replace(entry.told, course=merged(entry.mission, course, steps))
+        course = broken_off(entry.mission, entry.listed.course)
+        entry.listed = replace(entry.listed, course=merged(entry.mission, course, steps))
         self._changed = True
 
 

@@ -1,4 +1,4 @@
-"""How a mission comes nearer to its goal, and what the robot touches on the way. Sans-IO."""
+"""A mission's progress towards its goal, and its contacts. Sans-IO."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from armadico.core.messages import RobotState
 
 @dataclass(frozen=True)
 class Nearing:
-    """How near to its goal a mission has come, and when that was.
+    """How near to its goal a mission has come.
 
     Attributes:
-        nearest: The least that was left of this way, m.
-        nearest_at: When that was, s.
-        best: The least that was left of any way of this mission, m.
-        best_at: When that was, s.
-        longest: The longest of the ways that were planned anew, m.
-        across_since: Since when something stands across the way, s; None: nothing does.
+        nearest: The least remaining length of the present path, m.
+        nearest_at: The time of that, s.
+        best: The least remaining length of all paths of the mission, m.
+        best_at: The time of that, s.
+        longest: The length of the longest replanned path, m.
+        across_since: Since when an obstacle blocks the path, s; None: it is free.
     """
 
     nearest: float = inf
@@ -29,7 +29,7 @@ class Nearing:
     across_since: float | None = None
 
     def to_go(self, left: float, now: float, by: float) -> Nearing:
-        """Take what is left of the way, m; only what is nearer `by` so much counts."""
+        """Update with the remaining length, m; only progress of more than `by` counts."""
         found = self
         if left < found.nearest - by:
             found = replace(found, nearest=left, nearest_at=now)
@@ -38,37 +38,38 @@ class Nearing:
         return found
 
     def anew(self, now: float) -> Nearing:
-        """The robot was not to come nearer until now: it had no way, was stopped, or lost."""
+        """Restart all timers, as after a time without a path, while stopped, or while lost."""
         return replace(self, nearest=inf, nearest_at=now, best_at=now, across_since=None)
 
     def on_way(self, now: float) -> Nearing:
-        """Another way to the same goal begins."""
+        """Restart the timers of the present path for another one."""
         return replace(self, nearest=inf, nearest_at=now, across_since=None)
 
-    def without(self, unheard: float, now: float) -> Nearing:
-        """Count no time without poses: nothing is known of what happened meanwhile."""
-        nearest_at, best_at = (min(at + unheard, now) for at in (self.nearest_at, self.best_at))
+    def without(self, discard_output: float, now: float) -> Nearing:
+        """Exclude a gap without poses from the timers."""
+        nearest_at, best_at = (
+            min(at + discard_output, now) for at in (self.nearest_at, self.best_at)
+        )
         return replace(self, nearest_at=nearest_at, best_at=best_at, across_since=None)
 
 
 class Contacts:
-    """The contacts of a mission, by time and place of the odometry."""
+    """The contacts of a mission, with time and odometry position."""
 
     def __init__(self) -> None:
         self._touches = False
         self._found: list[tuple[float, int, float, float]] = []  # s, epoch, m, m
 
     def clear(self) -> None:
-        """Another mission begins."""
         self._found = []
 
     def begins(self, state: RobotState) -> bool:
-        """Whether the robot begins to touch something."""
+        """Return whether a contact begins."""
         begins, self._touches = state.stalled and not self._touches, state.stalled
         return begins
 
     def here(self, state: RobotState, now: float, within_s: float, within_m: float) -> list[float]:
-        """Note a contact; return when there was one at this place lately, s."""
+        """Record a contact; return the times of recent ones at this place, s."""
         epoch = state.cycle.epoch
         self._found = [c for c in self._found if now - c[0] <= within_s]
         self._found.append((now, epoch, state.x, state.y))

@@ -26,7 +26,7 @@ class Cancel(Asked, frozen=True, tag="cancel"):
 
 
 class Missions(Part):
-    """Orders and cancels missions as any other client does."""
+    """Orders and cancels missions as other clients do."""
 
     requests = (Order, Cancel)
 
@@ -36,7 +36,7 @@ class Missions(Part):
         return {"missions": [{"name": m.name, "title": m.title} for m in _shipped().values()]}
 
     def request(self, browser: str, request: Order | Cancel, t: float) -> None:  # noqa: ARG002
-        """Ask the interface agent."""
+        """Send the request to the interface agent."""
         if isinstance(request, Cancel):
             cancel = MissionCancel(bits(request.mission), browser)
             self.desk.query(browser, request.id, cancel, lambda _: "cancelled")
@@ -48,11 +48,10 @@ class Missions(Part):
         self.desk.query(browser, request.id, order, lambda _: f"{mission.name} is ordered")
 
     def show(self, parts: dict[str, Any], t: float) -> None:  # noqa: ARG002
-        """The board."""
         parts["board"] = [described.errand(each) for each in self.view.missions]
 
 
 @cache
 def _shipped() -> dict[str, Mission]:
-    """The missions that come with Armadico, by name."""
+    """Return the missions that come with Armadico, by name."""
     return {mission.name: mission for mission in map(load_mission, names("missions"))}

@@ -1,10 +1,10 @@
-"""Planner agents: what each would do before a mission goes on (thesis figure 3.19).
+"""Planner agents: each proposes steps to do before a mission goes on (thesis figure 3.19).
 
-The coordinator, in mission planning, asks all that are alive, called `planner-...` and declare that
-they plan for such a surprise, and has the cheapest answer done. They differ in one method, `steps`;
-what their steps take they ask of the path planning agent, leg by leg, up to the mission's next
-objective, so that all of them are compared over the same stretch. Where the way to that objective
-is shut, only their own steps count. All that they have to know of the world is in the request.
+The coordinator, in mission planning, queries all planner agents that are alive, are named
+`planner-...` and declare that they plan for the surprise. The cheapest sub-plan is done. Planner
+agents differ in one method, `steps`. They query the path planning agent for the cost of each leg up
+to the mission's next objective, so that all sub-plans are compared over the same stretch. If the
+path to that objective is blocked, only their own steps count. The request has all places needed.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ from armadico.mobile.messages import Plan, PlanRequest, Waypoint
 
 
 class Surprise(StrEnum):
-    """What a mission's steps did not foresee."""
+    """An event that a mission's steps do not foresee."""
 
     ALARM = "alarm"  # in a room
-    BATTERY = "battery"  # the energy will not do for the way ahead
-    BLOCKED = "blocked"  # there is no way to where a step moves: a door is shut
-    FAILED = "failed"  # a step has failed otherwise
+    BATTERY = "battery"  # the energy does not suffice for the path ahead
+    BLOCKED = "blocked"  # there is no path to where a step moves, as if a door is shut
+    FAILED = "failed"  # a step has failed for another reason
 
 
 class Planner(Agent):
-    """A planner agent: answers each request with the steps that it would do, and their cost.
+    """A planner agent: answers each request with its steps and their cost.
 
     `plans` are the kinds of surprise that it plans for.
     """
 
     plans: ClassVar[tuple[Surprise, ...]] = (Surprise.ALARM,)
-    hears: ClassVar[tuple[type[Message], ...]] = (SubplanRequest,)
+    receives: ClassVar[tuple[type[Message], ...]] = (SubplanRequest,)
     provides: ClassVar[tuple[type[Message], ...]] = (Subplan,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def steps(self, request: SubplanRequest) -> Sequence[PlanStep] | str:
-        """What it would do before the mission goes on; a text: why it knows of nothing.
+        """Return the steps to do before the mission goes on, or a text why there are none.
 
-        `request.before` is to be done, `request.ahead` what the mission would do next. If the last
-        step moves to where the first of those does, the mission does not move there again. After
-        a step that failed, nothing is to be done before, and it is begun anew after these steps.
+        `request.before` must be done; `request.ahead` are the mission's next steps. If the last
+        step moves to where the first of those does, that one is left out. After a failed step,
+        `before` is empty, and the failed step begins anew after these steps.
         """
-        raise NotImplementedError("steps(self, request) says what the planner would do")
+        raise NotImplementedError("steps(self, request) must return the planner's steps")
 
     def on_subplan_request(self, request: SubplanRequest) -> None:
-        """Plan, have the legs planned, and answer."""
+        """Compute the steps, query the cost of their legs, and publish the sub-plan."""
         if request.surprise not in self.plans:
             return
         found = self.steps(request)
@@ -67,10 +67,10 @@ class Planner(Agent):
         if strange is not None:
             self._refuse(request, f"no place {strange!r}")
             return
-        _Legs(self, request, found, [request.at, *(known[name] for name in names)]).go_on()
+        _Legs(self, request, found, [request.at, *(known[name] for name in names)]).query_next()
 
     def card(self) -> Card:
-        """With what it plans for."""
+        """Return the card with the surprises that it plans for."""
         return replace(super().card(), plans=tuple(map(str, self.plans)))
 
     def _refuse(self, request: SubplanRequest, why: str) -> None:
@@ -78,19 +78,18 @@ class Planner(Agent):
 
 
 def place_of(step: PlanStep) -> str | None:
-    """Where a step moves to; None: it does something else."""
-    told = {each.name: each.value for each in step.told}
-    to = told.get("to") if step.do == "move" else None
+    """Return where a step moves to, or None."""
+    arguments = {each.name: each.value for each in step.told}
+    to = arguments.get("to") if step.do == "move" else None
     return to if isinstance(to, str) else None
 
 
 def move(to: str) -> PlanStep:
-    """A step that moves to a place."""
     return PlanStep.of("move", to=to)
 
 
 def leading(steps: Sequence[PlanStep]) -> list[str]:
-    """The places that are moved to before anything else is done: the last is the objective's."""
+    """Return the places of the first moves: the last is the objective's."""
     places: list[str] = []
     for step in steps:
         place = place_of(step)
@@ -101,12 +100,12 @@ def leading(steps: Sequence[PlanStep]) -> list[str]:
 
 
 def visited(steps: Sequence[PlanStep]) -> list[str]:
-    """All places that are moved to, in order."""
+    """Return all places that are moved to, in order."""
     return [place for step in steps if (place := place_of(step)) is not None]
 
 
 def until_objective(steps: Sequence[PlanStep], ahead: Sequence[PlanStep]) -> list[str]:
-    """The places of a sub-plan, and of the mission from there up to its next objective."""
+    """Return the places of a sub-plan, and of the mission from there to its next objective."""
     there, after = visited(steps), leading(ahead)
     if there and there[-1] in after[:1]:
         after = after[1:]
@@ -114,7 +113,7 @@ def until_objective(steps: Sequence[PlanStep], ahead: Sequence[PlanStep]) -> lis
 
 
 class _Legs:
-    """What a sub-plan takes, asked for leg by leg."""
+    """Queries the cost of a sub-plan, leg by leg."""
 
     def __init__(
         self,
@@ -127,16 +126,22 @@ class _Legs:
         self._legs = list(pairwise(stops))
         self._length = self._energy = 0.0
 
-    def go_on(self) -> None:
-        """Ask for the next leg; answer after the last."""
+    def query_next(self) -> None:
+        """Query the next leg; publish the sub-plan after the last."""
         if not self._legs:
-            plan = (self._length, self._energy)
-            who = (self._request.id, self._planner.instance, self._steps)
-            self._planner.publish(Subplan(*who, *plan))
+            self._planner.publish(
+                Subplan(
+                    self._request.id,
+                    self._planner.instance,
+                    self._steps,
+                    self._length,
+                    self._energy,
+                )
+            )
             return
         start, goal = self._legs.pop(0)
         heading = atan2(goal.y - start.y, goal.x - start.x)
-        self._planner.ask(
+        self._planner.query(
             PlanRequest(start, Waypoint(goal.x, goal.y, heading), "a sub-plan"), self._planned
         )
 
@@ -149,4 +154,4 @@ class _Legs:
             return
         self._length += plan.length
         self._energy += plan.energy
-        self.go_on()
+        self.query_next()

@@ -1,4 +1,4 @@
-"""A planner agent: does what has come up and leaves for the next objective (planner 2 of 3.6.1)."""
+"""A planner agent: handles a surprise, then goes on to the next objective (planner 2 of 3.6.1)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from armadico.agents.missions.planner import Planner, Surprise, leading, move
 
 
 class PlannerOnward(Planner):
-    """Leaves by the way to what the mission is about next, and goes back nowhere."""
+    """Goes on directly to the mission's next objective."""
 
     name = "planner-onward"
     plans = (Surprise.ALARM, Surprise.BATTERY)
 
     def steps(self, request: SubplanRequest) -> list[PlanStep] | str:
-        """{move(R1, R21), check-alarm, move(R21, Hall)}."""
+        """Return the plan of the thesis: {move(R1, R21), check-alarm, move(R21, Hall)}."""
         return [*request.before, *map(move, leading(request.ahead)[:-1][:1])]

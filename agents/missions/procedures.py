@@ -1,9 +1,9 @@
-"""How a mission goes on: its procedures, step by step (thesis 3.6.1; PRS). Sans-IO, and pure.
+"""Advances a mission's procedures step by step (thesis 3.6.1; PRS). Sans-IO, and pure.
 
-All that is known of how far a mission has come is a `Course`, a message: whoever has it and the
-mission's text goes on as if nobody had stopped. A stack of frames, one for each procedure that is
-under way, says which step of it is done, which of its alternatives and repetitions, and for how
-long. A detour is a frame whose steps somebody planned; if it fails the mission goes on without.
+The progress of a mission is a `Course`, a message: any process with it and the mission's text can
+go on. A stack of frames, one for each active procedure, has its current step, alternative and
+repetition, and the time spent. A detour is a frame whose steps are a planner agent's; if it fails,
+the mission goes on without it.
 """
 
 from __future__ import annotations
@@ -40,26 +40,25 @@ from armadico.agents.missions.task import (
 from armadico.config.errors import ConfigError
 from armadico.core.messages import LARGEST, LARGEST_COUNT, Message, line, next_count
 
-LOOKS_MOST: Final = 200
-"""Steps that end at once, in one look: a mission that repeats nothing for ever holds nobody up."""
+# Steps that end immediately, in one update: a mission that repeats them forever blocks no agent.
+UPDATE_STEPS_MOST: Final = 200
 
 FRAMES_MOST: Final = 32
 RESULTS_MOST: Final = 100
 AHEAD_MOST: Final = 64
 
-SAID_MOST: Final = 200
-"""Characters of what a step says that are kept."""
+NOTE_MOST: Final = 200  # characters of a step's result that are stored
 
 
 @dataclass(frozen=True)
 class Outlook:
-    """A mission after a look at it.
+    """A mission after an update.
 
     Attributes:
-        course: How far it has come.
-        request: What its task wants now; None: it has ended.
+        course: Its progress.
+        request: The current request of its task; None: the mission has ended.
         events: To be published.
-        failed: Why it failed; None: it goes on, or is done.
+        failed: The reason of its failure; None: it goes on, or is done.
     """
 
     course: Course
@@ -76,66 +75,66 @@ def advance(
     state: Reach = Reach.NONE,
     note: str = "",
 ) -> Outlook:
-    """Look at a mission that has been at work for so many more seconds.
+    """Advance a mission after `seconds` more of work.
 
     Args:
         mission: Its procedures.
-        course: How far it had come.
-        beliefs: What is believed now.
-        seconds: That it has been at work since, s.
-        state: How far what its task wants has come.
-        note: Why that failed.
+        course: Its progress so far.
+        beliefs: The present estimates.
+        seconds: The time at work since the last update, s.
+        state: The progress of the task's request.
+        note: The reason if that has failed.
     """
-    return _Look(mission, course, beliefs).go_on(seconds, state, note)
+    return _Update(mission, course, beliefs).run(seconds, state, note)
 
 
 def doing(mission: Mission, course: Course) -> Step | None:
-    """The task that is under way; None: none has begun."""
+    """Return the task that is under way, or None if none has begun."""
     frame = course.frames[-1]
     step = _step(mission, frame)
     return step if step is not None and frame.begun and step.do not in mission.procedures else None
 
 
 def failing(mission: Mission, course: Course, beliefs: Beliefs, state: Reach, note: str) -> str:
-    """Why the task that is under way fails at this look; "" if it does not.
+    """Return why the current task fails in this update; "" if it does not.
 
-    A step of a detour that fails is left out, and is not reported.
+    A failing step of a detour is left out, and is not reported.
     """
     step = doing(mission, course)
     if step is None or course.frames[-1].detour:
         return ""
-    look = _Look(mission, replace(course, results=()), beliefs)
-    look.look_at_task(step, state, note)
-    found = look.results
+    update = _Update(mission, replace(course, results=()), beliefs)
+    update.tick(step, state, note)
+    found = update.results
     return found[0].said or "failed" if found and found[0].end is StepEnd.FAILED else ""
 
 
 def again(course: Course) -> Course:
-    """The course with the step that is under way to be begun anew."""
+    """Return the course with the current step to be begun anew."""
     return _with_top(course, replace(course.frames[-1], begun=False, elapsed=0.0, stage=0))
 
 
 def ahead(mission: Mission, course: Course) -> tuple[PlanStep, ...]:
-    """The tasks to come, the first ones, as if nothing failed; that under way is not among them."""
+    """Return the next tasks as if none failed, without the current one."""
     found = (*course.detour, *_to_come(mission, course))
     return found[:AHEAD_MOST]
 
 
 def broken_off(mission: Mission, course: Course) -> Course:
-    """The course with the task that is under way to be begun anew, if it may be broken off."""
+    """Return the course with the current task to be begun anew, if it may be broken off."""
     step = doing(mission, course)
     try:
         if step is None or not task_class(step.do).breaks_off:
             return course
-    except (LookupError, ImportError):  # of somebody's plan: it fails when it is looked at
+    except (LookupError, ImportError):  # an unknown task of a sub-plan: it fails when it is begun
         return course
     return again(course)
 
 
 def merged(mission: Mission, course: Course, detour: tuple[PlanStep, ...]) -> Course:
-    """The course with a detour before its next step (the merging procedure of thesis 3.6.1).
+    """Return the course with a detour before its next step (merging procedure of thesis 3.6.1).
 
-    Where the detour ends in the place to which the mission is to move next, that move is left out.
+    If the detour ends in the place to which the mission moves next, that move is left out.
     """
     end, frame = (_place(detour[-1]) if detour else None), course.frames[-1]
     after = _steps(mission, frame)[frame.step + frame.begun :]
@@ -146,26 +145,26 @@ def merged(mission: Mission, course: Course, detour: tuple[PlanStep, ...]) -> Co
 
 
 def plan_step(step: Step) -> PlanStep:
-    """A task as it travels."""
-    return PlanStep(step.do, _told(step))
+    """Return a task as a message."""
+    return PlanStep(step.do, _arguments(step))
 
 
-# Inside -------------------------------------------------------------------------------------------
+# Implementation -----------------------------------------------------------------------------------
 
 
-class _Look:
-    """One look at a mission."""
+class _Update:
+    """One update of a mission."""
 
     def __init__(self, mission: Mission, course: Course, beliefs: Beliefs) -> None:
         self._mission, self._course, self._beliefs = mission, course, beliefs
         self._events: list[Message] = []
         self._failed: str | None = None
 
-    def go_on(self, seconds: float, state: Reach, note: str) -> Outlook:
-        """From step to step until one wants something, or all is over."""
-        self._pass(seconds)
-        self._look_for_timeouts()
-        for _ in range(LOOKS_MOST):
+    def run(self, seconds: float, state: Reach, note: str) -> Outlook:
+        """Advance from step to step until one requests something, or the mission ends."""
+        self._add_time(seconds)
+        self._check_timeouts()
+        for _ in range(UPDATE_STEPS_MOST):
             if not self._course.frames:
                 return Outlook(self._course, None, tuple(self._events), self._failed)
             request = self._once(state, note)
@@ -185,8 +184,8 @@ class _Look:
     def _set(self, **changes: Any) -> None:
         self._course = _with_top(self._course, replace(self._frame, **changes))
 
-    def _pass(self, seconds: float) -> None:
-        """Time that it was at work counts for the mission, and for each step that is under way."""
+    def _add_time(self, seconds: float) -> None:
+        """Add time at work to the mission and to each step that is under way."""
         frames = tuple(
             replace(f, elapsed=min(f.elapsed + seconds, LARGEST)) if f.begun else f
             for f in self._course.frames
@@ -194,7 +193,7 @@ class _Look:
         elapsed = min(self._course.elapsed + seconds, LARGEST)
         self._course = replace(self._course, frames=frames, elapsed=elapsed)
 
-    def _look_for_timeouts(self) -> None:
+    def _check_timeouts(self) -> None:
         limit = self._mission.timeout_s
         if limit is not None and self._course.elapsed > limit:
             self._end(f"not done within {limit:g} s")
@@ -208,7 +207,7 @@ class _Look:
                 return
 
     def _once(self, state: Reach, note: str) -> Request | None:
-        """One step further; what is wanted, if something is."""
+        """Advance by one step; return its request, if there is one."""
         frame, course = self._frame, self._course
         if course.detour and not frame.begun:
             self._begin_detour()
@@ -220,7 +219,7 @@ class _Look:
         if not frame.begun:
             self._begin(step)
             return None
-        return self.look_at_task(step, state, note)
+        return self.tick(step, state, note)
 
     def _begin_detour(self) -> None:
         detour, drops = self._course.detour, self._course.drops
@@ -233,27 +232,27 @@ class _Look:
         self._course = replace(self._course, frames=(*self._course.frames, frame))
 
     def _begin(self, step: Step) -> None:
-        """Begin a step whose precondition is believed."""
-        if step.when is not None and not self._believed(step.when):
-            self._not_wanted(step)
+        """Begin a step if its precondition holds."""
+        if step.when is not None and not self._holds(step.when):
+            self._inapplicable(step)
             return
         procedure = self._mission.procedures.get(step.do)
         self._set(begun=True, elapsed=0.0, stage=0)
         if procedure is None:
             self._course = replace(self._course, tasks=next_count(self._course.tasks))
             return
-        told = _told(step)
-        if procedure.when is not None and not self._believed(
-            bound_when(procedure.when, _values(told))
+        arguments = _arguments(step)
+        if procedure.when is not None and not self._holds(
+            bound_when(procedure.when, _values(arguments))
         ):
             self._step_failed("it does not apply: its precondition is not believed")
         elif len(self._course.frames) >= FRAMES_MOST:
             self._step_failed(f"more than {FRAMES_MOST} procedures within each other")
         else:
-            self._push(Frame(procedure.name, told=told))
+            self._push(Frame(procedure.name, told=arguments))
 
-    def _not_wanted(self, step: Step) -> None:
-        """The precondition of a step, or of an alternative, is not believed."""
+    def _inapplicable(self, step: Step) -> None:
+        """Go on after a precondition that does not hold: to the next alternative, or step."""
         frame = self._frame
         own = _whole(self._mission, frame)
         assert own is not None, "a step that begins is there"
@@ -265,8 +264,8 @@ class _Look:
             self._record(step, StepEnd.PASSED)
             self._next()
 
-    def look_at_task(self, step: Step, state: Reach, note: str) -> Request | None:
-        """Look at the task that is under way: what it wants, if it goes on."""
+    def tick(self, step: Step, state: Reach, note: str) -> Request | None:
+        """Update the current task; return its request if it goes on."""
         frame = self._frame
         progress = Progress(frame.elapsed, state, note, frame.stage)
         try:
@@ -275,7 +274,7 @@ class _Look:
                 verdict = Failed(f"task {step.do!r}: look gave {verdict!r}: {wrong}")
         except ConfigError as error:
             verdict = Failed(error.message)
-        except (Exception, SystemExit) as error:  # anybody's code, which is to end no agent
+        except (Exception, SystemExit) as error:  # a task's code must not end the agent
             verdict = Failed(_blame(step, error))
         if isinstance(verdict, Going):
             if verdict.stage != frame.stage:
@@ -292,7 +291,7 @@ class _Look:
         return None
 
     def _step_done(self) -> None:
-        """Again, if it is to be repeated, or the next one."""
+        """Repeat the step, or go on to the next one."""
         frame = self._frame
         own = _whole(self._mission, frame)
         if own is not None and frame.turn + 1 < own.repeat:
@@ -301,18 +300,18 @@ class _Look:
             self._next()
 
     def _next(self) -> None:
-        step = min(self._frame.step + 1, LARGEST_COUNT)  # whatever somebody has put on the board
+        step = min(self._frame.step + 1, LARGEST_COUNT)  # a board may have any number
         self._set(step=step, attempt=0, turn=0, begun=False, elapsed=0.0, stage=0)
 
     def _frame_done(self) -> None:
-        """A procedure is through: so is the step that called it; a detour is no step of anybody."""
+        """End a procedure and the step that called it; a detour is not called by a step."""
         frame, frames = self._frame, self._course.frames[:-1]
         self._course = replace(self._course, frames=frames)
         if frames and not frame.detour:
             self._step_done()
 
     def _step_failed(self, why: str) -> None:
-        """Its alternatives, one after another; else its procedure fails, and so on upwards."""
+        """Try the alternatives; else fail the procedure, and so on upwards."""
         while True:
             frame = self._frame
             step, own = _step(self._mission, frame), _whole(self._mission, frame)
@@ -332,14 +331,14 @@ class _Look:
     def _end(self, why: str) -> None:
         self._course, self._failed = replace(self._course, frames=()), line(why)
 
-    def _record(self, step: Step, end: StepEnd, said: str = "") -> None:
+    def _record(self, step: Step, end: StepEnd, note: str = "") -> None:
         result = StepResult(
-            line(str(step))[:SAID_MOST], end, line(said)[:SAID_MOST], self._course.elapsed
+            line(str(step))[:NOTE_MOST], end, line(note)[:NOTE_MOST], self._course.elapsed
         )
         results = (*self._course.results, result)[-RESULTS_MOST:]
         self._course = replace(self._course, results=results)
 
-    def _believed(self, when: When) -> bool:
+    def _holds(self, when: When) -> bool:
         left, alarms = self._beliefs.battery, self._beliefs.alarms
         elapsed = self._course.elapsed
         held = (
@@ -356,7 +355,7 @@ class _Look:
 
 
 def _blame(step: Step, error: BaseException) -> str:
-    """What a task's code raised, and where in it."""
+    """Return what a task's code raised, and where."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{at.filename}, line {at.lineno}"
     return f"task {step.do!r} raised {type(error).__name__}: {error} ({where})"
@@ -370,12 +369,12 @@ def _values(told: tuple[Told, ...]) -> Mapping[str, Value]:
     return {each.name: each.value for each in told}
 
 
-def _told(step: Step) -> tuple[Told, ...]:
+def _arguments(step: Step) -> tuple[Told, ...]:
     return tuple(Told.of(name, value) for name, value in step.arguments)
 
 
 def _steps(mission: Mission, frame: Frame) -> tuple[Step, ...]:
-    """The list that a frame is in."""
+    """Return the list of steps of a frame."""
     if frame.detour:
         return tuple(
             Step(each.do, tuple((t.name, t.value) for t in each.told)) for each in frame.detour
@@ -385,13 +384,13 @@ def _steps(mission: Mission, frame: Frame) -> tuple[Step, ...]:
 
 
 def _whole(mission: Mission, frame: Frame) -> Step | None:
-    """The step that a frame is at, with its alternatives; None: it is through."""
+    """Return a frame's current step with its alternatives; None: the frame is done."""
     steps = _steps(mission, frame)
     return steps[frame.step] if frame.step < len(steps) else None
 
 
 def _step(mission: Mission, frame: Frame) -> Step | None:
-    """The step, or the alternative, that a frame is at, with what it is told; None: through."""
+    """Return a frame's current step or alternative, with arguments bound; None: done."""
     own = _whole(mission, frame)
     if own is None:
         return None
@@ -401,7 +400,7 @@ def _step(mission: Mission, frame: Frame) -> Step | None:
 
 
 def _to_come(mission: Mission, course: Course) -> Iterator[PlanStep]:
-    """The tasks after the one that is under way, from the top of the stack down."""
+    """Yield the tasks after the current one, from the top of the stack down."""
     left = [AHEAD_MOST]
     for depth in range(len(course.frames) - 1, -1, -1):
         frame = course.frames[depth]
@@ -412,7 +411,7 @@ def _to_come(mission: Mission, course: Course) -> Iterator[PlanStep]:
 
 
 def _tasks(mission: Mission, step: Step, left: list[int]) -> Iterator[PlanStep]:
-    """The tasks of a step, once each."""
+    """Yield the tasks of a step, once each."""
     if left[0] <= 0:
         return
     procedure = mission.procedures.get(step.do)
@@ -425,5 +424,5 @@ def _tasks(mission: Mission, step: Step, left: list[int]) -> Iterator[PlanStep]:
 
 
 def _place(step: PlanStep) -> Any:
-    """Where a step moves to; None: it does something else."""
+    """Return where a step moves to, or None."""
     return _values(step.told).get("to") if step.do == "move" else None

@@ -28,7 +28,7 @@ Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 
 
 def _carried_out(request: Request, progress: Progress, said: str) -> Verdict:
-    """A task that is one request, and done when that is."""
+    """Return the verdict of a task that consists of one request."""
     if progress.state is Reach.DONE:
         return Done(said)
     if progress.state is Reach.FAILED:
@@ -37,7 +37,7 @@ def _carried_out(request: Request, progress: Progress, said: str) -> Verdict:
 
 
 def _elsewhere(room: str, beliefs: Beliefs) -> Failed | None:
-    """That the robot is in another room than the one that is meant; "" means any."""
+    """Return a failure if the robot is not in the given room; "" is any room."""
     if room in ("", beliefs.room):
         return None
     return Failed(f"the robot is in {beliefs.room or 'no room'}, not in {room}")
@@ -53,15 +53,14 @@ class Move(Task):
     places: ClassVar[tuple[str, ...]] = ("to",)
 
     def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
-        """Drive; it is where the trajectory ends that it is there."""
         return _carried_out(Drive(self.arguments.to), progress, f"in {beliefs.room or 'no room'}")
 
 
 class TakePhoto(Task):
-    """Stands while a photo is taken; without a camera that is a record of where and when."""
+    """Stands while a photo is taken; without a camera the photo is a record of place and time."""
 
     class Arguments(Task.Arguments, frozen=True):
-        """In which room, if it matters, and for how long it stands."""
+        """The room, if it matters, and how long the robot stands."""
 
         room: str = ""
         seconds: Seconds = 3.0
@@ -71,23 +70,22 @@ class TakePhoto(Task):
     breaks_off: ClassVar[bool] = False
 
     def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
-        """Stand still, then say what was taken."""
-        at, asked = beliefs.at, self.arguments
+        at, arguments = beliefs.at, self.arguments
         if at is None:
             return Failed("nobody knows where the robot is")
-        if elsewhere := _elsewhere(asked.room, beliefs):
+        if elsewhere := _elsewhere(arguments.room, beliefs):
             return elsewhere
-        if progress.elapsed < asked.seconds:
+        if progress.elapsed < arguments.seconds:
             return Going(Stand())
         photo = Photo(0, beliefs.room, at.x, at.y, at.theta, beliefs.deviation)
         return Done(f"photo in {beliefs.room or 'no room'}", photo)
 
 
 class CheckAlarm(Task):
-    """Stands in a room and looks whether its alarm is still on."""
+    """Stands in a room and checks whether its alarm is still on."""
 
     class Arguments(Task.Arguments, frozen=True):
-        """The room with the alarm, none: where the robot is; and for how long it looks."""
+        """The room with the alarm (empty: the present one), and how long it is observed."""
 
         room: str = ""
         seconds: Seconds = 2.0
@@ -97,7 +95,6 @@ class CheckAlarm(Task):
     breaks_off: ClassVar[bool] = False
 
     def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
-        """Stand still, then say what was seen."""
         if elsewhere := _elsewhere(self.arguments.room, beliefs):
             return elsewhere
         room = beliefs.room
@@ -119,11 +116,9 @@ class Wait(Task):
 
 
 class Dock(Task):
-    """Has the robot charged at a dock, as far as it is asked for."""
+    """Has the robot charged at a dock, up to a share of a full battery."""
 
     class Arguments(Task.Arguments, frozen=True):
-        """The share of a full battery."""
-
         until: Annotated[float, Meta(gt=0, le=1)] = 0.9
 
     arguments: Arguments
@@ -134,10 +129,10 @@ class Dock(Task):
 
 
 class Explore(Task):
-    """Has a rectangle of the world mapped."""
+    """Has a rectangle of the world explored."""
 
     class Arguments(Task.Arguments, frozen=True):
-        """Which: x1, y1, x2, y2 in m; none: all of the world."""
+        """x1, y1, x2, y2 in m; without: all of the world."""
 
         within: tuple[Metres, Metres, Metres, Metres] | None = None
 

@@ -1,7 +1,7 @@
-"""The coordinator: asks the planner agents for sub-plans, and chooses the cheapest (figure 3.19).
+"""The coordinator: requests sub-plans of planner agents, and chooses the cheapest (figure 3.19).
 
-A planner agent is an agent of its own (`armadico.agents.missions.planner`). Those are asked that
-are alive, called `planner-...`, and declare on their card that they plan for such a surprise.
+It queries the planner agents (`armadico.agents.missions.planner`) that are alive, are named
+`planner-...`, and declare on their card that they plan for the surprise.
 """
 
 from __future__ import annotations
@@ -13,26 +13,24 @@ from typing import Final
 from armadico.agents.missions.messages import Subplan, SubplanRequest
 from armadico.core.messages import Card
 
-PLANNERS: Final = "planner-"
-"""What a planner agent's name begins with."""
+PLANNERS: Final = "planner-"  # the prefix of a planner agent's name
 
-ANSWER_S: Final = 5.0
-"""What the planners may take, together; who has not answered by then is not waited for."""
+ANSWER_S: Final = 5.0  # the timeout for all answers together
 
 
 @dataclass
 class Enquiry:
-    """One request to the planner agents, and what they have answered."""
+    """One request to the planner agents, and their answers."""
 
     request: SubplanRequest
-    asked: frozenset[str]  # the planners that were alive
+    planners: frozenset[str]  # those alive at its time
     until: float  # s
     chosen: Callable[[Subplan | None], None]
     answers: dict[str, Subplan] = field(default_factory=dict)
 
 
 class Coordinator:
-    """Asks all planner agents that are alive, and chooses the cheapest sub-plan."""
+    """Requests sub-plans of all planner agents that are alive, and chooses the cheapest."""
 
     def __init__(self) -> None:
         self.planners: dict[str, frozenset[str]] = {}  # alive: what each plans for, by instance
@@ -40,25 +38,24 @@ class Coordinator:
 
     @property
     def busy(self) -> bool:
-        """Whether answers are waited for."""
+        """Whether answers are pending."""
         return self._enquiry is not None
 
     def able(self, surprise: str) -> frozenset[str]:
-        """The planners that are alive and plan for such a surprise."""
+        """Return the planners that are alive and plan for a surprise."""
         return frozenset(of for of, plans in self.planners.items() if surprise in plans)
 
-    def ask(
+    def request(
         self, request: SubplanRequest, now: float, chosen: Callable[[Subplan | None], None]
     ) -> None:
-        """Ask; `chosen` is told the cheapest answer in time, or None if there is none."""
+        """Begin a request; `chosen` is called with the cheapest answer in time, or None."""
         self._enquiry = Enquiry(request, self.able(request.surprise), now + ANSWER_S, chosen)
 
-    def met(self, card: Card) -> None:
-        """A planner agent has given its card."""
+    def add_planner(self, card: Card) -> None:
         self.planners[card.instance] = frozenset(card.plans)
 
-    def gone(self, instance: str, now: float) -> None:
-        """An agent is gone: it is not waited for any more."""
+    def remove_planner(self, instance: str, now: float) -> None:
+        """Stop waiting for an agent that is gone."""
         self.planners.pop(instance, None)
         self.choose(now)
 
@@ -69,16 +66,15 @@ class Coordinator:
             self.choose(now)
 
     def drop(self) -> None:
-        """Nobody needs the answers any more."""
         self._enquiry = None
 
     def choose(self, now: float) -> None:
-        """Choose, once all have answered that are alive, or the time is over."""
+        """Choose once all planners that are alive have answered, or the timeout is over."""
         enquiry = self._enquiry
         if enquiry is None:
             return
-        waited_for = (enquiry.asked & self.planners.keys()) - enquiry.answers.keys()
-        if waited_for and now < enquiry.until:
+        pending = (enquiry.planners & self.planners.keys()) - enquiry.answers.keys()
+        if pending and now < enquiry.until:
             return
         self._enquiry = None
         plans = [plan for plan in enquiry.answers.values() if not plan.refusal]
@@ -86,5 +82,5 @@ class Coordinator:
 
     @property
     def answers(self) -> dict[str, Subplan]:
-        """What has been answered so far."""
+        """The answers so far."""
         return {} if self._enquiry is None else dict(self._enquiry.answers)

@@ -1,8 +1,8 @@
-"""What the steps of a mission ask for: the pattern of a task, yours among them (entry points).
+"""The tasks of a mission's steps: the base class of shipped tasks and yours (entry points).
 
-A task is asked again and again what it wants now, until it says that it is done or has failed. It
-keeps nothing: what it answers comes from its arguments, from what is believed, and from how far it
-has come, so a mission goes on from its published state in another process.
+A task's `tick` is called repeatedly and returns its current request, until it is done or has
+failed. A task has no state: the result depends on its arguments, the estimates, and the progress.
+So a mission can go on from its published state in another process.
 
     class Greet(Task):  # goes to a room and says good morning
         class Arguments(Task.Arguments, frozen=True):
@@ -10,7 +10,7 @@ has come, so a mission goes on from its published state in another process.
 
         places = ("room",)
 
-        def look(self, beliefs, progress):
+        def tick(self, beliefs, progress):
             if progress.state is not Reach.DONE:
                 return Going(Drive(self.arguments.room))
             return Done("good morning")
@@ -29,15 +29,15 @@ from armadico.mobile.messages import Waypoint
 
 
 class Beliefs(Struct, frozen=True):
-    """What is believed when a task is looked at.
+    """The present estimates.
 
     Attributes:
-        at: Where the robot is, m and rad in the world; None: nobody knows.
-        deviation: Standard deviation of that, m.
-        room: The room that it is in; empty: none that has a name, or nobody knows.
-        battery: The share of a full battery that is left; None: nobody says.
-        charging: Whether it stands at a dock that charges.
-        alarms: The rooms with an alarm that is on.
+        at: The robot's pose, m and rad in the world; None: unknown.
+        deviation: Standard deviation of its position, m.
+        room: The robot's room; empty: no named room, or unknown.
+        battery: The remaining share of a full battery; None: unknown.
+        charging: Whether the robot stands at a dock that charges.
+        alarms: The rooms with an active alarm.
     """
 
     at: Waypoint | None = None
@@ -49,22 +49,22 @@ class Beliefs(Struct, frozen=True):
 
 
 class Reach(Enum):
-    """How far what a task asked for has come."""
+    """The progress of a task's request."""
 
-    NONE = "not asked for"
+    NONE = "not requested"
     UNDER_WAY = "under way"
     DONE = "done"
     FAILED = "failed"
 
 
 class Progress(Struct, frozen=True):
-    """How far a task has come.
+    """The progress of a task.
 
     Attributes:
-        elapsed: Since its step began, s; while the mission was suspended is not counted.
-        state: Of what it last asked for.
-        note: Why that failed, or what keeps it.
-        stage: The task's own number, as it last answered; 0 at first.
+        elapsed: Time since its step began, s, without the time while the mission was suspended.
+        state: Of its last request.
+        note: Why that failed, or what it waits for.
+        stage: The task's own number from its last result; 0 at first.
     """
 
     elapsed: float = 0.0
@@ -74,7 +74,7 @@ class Progress(Struct, frozen=True):
 
 
 class Stand(Struct, frozen=True):
-    """Let the robot stand where it is."""
+    """Keep the robot where it is."""
 
 
 class Drive(Struct, frozen=True):
@@ -84,7 +84,7 @@ class Drive(Struct, frozen=True):
 
 
 class Explore(Struct, frozen=True):
-    """Have a rectangle of the world mapped, m; None: all of it."""
+    """Have a rectangle of the world explored, m; None: all of it."""
 
     within: tuple[float, float, float, float] | None = None
 
@@ -99,7 +99,7 @@ Request = Stand | Drive | Explore | Charge
 
 
 class Going(Struct, frozen=True):
-    """It wants this now; `stage` is what it wants to be told the next time.
+    """The current request; `stage` is passed to the next `tick`.
 
     A request that differs from the last one is a new one; so is one of another stage.
     """
@@ -109,14 +109,14 @@ class Going(Struct, frozen=True):
 
 
 class Done(Struct, frozen=True):
-    """It is done: what came of it for people, and an event to be published."""
+    """The task is done: its result for people, and an event to be published."""
 
     said: str = ""
     event: Message | None = None
 
 
 class Failed(Struct, frozen=True):
-    """It cannot be done."""
+    """The task cannot be done."""
 
     why: str
 
@@ -125,23 +125,23 @@ Verdict = Going | Done | Failed
 
 
 def misfit(verdict: Any) -> str:
-    """What is wrong with an answer that no task may give; "" if nothing is."""
+    """Return what is wrong with a result of `tick`; "" if nothing is."""
     match verdict:
         case Done(said=str(), event=None | Message()) | Failed(why=str()):
             return ""
         case Done():
-            return "said is a text, and event a message"
+            return "said must be a text, and event a message"
         case Failed():
-            return "why is a text"
+            return "why must be a text"
         case Going(request=request, stage=int(stage)) if 0 <= stage <= LARGEST_COUNT:
             return _misfit_request(request)
         case Going():
-            return "stage is a whole number, 0 or more"
-    return "that is no Going, Done or Failed"
+            return "stage must be a whole number, 0 or more"
+    return "it must be a Going, Done or Failed"
 
 
 def _misfit_request(request: Any) -> str:
-    """By the messages that are to be sent for it."""
+    """Return what is wrong with a request, by the messages that are sent for it."""
     try:
         match request:
             case Stand() | Drive(to=str()) | Explore(within=None):
@@ -157,7 +157,7 @@ def _misfit_request(request: Any) -> str:
             case Charge(until=share):
                 encode(ChargeRequest(share))
             case _:
-                return "request is a Stand, Drive, Explore or Charge"
+                return "request must be a Stand, Drive, Explore or Charge"
     except (TypeError, ValueError) as error:
         return str(error)
     return ""
@@ -167,13 +167,13 @@ class Task:
     """One kind of step, found by its entry point in `armadico.tasks`; the name there is its `do`.
 
     Attributes:
-        places: Those of its arguments that name places: they are looked up in the world.
-        breaks_off: Whether something unexpected may end it before its time, to begin it again
-            afterwards; else it is finished first.
+        places: The arguments that name places, which are checked against the world.
+        breaks_off: Whether a surprise may interrupt it, to begin it anew afterwards; else it is
+            finished first.
     """
 
     class Arguments(Struct, frozen=True, forbid_unknown_fields=True):
-        """The keys of a step besides those that all steps have."""
+        """The keys of a step besides those of every step."""
 
     places: ClassVar[tuple[str, ...]] = ()
     breaks_off: ClassVar[bool] = True
@@ -182,5 +182,5 @@ class Task:
         self.arguments: Any = arguments
 
     def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
-        """What it wants now, or how it ended."""
-        raise NotImplementedError("look(self, beliefs, progress) says what the task wants")
+        """Return the current request, or the end."""
+        raise NotImplementedError("tick(self, beliefs, progress) must return the task's request")

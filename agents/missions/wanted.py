@@ -1,7 +1,7 @@
-"""What the task of a mission wants, and how far that has come: a kind for each request.
+"""The request of a mission's task and its progress: one class for each kind of request.
 
-The mission planning agent keeps at most one of them. Another task, or another stage of it, begins
-with a new one, so nothing is left over from what was wanted before.
+The mission planning agent keeps at most one. Another task, or another stage of it, begins with a
+new one, so no state of an earlier request remains.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from armadico.mobile.messages import Waypoint
 
 
 def since(before: float | None, holds: bool, now: float) -> float | None:
-    """Since when something holds, s, by whether it did before; None: it does not."""
+    """Return since when a condition has held, s; None: it does not hold."""
     if not holds:
         return None
     return now if before is None else before
@@ -29,11 +29,10 @@ class Patience:
     again_at: float = 0.0
 
     def refused(self, now: float, again_s: float) -> Patience:
-        """It was refused now."""
         return Patience(since(self.refused_at, True, now), now + again_s)
 
     def over(self, now: float, patience_s: float) -> bool:
-        """Whether it has been refused for too long."""
+        """Return whether it has been refused for longer than `patience_s`."""
         return self.refused_at is not None and now - self.refused_at >= patience_s
 
 
@@ -42,14 +41,14 @@ Key = tuple[int, int, Request]
 
 @dataclass
 class Wanted:
-    """What the task of a mission wants.
+    """What a mission's task requests.
 
     Attributes:
-        key: Of which mission, in which of its tasks, and what.
-        since: When it was first wanted, s.
-        reach: How far it has come.
-        note: Why it has failed, or what keeps it.
-        patience: With those who refuse it.
+        key: The mission, the task's number, and the request.
+        since: When it was first requested, s.
+        reach: Its progress.
+        note: Why it has failed, or what it waits for.
+        patience: With refusals.
     """
 
     key: Key
@@ -59,11 +58,10 @@ class Wanted:
     patience: Patience = Patience()
 
     def fail(self, why: str) -> None:
-        """It cannot be had."""
         self.reach, self.note = Reach.FAILED, line(why)
 
     def refuse(self, why: str, now: float, again_s: float, patience_s: float) -> None:
-        """It was refused: it is tried again for a while, and has then failed."""
+        """Process a refusal: try again for a while, then fail."""
         self.patience = self.patience.refused(now, again_s)
         if self.patience.over(now, patience_s):
             self.fail(why)
@@ -71,23 +69,22 @@ class Wanted:
             self.note = line(f"waits: {why}")
 
     def wait(self, until: float) -> None:
-        """It is not asked for again before that."""
         self.patience = replace(self.patience, again_at=until)
 
 
 @dataclass
 class Standing(Wanted):
-    """The robot is to stand: where, once that is known."""
+    """The robot is to stand, at `at` once that is known."""
 
     at: Waypoint | None = None
 
 
 class Energy(Enum):
-    """Whether there is enough energy for a way."""
+    """Whether the energy suffices for a path."""
 
-    UNKNOWN = "not asked"
-    ASKED = "asked"
-    CLEARED = "there is, or the mission runs the risk"
+    UNKNOWN = "not requested"
+    REQUESTED = "requested"
+    CLEARED = "suffices, or the mission runs the risk"
 
 
 @dataclass
@@ -104,11 +101,11 @@ class Charging(Wanted):
 
 @dataclass
 class Exploring(Wanted):
-    """A rectangle is to be explored: by which exploration, and when that was taken on."""
+    """A rectangle is to be explored; `order` is the exploration's number."""
 
     order: int = 0
     ordered_at: float = 0.0
-    heard_at: float = 0.0
+    received_at: float = 0.0
 
 
 _KINDS: dict[type, type[Wanted]] = {
@@ -120,5 +117,5 @@ _KINDS: dict[type, type[Wanted]] = {
 
 
 def wanted(key: Key, now: float) -> Wanted:
-    """What a task wants from now on."""
+    """Return the state of a new request of a task."""
     return _KINDS[type(key[2])](key, now)

@@ -1,16 +1,16 @@
-"""An occupancy grid from sonars and lasers: log-odds (Moravec and Elfes, 1985).
+"""An occupancy grid from sonars and lasers, in log-odds (Moravec and Elfes, 1985).
 
-A laser's ray is a line: what it went through is free, what it met is occupied.
+A laser's ray is a line: cells on it are free, the cell at its end is occupied.
 
-A sonar answers for a cone and says one range. So all cells before the echo are free, the more the
-nearer to the axis; one cell or a few on the arc are occupied, and nobody knows which. Three rules
-keep what that leaves open from spoiling the map:
+A sonar has a cone and returns one range. All cells before the echo are free, more certainly near
+the axis. One cell or a few on the arc are occupied, but which is unknown. Three rules limit the
+damage of that ambiguity:
 
-- An arc's evidence goes to those of its cells that are believed occupied already, if there are any
+- An arc's evidence goes to those of its cells that are already likely to be occupied, if any
   (Konolige's MURIEL, 1997), so that far arcs do not close doors.
-- What is behind a cell that is believed occupied is not cleared: a wall at a glancing angle does
-  not answer, and what is behind it did.
-- No echo may mean that the sound was thrown away, so it clears only what is near, and little.
+- Cells behind a likely occupied one are not cleared: a wall at a glancing angle does not answer,
+  and what is behind it did.
+- A ping without an echo may have been reflected away, so it clears only near cells, and weakly.
 """
 
 from __future__ import annotations
@@ -31,47 +31,47 @@ from armadico.mobile.messages import Echo, Scan
 from armadico.mobile.scans import bearings_of, ranges_of
 
 BINS: Final = 15
-"""Slices of a cone, in each of which what is believed occupied hides what is behind it."""
+"""Slices of a cone: in each, a likely occupied cell hides those behind it."""
 
 GROW_M: Final = 4.0
-"""The grid grows by so much more than it must."""
+"""Extra size by which the grid grows."""
 
 
 class Settings(Struct, frozen=True):
-    """How much is believed of a ping. Evidence is in log-odds."""
+    """Weights of a ping and of a ray, in log-odds."""
 
     cell_m: float = 0.05
-    reach_m: float = 1.5  # what is farther is left for a nearer ping: arcs there close doors
-    silent_m: float = 0.8  # so far no echo is evidence of free
-    hit: float = 1.0  # of one cell, at the most
-    spread: float = 2.5  # shared by all cells of the arc
-    miss: float = 0.5  # on the axis, near
-    silence: float = 0.2  # likewise
-    most: float = 4.0  # certain: so much is taken back within seconds of seeing otherwise
-    free: float = 0.85  # from here on: a probability of 0.3
-    occupied: float = 1.2  # from here on: 0.77
-    far: float = 0.3  # share of the evidence that is left at the reach
-    size_m: float = 200.0  # of the grid, at the most, each way
-    seen_m: float = 8.0  # a laser's rays count so far: farther out gaps are wider than cells,
-    unseen_m: float = 3.0  # and one that found nothing this far: it may have met what is dark
-    seen: float = 1.2  # evidence of what a ray met,
-    through: float = 0.4  # and of each cell that it went through
+    reach_m: float = 1.5  # greatest range of a ping's evidence: farther arcs close doors
+    silent_m: float = 0.8  # greatest distance cleared by a ping without an echo
+    hit: float = 1.0  # greatest evidence for one cell of an arc
+    spread: float = 2.5  # evidence shared by all cells of an arc
+    miss: float = 0.5  # evidence for free on the axis, near the sonar
+    silence: float = 0.2  # the same without an echo
+    most: float = 4.0  # limit of the log-odds: contrary evidence of seconds changes it
+    free: float = 0.85  # log-odds of a free cell: a probability of 0.3
+    occupied: float = 1.2  # log-odds of an occupied cell: 0.77
+    far: float = 0.3  # share of the evidence at `reach_m`
+    size_m: float = 200.0  # greatest width and height of the grid
+    seen_m: float = 8.0  # greatest range of a laser's rays: beyond, gaps are wider than cells
+    unseen_m: float = 3.0  # the same without a return: the surface may be dark
+    seen: float = 1.2  # evidence of a ray's end
+    through: float = 0.4  # evidence for free of each cell on the ray
 
 
 class Mapper:
-    """Log-odds over a part of the world that grows with what is seen."""
+    """Log-odds of a part of the world, which grows with what is sensed."""
 
     def __init__(self, half_cone: float = 0.0, settings: Settings | None = None) -> None:
-        """Half the angle of a sonar's cone, rad; a robot without sonars has none."""
+        """Prepare for sonars with half a cone of this angle, rad; 0: none."""
         self.p = settings or Settings()
         self._half = half_cone
-        self._row = self._column = 0  # of the corner, in cells from where their lines begin
-        self.full = False  # something was left out, since it would make the map too large
-        self._lines = (0.0, 0.0)  # m; a map that is gone on with may have cells beside our own
+        self._row = self._column = 0  # of the corner, in cells from `_lines`
+        self.full = False  # readings were left out, since the map would become too large
+        self._lines = (0.0, 0.0)  # m; a resumed map's cells may be offset from multiples of cell_m
         self._odds: NDArray[np.float32] = np.zeros((0, 0), dtype=np.float32)
 
     def resume(self, cells: Cells) -> None:
-        """Go on from a map, in its cells; what it knows is known, and may be unlearnt."""
+        """Continue a map with its cells. New evidence may change what it has."""
         self.p = replace(self.p, cell_m=cells.cell_m)
         self._row = self._column = 0
         self._lines = cells.x, cells.y
@@ -81,13 +81,13 @@ class Mapper:
         self._odds = odds
 
     def add(self, pose: Posed, echo: Echo) -> None:
-        """Take one ping of a robot at a pose in the world."""
+        """Add one ping of a robot at a pose in the world."""
         p = self.p
         x, y, bearing = compose((pose.x, pose.y, pose.theta), (echo.x, echo.y, echo.bearing))
-        silent = echo.range is None
-        heard = p.silent_m if echo.range is None else echo.range
+        no_echo = echo.range is None
+        distance = p.silent_m if echo.range is None else echo.range
         half = self._half
-        span = min(heard + 2.0 * p.cell_m, p.reach_m)
+        span = min(distance + 2.0 * p.cell_m, p.reach_m)
         angles = bearing + half * np.linspace(-1.0, 1.0, 5)
         xs = np.append(x + span * np.cos(angles), x)
         ys = np.append(y + span * np.sin(angles), y)
@@ -102,22 +102,22 @@ class Mapper:
         fading = 1.0 - (1.0 - p.far) * away / p.reach_m
         centred = 1.0 - (off / half) ** 2
         thick = p.cell_m
-        before = cone & (away < heard - thick)
+        before = cone & (away < distance - thick)
         solid = before & (odds > p.occupied)
         if solid.any():
             slices = np.clip(((off / half + 1.0) * 0.5 * BINS).astype(np.intp), 0, BINS - 1)
             nearest = np.full(BINS, np.inf)
             np.minimum.at(nearest, slices[solid], away[solid])
             before &= away <= nearest[slices] + thick
-        odds[before] -= ((p.silence if silent else p.miss) * fading * centred)[before]
-        arc = cone & (np.abs(away - heard) <= thick)
-        if not silent and arc.any():
+        odds[before] -= ((p.silence if no_echo else p.miss) * fading * centred)[before]
+        arc = cone & (np.abs(away - distance) <= thick)
+        if not no_echo and arc.any():
             belief = np.exp(odds[arc]) * np.exp(-4.0 * (off[arc] / half) ** 2)
             odds[arc] += np.minimum(p.hit, p.spread * belief / belief.sum()) * fading[arc]
         np.clip(odds, -p.most, p.most, out=odds)
 
     def stand(self, pose: Posed, corners: Sequence[tuple[float, float]]) -> None:
-        """Where the robot's body is, it is free: a convex outline in the body frame."""
+        """Mark the robot's footprint as free: a convex outline in the body frame."""
         at = (pose.x, pose.y, pose.theta)
         outline = np.array([to_world(at, *corner) for corner in corners])
         low, high = outline.min(axis=0), outline.max(axis=0)
@@ -131,20 +131,20 @@ class Mapper:
         odds[inside] = -self.p.most
 
     def see(self, pose: Posed, scan: Scan) -> None:
-        """Take a laser's scan of a robot at a pose in the world.
+        """Add a laser's scan of a robot at a pose in the world.
 
-        Raises ValueError if its bytes are no ranges.
+        Raises ValueError if its bytes are not ranges.
         """
         p, size = self.p, self.p.cell_m
-        ranges, looks = ranges_of(scan), bearings_of(scan) + pose.theta
+        ranges, bearings = ranges_of(scan), bearings_of(scan) + pose.theta
         x, y = to_world((pose.x, pose.y, pose.theta), scan.x, scan.y)
-        met = ranges <= p.seen_m  # NaN is not
+        met = ranges <= p.seen_m  # False for NaN
         far = np.where(met, ranges, np.where(np.isinf(ranges), p.unseen_m, p.seen_m))
-        tells = ~np.isnan(ranges)
-        looks, far, met = looks[tells], far[tells], met[tells]
+        valid = ~np.isnan(ranges)
+        bearings, far, met = bearings[valid], far[valid], met[valid]
         if not len(far):
             return
-        ahead, left = np.cos(looks), np.sin(looks)
+        ahead, left = np.cos(bearings), np.sin(bearings)
         to_x, to_y = x + far * ahead, y + far * left
         window = self._window(
             *(min(x, float(to_x.min())) - size, min(y, float(to_y.min())) - size),
@@ -174,7 +174,7 @@ class Mapper:
         np.clip(odds, -p.most, p.most, out=odds)
 
     def cells(self) -> Cells:
-        """What is known, cropped to it."""
+        """The known cells, cropped to their bounds."""
         odds, p = self._odds, self.p
         states = np.where(odds >= p.occupied, OCCUPIED, np.where(odds <= -p.free, FREE, 0))
         rows, columns = (np.flatnonzero(states.any(axis=axis)) for axis in (1, 0))
@@ -189,7 +189,7 @@ class Mapper:
     def _window(
         self, x1: float, y1: float, x2: float, y2: float
     ) -> tuple[NDArray[np.float32], NDArray[Any], NDArray[Any]] | None:
-        """The cells of a rectangle, and their middles; None if they would be too many."""
+        """The cells of a rectangle, and their centres; None if the grid would become too large."""
         size, (x, y) = self.p.cell_m, self._lines
         left, low = floor((x1 - x) / size), floor((y1 - y) / size)
         right, high = ceil((x2 - x) / size), ceil((y2 - y) / size)
@@ -202,7 +202,7 @@ class Mapper:
         return self._odds[rows, columns], xs[None, :], ys[:, None]
 
     def _cover(self, low: int, left: int, high: int, right: int) -> bool:
-        """Grow until a rectangle of cells is within; whether it is."""
+        """Grow until a rectangle of cells is inside; return whether it is."""
         rows, columns = self._odds.shape
         if not rows:
             self._row, self._column = low, left

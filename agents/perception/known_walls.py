@@ -1,19 +1,19 @@
-"""The walls of the global map that are near: what the local map expects before it has heard it.
+"""The walls of the global map near the robot, which the local map expects before they are sensed.
 
-A smooth wall that is met at a slant does not answer, a dead one never does, and neither does the
-end of one that stands edge-on. Who knows the map and where it is on it knows them all the same.
-Each wall is a row of places. A place is believed less the less sure the pose is; and it is doubted
-where a sonar looked at it squarely and heard something behind: what the map has shut may be open.
-Silence is no doubt, since that is what a dead wall sounds like. What is forbidden no sonar
-hears, so it is never doubted. A laser tells by the place whether it saw it or looked through it.
+A smooth wall at a slant returns no echo, an absorbing wall never does, and neither does the end of
+a wall that is edge-on. With the map and a pose on it they are known all the same. Each wall is cut
+into points. A point is weighted less the less certain the pose is, and doubted when a sonar met it
+squarely and received an echo from behind it: what the map has closed may be open. A ping without an
+echo is no reason to doubt, since an absorbing wall causes that too. Forbidden areas return no
+echo, so they are never doubted. A laser shows for each point whether it saw it or looked through.
 
-An echo from as far as a place that is believed, and that would have answered, is that place's. On
-the axis, where one that nothing explains is put, the posts of a door would stand in the door. Of a
-wall at a slant the foot of the perpendicular answers, its ends, and what of it is nearest in the
-beam: somebody who walks along a wall is heard from between.
+An echo from the distance of an accepted point that would have answered is assigned to that point.
+Otherwise both door posts would appear on the sonar's axis, in the middle of the doorway. Of a wall
+at a slant the foot of the perpendicular answers, its ends, and its nearest point in the beam: a
+person walking along a wall is detected between those.
 
-Poses are in the world's frame, what comes out is in the body's: x forward, y left, origin at the
-middle of the wheel axle; metres and radians.
+Poses are in the world frame, results in the body frame: x forward, y left, origin at the middle of
+the wheel axle; metres and radians.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple
 
-from armadico.agents.methods.near import Look, Obstacle
+from armadico.agents.methods.near import Obstacle, RayResult
 from armadico.agents.methods.settings import WallSettings
 from armadico.config.worlds import Segment
 from armadico.mobile.geometry import Pose2
@@ -31,42 +31,43 @@ from armadico.mobile.messages import COVARIANCE, Echo
 from armadico.mobile.swept_path import Outline
 
 STEP_M = 0.06
-"""From one place of a wall to the next: the body's corner comes half of that through, and is kept
-farther off than this."""
+"""Distance between points of a wall: a corner of the footprint enters a gap by half of it, which is
+less than its clearance."""
 
 FAR_M = 0.8
-"""Beyond, each third place will do: of the three that are doubted together."""
+"""Beyond this, one point of the three that are doubted together suffices."""
 
 BINS = 48
-"""Of the directions around the robot: in each the nearest place counts, and hides the rest."""
+"""Directions around the robot: in each, the nearest point counts and hides the rest."""
 
 BUCKET_M = 1.0
+
 AHEAD_M = 0.25
-"""So far the robot comes until it is looked anew which places are within reach."""
+"""Distance the robot moves before the points within reach are computed again."""
 
-UNDOUBTED = -1
-"""The number of places that no echo speaks of."""
+UNCHECKED = -1
+"""Group number of points that no echo can confirm or doubt: forbidden areas."""
 
-FORGOTTEN = 0.1
-"""A doubt below this is none."""
+LEAST_DOUBT = 0.1
+"""A doubt below this is removed."""
 
 
 class _Place(NamedTuple):
-    """Of a wall: where it is, the wall's normal, and whether it stands for those beside it."""
+    """A point of a wall, with the wall's normal."""
 
-    three: int  # the number of the three that are doubted together
+    group: int  # number of the group of three that is doubted together
     x: float
     y: float
     nx: float
     ny: float
-    stands: bool
-    end: bool  # of the wall: an edge, which answers from all sides
+    stands: bool  # for the group, beyond FAR_M
+    end: bool  # of the wall: an edge, which answers on all sides
 
 
-class _Bare(NamedTuple):
-    """A place from where the robot is, in the world's directions, as the map has it."""
+class _MapPoint(NamedTuple):
+    """A point of the map relative to the robot, in the world's directions."""
 
-    three: int
+    group: int
     dx: float
     dy: float
     nx: float  # of the wall's normal that points away from the robot
@@ -77,63 +78,63 @@ class _Bare(NamedTuple):
 
 
 class _Near(NamedTuple):
-    """A place in the body frame, moved away from the robot by what the pose may be off.
+    """A point in the body frame, shifted away from the robot by the pose's uncertainty.
 
-    Heard nearer than that, it is nearer at once; from where it explains echoes follows slowly, as a
-    pose goes wrong. Somebody who comes through a door would take its post along otherwise: each
-    echo explained by a post that the one before had brought nearer.
+    An echo from nearer moves it nearer at once. The position from which it explains echoes follows
+    slowly, as a pose degrades. Otherwise a person coming through a door would take its post along:
+    each echo would be explained by a post that the one before had moved nearer.
     """
 
-    three: int
+    group: int
     x: float
     y: float
     nx: float
     ny: float
     distance: float
-    from_x: float  # where echoes are explained from
+    from_x: float  # position from which it explains echoes
     from_y: float
     end: bool
-    side: int  # of the wall's own normal, on which the robot is not
-    off: float  # m that it may be farther off, by the pose,
-    by: float  # m by which that is moved away,
-    slowly: float  # and from where it explains
+    side: int  # of the wall's own normal, opposite the robot
+    off: float  # standard deviation of the pose normal to the wall, m
+    by: float  # shift of the point away from the robot, m
+    slowly: float  # the same for the position that explains echoes, m
 
 
-class _Heard(NamedTuple):
-    """How near a place was heard: m that it is moved along its wall's normal."""
+class _Measured(NamedTuple):
+    """How near a point was measured: its shift along its wall's normal, m."""
 
     by: float
-    slowly: float  # and from where it explains
-    end: bool = False  # by an end of the wall: that tells of its length, too
+    slowly: float  # the same for the position that explains echoes
+    end: bool = False  # measured at an end of the wall, which limits its length, too
     ago: int = 0  # cycles
 
 
-HEARD_CYCLES = 100
-"""So long is a wall as near as it was heard: the pose is not so soon off otherwise."""
+MEASURED_CYCLES = 100
+"""Time for which a measured shift is valid: the pose error does not change sooner."""
 
 SLOW_M = 0.03
-"""So much nearer a ping may a wall come that explains it; who walks comes 0.1 m and more."""
+"""Greatest change per ping of a wall that explains echoes: a person moves by 0.1 m and more."""
 
 BESIDE_M = 0.05
-"""A place no farther than this beyond the nearest in a cone may be the one that was heard."""
+"""A point at most this much beyond the nearest in a cone may be the one measured."""
 
-LATELY_CYCLES = 15
-"""What was heard of a wall in so many cycles tells how the rest of it lies,"""
+RECENT_CYCLES = 15
+"""Cycles for which a measurement extends to the rest of its wall."""
 
-IN_LINE = 5
-"""so many threes on,"""
+EXTRAPOLATED_GROUPS = 5
+"""Groups to either side to which a measurement extends."""
 
 SLANT = 0.2
-"""turned by no more than this, rad, from how the map has it: a pose is rarely so far off."""
+"""Greatest angle between the measured wall and the map's, rad: pose headings are rarely worse."""
 
 CLOSE_M = 0.05
-"""A wall so near the circle in which the body turns is no farther than the map has it: the benefit
-of the doubt by which a door is passed, m, is more than what is kept as a corner turns past it. Nor
-is one that was heard from farther off: that may have been its edge, before a wall that is dead."""
+"""A wall within this of the circle in which the robot turns is not shifted away. The shift, which
+opens doorways, exceeds the clearance kept while a corner turns past. A wall measured farther away
+is not shifted either: the echo may come from its edge, in front of an absorbing wall."""
 
 
 class KnownWalls:
-    """Places of the map's walls, and how much each of them is believed."""
+    """Points of the map's walls, and the weight of each."""
 
     def __init__(
         self,
@@ -141,78 +142,80 @@ class KnownWalls:
         settings: WallSettings | None = None,
         forbidden: Iterable[Segment] = (),
     ) -> None:
-        """Cut the walls (m) and what is forbidden into places; most of them will never be near."""
+        """Cut the walls and the outlines of forbidden areas (m) into points."""
         self.settings = settings or WallSettings()
         self._buckets: dict[tuple[int, int], list[_Place]] = {}
-        never = [place._replace(three=UNDOUBTED) for place in _places(forbidden)]
+        never = [place._replace(group=UNCHECKED) for place in _places(forbidden)]
         self._forbids = bool(never)
         for place in chain(_places(walls), never):
             key = math.floor(place.x / BUCKET_M), math.floor(place.y / BUCKET_M)
             self._buckets.setdefault(key, []).append(place)
         self._anchor = (math.inf, math.inf)
         self._around: list[_Place] = []  # within reach of the anchor, and a little farther
-        self._looked: tuple[Pose2, tuple[float, ...], bool] | None = None  # from where, how surely
-        self._bare: list[_Bare] = []  # what was there,
+        self._used: tuple[Pose2, tuple[float, ...], bool] | None = None  # pose, covariance, known
+        self._map_points: list[_MapPoint] = []  # the points for that pose
         self._near: list[_Near] = []
-        self._moved: dict[int, _Heard] = {}  # and as what it had been heard then
+        self._moved: dict[int, _Measured] = {}  # the shifts that `_near` was computed with
         self._weight = 0.0
         self._off = 0.0  # the pose's standard deviation, m
-        self._doubts: dict[int, float] = {}  # by the number of the three
-        self._heard: dict[int, _Heard] = {}
+        self._doubts: dict[int, float] = {}  # by group
+        self._measured: dict[int, _Measured] = {}
 
     def on_pose(
         self, pose: Pose2 | None, covariance: Sequence[float] = (), *, old: bool = False
     ) -> None:
-        """Take where the robot is; nothing is near when nobody knows.
+        """Update the robot's pose; without one no wall is near.
 
-        What is forbidden is, however unsure the pose: a robot that is lost is mostly where its
-        wheels say, and what it would fall down it neither hears nor feels before.
+        Forbidden areas stay near at any uncertainty: a lost robot is mostly where its odometry has
+        it, and no sensor detects a drop in time.
 
         Args:
-            pose: In the world.
-            covariance: Upper triangle of that of x, y and theta; none: nobody knows how far off it
-                is, and then it may be anywhere.
-            old: Whether nobody has been sure of it for long: no wall is believed by it.
+            pose: In the world frame; None: unknown.
+            covariance: Upper triangle for x, y and theta; empty: unknown, so the robot may be
+                anywhere.
+            old: Whether the pose has been uncertain for long: no wall is accepted.
         """
         s, self._weight, self._off = self.settings, 0.0, 0.0
         if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:
-            self._looked, self._near = None, []
+            self._used, self._near = None, []
             return
         xx, xy, _, yy = covariance[:4]
         self._off = math.sqrt(max(0.0, xx + yy))
         self._weight = 0.0 if old else 1.0 - self._off / s.unknown_m
-        believed = self.known
-        if not (believed or self._forbids):
-            self._looked, self._near = None, []
+        accepted = self.known
+        if not (accepted or self._forbids):
+            self._used, self._near = None, []
             return
-        moved = {three: heard._replace(ago=0) for three, heard in self._heard.items()}
-        moved |= self._in_line()
-        looked = pose, (xx, xy, yy), believed
+        moved = {group: measured._replace(ago=0) for group, measured in self._measured.items()}
+        moved |= self._extrapolated()
+        looked = pose, (xx, xy, yy), accepted
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        if looked != self._looked:
-            self._bare = list(self._seen_from(pose, (xx, xy, yy), believed))
-            self._near = [_put(bare, moved.get(bare.three), cos, sin) for bare in self._bare]
-        elif moved != self._moved:  # it stands: only what it has heard is elsewhere
+        if looked != self._used:
+            self._map_points = list(self._seen_from(pose, (xx, xy, yy), accepted))
+            self._near = [
+                _put(point, moved.get(point.group), cos, sin) for point in self._map_points
+            ]
+        elif moved != self._moved:  # at rest only the points with new measurements move
             before = self._moved
             self._near = [
                 near
-                if (by := moved.get(bare.three)) == before.get(bare.three)
-                else _put(bare, by, cos, sin)
-                for bare, near in zip(self._bare, self._near, strict=True)
+                if (by := moved.get(point.group)) == before.get(point.group)
+                else _put(point, by, cos, sin)
+                for point, near in zip(self._map_points, self._near, strict=True)
             ]
-        self._looked, self._moved = looked, moved
+        self._used, self._moved = looked, moved
 
     def _seen_from(
-        self, pose: Pose2, covariance: tuple[float, float, float], believed: bool
-    ) -> Iterator[_Bare]:
-        """The places within reach of a pose, whose position has this covariance: xx, xy, yy."""
+        self, pose: Pose2, covariance: tuple[float, float, float], accepted: bool
+    ) -> Iterator[_MapPoint]:
+        """The points within reach of a pose with position covariance (xx, xy, yy)."""
         x, y, _ = pose
         xx, xy, yy = covariance
         reach = self.settings.explains_m * self.settings.explains_m
-        for three, wx, wy, nx, ny, _, end in self._within(x, y):
+        for group, wx, wy, nx, ny, _, end in self._within(x, y):
             dx, dy = wx - x, wy - y
-            forbidden = three == UNDOUBTED
-            if dx * dx + dy * dy > reach or not (believed or forbidden):
+            forbidden = group == UNCHECKED
+            if dx * dx + dy * dy > reach or not (accepted or forbidden):
                 continue
             side = 1
             if dx * nx + dy * ny < 0.0:
@@ -220,20 +223,20 @@ class KnownWalls:
             off = 0.0
             if not forbidden:
                 off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
-            yield _Bare(three, dx, dy, nx, ny, end, side, off)
+            yield _MapPoint(group, dx, dy, nx, ny, end, side, off)
 
     def on_echoes(self, echoes: Sequence[Echo]) -> list[bool]:
-        """Doubt the places that had to answer a ping and did not, though something behind did.
+        """Doubt the points that had to answer a ping, when only an object behind them did.
 
-        Returns of each echo whether the map has a wall that it comes from, somewhere in the sonar's
-        cone. That wall is no farther then than it was heard: the pose may be off, a range hardly.
+        Returns for each echo whether a wall of the map explains it, anywhere in the sonar's cone.
+        That wall is then at most as far as measured: the pose may be wrong, a range hardly.
         """
         s = self.settings
         self._fade()
-        self._heard = {
-            three: heard._replace(ago=heard.ago + 1)
-            for three, heard in self._heard.items()
-            if heard.ago < HEARD_CYCLES
+        self._measured = {
+            group: measured._replace(ago=measured.ago + 1)
+            for group, measured in self._measured.items()
+            if measured.ago < MEASURED_CYCLES
         }
         for echo in echoes:
             if echo.range is None:
@@ -241,8 +244,8 @@ class KnownWalls:
             cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
             free = echo.range - s.margin_m
             through, answered = set(), set()
-            for three, x, y, nx, ny, away, *_ in self._near:
-                if three == UNDOUBTED:
+            for group, x, y, nx, ny, away, *_ in self._near:
+                if group == UNCHECKED:
                     continue
                 dx, dy = x - echo.x, y - echo.y
                 along = cos * dx + sin * dy
@@ -251,54 +254,54 @@ class KnownWalls:
                 if away > s.reach_m or abs(cos * nx + sin * ny) < s.square:
                     continue
                 if along < free:
-                    through.add(three)
+                    through.add(group)
                 elif along < free + 2.0 * s.margin_m:
-                    answered.add(three)
-            self._judge(through, answered)
+                    answered.add(group)
+            self._update_doubts(through, answered)
         return [self._explains(echo) for echo in echoes]
 
-    def see(self, looked: Callable[[list[tuple[float, float]]], Sequence[Look]]) -> None:
-        """Doubt the places that a laser looked through, and no more those that it sees.
+    def see(self, looked: Callable[[list[tuple[float, float]]], Sequence[RayResult]]) -> None:
+        """Doubt the points that a laser looked through, and clear the doubt of those it saw.
 
-        `looked` says of places in the body frame what came of looking there.
+        `looked` returns the result for each of a list of points in the body frame.
         """
         self._fade()
         places = [
-            p for p in self._near if p.three != UNDOUBTED and p.distance <= self.settings.reach_m
+            p for p in self._near if p.group != UNCHECKED and p.distance <= self.settings.reach_m
         ]
-        looks = looked([(place.x, place.y) for place in places])
+        results = looked([(place.x, place.y) for place in places])
         through, answered = set(), set()
-        for place, look in zip(places, looks, strict=True):
-            if look is Look.THROUGH:
-                through.add(place.three)
-            elif look is Look.SEEN:
-                answered.add(place.three)
-        self._judge(through - answered, answered)
+        for place, look in zip(places, results, strict=True):
+            if look is RayResult.THROUGH:
+                through.add(place.group)
+            elif look is RayResult.SEEN:
+                answered.add(place.group)
+        self._update_doubts(through - answered, answered)
 
     def _fade(self) -> None:
-        """Doubts are forgotten."""
-        for three in list(self._doubts):
-            self._doubts[three] *= self.settings.memory
-            if self._doubts[three] < FORGOTTEN:
-                del self._doubts[three]
+        """Let doubts decay by one cycle."""
+        for group in list(self._doubts):
+            self._doubts[group] *= self.settings.memory
+            if self._doubts[group] < LEAST_DOUBT:
+                del self._doubts[group]
 
-    def _judge(self, through: Iterable[int], answered: Iterable[int]) -> None:
-        for three in through:
-            self._doubts[three] = min(1.0, self._doubts.get(three, 0.0) + self.settings.miss)
-        for three in answered:
-            self._doubts.pop(three, None)
+    def _update_doubts(self, through: Iterable[int], answered: Iterable[int]) -> None:
+        for group in through:
+            self._doubts[group] = min(1.0, self._doubts.get(group, 0.0) + self.settings.miss)
+        for group in answered:
+            self._doubts.pop(group, None)
 
     def points(self, outline: Outline | None = None) -> list[Obstacle]:
-        """The nearest place that is believed, in each direction in which there is one.
+        """The nearest accepted point in each direction that has one.
 
-        It is the less farther off than the map has it the nearer the robot's `outline` turns to it,
-        but for the end of a wall that was heard, a door's post: that is where it was heard.
+        It is shifted away less the nearer the robot's `outline` would turn to it. A measured end of
+        a wall, such as a door post, stays where it was measured.
         """
         s = self.settings
         best: dict[int, _Near] = {}
         for place in self._near:
-            believed = place.three == UNDOUBTED or self._believed(place)
-            if place.distance > s.reach_m or not believed:
+            accepted = place.group == UNCHECKED or self._is_accepted(place)
+            if place.distance > s.reach_m or not accepted:
                 continue
             at = int(math.atan2(place.y, place.x) / math.tau * BINS + BINS)
             there = best.get(at)
@@ -307,9 +310,9 @@ class KnownWalls:
         return [self._expected(place, outline) for place in best.values()]
 
     def _expected(self, place: _Near, outline: Outline | None) -> Obstacle:
-        """Where a place is published."""
+        """The obstacle that is published for a point."""
         x, y, by = place.x, place.y, place.by
-        if outline is None or by <= 0.0 or (place.end and place.three in self._heard):
+        if outline is None or by <= 0.0 or (place.end and place.group in self._measured):
             return Obstacle(x, y, place.distance)
         corner = math.hypot(max(outline.front, outline.rear), outline.half_width)
         mapped = math.hypot(x - by * place.nx, y - by * place.ny)
@@ -319,23 +322,27 @@ class KnownWalls:
         x, y = x - less * place.nx, y - less * place.ny
         return Obstacle(x, y, math.hypot(x, y))
 
-    def _in_line(self) -> dict[int, _Heard]:
-        """How near the threes are that nobody heard, by those of the same wall that were.
+    def _extrapolated(self) -> dict[int, _Measured]:
+        """The shifts of groups without a measurement, from measured groups of the same wall.
 
-        A wall is straight, and a pose that is off, or turned, moves all of it. Who drives along one
-        hears it beside him only: where the map and the pose have it ahead, it may come nearer.
+        A wall is straight, and a pose error shifts or turns all of it. A robot driving along a wall
+        measures it only beside itself; ahead it may be nearer than the map and the pose have it.
         """
-        lately = {
-            three: heard
-            for three, heard in self._heard.items()
-            if heard.ago <= LATELY_CYCLES and not heard.end
+        recent = {
+            group: measured
+            for group, measured in self._measured.items()
+            if measured.ago <= RECENT_CYCLES and not measured.end
         }
         found = {}
-        for three in {t for h in lately for t in range(h - IN_LINE, h + IN_LINE + 1)}:
-            if three not in self._heard:
-                beside = [(h - three, lately[h]) for h in lately if abs(h - three) <= IN_LINE]
-                by = _at_zero([(off, heard.by) for off, heard in beside])
-                found[three] = _Heard(by, min(beside, key=lambda one: abs(one[0]))[1].slowly)
+        for group in {
+            t for h in recent for t in range(h - EXTRAPOLATED_GROUPS, h + EXTRAPOLATED_GROUPS + 1)
+        }:
+            if group not in self._measured:
+                beside = [
+                    (h - group, recent[h]) for h in recent if abs(h - group) <= EXTRAPOLATED_GROUPS
+                ]
+                by = _at_zero([(off, measured.by) for off, measured in beside])
+                found[group] = _Measured(by, min(beside, key=lambda one: abs(one[0]))[1].slowly)
         return found
 
     def _explains(self, echo: Echo) -> bool:
@@ -347,7 +354,7 @@ class KnownWalls:
         may: list[tuple[float, _Near]] = []
         in_beam: tuple[float, _Near] | None = None
         for place in self._near:
-            if place.three == UNDOUBTED:  # and unheard
+            if place.group == UNCHECKED:  # returns no echo
                 continue
             dx, dy = place.from_x - echo.x, place.from_y - echo.y
             ahead = cos * dx + sin * dy
@@ -356,7 +363,7 @@ class KnownWalls:
             away = math.hypot(dx, dy)
             beam = ahead >= s.explains_beam * away and (in_beam is None or away < in_beam[0])
             fits = abs(away - echo.range) <= near and ahead >= s.explains_cone * away
-            if not (beam or fits) or not self._believed(place):
+            if not (beam or fits) or not self._is_accepted(place):
                 continue
             if beam:
                 in_beam = away, place
@@ -364,33 +371,33 @@ class KnownWalls:
                 may.append((away, place))
         if not may and in_beam is not None and abs(in_beam[0] - echo.range) <= near:
             may.append(in_beam)
-        nearest = min((away for away, _ in may), default=0.0)  # an echo comes from what is nearest
+        nearest = min((away for away, _ in may), default=0.0)  # the nearest one sent the echo
         for away, place in may:
             if away - nearest < BESIDE_M:
                 by = min(place.off, place.slowly - (nearest - echo.range))
                 side, slowly = place.side, max(by, place.slowly - SLOW_M)
-                self._heard[place.three] = _Heard(side * by, side * slowly, place.end)
+                self._measured[place.group] = _Measured(side * by, side * slowly, place.end)
         return bool(may)
 
     @property
     def known(self) -> bool:
-        """Whether the walls that are near are known: whoever is unsure of the pose knows none."""
+        """Whether the pose is certain enough for walls to count."""
         return self._weight >= self.settings.least
 
     def near(self, x: float, y: float, within: float) -> bool:
-        """Whether a wall that is believed is so near to a place in the body frame, m."""
+        """Whether an accepted wall is within a distance (m) of a point in the body frame."""
         return any(
-            math.hypot(place.x - x, place.y - y) <= within and self._believed(place)
+            math.hypot(place.x - x, place.y - y) <= within and self._is_accepted(place)
             for place in self._near
-            if place.three != UNDOUBTED
+            if place.group != UNCHECKED
         )
 
-    def _believed(self, place: _Near) -> bool:
-        doubt = self._doubts.get(place.three, 0.0)
+    def _is_accepted(self, place: _Near) -> bool:
+        doubt = self._doubts.get(place.group, 0.0)
         return self._weight * (1.0 - doubt) >= self.settings.least
 
     def _within(self, x: float, y: float) -> list[_Place]:
-        """The places that may be within reach."""
+        """The points that may be within reach."""
         if math.hypot(x - self._anchor[0], y - self._anchor[1]) > AHEAD_M:
             self._anchor = (x, y)
             reach = self.settings.explains_m + AHEAD_M
@@ -406,29 +413,29 @@ class KnownWalls:
 
 
 def _at_zero(points: Sequence[tuple[int, float]]) -> float:
-    """What the line through points (threes, m) has at 0: of least squares, and within `SLANT`."""
-    x = sum(three for three, _ in points) / len(points)
+    """The value at 0 of the least-squares line through (group, m), its slope within `SLANT`."""
+    x = sum(group for group, _ in points) / len(points)
     y = sum(by for _, by in points) / len(points)
-    spread = sum((three - x) ** 2 for three, _ in points)
+    spread = sum((group - x) ** 2 for group, _ in points)
     if spread == 0.0:
         return y
-    slope = sum((three - x) * (by - y) for three, by in points) / spread
+    slope = sum((group - x) * (by - y) for group, by in points) / spread
     most = SLANT * 3.0 * STEP_M
     return y - x * max(-most, min(most, slope))
 
 
-def _put(bare: _Bare, heard: _Heard | None, cos: float, sin: float) -> _Near:
-    """A place in the body's frame, by what the pose may be off or it has been heard."""
-    three, dx, dy, nx, ny, end, side, off = bare
+def _put(point: _MapPoint, measured: _Measured | None, cos: float, sin: float) -> _Near:
+    """A point in the body frame, shifted by the pose's uncertainty or by a measurement."""
+    group, dx, dy, nx, ny, end, side, off = point
     by = slowly = off
-    if heard is not None:
-        by, slowly = min(off, side * heard.by), min(off, side * heard.slowly)
+    if measured is not None:
+        by, slowly = min(off, side * measured.by), min(off, side * measured.slowly)
     ahead, left = cos * nx + sin * ny, cos * ny - sin * nx
     dx, dy = dx + slowly * nx, dy + slowly * ny
     from_x, from_y = cos * dx + sin * dy, cos * dy - sin * dx
     x, y = from_x + (by - slowly) * ahead, from_y + (by - slowly) * left
     away = math.hypot(x, y)
-    return _Near(three, x, y, ahead, left, away, from_x, from_y, end, side, off, by, slowly)
+    return _Near(group, x, y, ahead, left, away, from_x, from_y, end, side, off, by, slowly)
 
 
 def _buckets(middle: float, reach: float) -> range:
@@ -438,19 +445,19 @@ def _buckets(middle: float, reach: float) -> range:
 
 
 def _places(walls: Iterable[Segment]) -> Iterator[_Place]:
-    """Each wall's both ends and what is between."""
-    three = 0
+    """The points of each wall, including both ends."""
+    group = 0
     for x1, y1, x2, y2 in walls:
         length = math.hypot(x2 - x1, y2 - y1)
         if length == 0.0:
             continue
-        three += IN_LINE  # what is beside a three in number is beside it on its wall
+        group += EXTRAPOLATED_GROUPS  # neighbouring numbers are neighbours on one wall
         nx, ny = (y1 - y2) / length, (x2 - x1) / length
         steps = math.ceil(length / STEP_M)
         for step in range(steps + 1):
             share = step / steps
             end = step in (0, steps)
             stands = end or step % 3 == 1
-            three += step % 3 == 0
+            group += step % 3 == 0
             x, y = x1 + share * (x2 - x1), y1 + share * (y2 - y1)
-            yield _Place(three, x, y, nx, ny, stands, end)
+            yield _Place(group, x, y, nx, ny, stands, end)

@@ -1,10 +1,10 @@
-"""The laser agent: a local map of what is around the robot, by its laser (thesis 3.4.2)."""
+"""The laser agent: a local map of the robot's surroundings, from its laser (thesis 3.4.2)."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from armadico.agents.methods.near import Look
+from armadico.agents.methods.near import RayResult
 from armadico.agents.methods.settings import ScanSettings
 from armadico.agents.perception import perception
 from armadico.agents.perception.perception import Perception
@@ -14,29 +14,29 @@ from armadico.core.agent import ERROR, INFO
 from armadico.core.messages import Message, Point
 from armadico.mobile.messages import Scan
 
-TELL = 0.02
-"""With a smaller share of rays that tell anything a laser is blind: covered, or broken."""
+LEAST_VALID = 0.02
+"""Least share of valid rays: with fewer the laser is covered or broken."""
 
-SAY_S = 10.0
-"""It says so at most so often."""
+REPORT_S = 10.0
+"""Least time between two reports of that."""
 
 
 class Parameters(perception.Parameters, frozen=True, kw_only=True):
-    """What the map keeps, and for how long."""
+    """What the map keeps of a scan, and for how long."""
 
     map: ScanSettings = ScanSettings()
 
 
 class LaserAgent(Perception):
-    """Takes the scans into its map, and publishes what is near.
+    """Adds the scans to its map, and publishes the obstacles that are near.
 
-    The map's walls are expected only where the laser cannot tell: out of its sight, hidden, or
-    where its rays found nothing, for what is dark or of glass it does not see. What it sees is
-    where it sees it, however the pose is off.
+    The map's walls are expected only where the laser has no information: out of its sight, hidden,
+    or without a return, since it does not see dark or glass surfaces. What it sees is where it sees
+    it, however wrong the pose is.
     """
 
     name = "laser"
-    hears: ClassVar[tuple[type[Message], ...]] = (Scan, *Perception.hears)
+    receives: ClassVar[tuple[type[Message], ...]] = (Scan, *Perception.receives)
     parameters = Parameters
     p: Parameters
 
@@ -45,34 +45,33 @@ class LaserAgent(Perception):
         self._map = ScanMap(p.map)
         super().__init__(identity, p, self._map)
         self._blind = False
-        self._said_at = float("-inf")
+        self._reported_at = float("-inf")
 
     def on_scan(self, scan: Scan) -> None:
-        """Take the scan in, and publish where the obstacles are."""
         seen, walls = self._map, self._near_walls()
         rays = scan.rays
         try:
-            tell = seen.update(scan)
+            valid = seen.update(scan)
         except ValueError:
-            tell = 0
-        if tell < max(1.0, TELL * rays):
-            self._cannot_see(f"of {rays} rays {tell} tell anything: nobody drives blind")
+            valid = 0
+        if valid < max(1.0, LEAST_VALID * rays):
+            self._report_blind(f"{valid} of {rays} rays are valid: no obstacles are published")
             return
         if self._blind:
             self._blind = False
-            self.log("the laser sees again", INFO)
+            self.log("the laser works again", INFO)
         if walls is not None:
             walls.see(seen.probe)
-        believed = () if walls is None else walls.points(seen.outline)
-        looks = seen.probe([(o.x, o.y) for o in believed])
-        told = (Look.SEEN, Look.THROUGH)
-        self._expect(o for o, look in zip(believed, looks, strict=True) if look not in told)
+        accepted = () if walls is None else walls.points(seen.outline)
+        results = seen.probe([(o.x, o.y) for o in accepted])
+        known = (RayResult.SEEN, RayResult.THROUGH)
+        self._expect(o for o, look in zip(accepted, results, strict=True) if look not in known)
         if seen.outline is not None:
-            self._publish_near(scan.cycle, (Point(o.x, o.y) for o in seen.heard()))
+            self._publish_near(scan.cycle, (Point(o.x, o.y) for o in seen.sensed()))
 
-    def _cannot_see(self, why: str) -> None:
-        """Publish nothing: stale obstacles are no free way."""
-        if not self._blind or self.now - self._said_at >= SAY_S:
-            self._said_at = self.now
+    def _report_blind(self, why: str) -> None:
+        """Report the fault. Publish nothing: stale obstacles do not show free space."""
+        if not self._blind or self.now - self._reported_at >= REPORT_S:
+            self._reported_at = self.now
             self.log(f"the laser: {why}", ERROR)
         self._blind = True

@@ -1,24 +1,23 @@
-"""The sonar agent's local map: what is around the robot, with some memory (thesis 3.4.2).
+"""The sonar agent's local map: the surroundings of the robot, with some memory (thesis 3.4.2).
 
-The circle around the robot is cut into 18 sectors and ten rings (figure 3.8). A cell holds the
-point that was hit in it, not its centre: with centres the robot keeps up to 18 cm more or less
-distance than there is. Near the robot it holds several that are apart: of one alone, the end of a
-wall would be as far back as its first echo, and a corner of the body turns into the rest.
-Everything is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres
-and radians.
+The circle around the robot is divided into 18 sectors and ten rings (figure 3.8). A cell holds the
+point that was hit in it, not its centre: centres would change the clearance by up to 18 cm. Near
+the robot a cell holds several separate points. With one, the end of a wall would stay at its first
+echo, and a corner of the footprint would turn into the rest. All is in the body frame: x forward, y
+left, origin at the middle of the wheel axle; metres and radians.
 
-It believes by looks, not by cycles. A cell's probability grows when an echo comes from it. It
-shrinks on a ping that had to bring its echo: within the cone, near the axis, and short of the range
-measured. An echo from behind it is strong evidence; a ping without one is weak, for a wall met at
-a slant does not answer either: neither counts that looked from another side than it was heard from.
-What no sonar looks at only fades, slowly with time and, as odometry goes wrong, with the way: the
-tail swings into what cannot be seen.
+Probabilities change per ping, not per cycle. A cell's probability grows with an echo from it. It
+shrinks with a ping that should have brought an echo: within the cone, near the axis, and short of
+the measured range. An echo from behind is strong evidence. A ping without an echo is weak, since a
+wall at a slant returns none either. Neither counts from another side than the cell was hit from.
+Cells that no sonar faces only fade, slowly with time and, as odometry drifts, with distance: the
+rear swings into areas that no sonar covers.
 
-By the setting `seen_by` "cells" the map is that of figure 3.8: a cell holds one point, and a ping
-doubts every cell that it passes through, 20 degrees wide, from whichever side the point was heard.
-What a sonar looks into fades faster than the rest, and counts from a higher probability on.
+With `seen_by` "cells" the map is that of figure 3.8: a cell holds one point, and a ping clears all
+cells of 20 degrees width that it passes through, from any side. Cells that a sonar faces fade
+faster than the rest, and count as occupied from a higher probability.
 
-What is expected, by a global map, is beside that, and new in each cycle.
+Obstacles expected from a global map are kept apart, and replaced in each cycle.
 """
 
 from __future__ import annotations
@@ -31,48 +30,49 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from armadico.agents.methods.geometry import Posed
-from armadico.agents.methods.near import NOBODY, Near, Obstacle
+from armadico.agents.methods.near import NO_OUTLINE, Near, Obstacle
 from armadico.agents.methods.settings import MapSettings
-from armadico.agents.perception.rows import NEAR_M, Heard, onward
+from armadico.agents.perception.rows import NEAR_M, RowPoint, onward
 from armadico.mobile.messages import Echo
 from armadico.mobile.swept_path import Outline
 
 SECTORS = 18
-"""Sectors of 20 degrees, their edges at multiples of 20: a Pioneer's sonars look at centres."""
+"""Sectors of 20 degrees with edges at multiples of 20: a Pioneer's sonars face their centres."""
 
 RINGS = 10
 CELLS = SECTORS * RINGS
+
 NEAR_RINGS = 3
-"""In the innermost so many rings, 0.75 m, a cell holds several points."""
+"""Innermost rings (0.75 m) whose cells hold several points."""
 
 POINTS = 4
-"""Points of one such cell at the most."""
+"""Greatest number of points of such a cell."""
 
-_STEP_M = 0.02  # how finely an axis is followed through the cells
-_MOST_SONARS = 64  # that are remembered, as many as one message has: no robot has more
+_STEP_M = 0.02  # step along an axis through the cells
+_MOST_SONARS = 64  # remembered sonars: as many as one message holds
 
 
 class _Cell(NamedTuple):
     probability: float
     x: float
     y: float
-    heard: float  # from how far, m: the point lies on that sonar's axis, the thing in its cone
-    ahead: float  # where that sonar looked: a unit vector
+    range_m: float  # range when it was hit, m: the point is on the axis, the object in the cone
+    ahead: float  # direction of that sonar: a unit vector
     left: float
 
 
 def cell_at(x: float, y: float, ring_m: float) -> int:
-    """The cell that a point lies in, sector by sector from straight ahead counter-clockwise."""
+    """The index of a point's cell: by sector, counter-clockwise from straight ahead, then ring."""
     sector = int((math.atan2(y, x) % math.tau) / (math.tau / SECTORS)) % SECTORS
     return sector * RINGS + int(math.hypot(x, y) / ring_m)
 
 
 @lru_cache(maxsize=_MOST_SONARS)
 def ray(x: float, y: float, bearing: float, reach_m: float) -> tuple[tuple[int, float], ...]:
-    """The cells that a sonar's axis passes through, and the range at which it leaves each, m.
+    """The cells that a sonar's axis passes through, nearest first, and the range at each exit, m.
 
-    The cells of figure 3.8 are as wide as a sonar sees. In the order in which the sound meets them;
-    a sonar's place is fixed, so this is computed once for each.
+    The cells of figure 3.8 are as wide as a sonar's cone. A sonar's mount is fixed, so this is
+    computed once for each.
     """
     cos, sin = _direction(bearing)
     cells: dict[int, float] = {}
@@ -85,39 +85,39 @@ def ray(x: float, y: float, bearing: float, reach_m: float) -> tuple[tuple[int, 
 
 @lru_cache(maxsize=_MOST_SONARS)
 def _direction(bearing: float) -> tuple[float, float]:
-    """A sonar looks one way for ever, so this is worked out once for each."""
+    """Cosine and sine of a sonar's fixed bearing, computed once for each."""
     return math.cos(bearing), math.sin(bearing)
 
 
 class LocalMap(Near):
-    """Moves with the robot, takes echoes in, and holds what is near.
+    """Moves with the robot, adds echoes, and returns what is near.
 
-    A cycle is `move`, then `update`, then the queries.
+    A cycle calls `move`, then `update`, then the queries.
     """
 
     def __init__(self, settings: MapSettings | None = None, outline: Outline | None = None) -> None:
         self.settings = settings or MapSettings()
         super().__init__(self.settings, outline)
         self._ring_m = self.settings.reach_m / RINGS
-        self._cells: dict[int, _Cell] = {}  # by the cell, and CELLS for each point before it
-        self._watched: set[int] = set()  # cells that a sonar looks into, if it is by cells
-        self._sonars: dict[tuple[float, float, float], Echo] = {}  # each one's last
+        self._cells: dict[int, _Cell] = {}  # key: cell index, plus CELLS for each further point
+        self._watched: set[int] = set()  # with `seen_by` "cells": those that a sonar faces
+        self._sonars: dict[tuple[float, float, float], Echo] = {}  # last echo by mount
         self._occupied: tuple[Obstacle, ...] | None = ()
 
     def move(self, motion: Posed, *, mapped: bool = False) -> None:
-        """Move what is remembered against the robot's motion, and let it fade by one cycle.
+        """Move the points against the robot's motion, and let them fade by one cycle.
 
         Args:
-            motion: The robot's new pose in the frame of its last one, m and rad. Points that end
-                up inside the outline were never there, those beyond the map are let go.
-            mapped: Whether what is on the global map is expected: then the rest fades sooner.
+            motion: The robot's new pose in the frame of the last one, m and rad. Points that end up
+                inside the footprint or beyond the map are dropped.
+            mapped: Whether the global map's walls are expected: then other points fade sooner.
         """
         s = self.settings
         cos, sin = math.cos(motion.theta), math.sin(motion.theta)
         memory = self._fades(motion, mapped)
-        front, rear, half = self.outline or NOBODY
+        front, rear, half = self.outline or NO_OUTLINE
         moved: dict[int, _Cell] = {}
-        for key, (probability, x, y, heard, ahead, left) in self._cells.items():
+        for key, (probability, x, y, range_m, ahead, left) in self._cells.items():
             probability *= s.seen_decay if key in self._watched else memory  # noqa: PLW2901
             dx, dy = x - motion.x, y - motion.y
             x, y = cos * dx + sin * dy, cos * dy - sin * dx  # noqa: PLW2901
@@ -129,22 +129,22 @@ class LocalMap(Near):
             other = moved.get(new)
             if other is None or probability > other.probability:
                 turned = cos * ahead + sin * left, cos * left - sin * ahead
-                moved[new] = _Cell(probability, x, y, heard, *turned)
+                moved[new] = _Cell(probability, x, y, range_m, *turned)
         self._cells = moved
         self._occupied = None
         self._changed()
 
     def update(self, echoes: Iterable[Echo], explained: Iterable[bool] = ()) -> None:
-        """Take in the echoes of one cycle: a ping doubts what did not echo, and fills a cell.
+        """Add one cycle's echoes: each clears the points that did not answer, and fills a cell.
 
-        `explained` says of each echo whether it is of what is expected, False of those beyond its
-        end: what is fills none.
+        `explained` has for each echo whether an expected obstacle explains it (False beyond its
+        end): such an echo fills no cell.
         """
         for echo, known in zip(echoes, chain(explained, repeat(False))):  # noqa: B905 - endless
             sonar = (echo.x, echo.y, echo.bearing)
             self._sonars.pop(sonar, None)
             self._sonars[sonar] = echo
-            if len(self._sonars) > _MOST_SONARS:  # the one silent for longest is none
+            if len(self._sonars) > _MOST_SONARS:  # drop the one without a ping for longest
                 del self._sonars[next(iter(self._sonars))]
             self._clear(echo)
             if echo.range is not None and not known:
@@ -152,8 +152,8 @@ class LocalMap(Near):
         self._occupied = None
         self._changed()
 
-    def heard(self) -> tuple[Obstacle, ...]:
-        """All occupied cells' points, the nearest first."""
+    def sensed(self) -> tuple[Obstacle, ...]:
+        """The points of all occupied cells, nearest first."""
         if self._occupied is None:
             s = self.settings
             found = [
@@ -165,20 +165,20 @@ class LocalMap(Near):
         return self._occupied
 
     def onward(self) -> tuple[Obstacle, ...]:
-        """Where what was heard goes on, but for what was expected: of that the ends are known."""
-        s, body = self.settings, self.outline or NOBODY
+        """The extrapolated ends of walls, except of expected ones, whose ends are known."""
+        s, body = self.settings, self.outline or NO_OUTLINE
         if not s.goes_on:
             return ()
         front, rear, half = body.grown(NEAR_M)
-        heard = [
-            Heard(x, y, ahead, left)
+        points = [
+            RowPoint(x, y, ahead, left)
             for probability, x, y, _, ahead, left in self._cells.values()
             if -rear < x < front
             and -half < y < half
             and probability >= s.threshold
             and not self._is_expected(x, y)
         ]
-        if len(heard) < 2:
+        if len(points) < 2:
             return ()
         through = [
             (
@@ -191,7 +191,7 @@ class LocalMap(Near):
         ]
         slope = math.tan(s.axis_rad)
         return tuple(
-            Obstacle(x, y, math.hypot(x, y)) for x, y in onward(heard, body, through, slope)
+            Obstacle(x, y, math.hypot(x, y)) for x, y in onward(points, body, through, slope)
         )
 
     def _is_expected(self, x: float, y: float) -> bool:
@@ -199,17 +199,17 @@ class LocalMap(Near):
         return any(abs(ex - x) < near and abs(ey - y) < near for ex, ey, _ in self._expected)
 
     def cells(self) -> Mapping[int, _Cell]:
-        """What is in each cell that is not empty: its number is `sector * RINGS + ring`.
+        """The cells that are not empty, by index: `sector * RINGS + ring`.
 
-        A near cell's second point has the number and `CELLS`, its third twice that, and so on.
+        A near cell's second point has that index plus CELLS, its third plus twice CELLS, and so on.
         """
         return self._cells
 
     def _clear(self, echo: Echo) -> None:
-        """Doubt what had to echo this ping and did not.
+        """Lower the probability of points that should have answered this ping and did not.
 
-        A point stands for something within the cone of the sonar that pinged it. From nearer by the
-        cone is narrower than that, and may miss the thing: such a ping counts so much less.
+        A point stands for an object within the cone of the sonar that hit it. From nearer the cone
+        is narrower and may miss the object: such a ping counts proportionally less.
         """
         s = self.settings
         if s.seen_by == "cells":
@@ -228,19 +228,19 @@ class LocalMap(Near):
                 continue
             if cos * cell.ahead + sin * cell.left < facing:
                 continue
-            self._doubt(key, cell, taken * min(along / cell.heard, 1.0))
+            self._lower(key, cell, taken * min(along / cell.range_m, 1.0))
 
     def _clear_cells(self, echo: Echo) -> None:
-        """Doubt each cell that the sound passed through (thesis 3.4.2), echo or none."""
+        """Lower each cell that the sound passed through (thesis 3.4.2), with or without an echo."""
         s = self.settings
         free = math.inf if echo.range is None else echo.range - s.margin_m
         for key, leaves in ray(echo.x, echo.y, echo.bearing, s.reach_m):
             self._watched.add(key)
             cell = self._cells.get(key)
             if cell is not None and leaves <= free:
-                self._doubt(key, cell, s.miss)
+                self._lower(key, cell, s.miss)
 
-    def _doubt(self, key: int, cell: _Cell, taken: float) -> None:
+    def _lower(self, key: int, cell: _Cell, taken: float) -> None:
         probability = cell.probability - taken
         if probability < self.settings.forget:
             del self._cells[key]
@@ -248,11 +248,11 @@ class LocalMap(Near):
             self._cells[key] = cell._replace(probability=probability)
 
     def _fill(self, echo: Echo, distance: float) -> None:
-        """Believe more in the cell at the ray's end.
+        """Raise the probability of the cell at the echo's position.
 
-        A nearer point that it already holds stays, unless the echo went clean through. It does not
-        follow the newest hit: along a wall that is always in front of the sonar, so no point would
-        ever leave the cell backwards, and nothing would be known beside the tail.
+        A nearer point in the cell stays, unless the echo passed through it. The point does not
+        follow the newest hit. Along a wall that is always in front of the sonar, so no point would
+        leave the cell backwards, and nothing would be known beside the rear.
         """
         s = self.settings
         cos, sin = _direction(echo.bearing)
@@ -268,13 +268,10 @@ class LocalMap(Near):
         beyond = math.hypot(x, y) - math.hypot(before.x, before.y)
         if 0.0 <= beyond <= s.margin_m:
             x, y = before.x, before.y
-        self._cells[key] = _Cell(probability, x, y, min(distance, before.heard), cos, sin)
+        self._cells[key] = _Cell(probability, x, y, min(distance, before.range_m), cos, sin)
 
     def _place(self, cells: Mapping[int, _Cell], x: float, y: float) -> int:
-        """Where a point belongs: with what is not apart from it, or else where there is room.
-
-        Where there is none, in the place of what is least sure.
-        """
+        """The key for a point: that of a point close to it, else a free key, else the weakest."""
         first, room = cell_at(x, y, self._ring_m), None
         if first % RINGS >= NEAR_RINGS:
             return first

@@ -1,4 +1,4 @@
-"""The mapping agent: an occupancy grid of what the sensors have seen while driving."""
+"""The mapping agent: an occupancy grid from the sensors' readings while the robot drives."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from armadico.mobile.messages import MapRequest, OccupancyGrid, Pose, Scan, Sona
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The robot whose sensors it listens to, how often it publishes, and a map to go on with."""
+    """The robot profile, the publication period, and a map to continue."""
 
     profile: str = "pioneer-2dx"
     every_s: Annotated[float, Meta(ge=0.1, le=60)] = 1.0
-    resume: str = ""  # the .yaml of a map that was saved; none: nothing is known
+    resume: str = ""  # .yaml of a saved map; empty: start with an unknown map
 
 
 class Mapping(Agent):
-    """Puts each ping and each scan where the robot was in its cycle.
+    """Adds each ping and each scan at the robot's pose in its cycle.
 
-    A robot with a laser is mapped by that alone: a cone's arc shuts doors that a ray looks through.
+    A robot with a laser is mapped by the laser alone: a cone's arc closes doors that a ray passes.
 
-    It believes the pose: with an odometry that drifts its walls drift, for it is no SLAM.
+    It takes the pose as given: with a drifting odometry the walls drift. It is no SLAM.
     """
 
     name = "mapping"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan, Description)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan, Description)
     provides: ClassVar[tuple[type[Message], ...]] = (OccupancyGrid,)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
     parameters = Parameters
@@ -46,40 +46,37 @@ class Mapping(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         profile = load_profile(self.p.profile)
-        self._sees = profile.laser is not None
-        self._map = Mapper(0.0 if self._sees else radians(profile.ring.cone_deg) / 2.0)
+        self._has_laser = profile.laser is not None
+        self._map = Mapper(0.0 if self._has_laser else radians(profile.ring.cone_deg) / 2.0)
         if self.p.resume:
             self._map.resume(grid_map.read(self.p.resume))
         self._published_at = float("-inf")
         self._warned = False
 
     def on_pose(self, pose: Pose) -> None:
-        """Where the readings of this cycle were taken, if they have come."""
-        self._match(pose, self.latest(Scan) if self._sees else self.latest(Sonar))
+        """Add the readings of this cycle, if they have arrived."""
+        self._match(pose, self.latest(Scan) if self._has_laser else self.latest(Sonar))
 
     def on_sonar(self, sonar: Sonar) -> None:
-        """The pings of this cycle, if it is known where they were."""
-        if not self._sees:
+        if not self._has_laser:
             self._match(self.latest(Pose), sonar)
 
     def on_scan(self, scan: Scan) -> None:
-        """The scan of this cycle, if it is known where it was taken."""
-        if self._sees:
+        if self._has_laser:
             self._match(self.latest(Pose), scan)
 
     def on_map_request(self, _question: Question) -> OccupancyGrid:
-        """The map as it is now."""
         return grid_map.message_of(self._map.cells())
 
-    def _match(self, pose: Pose | None, said: Sonar | Scan | None) -> None:
-        """Take a cycle's readings once both its messages are there, in whatever order."""
-        if pose is None or said is None or pose.cycle != said.cycle:
+    def _match(self, pose: Pose | None, reading: Sonar | Scan | None) -> None:
+        """Add a cycle's readings once both messages have arrived, in any order."""
+        if pose is None or reading is None or pose.cycle != reading.cycle:
             return
-        if isinstance(said, Scan):
-            with suppress(ValueError):  # what is no scan tells nothing
-                self._map.see(pose, said)
+        if isinstance(reading, Scan):
+            with suppress(ValueError):  # an invalid scan
+                self._map.see(pose, reading)
         else:
-            for echo in said.echoes:
+            for echo in reading.echoes:
                 self._map.add(pose, echo)
         robot = self.latest(Description)
         if robot is not None:
@@ -89,8 +86,7 @@ class Mapping(Agent):
             self._warned = True
             at, most = f"({pose.x:.1f}, {pose.y:.1f})", self._map.p.size_m
             self.log(
-                f"mapping stops at {at}: the map may be {most:g} m wide and high, and what is"
-                " beyond is left out",
+                f"readings at {at} are left out: the map may be at most {most:g} m wide and high",
                 WARNING,
             )
         if self.now - self._published_at >= self.p.every_s:

@@ -1,8 +1,8 @@
-"""What the agents of all sensors that know obstacles have in common (thesis 3.4.2).
+"""What the agents of all obstacle sensors share (thesis 3.4.2).
 
-A subclass has a local map of its own sensor, and takes its readings in. Here is what does not
-depend on which sensor that is: where the robot is on the global map and what that has near, what it
-touched, and where the other robots of its fleet are.
+A subclass has a local map of its own sensor and adds its readings. This class does what does not
+depend on the sensor: the pose on the global map and the walls near it, collisions, and the other
+robots of the fleet.
 """
 
 from __future__ import annotations
@@ -31,42 +31,42 @@ from armadico.mobile.swept_path import Outline
 Seconds = Annotated[float, Meta(ge=0, le=3600)]
 
 LATE_CYCLES = 4
-"""A pose comes so many cycles late at the most, or it is not fresh."""
+"""Greatest delay of a pose, in cycles: an older one is not fresh."""
 
 BUMP_M = 0.04
-"""What the robot touched is put so far beyond the edge that touched it."""
+"""Distance of a collision's obstacle beyond the edge that touched it."""
 
 BUMP_SHARES = (-0.75, 0.0, 0.75)
-"""What stalled the robot is put so far to its sides, in shares of half its width."""
+"""Lateral positions of a collision's obstacles, as shares of half the robot's width."""
 
 BUMP_OFF_M = 0.25
-"""Farther from a wall of the map than this, it was not that which was touched."""
+"""A collision farther than this from every wall of the map was with an unmapped object."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """The global map, if there is one, and for how long a touch is remembered.
+    """The global map, if there is one, and how long a collision is remembered.
 
-    Told of a `world`, it expects the walls of that near a pose whose covariance is known and small.
+    With a `world`, the map's walls near a pose of known and small covariance are expected.
     """
 
-    world: Annotated[str, Meta(min_length=1)] | None = None  # the global map, if anybody knows it
-    namespace: Annotated[str, Meta(min_length=1)] = "robot1"  # whose other robots are not itself
+    world: Annotated[str, Meta(min_length=1)] | None = None  # the global map, if known
+    namespace: Annotated[str, Meta(min_length=1)] = "robot1"  # tells this robot from its fleet
     walls: WallSettings = WallSettings()
-    bump_s: Seconds = 60.0  # how long something is remembered that the robot touched,
-    bump_off_map_s: Seconds = 10.0  # and that is on no map: somebody, who goes on
+    bump_s: Seconds = 60.0  # how long a collision's obstacle is remembered,
+    bump_off_map_s: Seconds = 10.0  # and if it is on no map: mostly a person
 
 
 class Perception(Agent):
-    """Moves its map with the robot, and publishes what is near.
+    """Moves its map with the robot, and publishes the obstacles that are near.
 
-    The map is local, so the controller's own odometry moves it: a cycle's readings become obstacles
-    one hop after they came, whoever else is slow, and no correction of the pose smears it. What the
-    global map has near is put to it anew in each cycle. Nothing is published before the robot is
-    described: what is inside the body is no obstacle.
+    The map is local, so the controller's raw odometry moves it. A cycle's readings become obstacles
+    one hop after they arrive, independent of slow agents, and no pose correction smears them. The
+    global map's walls are added in each cycle. Nothing is published before the robot's description
+    is received: points inside the footprint are no obstacles.
     """
 
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Description, Pose, Correction, FleetPose)
+    receives: ClassVar[tuple[type[Message], ...]] = (Description, Pose, Correction, FleetPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Obstacles,)
     parameters = Parameters
     launched_with = ("world", "namespace")
@@ -79,22 +79,22 @@ class Perception(Agent):
         self._walls = None
         if world is not None:
             self._walls = KnownWalls(world.outlines, self.p.walls, world.forbidden)
-        self._origin: Pose2 | None = None  # of the odometry, by the newest pose that was sure
-        self._told_origin: Pose2 | None = None  # the same, also by a pose without a covariance
-        self._covariance: tuple[float, ...] = ()  # of that pose,
-        self._sure_at = -inf  # when that was,
-        self._way = 0.0  # and how far the robot has come since, m
+        self._origin: Pose2 | None = None  # of the odometry, by the newest certain pose
+        self._rough_origin: Pose2 | None = None  # the same, also by a pose without a covariance
+        self._covariance: tuple[float, ...] = ()  # of that pose
+        self._certain_at = -inf  # when it was received
+        self._way = 0.0  # distance driven since, m
         self._driven: deque[tuple[Cycle, Pose2]] = deque(maxlen=LATE_CYCLES)
         self._odometry: Pose2 | None = None
         self._epoch: int | None = None
         self._bumps: list[tuple[float, Point]] = []  # when, and where in the body frame
         self._robots = KnownRobots(self.p.namespace.rpartition("/")[2])
 
-    def on_description(self, said: Description) -> None:
-        self._seen.outline = Outline(said.front, said.rear, said.half_width)
+    def on_description(self, description: Description) -> None:
+        self._seen.outline = Outline(description.front, description.rear, description.half_width)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Apply the robot's motion to the map; what it touches is an obstacle."""
+        """Move the map with the robot; add an obstacle where it touched something."""
         odometry = (state.x, state.y, state.theta)
         if self._odometry is not None and state.cycle.epoch == self._epoch:
             motion = relative(self._odometry, odometry)
@@ -103,7 +103,7 @@ class Perception(Agent):
             self._way += hypot(motion[0], motion[1])
             self._bumps = list(self._moved(motion))
         else:
-            self._origin = self._told_origin = None
+            self._origin = self._rough_origin = None
         self._odometry, self._epoch = odometry, state.cycle.epoch
         self._driven.append((state.cycle, odometry))
         body = self._seen.outline
@@ -115,51 +115,48 @@ class Perception(Agent):
                 self._bumps += [(self.now, Point(x, y)) for y in sides]
 
     def on_pose(self, pose: Pose) -> None:
-        """Where the odometry's origin lies in the world, if that is sure; it stays there a while.
+        """Store the odometry's origin in the world if the pose is certain; it stays valid a while.
 
-        A robot that is lost has rarely been carried away: mostly it is where its wheels say that it
-        is, and beside it the walls that were there. Who was is told (`on_correction`).
+        A lost robot has rarely been carried away: mostly it is where its odometry has it, and the
+        walls near it are still there. A kidnapping is reported by `on_correction`.
 
-        A pose without a covariance is good enough to keep off other robots: they move, and the map
-        does not have them.
+        A pose without a covariance is good enough for keeping clear of other robots: they move, and
+        the map does not have them.
         """
         if pose.deviation > self.p.walls.sure_m:
             return
         for cycle, odometry in self._driven:
             if cycle == pose.cycle:
                 back = relative(odometry, (0.0, 0.0, 0.0))
-                self._told_origin = compose((pose.x, pose.y, pose.theta), back)
+                self._rough_origin = compose((pose.x, pose.y, pose.theta), back)
                 if pose.covariance:
-                    self._origin, self._covariance = self._told_origin, pose.covariance
-                    self._sure_at, self._way = self.now, 0.0
+                    self._origin, self._covariance = self._rough_origin, pose.covariance
+                    self._certain_at, self._way = self.now, 0.0
 
     def on_correction(self, correction: Correction) -> None:
-        """What a robot has near that seems to have been carried away is not what it had near.
-
-        But for what is forbidden, until a pose is sure.
-        """
+        """Drop the pose of a kidnapped robot, except for forbidden areas."""
         if correction.elsewhere:
-            self._sure_at = -inf
+            self._certain_at = -inf
 
-    def on_fleet_pose(self, said: FleetPose) -> None:
-        """Where another robot is, by its own word."""
-        self._robots.update(said, self.now)
+    def on_fleet_pose(self, pose: FleetPose) -> None:
+        """Store where another robot reports to be."""
+        self._robots.update(pose, self.now)
 
     def _near_walls(self) -> KnownWalls | None:
-        """The walls of the map that are near, where the robot is now; None without a map."""
+        """The map's walls near the robot's present pose; None without a map."""
         if self._walls is not None:
-            old = self.now - self._sure_at > self.p.walls.kept_s
+            old = self.now - self._certain_at > self.p.walls.kept_s
             self._walls.on_pose(*self._place(self._origin), old=old)
         return self._walls
 
     def _expect(self, walls: Iterable[Obstacle]) -> None:
-        """Expect these of the map's walls, and the other robots."""
-        robots = self._robots.points(*self._place(self._told_origin), self.now)
+        """Expect these walls of the map, and the other robots."""
+        robots = self._robots.points(*self._place(self._rough_origin), self.now)
         if robots or self._walls is not None:
             self._seen.expect([*walls, *robots])
 
     def _publish_near(self, cycle: Cycle, points: Iterable[Point]) -> None:
-        """Publish what is near: these, what is expected, and what was touched."""
+        """Publish the sensed points, the expected ones and the collisions."""
         near = self._seen
         self.publish(
             Obstacles(
@@ -178,7 +175,7 @@ class Perception(Agent):
         )
 
     def _place(self, origin: Pose2 | None) -> tuple[Pose2 | None, tuple[float, ...]]:
-        """Where the robot is now by an origin of its odometry, and how uncertain that is."""
+        """The present pose by an odometry origin, and its covariance."""
         s = self.p.walls
         if origin is None or self._odometry is None:
             return None, ()
@@ -190,7 +187,7 @@ class Perception(Agent):
         return here, (xx + more, xy, xt, yy + more, yt, tt)
 
     def _moved(self, motion: Pose2) -> Iterator[tuple[float, Point]]:
-        """The bumps that are still remembered, where they are after the robot's motion."""
+        """The collisions that are still remembered, moved against the robot's motion."""
         for when, point in self._bumps:
             x, y, _ = relative(motion, (point.x, point.y, 0.0))
             lasts = self.p.bump_off_map_s if self._is_off_map(point) else self.p.bump_s
@@ -198,7 +195,7 @@ class Perception(Agent):
                 yield when, Point(x, y)
 
     def _is_off_map(self, point: Point) -> bool:
-        """Whether the global map, and it is known where on it, has nothing there."""
+        """Whether the pose on the global map is known and the map has no wall there."""
         walls = self._walls
         return walls is not None and walls.known and not walls.near(point.x, point.y, BUMP_OFF_M)
 

@@ -1,12 +1,12 @@
-"""How a wall goes on beyond where it was heard last.
+"""Extrapolation of walls beyond the points where they were last detected.
 
-A sonar hears a smooth wall only where it is square to it: of one driven along that is beside, never
-ahead, and of its end nothing at all. But points heard in a row are one wall, and a wall goes on a
-little; one beside the robot, as far as the robot's front will come before it is heard there. A ping
-that went through there is believed more.
+A sonar detects a smooth wall only at a right angle: a wall driven along is detected beside the
+robot, never ahead, and its end not at all. But points in a row are one wall, and a wall continues a
+little; one beside the robot, as far as the robot's front will move before a sonar detects it there.
+A ping that passed through has precedence.
 
-Everything is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres
-and radians.
+All is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres and
+radians.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ from typing import NamedTuple
 from armadico.mobile.swept_path import Outline
 
 NEAR_M = 0.5
-"""Rows are looked for so near to the body: beyond, there is time to hear more."""
+"""Rows are searched for within this of the footprint: beyond, there is time for more echoes."""
 
 APART_M = (0.08, 0.35)
-"""Points of a row are so far apart: nearer ones tell no direction, farther ones may be two things.
-"""
+"""Least and greatest distance of points in a row: nearer ones have no direction, farther ones may
+be two objects."""
 
 ACROSS = math.sin(math.radians(30))
-"""A row lies across the beams by which its points were heard, so nearly."""
+"""Sine of the greatest angle by which a row may deviate from the normal of its points' beams."""
 
 ASIDE_M = 0.08
-"""What is no farther off a row's line than this is of it."""
+"""Greatest distance of a point from its row's line."""
 
 END_M = (0.05,)
-"""So far any row goes on,"""
+"""Distances by which any row is extrapolated."""
 
 AHEAD_M = (0.05, 0.1, 0.15)
-"""and so far one that the robot is driven along, or comes nearer to at a slant. Farther, rows close
+"""Distances for a row that the robot drives along, or approaches at a slant. Longer ones close
 doors: with 0.3 m drives through generated plans take a third longer and touch no less."""
 
 AHEAD = math.cos(math.radians(50))
-"""Ahead is what leads so nearly where the robot does; what it meets more squarely it hears."""
+"""Cosine of the greatest angle of such a row to the heading: walls more square are detected."""
 
 ANSWERS = math.sin(math.radians(20))
-"""A ping that met it so squarely had to bring its echo."""
+"""Sine of the greatest angle to the normal at which a ping must bring an echo."""
 
 
-class Heard(NamedTuple):
-    """A point, and the unit vector along which it was heard."""
+class RowPoint(NamedTuple):
+    """A point, and the unit vector of the beam that detected it."""
 
     x: float
     y: float
@@ -54,32 +54,32 @@ class Heard(NamedTuple):
 
 
 Through = tuple[float, float, float, float, float]
-"""A ping that went through: where the sonar sits, where it looks (a unit vector), how far."""
+"""A ping that passed through: the sonar's position, its direction (a unit vector), the distance."""
 
 
 def onward(
-    heard: Sequence[Heard], body: Outline, through: Sequence[Through], slope: float
+    points: Sequence[RowPoint], body: Outline, through: Sequence[Through], slope: float
 ) -> Iterator[tuple[float, float]]:
-    """Where the rows among the points go on.
+    """The extrapolated ends of the rows among the points.
 
     Args:
-        heard: The points near the body (`NEAR_M`) that are believed.
-        body: Nothing goes on into it.
-        through: What the sonars looked through lately.
-        slope: Off a sonar's axis by so much a metre it still had to answer.
+        points: The occupied points near the footprint (`NEAR_M`).
+        body: The footprint: no row is extrapolated into it.
+        through: The sonars' recent free rays.
+        slope: Tangent of the angle off a sonar's axis within which an object must answer.
     """
-    for p in heard:
-        for ux, uy in _ends(p, heard):
+    for p in points:
+        for ux, uy in _row_ends(p, points):
             for way in AHEAD_M if ux > AHEAD else END_M:
                 x, y = p.x + way * ux, p.y + way * uy
-                if any(_answers(x, y, ux, uy, ping, slope) for ping in through):
+                if any(_would_answer(x, y, ux, uy, ping, slope) for ping in through):
                     break
                 if not (-body.rear < x < body.front and abs(y) < body.half_width):
                     yield x, y
 
 
-def _ends(p: Heard, near: Sequence[Heard]) -> Iterator[tuple[float, float]]:
-    """The ways in which a row ends at a point, at most one to each side: unit vectors."""
+def _row_ends(p: RowPoint, near: Sequence[RowPoint]) -> Iterator[tuple[float, float]]:
+    """The directions in which a row ends at a point, at most one to each side: unit vectors."""
     least, most = APART_M
     best: dict[bool, tuple[float, float, float]] = {}
     for q in near:
@@ -94,19 +94,19 @@ def _ends(p: Heard, near: Sequence[Heard]) -> Iterator[tuple[float, float]]:
         if side not in best or apart > best[side][0]:
             best[side] = apart, ux, uy
     for _, ux, uy in best.values():
-        if not any(_goes_on(p, r, ux, uy) for r in near):
+        if not any(_continues(p, r, ux, uy) for r in near):
             yield ux, uy
 
 
-def _goes_on(p: Heard, r: Heard, ux: float, uy: float) -> bool:
-    """Whether the row goes on with another point."""
+def _continues(p: RowPoint, r: RowPoint, ux: float, uy: float) -> bool:
+    """Whether the row continues with another point."""
     dx, dy = r.x - p.x, r.y - p.y
     along = ux * dx + uy * dy
     return 0.02 < along < APART_M[1] and abs(ux * dy - uy * dx) < ASIDE_M
 
 
-def _answers(x: float, y: float, ux: float, uy: float, ping: Through, slope: float) -> bool:
-    """Whether the wall there would have answered a ping that went through."""
+def _would_answer(x: float, y: float, ux: float, uy: float, ping: Through, slope: float) -> bool:
+    """Whether a wall there would have answered a ping that passed through."""
     sonar_x, sonar_y, ahead, left, free = ping
     dx, dy = x - sonar_x, y - sonar_y
     along = ahead * dx + left * dy

@@ -1,14 +1,14 @@
-"""A laser's local map: what it sees now, and what it saw where it sees nothing now (thesis 3.4.2).
+"""A laser's local map: the present scan, and remembered points out of sight (thesis 3.4.2).
 
-A ray is narrow and sure: what it meets is there, and what it went through is not. So of each scan
-the map holds the nearest point of each sector and the edges, some hundred of a thousand: behaviours
-look at all of them. What is out of sight, behind the robot or hidden by something nearer, is
-remembered where it was seen and moved by the odometry, until a ray goes through its place, or it
-fades: with time, and with the way, as odometry goes wrong. A ray that finds nothing doubts little,
-since what is dark or of glass answers no ray; one without a valid range says nothing.
+A ray is narrow and certain: its end is an obstacle, and its path is free. Of each scan the map
+keeps the nearest point of each sector and the edges, about a hundred of a thousand, since
+behaviours examine all of them. Points out of sight, behind the robot or hidden by a nearer object,
+are remembered and moved by the odometry. They go when a ray passes through them, or fade: with
+time, and with distance, as odometry drifts. A ray without a return is weak evidence, since dark and
+glass surfaces return none. A ray without a valid range is none.
 
-Everything is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres
-and radians.
+All is in the body frame: x forward, y left, origin at the middle of the wheel axle; metres and
+radians.
 """
 
 from __future__ import annotations
@@ -21,46 +21,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Posed
-from armadico.agents.methods.near import NOBODY, Look, Near, Obstacle
+from armadico.agents.methods.near import NO_OUTLINE, Near, Obstacle, RayResult
 from armadico.agents.methods.settings import ScanSettings
 from armadico.mobile.messages import Scan
 from armadico.mobile.scans import Flags, Floats, bearings_of, beside, ranges_of
 from armadico.mobile.swept_path import Outline
 
 FAR_M = 1e6
-"""In place of infinity, which has no sine: what is not near."""
+"""Stands for infinity, which has no sine: nothing is near."""
 
-_SEES = np.array([Look.NONE, Look.SEEN, Look.THROUGH, Look.NOTHING])
+_RESULTS = np.array([RayResult.NONE, RayResult.SEEN, RayResult.THROUGH, RayResult.NOTHING])
 
 
 class _Rays(NamedTuple):
-    """The newest scan, moved with the robot since."""
+    """The newest scan, moved with the robot since it was taken."""
 
     x: float
     y: float
     first: float  # rad
     step: float
-    ranges: Floats  # NaN: nothing valid; inf: nothing within reach
+    ranges: Floats  # NaN: invalid; inf: nothing within reach
 
 
 class ScanMap(Near):
-    """Moves with the robot, takes scans in, and holds what is near.
+    """Moves with the robot, adds scans, and returns what is near.
 
-    A cycle is `move`, then `update`, then the queries.
+    A cycle calls `move`, then `update`, then the queries.
     """
 
     def __init__(
         self, settings: ScanSettings | None = None, outline: Outline | None = None
     ) -> None:
-        """An empty map."""
         self.settings = settings or ScanSettings()
         super().__init__(self.settings, outline)
-        self._points: Floats = np.empty((0, 3))  # x, y, and how much is believed: seen now is 1
+        self._points: Floats = np.empty((0, 3))  # x, y, and the probability: 1 is seen now
         self._rays: _Rays | None = None
-        self._heard: tuple[Obstacle, ...] | None = ()
+        self._sorted: tuple[Obstacle, ...] | None = ()
 
     def move(self, motion: Posed, *, mapped: bool = False) -> None:
-        """Move what is known against the robot's motion, and let it fade by one cycle."""
+        """Move the points against the robot's motion, and let them fade by one cycle."""
         c, sn = math.cos(motion.theta), math.sin(motion.theta)
         memory = self._fades(motion, mapped)
         dx, dy = self._points[:, 0] - motion.x, self._points[:, 1] - motion.y
@@ -75,28 +74,28 @@ class ScanMap(Near):
         self._keep(self._points)
 
     def update(self, scan: Scan) -> int:
-        """Take a scan in; how many of its rays tell anything.
+        """Add a scan; return its number of valid rays.
 
-        One that ends within the body met the robot itself, or what covers the laser: it is blind
-        there. Raises ValueError if its bytes are no ranges.
+        A ray that ends inside the footprint hit the robot itself or a cover on the laser: it is
+        invalid. Raises ValueError if the scan's bytes are not ranges.
         """
         ranges, bearings = ranges_of(scan), bearings_of(scan)
         hits = np.flatnonzero(np.isfinite(ranges))
         away, along = ranges[hits], bearings[hits]
         own = self._within(scan.x + away * np.cos(along), scan.y + away * np.sin(along))
         ranges[hits[own]] = np.nan
-        tells = int(np.count_nonzero(~np.isnan(ranges)))
+        valid_rays = int(np.count_nonzero(~np.isnan(ranges)))
         self._rays = _Rays(scan.x, scan.y, scan.bearing, scan.step, ranges)
         known = self._points
-        came = self._looks(known)
-        known[came == Look.NOTHING.value, 2] -= self.settings.silence
-        known = known[(came != Look.SEEN.value) & (came != Look.THROUGH.value)]
+        results = self._ray_results(known)
+        known[results == RayResult.NOTHING.value, 2] -= self.settings.silence
+        known = known[(results != RayResult.SEEN.value) & (results != RayResult.THROUGH.value)]
         self._keep(np.concatenate([self._thinned(ranges, bearings), known]))
-        return tells
+        return valid_rays
 
-    def heard(self) -> tuple[Obstacle, ...]:
-        """What is seen, and what is remembered, the nearest first."""
-        if self._heard is None:
+    def sensed(self) -> tuple[Obstacle, ...]:
+        """The points seen and remembered, nearest first."""
+        if self._sorted is None:
             away = np.hypot(self._points[:, 0], self._points[:, 1])
             order = np.lexsort((self._points[:, 1], self._points[:, 0], away))
             rows = zip(
@@ -105,17 +104,19 @@ class ScanMap(Near):
                 away[order].tolist(),
                 strict=True,
             )
-            self._heard = tuple(Obstacle(*row) for row in rows)
-        return self._heard
+            self._sorted = tuple(Obstacle(*row) for row in rows)
+        return self._sorted
 
-    def probe(self, places: Sequence[tuple[float, float]]) -> list[Look]:
-        """What came of looking at places with the newest scan, by both rays beside each."""
-        looks: list[Look] = _SEES[self._looks(np.array(places).reshape(-1, 2))].tolist()
-        return looks
+    def probe(self, places: Sequence[tuple[float, float]]) -> list[RayResult]:
+        """What the newest scan shows at each place, by the two rays beside it."""
+        results: list[RayResult] = _RESULTS[
+            self._ray_results(np.array(places).reshape(-1, 2))
+        ].tolist()
+        return results
 
-    def _looks(self, points: Floats) -> NDArray[np.intp]:
-        """The same, as numbers."""
-        found = np.full(len(points), Look.NONE.value, dtype=np.intp)
+    def _ray_results(self, points: Floats) -> NDArray[np.intp]:
+        """The values of `RayResult` for points, (n,)."""
+        found = np.full(len(points), RayResult.NONE.value, dtype=np.intp)
         rays = self._rays
         if rays is None or not len(points) or not len(rays.ranges):
             return found
@@ -127,16 +128,16 @@ class ScanMap(Near):
         near, far = np.fmin(one, other), np.fmax(one, other)
         valid = inside & ~np.isnan(one) & ~np.isnan(other)
         margin = self.settings.margin_m
-        found[valid & (near > away + margin)] = Look.THROUGH.value
-        found[valid & np.isinf(far) & (near > away + margin)] = Look.NOTHING.value
+        found[valid & (near > away + margin)] = RayResult.THROUGH.value
+        found[valid & np.isinf(far) & (near > away + margin)] = RayResult.NOTHING.value
         seen = (np.abs(one - away) <= margin) | (np.abs(other - away) <= margin)
-        found[inside & seen] = Look.SEEN.value
+        found[inside & seen] = RayResult.SEEN.value
         return found
 
     def _thinned(self, ranges: Floats, bearings: Floats) -> Floats:
         """The nearest point of each sector, and the edges, of one scan: (n, 3)."""
         s, rays = self.settings, self._rays
-        assert rays is not None, "one has just been taken"
+        assert rays is not None, "update has just stored one"
         hits = np.isfinite(ranges)
         away = np.where(hits, ranges, FAR_M)
         x, y = rays.x + away * np.cos(bearings), rays.y + away * np.sin(bearings)
@@ -151,19 +152,19 @@ class ScanMap(Near):
         kept[1:] |= -jumps > edge
         kept &= near
         x, y, away = x[kept], y[kept], away[kept]
-        order = np.argsort(away, kind="stable")  # of those in one cell the nearest stays
+        order = np.argsort(away, kind="stable")  # the nearest in a cell is kept
         x, y = x[order], y[order]
         cells = np.rint(x / s.apart_m) * 65536.0 + np.rint(y / s.apart_m)
         _, first = np.unique(cells, return_index=True)
         return np.column_stack([x[first], y[first], np.ones(len(first))])
 
     def _within(self, x: Floats, y: Floats) -> Flags:
-        front, rear, half = self.outline or NOBODY
+        front, rear, half = self.outline or NO_OUTLINE
         within: Flags = (-rear < x) & (x < front) & (-half < y) & (y < half)
         return within
 
     def _keep(self, points: Floats) -> None:
-        """Hold these, but for what is too far, within the body, or hardly believed."""
+        """Store the points, except those too far, inside the footprint, or too improbable."""
         s = self.settings
         away = np.hypot(points[:, 0], points[:, 1])
         kept = (away < s.reach_m) & (points[:, 2] >= s.forget)
@@ -171,5 +172,5 @@ class ScanMap(Near):
         if len(points) > s.most:
             order = np.lexsort((np.hypot(points[:, 0], points[:, 1]), -np.floor(points[:, 2])))
             points = points[order[: s.most]]
-        self._points, self._heard = points, None
+        self._points, self._sorted = points, None
         self._changed()

@@ -1,4 +1,4 @@
-"""End what `armadico up` keeps up on this machine, and what a run that was killed has left."""
+"""End the agents that `armadico up` runs on this machine, and processes that a killed run left."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from armadico.mesh.topology import checked_namespace, default_namespace
 if TYPE_CHECKING:
     from armadico.launch.pidfile import Share
 
-PATIENCE_S: Final = 20.0
-"""What it may take until everything is down: a few seconds for each kind of process."""
+DOWN_S: Final = 20.0
+"""Timeout for a share to end, s: a few seconds for each kind of process."""
 
 KILL_S: Final = 4.0
-"""What a process that was left may take to leave before it is killed."""
+"""Timeout after SIGTERM before an orphan is killed, s."""
 
-LOOK_S: Final = 0.05
-"""How often it is looked whether it is."""
+POLL_S: Final = 0.05
+"""Polling period, s."""
 
 EXAMPLES: Final = """\
   armadico down
@@ -35,14 +35,14 @@ EXAMPLES: Final = """\
 @dataclass(frozen=True, kw_only=True)
 class Options:
     namespace: str = option(NAMESPACE_HELP, metavar="NS", factory=default_namespace)
-    host: str | None = option("this host's share only (default: all)", metavar="H")
+    host: str | None = option("end this host's share only (default: all)", metavar="H")
     hosts: str | None = option(
-        "the shares of this host table's hosts only (default: all)", metavar="TABLE"
+        "end the shares of this host table's hosts only (default: all)", metavar="TABLE"
     )
 
 
 def run(args: Options) -> int:
-    """Have it end, and wait until it has; 0 also if there was nothing."""
+    """End the shares and wait for them. Return 0, also if nothing was running."""
     from armadico.launch.pidfile import shares
 
     namespace = checked_namespace(args.namespace)
@@ -50,20 +50,20 @@ def run(args: Options) -> int:
         hosts = _hosts(args)
         found = [each for each in shares(namespace, args.host) if not hosts or each.host in hosts]
     except OSError as error:
-        raise FailedError(f"cannot look what is up: {error}") from None
-    whose = f"of {', '.join(hosts)} " if hosts else ""
+        raise FailedError(f"cannot read what is up: {error}") from None
+    where = f"of {', '.join(hosts)} " if hosts else ""
     for share in found:
-        _end(share)
+        _end_share(share)
     left = [] if hosts else _end_orphans(namespace)
     if left:
-        print(f"ended what a killed `armadico run` had left: {', '.join(left)}")
+        print(f"ended the processes left by a killed `armadico run`: {', '.join(left)}")
     elif not found:
-        print(f"nothing {whose}is up on this machine in namespace {namespace!r}")
+        print(f"nothing {where}is up on this machine in namespace {namespace!r}")
     return 0
 
 
 def _hosts(args: Options) -> list[str]:
-    """The hosts whose shares are meant; none: all. Raises ConfigError."""
+    """The hosts whose shares are ended; empty: all. Raises ConfigError."""
     if args.hosts is None:
         return [args.host] if args.host else []
     from armadico.config.hosts import load_hosts
@@ -75,14 +75,15 @@ def _hosts(args: Options) -> list[str]:
 
 
 def _end_orphans(namespace: str) -> list[str]:
-    """End the processes of a run whose launcher is gone; their names, in the order of ending."""
+    """End the processes of a run whose launcher is gone. Return their names, in that order."""
     import psutil
 
     from armadico.launch.processes import SIMULATOR, orphans, owns_wheels
 
     found = orphans(namespace)
     ended: list[str] = []
-    for rank in range(3):  # behaviours let go, the robot stops, the simulator ends last
+    # Behaviours first, then the robot agent, which stops the robot, then the simulator.
+    for rank in range(3):
         group = [(n, p) for n, p in found if 2 * (n == SIMULATOR) + owns_wheels(n) == rank]
         for _, process in group:
             with suppress(psutil.Error):
@@ -96,8 +97,8 @@ def _end_orphans(namespace: str) -> list[str]:
     return ended
 
 
-def _end(share: Share) -> None:
-    """Raises FailedError if it may not be ended, or does not end."""
+def _end_share(share: Share) -> None:
+    """End a share. Raises FailedError if that is not permitted or times out."""
     from armadico.launch.pidfile import PidFile
     from armadico.mesh.sockets import is_held
 
@@ -106,15 +107,15 @@ def _end(share: Share) -> None:
         with suppress(ProcessLookupError):
             os.kill(share.pid, signal.SIGTERM)
     except PermissionError:
-        raise FailedError(f"process {share.pid} of {share.host} belongs to somebody else") from None
-    deadline = time.monotonic() + PATIENCE_S
+        raise FailedError(f"process {share.pid} of {share.host} belongs to another user") from None
+    deadline = time.monotonic() + DOWN_S
     while is_held(path):
         if time.monotonic() >= deadline:
             raise FailedError(
-                f"{share.host} is not down after {PATIENCE_S:.0f} s; look at process {share.pid},"
-                f" its logs are in {share.logs}"
+                f"{share.host} is not down after {DOWN_S:.0f} s; check process {share.pid}"
+                f" (logs: {share.logs})"
             )
-        time.sleep(LOOK_S)
+        time.sleep(POLL_S)
     print(f"{share.host} is down: {', '.join(share.agents)}")
 
 
@@ -122,8 +123,8 @@ main: Final = Command(
     "armadico down",
     Options,
     run,
-    "End what `armadico up` keeps up on this machine: the agents let go, the robot stops. Other"
-    " machines' shares are theirs. What an `armadico run` has left that was killed ends, too;"
-    " agents that were started by hand do not.",
+    "End the agents that `armadico up` runs on this machine, and stop the robot. Processes that a"
+    " killed `armadico run` left end, too. Other machines' agents and agents that were started by"
+    " hand continue.",
     EXAMPLES,
 )

@@ -1,4 +1,4 @@
-"""The messages of monitor and wakeup agents: which agents are alive, and who restarts which."""
+"""Messages of the wakeup agents: the processes of a host, and requests to start or end them."""
 
 from __future__ import annotations
 
@@ -12,44 +12,44 @@ from armadico.core.services import query, state
 
 
 class KeptState(StrEnum):
-    """What a process is doing, by the word of the one who started it."""
+    """State of a process, as reported by its wakeup agent."""
 
     STARTING = "starting"
     UP = "up"
-    WAITING = "waiting"  # it has ended, and is started again by its host
-    ENDED = "ended"  # as somebody asked, and is not started again
+    WAITING = "waiting"  # it has ended; its host restarts it
+    ENDED = "ended"  # on request; it is not restarted
 
 
 class Kept(Message, frozen=True):
-    """One process of a host: the agents that live in it, and how it is."""
+    """A process of a host: its agents and its state."""
 
     agents: tuple[Name, ...]
     state: KeptState
-    pid: Counter = 0  # 0: there is none now
+    pid: Counter = 0  # 0: none now
     lent: bool = False  # started on request, in place of a host that is gone
-    why: Text = ""  # it waits or has ended
+    why: Text = ""  # reason, if waiting or ended
 
 
 class HostShare(Message, frozen=True):
-    """What a host keeps up, and what it could: its wakeup agent's word (thesis 3.8.3).
+    """The processes that a host keeps up, and the agents that it could start (thesis 3.8.3).
 
-    `needs` are the agents of the whole society that what was asked for cannot do without, those of
-    other hosts too. A host that leaves in order says so: what it kept up is then missed by nobody.
-    `load` tells whoever waits for its agents how much longer everything takes there.
+    `needs` are the agents that the scenario cannot do without, on this host or another. A host that
+    leaves in order sets `leaving`: the monitor then does not report its agents as missing. `load`
+    lengthens the timeouts of the host's agents.
     """
 
     instance: Name  # of the wakeup agent
     host: Text
     kept: tuple[Kept, ...]
-    can: tuple[Name, ...] = ()  # agents that it would start besides, if asked to
+    can: tuple[Name, ...] = ()  # agents that it starts on request
     needs: tuple[Name, ...] = ()
     leaving: bool = False
     load: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
-    """Runnable processes per core, on average over the last minute; 0: not known."""
+    """Runnable processes per core, averaged over the last minute; 0: unknown."""
 
 
 class WakeupOrder(StrEnum):
-    """What a wakeup agent can be asked for."""
+    """An order to a wakeup agent."""
 
     START = "start"
     RESTART = "restart"
@@ -57,23 +57,25 @@ class WakeupOrder(StrEnum):
 
 
 class WakeupRequest(Message, frozen=True):
-    """Asks a host's wakeup agent to start an agent, to end it, or to kill and start it again.
+    """Request to a wakeup agent: start an agent, end it, or kill and restart it.
 
-    `pid` is the process that hangs: if another is there by now, nothing is done, and that is no
-    refusal. So however many ask, it is restarted once.
+    `pid` is the process that hangs. If another process has replaced it, the request does nothing
+    and is not refused. Several requests therefore restart it once.
     """
 
     order: WakeupOrder
     agent: Name
-    pid: Counter = 0  # 0: whichever it is
+    pid: Counter = 0  # 0: any
     why: Text = ""
 
 
 class WakeupReply(Message, frozen=True):
-    """Whether it is done, or why not."""
+    """Reply to a request; `refusal` is empty if it was accepted."""
 
     refusal: Text = ""
 
 
-state(HostShare, "wakeup/{instance}/share", 1, None, "what a host keeps up, and could")
+state(
+    HostShare, "wakeup/{instance}/share", 1, None, "processes of a host, and agents it could start"
+)
 query(WakeupRequest, "wakeup/{instance}", WakeupReply, "start, restart or end an agent on a host")

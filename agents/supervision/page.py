@@ -1,4 +1,4 @@
-"""Supervision on the control page: processes that hosts keep up, restarts and starts (sans-IO)."""
+"""The supervision part of the control page: processes of hosts, restarts, starts. Sans-IO."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from armadico.gateways.page.requests import Asked, RequestError, Start
 from armadico.observe.pictures import colour
 
 SHARE_S: Final = 5.0
-"""A host whose report is older than this keeps no process up."""
+"""Timeout of a host's report, s."""
 
 
 class Restart(Asked, frozen=True, tag="restart"):
-    """Kill the process of an agent, and start it again."""
+    """Kill and restart the process of an agent."""
 
     agent: Name
     pid: Annotated[int, Meta(ge=0, le=2**52)] = 0
@@ -40,7 +40,7 @@ class _KeptAgent(NamedTuple):
 
 
 class Processes(Part):
-    """What the wakeup agents report, and orders to them: no other agent may end a process."""
+    """Reports of the wakeup agents, and orders to them: only they may end processes."""
 
     requests = (Restart,)
 
@@ -49,46 +49,43 @@ class Processes(Part):
         self._shares: dict[str, tuple[HostShare, float]] = {}
 
     def request(self, browser: str, request: Restart, t: float) -> None:
-        """Restart an agent."""
         agent = request.agent
         kept = (each for each in self._kept(t) if each.agent == agent)
         chosen = next((each for each in kept if each.process.pid == request.pid), None)
         if chosen is None:
             raise RequestError(
-                f"nobody keeps {agent} up, so nobody would start it again: that is done by"
-                " `armadico up`"
+                f"cannot restart {agent}: no host keeps it up; start it with `armadico up`"
             )
-        why = f"asked by {browser}"
+        why = f"requested by {browser}"
         order = WakeupRequest(WakeupOrder.RESTART, agent, chosen.process.pid, why)
         key = _key(chosen.share.instance)
         self.desk.query(browser, request.id, order, lambda _: f"{agent} is restarted", key=key)
 
     def receive(self, key: str, message: Message, t: float) -> None:
-        """A host's report; a host is queried by the name in it, so that must be its key's."""
+        """Store a host's report."""
         if not isinstance(message, HostShare):
             return
+        # The host is queried by the instance in the report, so it must match the key.
         if key == service_of(HostShare).key_for(instance=message.instance):
             self._shares[message.instance] = (message, t)
 
     def on_token(self, instance: str, *, there: bool) -> None:
-        """Forget a wakeup agent that has ended."""
         if not there:
             self._shares.pop(instance, None)
 
     def startable(self, t: float) -> Collection[str]:
-        """The agents that a host would start."""
         return {name for share in self._fresh(t) for name in share.can}
 
     def start(self, browser: str, request: Start, t: float) -> None:
-        """Ask the last host that reported it."""
+        """Send the order to the last host that reported that it can start the agent."""
         agent = request.agent
         share = [share for share in self._fresh(t) if agent in share.can][-1]
-        order = WakeupRequest(WakeupOrder.START, agent, 0, f"asked by {browser}")
+        order = WakeupRequest(WakeupOrder.START, agent, 0, f"requested by {browser}")
         key = _key(share.instance)
         self.desk.query(browser, request.id, order, lambda _: f"{agent} is started", key=key)
 
     def show(self, parts: dict[str, Any], t: float) -> None:
-        """Mark the agents that a host keeps up, and add those of them that are not alive."""
+        """Mark agents that a host keeps up; add rows for those that are not alive."""
         kept = {(each.agent, each.process.pid): each for each in self._kept(t)}
         rows = parts["agents"]
         for row in rows:
@@ -106,7 +103,7 @@ class Processes(Part):
                 yield share
 
     def _kept(self, t: float) -> Iterator[_KeptAgent]:
-        """The agents that hosts keep up, alive or not."""
+        """Yield the agents that hosts keep up, alive or not."""
         for share in self._fresh(t):
             for process in share.kept:
                 if process.state is not KeptState.ENDED:

@@ -1,8 +1,7 @@
-"""One host's share of a society as processes: started, watched, started again, taken down.
+"""Processes of one host: the machine of the wakeup agent (`armadico.agents.supervision.wakeup`).
 
-The machine of the wakeup agent (`armadico.agents.supervision.wakeup`), which decides what is
-started when. That agent runs in a thread of this process, on the mesh; processes belong to the
-main thread, which they are tied to.
+The wakeup agent decides what starts when. It runs on the mesh, in a thread of this process. The
+processes are tied to the main thread.
 """
 
 from __future__ import annotations
@@ -44,26 +43,26 @@ if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
     from armadico.mesh.base import Mesh
 
-LOOK_S: Final = 0.05
-"""How often ended processes and new log lines are looked for."""
+POLL_S: Final = 0.05
+"""Polling period for ended processes and new log lines, s."""
 
 LOAD_S: Final = 2.0
-"""How often the machine's load is read."""
+"""Period of reading the machine's load, s."""
 
 LOG_BYTES: Final = 4_000_000
-"""A log that is longer is kept as NAME.log.1, and begun anew."""
+"""A longer log is moved to NAME.log.1."""
 
 _LINE = re.compile(r"^\d\d:\d\d:\d\d\.\d{3} \S+ (?P<level>[A-Z]+) ")
 _LOUD = ("WARNING", "ERROR", "CRITICAL")
 
 
 class GaveUpError(RunFailedError):
-    """A process ended, and starting it again has no use; the message says which, why, and more."""
+    """A process ended and is not restarted; the message has its name, the reason and its output."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be up: the agents, and a simulator if the robot agent has no robot."""
+    """Agents to run on this host, and a simulator if the robot agent has no robot."""
 
     host: str
     namespace: str
@@ -73,18 +72,18 @@ class Plan:
     joining: tuple[str, ...] = ()
     """Options by which the processes find the mesh."""
     together: tuple[tuple[str, ...], ...] = ()
-    """Agents that share a process."""
+    """Groups of agents that share a process."""
     can: tuple[Member, ...] = ()
-    """Agents that it would start besides, if their own host is gone."""
+    """Agents that it starts on request if their own host is gone."""
     needs: tuple[str, ...] = ()
-    """Agents of the whole society that what is asked for cannot do without."""
+    """Agents of the whole society that the scenario cannot do without."""
     journal: bool = False
-    """Whether the agents publish what enters and leaves them."""
+    """Whether the agents publish their inputs and outputs."""
 
 
 @dataclass
 class Tail:
-    """New lines of a log, as far as people need to know them."""
+    """Reads new warnings and errors from a log."""
 
     name: str
     log: Path
@@ -94,23 +93,23 @@ class Tail:
     lines: list[str] = field(default_factory=list)
 
     def loud(self) -> list[str]:
-        """New lines at WARNING and worse, and what belongs to them, with the agent's name."""
+        """New lines at WARNING and above with their continuation lines, prefixed with the name."""
         try:
             if self.log.stat().st_size < self._read:
-                self._read, self._rest = 0, ""  # another file by now
+                self._read, self._rest = 0, ""  # the file was replaced
             with self.log.open("rb") as file:
                 file.seek(self._read)
                 data = file.read()
-        except OSError:  # whoever cleans up temporary files, say: no reason to end a society
+        except OSError:  # the log may be deleted, as a temporary file: the society continues
             return []
         if data:
             self._read += len(data)
             *lines, self._rest = (self._rest + data.decode(errors="replace")).split("\n")
-            return [said for line in lines if (said := self._said(line))]
+            return [text for line in lines if (text := self._format(line))]
         return []
 
     def turn(self) -> None:
-        """Begin the file anew once it is long; what it held stays beside it, if there is room."""
+        """Truncate a long log; keep a copy if there is room on the disk."""
         if self._read > LOG_BYTES:
             with suppress(OSError):
                 shutil.copyfile(self.log, self.log.with_suffix(".log.1"))
@@ -118,24 +117,23 @@ class Tail:
                 file.truncate()
             self._read = 0
 
-    def _said(self, line: str) -> str:
-        """A line as it is passed on; empty if it is not."""
+    def _format(self, line: str) -> str:
+        """The line to pass on, or ""."""
         found = _LINE.match(line)
-        if found is None:  # the rest of what began above: a traceback, say
+        if found is None:  # continues the line above, as a traceback does
             return f"{self.name}: {line}" if self._loud else ""
         self._loud = found["level"] in _LOUD
         return f"{self.name}: {found['level']} {line[found.end() :]}" if self._loud else ""
 
 
 class Machine:
-    """The wakeup agent's port: orders go to the thread that has the processes, events come back."""
+    """The wakeup agent's port: passes orders to the main thread, and events back."""
 
     def __init__(self) -> None:
         self.orders: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self._events: queue.SimpleQueue[Event | Load] = queue.SimpleQueue()
 
-    def tell(self, event: Event | Load) -> None:
-        """What became of a process, or the machine's load."""
+    def put_event(self, event: Event | Load) -> None:
         self._events.put(event)
 
     def read(self, timeout_s: float) -> bytes:
@@ -153,20 +151,20 @@ class Machine:
 
 
 class Upkeep:
-    """Keeps a share up; a context manager that leaves nothing running."""
+    """Keeps a share up; a context manager that ends all its processes."""
 
     def __init__(
-        self, plan: Plan, mesh: Mesh, say: Callable[[str], None], budget: Budget | None = None
+        self, plan: Plan, mesh: Mesh, report: Callable[[str], None], budget: Budget | None = None
     ) -> None:
-        """`say` is told what goes wrong, a line at a time."""
+        """`report` receives warnings and errors, a line at a time."""
         self.plan = plan
         self.table = ProcessTable(plan.namespace, plan.joining, tied=True, journal=plan.journal)
         self.machine = Machine()
-        self._say = say
+        self._report = report
         self._groups = processes(plan.members, plan.together)
         self._lent = {member.name: (member,) for member in plan.can}
         self._tails: dict[str, Tail] = {}
-        self._ending: dict[str, float] = {}  # who is to leave, and when it is killed if it has not
+        self._ending: dict[str, float] = {}  # by label: time of SIGKILL after SIGTERM
         self._port: str | None = None
         self._well = True
         self._load_at = 0.0
@@ -204,7 +202,7 @@ class Upkeep:
             self.table.remove_logs()
 
     def start(self) -> None:
-        """Start everything. Raises RunFailedError if the simulator does not come up."""
+        """Start all processes. Raises RunFailedError if the simulator does not start."""
         self._thread.start()
         if self.plan.simulated is not None:
             self._start(SIMULATOR)
@@ -212,9 +210,9 @@ class Upkeep:
             self._start(label)
 
     def keep(self, ready: Callable[[float], None]) -> None:
-        """Keep everything up until interrupted. Raises GaveUpError when the budget is spent.
+        """Keep all processes up until interrupted. Raises GaveUpError when the budget is spent.
 
-        `ready` is told, once, how long it took (s) until everybody could be seen on the mesh.
+        `ready` is called once with the time until all agents were on the mesh, s.
         """
         begun = time.monotonic()
         while True:
@@ -223,27 +221,27 @@ class Upkeep:
                 ready(time.monotonic() - begun)
             elif order is not None:
                 self._obey(order)
-            self._mourn()
-            self._weigh()
+            self._report_ended()
+            self._report_load()
             self._relay()
 
     # The wakeup agent ----------------------------------------------------------------------------
 
     def _live(self) -> None:
-        """Be the wakeup agent's thread; what ends it early ends the share."""
+        """Run the wakeup agent; an early end of this thread ends the share."""
         try:
             self._agents.live()
             why = self._agents.refusal
-        except Exception as error:  # whatever it is: without it nobody would start anybody again
+        except Exception as error:  # any: without this agent nothing is restarted
             why = f"{type(error).__name__}: {error}"
         if why:
-            self.machine.orders.put(Order(Do.GIVE_UP, text=f"the wakeup agent is gone: {why}"))
+            self.machine.orders.put(Order(Do.GIVE_UP, text=f"the wakeup agent ended: {why}"))
         self._agents.leave()
 
     def _ordered(self) -> Order | None:
-        """The next order; None if there is none for a while."""
+        """The next order, or None after `POLL_S`."""
         try:
-            return self.machine.orders.get(timeout=LOOK_S)
+            return self.machine.orders.get(timeout=POLL_S)
         except queue.Empty:
             return None
 
@@ -253,16 +251,16 @@ class Upkeep:
             case Do.START if process is None:
                 try:
                     self._start(order.label)
-                except OSError as error:  # no memory, no process left: as if it had ended at once
-                    self.machine.tell(Event(order.label, 0, "no start", 1, str(error)))
+                except OSError as error:  # no memory or process left: as if it had ended at once
+                    self.machine.put_event(Event(order.label, 0, "no start", 1, str(error)))
             case Do.KILL if process is not None:
                 process.popen.kill()
             case Do.END if process is not None:
                 process.popen.terminate()
                 self._ending[order.label] = time.monotonic() + LEAVE_S
             case Do.SAY:
-                self._relay()  # what the process says itself comes first
-                self._say(order.text)
+                self._relay()  # the log of the process comes first
+                self._report(order.text)
             case Do.GIVE_UP:
                 self._relay()
                 raise GaveUpError(order.text)
@@ -275,10 +273,10 @@ class Upkeep:
         else:
             process = self.table.start_agents(label, self._members(label))
         self._tails.setdefault(label, Tail(label, process.log))
-        self.machine.tell(Event(label, process.popen.pid))
+        self.machine.put_event(Event(label, process.popen.pid))
 
     def _members(self, label: str) -> list[Member]:
-        """The agents of a process, told where the simulator is if they have its port."""
+        """Agents of a process, with the simulator's address for those that use its port."""
         return [
             Member(member.name, (*member.sets, f"port={self._port}"))
             if self._port is not None and "port" in agent_class(member.name).launched_with
@@ -287,7 +285,7 @@ class Upkeep:
         ]
 
     def _start_simulator(self) -> Process:
-        """Start the simulator; later ones take the same port, where the robot agent finds them."""
+        """Start the simulator, again on the same port, where the robot agent expects it."""
         assert self.plan.simulated is not None, "there was one"
         port = 0 if self._port is None else int(self._port.rpartition(":")[2])
         process = self.table.start_simulator(self.plan.simulated, self.plan.seed, port)
@@ -297,25 +295,25 @@ class Upkeep:
 
     # Watching ------------------------------------------------------------------------------------
 
-    def _mourn(self) -> None:
-        """Tell the wakeup agent who has ended, and kill who should have."""
+    def _report_ended(self) -> None:
+        """Report ended processes to the wakeup agent, and kill those that did not end in time."""
         for label, at in self._ending.items():
             if time.monotonic() >= at and (process := self.table.named(label)) is not None:
                 process.popen.kill()
         for process in self.table.take_ended():
             label, code = process.name, process.popen.returncode
             self._well &= self._ending.pop(label, None) is not None
-            self.machine.tell(Event(label, 0, ending(code), code, process.last_words()))
+            self.machine.put_event(Event(label, 0, ending(code), code, process.last_lines()))
 
-    def _weigh(self) -> None:
-        """Tell the wakeup agent now and then how much this machine has to do."""
+    def _report_load(self) -> None:
+        """Report the machine's load to the wakeup agent."""
         if time.monotonic() >= self._load_at:
             self._load_at = time.monotonic() + LOAD_S
-            self.machine.tell(Load(psutil.getloadavg()[0] / (psutil.cpu_count() or 1)))
+            self.machine.put_event(Load(psutil.getloadavg()[0] / (psutil.cpu_count() or 1)))
 
     def _relay(self) -> None:
-        """Pass on what the processes log of faults."""
+        """Pass on warnings and errors from the logs."""
         for tail in self._tails.values():
             for line in tail.loud():
-                self._say(line)
+                self._report(line)
             tail.turn()

@@ -1,4 +1,4 @@
-"""Start this machine's share of a society, and keep it up."""
+"""Start the agents of this machine and keep them running."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ from armadico.cli.parsing import (
     several,
 )
 from armadico.cli.run_options import X_Y_DEG, pose
-from armadico.config.discovery import UnknownNameError
-from armadico.config.errors import ConfigError
+from armadico.core.errors import UnknownNameError
 from armadico.mesh.endpoints import Endpoints
 
 if TYPE_CHECKING:
@@ -42,50 +41,63 @@ if TYPE_CHECKING:
 EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
-  armadico up sc4                                  everybody on this machine
-  armadico up house --page                         and a page to click on; Ctrl-C ends both
-  armadico up rounds                               as few as that mission needs
+  armadico up sc4                                  all agents on this machine
+  armadico up house --page                         with the control page; Ctrl-C ends both
+  armadico up rounds                               only the agents that the mission needs
   armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
-  armadico down                                    end it
+  armadico down                                    end them
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
     scenario: str | None = argument(
-        "a mission, or a scenario: only its agents, set as it says (default: the host's, as is)",
+        "the mission or scenario whose agents are started, with its parameters; the mission itself"
+        " is not started (default: all agents of the host)",
         nargs="?",
         metavar="MISSION",
     )
-    seed: int | None = option("of the simulator, if it starts one", metavar="N")
-    parameters: str | None = option("a set of agents' parameters, or a file", metavar="SET")
+    seed: int | None = option(
+        "set the simulator's seed (default: the scenario's, or 0)", metavar="N"
+    )
+    parameters: str | None = option("use this set or file of agents' parameters", metavar="SET")
     set: tuple[str, ...] = several(
-        "one parameter of one agent; may be repeated", metavar="AGENT.KEY=VALUE"
+        "set one parameter of one agent; may be repeated", metavar="AGENT.KEY=VALUE"
     )
     more: tuple[str, ...] = several(
-        "one more, whoever else has it; may be repeated", "--with", metavar="AGENT"
+        "start one more agent, also if another host runs it; may be repeated",
+        "--with",
+        metavar="AGENT",
     )
-    without: tuple[str, ...] = several("leave one out", metavar="AGENT")
+    without: tuple[str, ...] = several("leave out one agent; may be repeated", metavar="AGENT")
     start: tuple[float, float, float] | None = option(
-        "where this robot starts, if not where the scenario has it", metavar=X_Y_DEG, must=POSE
+        "set this robot's start pose (default: the scenario's)", metavar=X_Y_DEG, must=POSE
     )
-    robot: str | None = option("the controller, instead of the host entry's", metavar="URL")
+    robot: str | None = option(
+        "connect to this controller (default: the host entry's)", metavar="URL"
+    )
     restarts: int = option(
-        "give up after (default %(default)s)", default=5, metavar="N", must=at_least(0)
+        "give up after N restarts within --within (default: %(default)s)",
+        default=5,
+        metavar="N",
+        must=at_least(0),
     )
     within: float = option(
-        "in so many s (default %(default)s)", default=30.0, metavar="S", must=more_than(0)
+        "set the window of --restarts, in s (default: %(default)s)",
+        default=30.0,
+        metavar="S",
+        must=more_than(0),
     )
     journal: bool = flag(
-        "the agents publish what enters and leaves them, so that a recording can be replayed"
+        "publish the inputs and outputs of all agents, so that a recording can be replayed"
     )
-    page: bool = flag("serve the control page as well, until this ends; the link is printed")
+    page: bool = flag("serve the control page until this ends, and print its link")
     mesh: Mesh = group(Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
-    """Keep the share up until interrupted; 0 after SIGTERM, as `armadico down` sends it."""
+    """Keep the share up until interrupted. Return 0 after SIGTERM (`armadico down`)."""
     scenario = _started(args, _scenario(args))
     where = _place(args.mesh, scenario)
     with _signals() as received:
@@ -99,26 +111,26 @@ def run(args: Options) -> int:
 
 
 def _place(mesh: Mesh, scenario: Scenario | None) -> Endpoints:
-    """Which host this is; if no table says so, one that runs all agents."""
+    """This host's entry; without a table, an entry with all agents."""
     where = mesh.endpoints(passing=False)
     if where.table is not None:
         return where
     if where.connect:
-        raise UsageError("--connect says nothing of who runs here; name --hosts")
+        raise UsageError("--connect does not define which agents run here; add --hosts")
     from msgspec.structs import replace
 
     from armadico.config.hosts import HostTable, load_hosts
     from armadico.launch.society import names
 
-    name = socket.gethostname()  # as its agents call it, to whom no table is given either
+    name = socket.gethostname()  # as its agents do, which get no table either
     host = load_hosts().host("localhost")
-    taking = () if scenario is None else names(scenario)
-    host = replace(host, agents=tuple(dict.fromkeys((*taking, *host.agents))))
+    chosen = () if scenario is None else names(scenario)
+    host = replace(host, agents=tuple(dict.fromkeys((*chosen, *host.agents))))
     return Endpoints(namespace=where.namespace, table=HostTable({name: host}), name=name)
 
 
 def _scenario(args: Options) -> Scenario | None:
-    """What is to be done: a mission in its own scenario, by the least society, or a scenario."""
+    """The scenario; for a mission, its own scenario with the minimum of agents."""
     if args.scenario is None:
         return None
     from armadico.config.scenarios import load_scenario, on_mission
@@ -132,24 +144,24 @@ def _scenario(args: Options) -> Scenario | None:
     mission = load_mission(args.scenario)
     if mission.scenario is None:
         raise UsageError(
-            f"{mission.name} names no scenario, so nobody knows where it is done: say one in its"
-            ' file (scenario = "house")'
+            f"mission {mission.name} names no scenario: add one to its file, as in scenario ="
+            ' "house"'
         )
     path = counted_from(Path.cwd() / "command line", args.scenario)
     return least(on_mission(load_scenario(mission.scenario), path))
 
 
 def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
-    """The scenario with the start that is given. Raises UsageError, ConfigError."""
+    """The scenario with the start of `--start`. Raises UsageError, ConfigError."""
     from armadico.config.worlds import bare
 
     if scenario is not None and (warning := bare(scenario.world)):
-        options.say(warning)
+        options.report(warning)
     start = pose(args.start)
     if start is None:
         return scenario
     if scenario is None:
-        raise UsageError("--start is in a scenario's world: name one")
+        raise UsageError("--start needs a scenario: add its name")
     from msgspec.structs import replace
 
     from armadico.config.scenarios import scenario_from
@@ -158,8 +170,8 @@ def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
 
 
 def _is_mission(name: str) -> bool:
-    """Whether something is a mission's name or file: it has steps, and a scenario has none."""
-    from armadico.config.errors import advice
+    """Whether this is a mission's name or file: a mission has steps, a scenario has none."""
+    from armadico.config.errors import ConfigNameError
     from armadico.config.loading import document, read_text
     from armadico.config.shipped import find, names
 
@@ -170,7 +182,7 @@ def _is_mission(name: str) -> bool:
         return False
     if Path(name).name == name and not Path(name).suffix:
         known = {*missions, *scenarios}
-        raise ConfigError(f"no mission and no scenario {name!r}; {advice(name, known)}")
+        raise ConfigNameError("mission or scenario", name, known)
     path = find("scenarios", name)
     return "steps" in document(read_text(path), path)
 
@@ -196,33 +208,33 @@ def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
             beside(
                 args.mesh, "page", None if scenario is None else scenario.world, wanted=args.page
             ),
-            Upkeep(plan, mesh, _say, budget) as upkeep,
+            Upkeep(plan, mesh, _log, budget) as upkeep,
         ):
             running = tuple(member.name for member in plan.members)
             pid_file.write(
                 Share(os.getpid(), plan.host, where.namespace, running, str(upkeep.table.logs))
             )
-            _say(f"{plan.host}: starting {names}; logs are in {upkeep.table.logs}")
+            _log(f"{plan.host}: starting {names}; logs are in {upkeep.table.logs}")
             upkeep.start()
             upkeep.keep(_ready(plan.host, names))
     except TakenError as error:
         raise FailedError(_taken(where.namespace, plan.host, error.share)) from None
     except RunFailedError as error:
         raise FailedError(
-            f"{plan.host}: {error}\neverything of {plan.host} was ended; logs are in"
+            f"{plan.host}: {error}\nall agents of {plan.host} were ended; logs are in"
             f" {upkeep.table.logs}"
         ) from None
     except OSError as error:
-        raise FailedError(f"cannot keep a file that says what is up: {error}") from None
+        raise FailedError(f"cannot write the file of running agents: {error}") from None
 
 
 def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
-    """What is to be up here. Raises UsageError, ConfigError or UnknownNameError."""
+    """The plan of this host. Raises UsageError, ConfigError or UnknownNameError."""
     from msgspec.structs import replace
 
     from armadico.agents.supervision.supervisor import Plan
     from armadico.config.discovery import owners
-    from armadico.config.hosts import nobodys, robot_fault, serial_port
+    from armadico.config.hosts import robot_fault, serial_port, unplaced
     from armadico.config.scenarios import Scenario
     from armadico.core.resources import WHEELS
     from armadico.launch.society import Options as Chosen
@@ -244,19 +256,22 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     )
     members = share(scenario, chosen, host, args.more)
     if not members:
-        raise UsageError(f"nothing of {args.scenario or 'the table'} is {own}'s to start")
+        raise UsageError(f"host {own} has no agent of {args.scenario or 'the table'} to start")
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:
-        raise UsageError(f"--robot {args.robot}: {own} starts no robot agent here")
-    lacking = nobodys(names(scenario), where.table) if scenario else ()
+        raise UsageError(f"--robot {args.robot}: host {own} starts no robot agent")
+    lacking = unplaced(names(scenario), where.table) if scenario else ()
     if lacking:
-        _say(f"{args.scenario} needs what no host of {where.table.file} runs: {', '.join(lacking)}")
+        _log(
+            f"{args.scenario} needs agents that no host of {where.table.file} runs:"
+            f" {', '.join(lacking)}"
+        )
     simulated = None
     if host.robot is None and robot is not None:
         simulated = scenario or Scenario(world="empty", start=(0, 0, 0))
     port = serial_port(host.robot) if host.robot else None
     if port is not None and not port.exists():
-        _say(f"there is no {port} yet; the robot agent looks for it until the adapter is there")
+        _log(f"port {port} does not exist; the robot agent retries until the adapter is connected")
     return Plan(
         own,
         where.namespace,
@@ -274,6 +289,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
 def _check_names(args: Options, where: Endpoints, host: Host) -> None:
     """Raises ConfigError or UnknownNameError for an agent that is not installed here."""
     from armadico.config.discovery import AGENTS, find
+    from armadico.config.errors import ConfigNameError
     from armadico.config.lines import line_of
     from armadico.config.loading import read_text
 
@@ -284,15 +300,16 @@ def _check_names(args: Options, where: Endpoints, host: Host) -> None:
         except UnknownNameError as error:
             key = (str(where.name), "agents", index)
             line = line_of(read_text(file), key) if file else None
-            raise ConfigError(f"{where.name}.agents: {error}", file or None, line) from None
+            wrong = ConfigNameError(error.kind, name, error.known)
+            raise wrong.at(file or None, line, f"{where.name}.agents: ") from None
     for name in (*args.more, *args.without):
         find(AGENTS, name)
 
 
 def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:
-    """The members with what `--set` says. Raises ConfigError if an agent would refuse its own."""
+    """The members with `--set` applied. Raises ConfigError for invalid parameters."""
     found = tuple(_with_sets(member, args.set, members) for member in members)
-    if args.set or args.parameters is not None:  # else nobody has written any
+    if args.set or args.parameters is not None:  # else there is nothing to check
         from armadico.launch.society import check
 
         check(found)
@@ -300,17 +317,17 @@ def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:
 
 
 def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
-    """A member with what `--set` says of it. Raises UsageError for a name that is not here."""
+    """A member with its `--set` values. Raises UsageError for an agent that is not started."""
     from armadico.launch.society import Member
 
     mine = []
     for setting in sets:
         name, dot, rest = setting.partition(".")
         if not dot or "=" not in rest:
-            raise UsageError(f"--set {setting}: expected AGENT.KEY=VALUE, avoid.v_max=0.3 say")
+            raise UsageError(f"--set {setting}: expected AGENT.KEY=VALUE, as in avoid.v_max=0.3")
         if name not in {other.name for other in members}:
             here = ", ".join(dict.fromkeys(other.name for other in members))
-            raise UsageError(f"--set {setting}: {name} is not started here ({here} are)")
+            raise UsageError(f"--set {setting}: agent {name} is not started here (started: {here})")
         if name == member.name:
             mine.append(rest)
     return Member(member.name, (*member.sets, *mine))
@@ -322,7 +339,7 @@ def _taken(namespace: str, host: str, share: object) -> str:
     by = f"process {share.pid}" if isinstance(share, Share) else "another process"
     return (
         f"{host}'s share of namespace {namespace!r} is up already, by {by};"
-        " `armadico down` ends it, another robot needs a --namespace of its own"
+        " end it with `armadico down`, or use another --namespace for another robot"
     )
 
 
@@ -330,15 +347,15 @@ def _ready(host: str, names: str) -> Callable[[float], None]:
     def ready(took: float) -> None:
         try:
             print(f"{host} is up after {took:.1f} s: {names}", flush=True)
-        except OSError:  # the society does not end because its launcher cannot report
-            options.unheard()
+        except OSError:  # a closed output must not end the society
+            options.discard_output()
         _notify("READY=1")
 
     return ready
 
 
 def _notify(text: str) -> None:
-    """Tell systemd, if it asked to be told."""
+    """Notify systemd, if it started this process with a notify socket."""
     where = os.environ.get("NOTIFY_SOCKET")
     if where:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
@@ -348,7 +365,7 @@ def _notify(text: str) -> None:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """SIGTERM and SIGHUP end it as Ctrl-C does; yields those that came."""
+    """Raise KeyboardInterrupt on SIGTERM and SIGHUP. Yields the list of received signals."""
     received: list[int] = []
 
     def interrupt(number: int, _cycle: FrameType | None) -> None:
@@ -356,12 +373,12 @@ def _signals() -> Iterator[list[int]]:
         raise KeyboardInterrupt
 
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
+        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup SIGHUP is ignored
             signal.signal(number, interrupt)
     yield received
 
 
-def _say(text: str) -> None:
+def _log(text: str) -> None:
     print(f"{time.strftime('%H:%M:%S')} {text}", file=sys.stderr, flush=True)
 
 
@@ -369,8 +386,8 @@ main: Final = Command(
     "armadico up",
     Options,
     run,
-    "Start this machine's share of a society, as the host table has it, and keep it up: who"
-    " ends is started again, so many times in so many seconds. The mission is somebody else's:"
-    " armadico run SCENARIO --attach, or armadico goto.",
+    "Start this machine's agents of the host table and keep them running. An agent that ends is"
+    " restarted, within --restarts and --within. This command starts no mission: use"
+    " `armadico run SCENARIO --attach` or `armadico goto`.",
     EXAMPLES,
 )

@@ -1,4 +1,4 @@
-"""A host on the virtual mesh: its wakeup agent, and the processes that it starts."""
+"""A host on the virtual mesh: its wakeup agent and the processes that it starts."""
 
 from __future__ import annotations
 
@@ -10,33 +10,28 @@ from armadico.launch.virtual import Rehearsal, Share
 from armadico.mesh.virtual import Node
 
 START_S = 0.8
-"""What a process that is started again takes until it looks around for the others."""
+"""Time from a restart until the process joins the mesh, s."""
 
-LOOK_S = 0.05
-"""How often a host's machine looks who has ended, as `launch.supervisor` does."""
+POLL_S = 0.05
+"""Polling period for ended processes, s, as in `supervisor`."""
 
 KILLED = -9
-"""The code of a process that was killed."""
+"""Exit code of a killed process."""
 
 
 class VirtualHost:
-    """A machine on the virtual mesh: the device of its wakeup agent, and the agents' processes."""
+    """A machine on the virtual mesh: the device of its wakeup agent, with the processes."""
 
     def __init__(self, run: Rehearsal, share: Share) -> None:
-        """All of its processes begin, now.
-
-        Args:
-            run: The run that it takes part in.
-            share: What it starts.
-        """
+        """Start all processes of `share` in `run`."""
         name, groups = share.host, share.processes
         self.groups = groups
-        self.notes: list[str] = []  # by the wakeup agent, for people
+        self.notes: list[str] = []  # log lines of the wakeup agent
         self.due = run.mesh.now
         self._run = run
         self._name = name
         self._nodes: dict[str, list[Node]] = {}
-        self._starts: dict[str, float] = {}  # when who is started comes to its beginning, s
+        self._starts: dict[str, float] = {}  # by label: when its process joins, s
         self._events: list[Event] = []
         for label in groups:
             self._begin(label)
@@ -47,7 +42,7 @@ class VirtualHost:
             needs=share.needs,
             router=share.router,
         )
-        # It starts the robot agent, and waits for none.
+        # It starts the robot agent, so it does not wait for it.
         self.wakeup = run.add(Wakeup, parameters, host=name, device=self, waits=False)
 
     def receive(self, data: bytes, now: float) -> None:
@@ -66,11 +61,11 @@ class VirtualHost:
                     self.notes.append(order.text)
 
     def advance(self, now: float) -> bytes:
-        """See `Device`: who began, and who has ended."""
-        self.due = now + LOOK_S
+        """See `Device`: return the starts and ends of processes."""
+        self.due = now + POLL_S
         for label in [label for label, at in self._starts.items() if at <= now]:
             del self._starts[label]
-            if self.wakeup.alive:  # a process is tied to the one that starts it
+            if self.wakeup.alive:  # its processes end with it
                 self._begin(label)
         for label, nodes in list(self._nodes.items()):
             gone = next((node for node in nodes if not node.alive), None)
@@ -83,18 +78,18 @@ class VirtualHost:
             refusal = gone.driver.refusal
             code, how = (MISUSED, "status 2") if refusal else (KILLED, "signal SIGKILL")
             self._events.append(Event(label, 0, how, code, refusal))
-        said, self._events = self._events, []
-        return b"".join(map(lines, said))
+        events, self._events = self._events, []
+        return b"".join(map(lines, events))
 
     def lose(self) -> None:
-        """All of it is gone in one moment."""
+        """Kill all processes and the wakeup agent at once."""
         self._starts.clear()
         for node in (*(node for nodes in self._nodes.values() for node in nodes), self.wakeup):
             if node.alive:
                 node.kill()
 
     def leave(self) -> None:
-        """`armadico down`: it says so, and ends its agents in order."""
+        """Leave in order, as on `armadico down`."""
         self.wakeup.leave()
         for label in self._nodes:
             self._end(label, Node.leave)

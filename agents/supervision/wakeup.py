@@ -1,12 +1,12 @@
-"""The wakeup agent (thesis 3.8.3): starts a host's agents, and again who ends, or is said to hang.
+"""The wakeup agent (thesis 3.8.3): starts a host's agents, and restarts those that end or hang.
 
-Sans-IO: its device is the machine, a port on which orders go out and what became of the processes
-comes in, a line of JSON each. So one agent does it on real processes
+Sans-IO: its device is the machine, a port that takes orders and returns events of the processes, a
+line of JSON each. The same agent runs with real processes
 (`armadico.agents.supervision.supervisor`) and on the virtual mesh (`armadico.launch.virtual`).
 
-Who restarts what: the wakeup agent of a host starts its processes, and nobody else does. Whoever
-ends is due again, by its budget. Who hangs does not end: a monitor finds that out and asks for a
-restart, which is a SIGKILL, and the rest comes as always. It decides nothing about who drives.
+Only the wakeup agent of a host starts its processes. A process that ends is restarted within a
+budget. A process that hangs does not end: a monitor detects that and requests a restart, which is a
+SIGKILL followed by a normal restart. The wakeup agent does not decide which agent drives.
 """
 
 from __future__ import annotations
@@ -36,84 +36,82 @@ from armadico.core.messages import LABEL, Card, Message, MonitorReport, line
 from armadico.core.restart_policy import MISUSED, Budget, slower
 
 CARD_S: Final = 0.5
-"""What an agent may take to answer the query for its card, before it is queried again."""
+"""Timeout of a query for a card, s, before it is repeated."""
 
 START_S: Final = 30.0
-"""Who cannot be seen on the mesh so long after it was started, s, hangs, and is killed."""
+"""A process that is not on the mesh this long after its start, s, hangs and is killed."""
 
 MONITOR_S: Final = 10.0
-"""A monitor of this host's that has said nothing for so long, s, hangs, and is killed: who watches
-everybody is watched by other monitors, if there are any, and by who started it. Those others are
-faster, and whoever was killed in between is another process."""
+"""A monitor of this host that has not reported for this long, s, hangs and is killed. Other
+monitors watch it too, if there are any, and are faster. A process restarted in between is new."""
 
 ROUTER_S: Final = 10.0
-"""A robot agent of this host's that accepts no links for so long, s, hangs, and is killed: nobody
-else can find that out, because all talk to each other through it."""
+"""A robot agent of this host that accepts no links for this long, s, hangs and is killed. Monitors
+cannot detect that, because all agents communicate through its router."""
 
 LATE_S: Final = 0.1
-"""A machine that wakes this agent so late, s, most times cannot keep up: it is a cycle of a robot,
-and a bid that is later answers a cycle that is over."""
+"""A machine whose median wake-up is later than this, s, is overloaded. This is one cycle of a
+robot: a bid that is later answers a cycle that is over."""
 
 LATE_OF: Final = 8
-"""So many wake-ups in a row are judged; there is one each second at least."""
+"""Number of wake-ups in the median; there is at least one per second."""
 
 HOLD_S: Final = 60.0
-"""Processes are held back for so long at least, s, and for twice as long each time: to start them
-is work, too."""
+"""Minimum time for which processes are held back, s, doubled each time, because starting them is
+load, too."""
 
-HELD: Final = "it is held back: the machine cannot keep up"
+HELD: Final = "it is held back: the machine is overloaded"
 
-PATIENT: Final = 4
-"""So many times as long may a start take on a machine that cannot keep up."""
+SLOW_START: Final = 4
+"""Factor on `START_S` on an overloaded machine."""
 
 PAUSES_S: Final = (0.0, 0.1, 0.2, 0.5)
-"""How long a process waits for its next start, by how often it was started within the budget's
-window."""
+"""Delay of a restart, s, by the number of restarts within the budget's window."""
 
 IN_THE_WAY_S: Final = (1.0, 2.0, 5.0)
-"""How long it waits if another one is in its way, by how often in a row; that is no fault of its
-own, and is not taken from the budget."""
+"""Delay of a restart if another instance is in the way, s, by how often in a row. It is not the
+process's fault and does not count against the budget."""
 
 NEWCOMER_S: Final = 3.0
-"""A process that leaves so soon was a newcomer itself: started where another was already, or in the
-same instant. That is for people to mend."""
+"""A process refused within this time, s, was itself the newcomer: another instance was there first,
+or started at the same time. The operator has to correct that."""
 
-HEARD_S: Final = 1.5
-"""So long after it has begun the shares of all other hosts have come, s."""
+SHARES_S: Final = 1.5
+"""Time from the start until the shares of all other hosts have been received, s."""
 
 SHARE_S: Final = 1.0
-"""How often the share is published at least, as the table of services has it."""
+"""Period of the share, s, as in the table of services."""
 
 Names = tuple[Annotated[str, Meta(min_length=1, max_length=LABEL)], ...]
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """What is to be up on this host, and what else could be."""
+    """Processes of this host, and agents that it can start on request."""
 
     host: str
     processes: dict[str, Names] = msgspec.field(default_factory=dict)
-    """By label, the agents that live in it; none in a simulator."""
+    """Agents of each process, by its label; a simulator has none."""
     can: Names = ()
     needs: Names = ()
     router: str = ""
-    """The robot agent, if it is to be up on this host."""
+    """Name of the robot agent, if it belongs to this host."""
     restarts: int = 5
     within_s: float = 30.0
 
 
 class Do(StrEnum):
-    """What the machine is told."""
+    """Kind of an order to the machine."""
 
     START = "start"
     END = "end"  # SIGTERM, and SIGKILL if that is not enough
     KILL = "kill"
-    SAY = "say"  # a line for people
-    READY = "ready"  # everybody could be seen on the mesh
+    SAY = "say"  # log a line
+    READY = "ready"  # all agents are on the mesh
     GIVE_UP = "give up"
 
 
 class Order(Struct, frozen=True):
-    """One thing that the machine is to do."""
+    """An order to the machine."""
 
     do: Do
     label: str = ""
@@ -121,51 +119,50 @@ class Order(Struct, frozen=True):
 
 
 class Event(Struct, frozen=True, tag=True):
-    """What became of a process: it began, or it ended."""
+    """A process started or ended."""
 
     label: str
     pid: int = 0
-    ending: str = ""  # how it ended, for people; empty: it has begun
+    ending: str = ""  # how it ended, as text; empty: it started
     code: int = 0
-    words: str = ""  # its last ones
+    words: str = ""  # its last output
 
 
 class Load(Struct, frozen=True, tag=True):
-    """How much the machine has to do."""
+    """Load of the machine."""
 
-    per_core: float  # runnable processes, on average over the last minute
+    per_core: float  # runnable processes, averaged over the last minute
 
 
 def lines(what: Struct) -> bytes:
-    """An order or an event as it goes through the port."""
+    """Encode an order or an event for the port."""
     return msgspec.json.encode(what) + b"\n"
 
 
 def orders(data: bytes) -> Iterator[Order]:
-    """The orders of some bytes."""
+    """Decode orders."""
     return (msgspec.json.decode(text, type=Order) for text in data.splitlines())
 
 
 @dataclass
 class _Process:
-    """One process of this host."""
+    """A process of this host."""
 
     agents: tuple[str, ...]
     state: KeptState = KeptState.STARTING
     pid: int = 0
     lent: bool = False
-    held: bool = False  # back, because the machine cannot keep up
+    held: bool = False  # back, because the machine is overloaded
     why: str = ""
-    began_at: float | None = None  # when it was started, until it can be seen
-    back_at: float = inf  # when its own host had what is lent again
-    reported_at: float | None = None  # when a monitor that lives in it last did
-    due_at: float | None = None  # when it is started again
-    since: float | None = None  # it was first seen at work
-    in_the_way: int = 0  # how often in a row another one was
-    requested: bool = False  # killed on request, and not started again yet
+    began_at: float | None = None  # started at, until it is on the mesh
+    back_at: float = inf  # lent: since when its own host has it again
+    reported_at: float | None = None  # last report of a monitor in it
+    due_at: float | None = None  # time of its next start
+    since: float | None = None  # on the mesh since
+    in_the_way: int = 0  # refusals in a row because of another instance
+    requested: bool = False  # killed on request, not restarted yet
 
-    def works(self, now: float) -> None:
-        """It is seen at work."""
+    def mark_up(self, now: float) -> None:
         self.began_at = None
         self.since = now if self.since is None else self.since
         self.in_the_way = 0
@@ -173,15 +170,15 @@ class _Process:
 
 @dataclass
 class _Pace:
-    """Whether the machine keeps up, by how late it wakes this agent."""
+    """Whether the machine is overloaded, judged by how late it wakes this agent."""
 
     late: deque[float] = field(default_factory=lambda: deque(maxlen=LATE_OF))  # s
     slow: bool = False
-    until: float = 0.0  # it is taken to be slow at least
+    until: float = 0.0  # earliest end of `slow`
     times: int = 0
 
     def woken(self, late: float, now: float) -> bool:
-        """Note how late it was (s); whether that changes what is thought of the machine."""
+        """Record a lateness in s. Return whether `slow` changed."""
         self.late.append(late)
         typical = median(self.late)
         if not self.slow and len(self.late) == LATE_OF and typical > LATE_S:
@@ -195,10 +192,10 @@ class _Pace:
 
 
 class Wakeup(DeviceAgent):
-    """Keeps a host's processes up within a budget, and answers who asks it to."""
+    """Keeps a host's processes up within a budget, and answers requests."""
 
     name = "wakeup"
-    hears: ClassVar[tuple[type[Message], ...]] = (HostShare, MonitorReport)
+    receives: ClassVar[tuple[type[Message], ...]] = (HostShare, MonitorReport)
     provides: ClassVar[tuple[type[Message], ...]] = (HostShare,)
     answers: ClassVar[tuple[type[Message], ...]] = (WakeupRequest,)
     parameters = Parameters
@@ -208,61 +205,57 @@ class Wakeup(DeviceAgent):
         super().__init__(identity, parameters)
         self.gave_up = False
         self.budget = Budget(self.p.restarts, self.p.within_s)
-        # All restarts that may count: when, which process, and whether it was requested.
+        # Restarts in the window: time, label, whether requested.
         self._restarts: deque[tuple[float, str, bool]] = deque()
         self._kept = {label: _Process(names) for label, names in self.p.processes.items()}
-        # Those whose token is there, by instance: the name, and the card once it has come.
-        self._there: dict[str, tuple[str, Card | None]] = {}
+        # Instances whose token is present: name, and the card once it is received.
+        self._present: dict[str, tuple[str, Card | None]] = {}
         self._shares: dict[str, HostShare] = {}  # of other hosts, by their wakeup agent
-        self._half = b""  # of a line
+        self._half = b""  # incomplete last line
         self._load = 0.0
         self._ready = False
-        self._share_at = self._heard_at = self._due_at = 0.0
+        self._share_at = self._shares_at = self._due_at = 0.0
         self._pace = _Pace()
-        self._cut_at = inf  # when the robot's router could not be reached any more
-        self._early: list[Event] = []  # that were in the way of somebody: of whom is to be heard
+        self._cut_at = inf  # the robot's router is unreachable since
+        self._early: list[Event] = []  # refusals, kept until other hosts' shares are received
 
-    # Who is there --------------------------------------------------------------------------------
+    # Other agents --------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        """Say at once what is kept up here."""
-        self._heard_at = self.now + HEARD_S
+        self._shares_at = self.now + SHARES_S
         self._cut_at = inf if self.reachable else self.now
-        self._tell()
+        self._publish_share()
 
     def on_appeared(self, name: str, instance: str) -> None:
-        """Somebody has joined: is it one of this host's?"""
-        self._there[instance] = (name, None)
-        self._ask(name, instance)
+        self._present[instance] = (name, None)
+        self._query_card(name, instance)
 
     def on_disappeared(self, name: str, instance: str) -> None:  # noqa: ARG002
-        self._there.pop(instance, None)
+        self._present.pop(instance, None)
         self._shares.pop(instance, None)
 
-    def on_met(self, card: Card) -> None:
-        """A card has come, whoever asked for it."""
-        if card.instance in self._there:
-            self._there[card.instance] = (card.name, card)
-            self._greet()
+    def on_card(self, card: Card) -> None:
+        if card.instance in self._present:
+            self._present[card.instance] = (card.name, card)
+            self._check_started()
 
     def on_router(self) -> None:
-        """Whoever has begun meanwhile can only be seen from now on, and others' shares come now."""
+        """Restart the timeouts of starting processes and of other hosts' shares."""
         self._cut_at = inf if self.reachable else self.now
         if self.reachable:
-            self._heard_at = self.now + HEARD_S
+            self._shares_at = self.now + SHARES_S
             for process in self._kept.values():
                 if process.began_at is not None:
                     process.began_at = self.now
 
     def on_host_share(self, share: HostShare) -> None:
-        """What another host keeps up."""
         self._shares[share.instance] = share
-        self._give_back()
+        self._end_returned()
 
-    def _give_back(self) -> None:
-        """End what is lent once its own host has had it for long enough to keep it.
+    def _end_returned(self) -> None:
+        """End a lent process once its own host has kept the agent for `NEWCOMER_S`.
 
-        Not before: one of the two may be alone in the namespace, and then the newcomer goes.
+        Not before: if only one instance is allowed, the newcomer leaves by itself.
         """
         back = {
             name: share.host
@@ -279,43 +272,42 @@ class Wakeup(DeviceAgent):
             if self.now - process.back_at >= NEWCOMER_S:
                 if process.pid:
                     self._order(Do.END, label)
-                self._let_go(label, f"{back[process.agents[0]]} has one of its own again")
+                self._drop(label, f"{back[process.agents[0]]} runs it again")
 
     def on_monitor_report(self, report: MonitorReport) -> None:
-        """A monitor is at work; is it one of this host's?"""
-        _, card = self._there.get(report.instance, ("", None))
+        _, card = self._present.get(report.instance, ("", None))
         for process in self._kept.values():
             if card is not None and (card.host, card.pid) == (self.p.host, process.pid):
                 process.reported_at = self.now
 
-    def _ask(self, name: str, instance: str) -> None:
-        """Ask for a card until it comes: one that hangs delays nobody, and may be slow once."""
-        if self._there.get(instance) != (name, None):
+    def _query_card(self, name: str, instance: str) -> None:
+        """Query for a card until it is received, in parallel to other queries."""
+        if self._present.get(instance) != (name, None):
             return
         if not any(name in p.agents for p in self._kept.values() if p.state is KeptState.STARTING):
             return
 
-        def answered(card: Card | None) -> None:
+        def on_card(card: Card | None) -> None:
             if card is not None and card.instance == instance:
-                self.on_met(card)
+                self.on_card(card)
             else:
-                self._ask(name, instance)
+                self._query_card(name, instance)
 
-        self.ask_card(name, instance, answered, CARD_S)
+        self.query_card(name, instance, on_card, CARD_S)
 
-    def _greet(self) -> None:
-        """See who of the starting is on the mesh by now."""
-        cards = [card for _, card in self._there.values() if card is not None]
+    def _check_started(self) -> None:
+        """Mark the starting processes whose agents are all on the mesh as up."""
+        cards = [card for _, card in self._present.values() if card is not None]
         here = {(card.name, card.pid) for card in cards if card.host == self.p.host}
         for label, process in self._kept.items():
             starting = process.state is KeptState.STARTING and process.pid
             if starting and all((name, process.pid) in here for name in process.agents):
-                process.works(self.now)
-                self._became(label, KeptState.UP)
-        self._say_once()
+                process.mark_up(self.now)
+                self._set_state(label, KeptState.UP)
+        self._check_ready()
 
-    def _say_once(self) -> None:
-        """That the share is up: all are on the mesh, here or where somebody took them over."""
+    def _check_ready(self) -> None:
+        """Report once that all agents are on the mesh, here or on a host that replaces this one."""
         if not self._ready and all(
             process.state is KeptState.UP
             or process.held
@@ -344,66 +336,66 @@ class Wakeup(DeviceAgent):
             return
         process.pid = event.pid
         process.began_at = self.now if process.agents else None
-        self._became(event.label, KeptState.STARTING if process.agents else KeptState.UP)
+        self._set_state(event.label, KeptState.STARTING if process.agents else KeptState.UP)
         if not process.agents:
-            process.works(self.now)
-        for instance, (name, _) in sorted(self._there.items()):
-            self._ask(name, instance)
-        self._greet()
+            process.mark_up(self.now)
+        for instance, (name, _) in sorted(self._present.items()):
+            self._query_card(name, instance)
+        self._check_started()
 
     def _ended(self, event: Event) -> None:
         label, process = event.label, self._kept.get(event.label)
         if process is None:
             return
-        if event.code == MISUSED and self.now < self._heard_at:
+        if event.code == MISUSED and self.now < self._shares_at:
             self._early.append(event)
-            self._look_again()
+            self._schedule()
             return
         process.pid, process.began_at, process.reported_at = 0, None, None
         if process.held:
-            self._became(label, KeptState.WAITING, HELD)
-            self._say_once()
+            self._set_state(label, KeptState.WAITING, HELD)
+            self._check_ready()
             return
-        if process.state is KeptState.ENDED:  # as somebody asked
-            self._tell()
+        if process.state is KeptState.ENDED:  # on request
+            self._publish_share()
             return
-        if process.lent and event.code == MISUSED:  # as after a cut: its own host has one, too
-            self._let_go(label, "somebody is in its way")
+        if process.lent and event.code == MISUSED:  # its own host has one too, as after a partition
+            self._drop(label, "another instance is in its way")
             return
         replaced = any(self._replaced(name) for name in process.agents)
         why = self._plan_restart(label, event.code, replaced=replaced)
-        if why and process.lent:  # that is no reason to end what is this host's own
-            self._let_go(label, f"{label} ended with {event.ending}, {why}")
+        if why and process.lent:  # a lent agent must not end this host's own
+            self._drop(label, f"{label} ended with {event.ending}, {why}")
             return
         if why:
             self.gave_up = True
             self._order(
                 Do.GIVE_UP,
                 text=f"{label} ended with {event.ending}, and is not started again: {why}."
-                f" Its last words:\n{event.words}",
+                f" Its last output:\n{event.words}",
             )
             return
         if process.in_the_way:
-            said = (
-                f"{label} left: somebody is in its way; the others go on, and it is tried again"
-                " now and then"
+            text = (
+                f"{label} left: another instance is in its way; the other agents continue,"
+                " and it is retried"
             )
         else:
-            said = f"{label} ended with {event.ending}; it is started again"
-        self._order(Do.SAY, text=said)
-        self._became(label, KeptState.WAITING, f"it ended with {event.ending}: {event.words}")
-        self._say_once()
+            text = f"{label} ended with {event.ending}; it is started again"
+        self._order(Do.SAY, text=text)
+        self._set_state(label, KeptState.WAITING, f"it ended with {event.ending}: {event.words}")
+        self._check_ready()
 
     def _plan_restart(self, label: str, code: int, *, replaced: bool) -> str:
-        """Say when a process that ended with a code is started again; else why it is not.
+        """Schedule the restart of a process that ended with `code`. Return why not, or "".
 
-        `replaced`: another host has started one in its place, so that another one in its way is no
-        fault of people's, however soon it found that out.
+        `replaced`: another host started the agent in its place. A refusal is then not an error of
+        the configuration, however early it comes.
         """
         process = self._kept[label]
         worked = 0.0 if process.since is None else self.now - process.since
         if code == MISUSED and not replaced and worked < NEWCOMER_S:
-            return "it says that it was configured wrongly or is in the way, and would say so again"
+            return "its configuration is wrong or another instance runs; a restart would not help"
         if code == MISUSED:
             pause = IN_THE_WAY_S[min(process.in_the_way, len(IN_THE_WAY_S) - 1)]
             process.in_the_way += 1
@@ -411,13 +403,13 @@ class Wakeup(DeviceAgent):
             process.in_the_way = 0
             if not process.requested and (why := self._spent(requested=False)):
                 return why
-            often = sum(1 for _, who, _ in self._restarts if who == label)
-            pause = PAUSES_S[min(often, len(PAUSES_S) - 1)]
+            count = sum(1 for _, other, _ in self._restarts if other == label)
+            pause = PAUSES_S[min(count, len(PAUSES_S) - 1)]
         process.due_at = self.now + pause
         return ""
 
     def _spent(self, *, requested: bool = True) -> str:
-        """Why one more restart is not to be had now; empty if it is.
+        """Return why no more restarts are allowed now, or "".
 
         Restarts on request do not count towards those of processes that failed, because a request
         must not be what ends a host. Requests are refused once both together have spent the budget.
@@ -439,13 +431,13 @@ class Wakeup(DeviceAgent):
         if process.held:
             return
         if process.in_the_way and any(map(self._replaced, process.agents)):
-            self._plan_restart(label, MISUSED, replaced=True)  # it would find out the same
+            self._plan_restart(label, MISUSED, replaced=True)  # it would be refused again
             return
-        self._became(label, KeptState.STARTING)
+        self._set_state(label, KeptState.STARTING)
         self._order(Do.START, label)
 
     def _replaced(self, name: str) -> bool:
-        """Whether another host has started an agent of this name in place of one that was gone."""
+        """Whether another host runs a lent agent of this name."""
         shares = self._shares.values()
         return any(kept.lent and name in kept.agents for share in shares for kept in share.kept)
 
@@ -455,7 +447,6 @@ class Wakeup(DeviceAgent):
     # Requests ------------------------------------------------------------------------------------
 
     def on_wakeup_request(self, question: Question) -> WakeupReply:
-        """Start, restart or end an agent."""
         request = question.request
         assert isinstance(request, WakeupRequest)
         found = [label for label, p in self._kept.items() if request.agent in p.agents]
@@ -474,35 +465,35 @@ class Wakeup(DeviceAgent):
         if any(self._kept[label].held for label in found):
             return HELD
         if any(self._kept[label].state is not KeptState.ENDED for label in found):
-            return ""  # it is looked after already
+            return ""  # it is kept up already
         if not found and request.agent not in self.p.can:
-            able = ", ".join(self.p.can) or "nobody"
-            return f"it cannot start {request.agent}; it could start {able}"
+            able = ", ".join(self.p.can) or "none"
+            return f"it cannot start {request.agent}; it can start: {able}"
         if refusal := self._spent():
             return refusal
         for label in found or [request.agent]:
             lent = not found
             process = self._kept.setdefault(label, _Process((request.agent,), lent=lent))
             process.state = KeptState.STARTING
-            self._order(Do.SAY, text=f"{label} is started: {_asked(request)}")
+            self._order(Do.SAY, text=f"{label} is started: {_reason(request)}")
             self._order(Do.START, label)
-        self._tell()
+        self._publish_share()
         return ""
 
     def _restart(self, request: WakeupRequest, found: list[str]) -> str:
         if not found:
-            return f"{request.agent} is none of its agents"
+            return f"{request.agent} is not an agent of this host"
         if any(self._kept[label].held for label in found):
             return HELD
         for label in found:
             process = self._kept[label]
             meant = request.pid in (0, process.pid)
             if process.state is KeptState.ENDED or not (process.pid and meant):
-                continue  # another one is there by now, or is about to be
+                continue  # another process has replaced it, or will
             if refusal := self._spent():
                 return refusal
             process.requested = True
-            self._kill(label, _asked(request))
+            self._kill(label, _reason(request))
         return ""
 
     def _kill(self, label: str, why: str) -> None:
@@ -511,59 +502,59 @@ class Wakeup(DeviceAgent):
 
     def _end(self, request: WakeupRequest, found: list[str]) -> str:
         if not found:
-            return f"{request.agent} is none of its agents"
+            return f"{request.agent} is not an agent of this host"
         for label in found:
             if self._kept[label].state is KeptState.ENDED:
                 continue
-            self._order(Do.SAY, text=f"{label} is ended: {_asked(request)}")
+            self._order(Do.SAY, text=f"{label} is ended: {_reason(request)}")
             if self._kept[label].pid:
                 self._order(Do.END, label)
-            self._let_go(label, _asked(request))
+            self._drop(label, _reason(request))
         return ""
 
-    def _let_go(self, label: str, why: str) -> None:
-        """It is not started again: what was lent is forgotten, what is its own said to be ended."""
+    def _drop(self, label: str, why: str) -> None:
+        """Do not restart it: forget a lent process, mark an own one as ended."""
         process = self._kept[label]
         process.due_at, process.since, process.in_the_way = None, None, 0
         process.requested = process.held = False
         if process.lent:
             del self._kept[label]
-            self._order(Do.SAY, text=f"{label} is this host's no more: {why}")
-            self._tell()
+            self._order(Do.SAY, text=f"{label} is no longer kept up by this host: {why}")
+            self._publish_share()
         else:
-            self._became(label, KeptState.ENDED, why)
+            self._set_state(label, KeptState.ENDED, why)
 
-    # Telling -------------------------------------------------------------------------------------
+    # Timers --------------------------------------------------------------------------------------
 
     def on_wakeup(self) -> None:
-        """Start who is due; kill who hangs at its start, or has to watch; say what is kept up."""
+        """Start due processes, kill hung ones, and publish the share."""
         if self._pace.woken(self.now - self._due_at, self.now):
             if self._pace.slow:
                 self._hold_back()
             else:
-                self._hold_no_more()
-        if self.now >= self._heard_at:
+                self._release_held()
+        if self.now >= self._shares_at:
             early, self._early = self._early, []
             for event in early:
                 self._ended(event)
         for label, process in self._kept.items():
             if process.due_at is not None and process.due_at <= self.now:
                 self._restart_due(label, process)
-        self._kill_who_hangs()
+        self._kill_hung()
         if self.now >= self._share_at:
-            self._tell()
-        self._look_again()
+            self._publish_share()
+        self._schedule()
 
-    def _kill_who_hangs(self) -> None:
+    def _kill_hung(self) -> None:
         times = slower(self._load)
-        start_s = START_S * times * (PATIENT if self._pace.slow else 1)
+        start_s = START_S * times * (SLOW_START if self._pace.slow else 1)
         for label, process in self._kept.items():
             up = process.state is KeptState.UP and process.pid
             if self._is_router(process) and up and self.now - self._cut_at >= ROUTER_S * times:
                 self._cut_at = self.now
                 self._kill(label, f"it accepts no links, for {ROUTER_S * times:.0f} s")
             elif not self.reachable and not self._is_router(process):
-                continue  # nobody can be seen
+                continue  # no agent can be seen
             elif process.began_at is not None and self.now - process.began_at >= start_s:
                 process.began_at = None
                 self._kill(label, f"it cannot be seen on the mesh after {start_s:.0f} s")
@@ -572,13 +563,13 @@ class Wakeup(DeviceAgent):
                 and self.now - process.reported_at >= MONITOR_S * times
             ):
                 process.reported_at = None
-                self._kill(label, f"it watches, and has said nothing for {MONITOR_S * times:.0f} s")
+                self._kill(label, f"its monitor has not reported for {MONITOR_S * times:.0f} s")
 
     def _is_router(self, process: _Process) -> bool:
         return self.p.router in process.agents
 
     def _hold_back(self) -> None:
-        """End what the robot can do without while this machine cannot keep up."""
+        """End the processes that are not needed while this machine is overloaded."""
         needed = set(self.p.needs)
         for label, process in self._kept.items():
             without = needed and process.agents and not needed & set(process.agents)
@@ -586,41 +577,41 @@ class Wakeup(DeviceAgent):
                 process.held = True
                 if process.pid:
                     self._order(Do.END, label)
-                self._became(label, KeptState.WAITING, HELD)
+                self._set_state(label, KeptState.WAITING, HELD)
         labels = ", ".join(self._held())
         held = f"; held back: {labels}" if labels else ""
         text = (
             f"{self.p.host} cannot keep up: processes run {median(self._pace.late):.2f} s late, a"
-            f" cycle is {LATE_S:g} s (load {self._load:.1f} for each core){held}. End other"
-            " programs, use another host for some agents (--hosts), or do --without some"
+            f" cycle is {LATE_S:g} s (load {self._load:.1f} per core){held}. End other"
+            " programs, use another host for some agents (--hosts), or leave some out (--without)"
         )
         self._order(Do.SAY, text=text)
 
-    def _hold_no_more(self) -> None:
+    def _release_held(self) -> None:
         held = self._held()
         again = f"; started again: {', '.join(held)}" if held else ""
         self._order(Do.SAY, text=f"{self.p.host} keeps up again{again}")
         for label in held:
             self._kept[label].held = False
-            self._became(label, KeptState.STARTING)
+            self._set_state(label, KeptState.STARTING)
             self._order(Do.START, label)
 
     def _held(self) -> list[str]:
         return [label for label, process in self._kept.items() if process.held]
 
-    def _look_again(self) -> None:
-        """Be woken for the next start, or the next share; by then who hangs at start is seen."""
+    def _schedule(self) -> None:
+        """Schedule the next wake-up: the next start or share. Hung starts are detected then."""
         due = [p.due_at for p in self._kept.values() if p.due_at is not None]
-        early = [self._heard_at] if self._early else []
+        early = [self._shares_at] if self._early else []
         self._due_at = min([self._share_at, *early, *due])
         self.wake_at(self._due_at)
 
-    def _became(self, label: str, state: KeptState, why: str = "") -> None:
+    def _set_state(self, label: str, state: KeptState, why: str = "") -> None:
         process = self._kept[label]
         process.state, process.why = state, why
-        self._tell()
+        self._publish_share()
 
-    def _tell(self, *, leaving: bool = False) -> None:
+    def _publish_share(self, *, leaving: bool = False) -> None:
         kept = tuple(
             Kept(p.agents, p.state, p.pid, p.lent, line(p.why)) for p in self._kept.values()
         )
@@ -628,15 +619,14 @@ class Wakeup(DeviceAgent):
         needs = () if leaving else self.p.needs
         self.publish(HostShare(self.instance, self.p.host, kept, can, needs, leaving, self._load))
         self._share_at = self.now + SHARE_S
-        self._look_again()
+        self._schedule()
 
     def stop(self, now: float) -> None:
-        """Leave in order: nobody is to miss what was kept up here, unless it was given up."""
+        """Leave in order: no other host replaces these agents, unless this host gave up."""
         super().stop(now)
         if not self.gave_up:
-            self._tell(leaving=True)
+            self._publish_share(leaving=True)
 
 
-def _asked(request: WakeupRequest) -> str:
-    """Why something is done, for people."""
-    return request.why or "somebody asked for it"
+def _reason(request: WakeupRequest) -> str:
+    return request.why or "requested"

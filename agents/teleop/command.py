@@ -30,18 +30,15 @@ if TYPE_CHECKING:
     from armadico.launch.processes import Process
     from armadico.runtime.client import Client
 
-LOOK_S: Final = 0.05
-"""How often the keys are looked at."""
+POLL_S: Final = 0.05  # the period of reading the keys
 
+# A pressed key counts as held for this time: a terminal reports no release, and most repeat a key
+# only after half a second.
 FIRST_S: Final = 0.7
-"""A key that was pressed once counts as pressed for so long: a terminal tells of no release, and
-most repeat a key only after half a second."""
 
-AGAIN_S: Final = 0.3
-"""And from its first repetition on for so long after each."""
+AGAIN_S: Final = 0.3  # the same after each repetition
 
-COME_S: Final = 20.0
-"""What an agent that is started here may take to be there."""
+COME_S: Final = 20.0  # the timeout for an agent that is started here
 
 STEP: Final = 0.1
 
@@ -56,9 +53,10 @@ KEYS: Final = """\
   s or down     backwards            k      stand, and keep the stick
   a or left     turn left            + -    faster, slower
   d or right    turn right           space  STOP       r    release the stop
-                                     q      let go, and leave
+                                     q      quit
 """
 
+# (v, w) as shares, by key: w, a, s, d and the arrows, or those of ROS's teleop_twist_keyboard.
 DIRECTIONS: Final = {
     **dict.fromkeys(("w", "i", "\x1b[A", "\x1bOA"), (1.0, 0.0)),
     **dict.fromkeys(("s", ",", "\x1b[B", "\x1bOB"), (-1.0, 0.0)),
@@ -70,14 +68,13 @@ DIRECTIONS: Final = {
     ".": (-1.0, 0.5),
     "k": (0.0, 0.0),
 }
-"""(v, w) of keys, as shares; w, a, s, d and the arrows, or those of ROS's teleop_twist_keyboard."""
 
+# One key in a terminal's input.
 _KEY: Final = re.compile(r"\x1bO[A-Za-z]|\x1b\[[0-9;]*[A-Za-z~]|[^\x1b]")
-"""One key of what a terminal sends."""
 
 
 class Order(Enum):
-    """What is done once, at the press of a key."""
+    """An action that a key press triggers once."""
 
     STOP = " "
     RESUME = "r"
@@ -85,16 +82,16 @@ class Order(Enum):
 
 
 class Keys:
-    """What keys that are pressed say, of a terminal that tells of presses only."""
+    """The stick's position from key presses; a terminal reports no releases."""
 
     def __init__(self) -> None:
-        self.share = 0.5  # of what the stick may say
+        self.share = 0.5  # of the largest deflection
         self._direction = (0.0, 0.0)
         self._key = ""
         self._pressed_at = self._until = float("-inf")
 
     def press(self, key: str, now: float) -> Order | None:
-        """Take a key, or its repetition; what is to be done at once, if anything is."""
+        """Process a key press or its repetition; return an order to execute, if any."""
         if key in ("+", "=", "-", "_"):
             step = STEP if key in "+=" else -STEP
             self.share = round(min(max(self.share + step, STEP), 1.0), 2)
@@ -105,15 +102,15 @@ class Keys:
             self._direction = DIRECTIONS[key]
             self._until = now + (AGAIN_S if repeats else FIRST_S)
             return None
-        self.release()  # any other key: whoever hits one by mistake drives no farther
+        self.release()  # any other key: a mistyped key must not keep the robot moving
         key = "q" if key == "\x04" else key  # Ctrl-D
         return Order(key) if key in {order.value for order in Order} else None
 
     def release(self) -> None:
         self._key, self._until = "", float("-inf")
 
-    def wish(self, now: float) -> tuple[float, float] | None:
-        """(v, w), shares of what the stick may say; None: no hand is on it."""
+    def deflection(self, now: float) -> tuple[float, float] | None:
+        """Return (v, w) as shares of the largest deflection; None: no key is held."""
         if now >= self._until:
             return None
         v, w = self._direction
@@ -121,26 +118,26 @@ class Keys:
 
 
 class Hand:
-    """What a hand says of its stick: once a cycle while it is on it, and once that it is not."""
+    """The messages of one stick: once a cycle while it is held, and once on release."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._number = 0
-        self._said: Cycle | None = None
+        self._cycle: Cycle | None = None  # of the last message
         self._on = False
 
-    def stick(self, cycle: Cycle, wish: tuple[float, float] | None) -> Stick | None:
-        """What to publish, if anything; `cycle` is the newest that was heard of the robot."""
+    def stick(self, cycle: Cycle, deflection: tuple[float, float] | None) -> Stick | None:
+        """Return the message to publish, if any; `cycle` is the newest received one."""
         from armadico.agents.teleop.messages import Stick
 
-        if wish is None:
+        if deflection is None:
             if not self._on:
                 return None
-        elif self._on and cycle == self._said:
+        elif self._on and cycle == self._cycle:
             return None
         self._number += 1
-        self._on, self._said = wish is not None, cycle
-        v, w = wish or (0.0, 0.0)
+        self._on, self._cycle = deflection is not None, cycle
+        v, w = deflection or (0.0, 0.0)
         return Stick(cycle, self.name, self._number, v, w, self._on)
 
 
@@ -153,7 +150,7 @@ class Options:
 def run(args: Options) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise options.UsageError(
-            "the keys of a terminal are the stick, and this is none; programs publish teleop/stick"
+            "teleop needs a terminal for its keys; programs publish teleop/stick instead"
         )
     mesh = args.mesh.join()
     from armadico.agents.teleop.messages import TeleopStatus
@@ -163,9 +160,9 @@ def run(args: Options) -> int:
     with mesh, ExitStack() as stack:
         client = Client(mesh)
         client.listen(RobotState, TeleopStatus)
-        if not _somebody_takes_it(client):
+        if not _has_teleop(client):
             if args.no_start:
-                raise options.FailedError("nobody takes a stick: `armadico-agent teleop` would")
+                raise options.FailedError("no teleop agent is alive: start `armadico-agent teleop`")
             stack.enter_context(_started(args, client))
         print(KEYS)
         with _raw(sys.stdin.fileno()):
@@ -174,7 +171,7 @@ def run(args: Options) -> int:
 
 
 def _person() -> str:
-    """Whose hand it is, for the others."""
+    """Return the operator's name for the other agents."""
     try:
         user = getpass.getuser()
     except (KeyError, OSError):  # a user without a name
@@ -185,8 +182,8 @@ def _person() -> str:
 # The agent ----------------------------------------------------------------------------------------
 
 
-def _somebody_takes_it(client: Client) -> bool:
-    """Whether an agent is alive that listens to sticks, whatever it is called."""
+def _has_teleop(client: Client) -> bool:
+    """Return whether an agent of any name is alive that receives sticks."""
     from armadico.agents.teleop.messages import Stick
     from armadico.core.services import service_of
 
@@ -196,11 +193,11 @@ def _somebody_takes_it(client: Client) -> bool:
 
 @contextmanager
 def _started(args: Options, client: Client) -> Iterator[None]:
-    """An agent that takes it, for as long as this lasts. Raises FailedError."""
+    """Run a teleop agent during the context. Raises FailedError."""
     from armadico.config.scenarios import society
 
     name = society().by_hand
-    print(f"nobody takes a stick: the agent {name} is started here", flush=True)
+    print(f"no teleop agent is alive: starting {name}", flush=True)
     with Helpers(args.mesh) as helpers:
         helpers.start(args.mesh.namespace, name)
         _await(client, helpers.processes[args.mesh.namespace, name], name)
@@ -212,7 +209,7 @@ def _await(client: Client, process: Process, name: str) -> None:
         return process.ended() or any(name == alive for alive, _ in client.alive)
 
     if not client.wait_for(there, COME_S) or process.ended():
-        raise options.FailedError(f"{name} did not come:\n{process.last_words()}")
+        raise options.FailedError(f"{name} did not start:\n{process.last_lines()}")
 
 
 # The terminal -------------------------------------------------------------------------------------
@@ -220,7 +217,7 @@ def _await(client: Client, process: Process, name: str) -> None:
 
 @contextmanager
 def _raw(terminal: int) -> Iterator[None]:
-    """Each key as it is pressed, and not shown; however it ends the terminal is as it was."""
+    """Read single keys without echo; restore the terminal in any case."""
     before = termios.tcgetattr(terminal)
     ended = signal.signal(signal.SIGTERM, _leave)
     try:
@@ -233,11 +230,11 @@ def _raw(terminal: int) -> Iterator[None]:
 
 
 def _leave(*_: object) -> None:
-    raise KeyboardInterrupt  # by Python's own way out, past everything that has to be put back
+    raise KeyboardInterrupt  # the normal way out, with all cleanups
 
 
 def _pressed(terminal: int) -> list[str]:
-    """The keys that were pressed since, or the end of all."""
+    """Return the keys pressed since the last call; Ctrl-D at the end of the input."""
     if not select.select([terminal], [], [], 0.0)[0]:
         return []
     data = os.read(terminal, 1024)
@@ -245,7 +242,7 @@ def _pressed(terminal: int) -> list[str]:
 
 
 def _drive(client: Client, hand: Hand, terminal: int) -> None:
-    keys, said = Keys(), ""
+    keys, text = Keys(), ""
     state: RobotState | None = None
     try:
         while True:
@@ -255,33 +252,35 @@ def _drive(client: Client, hand: Hand, terminal: int) -> None:
                     return
                 if order is not None:
                     _show(keys, "stopping ..." if order is Order.STOP else "releasing ...")
-                    said = _ordered(client, hand, order)
+                    text = _execute(client, hand, order)
                 elif key in DIRECTIONS:
-                    said = ""
-            state = _heard(client)
+                    text = ""
+            state = _state(client)
             if state is not None:
-                _say(client, hand, state, keys.wish(client.mesh.now()))
-            _show(keys, said or _note(client, hand, state))
-            client.wait_for(lambda: None, LOOK_S)
+                _publish(client, hand, state, keys.deflection(client.mesh.now()))
+            _show(keys, text or _note(client, hand, state))
+            client.wait_for(lambda: None, POLL_S)
     finally:
         if state is not None:
-            _say(client, hand, state, None)
+            _publish(client, hand, state, None)
 
 
-def _heard(client: Client) -> RobotState | None:
+def _state(client: Client) -> RobotState | None:
     from armadico.core.messages import RobotState
 
     return client.fresh(RobotState)
 
 
-def _say(client: Client, hand: Hand, state: RobotState, wish: tuple[float, float] | None) -> None:
-    stick = hand.stick(state.cycle, wish)
+def _publish(
+    client: Client, hand: Hand, state: RobotState, deflection: tuple[float, float] | None
+) -> None:
+    stick = hand.stick(state.cycle, deflection)
     if stick is not None:
         client.publish(stick)
 
 
-def _ordered(client: Client, hand: Hand, order: Order) -> str:
-    """Stop the robot, or release it: what came of it."""
+def _execute(client: Client, hand: Hand, order: Order) -> str:
+    """Stop the robot, or release it; return the result."""
     do: Callable[..., None] = client.stop if order is Order.STOP else client.resume
     try:
         do(by=hand.name)
@@ -291,27 +290,29 @@ def _ordered(client: Client, hand: Hand, order: Order) -> str:
 
 
 def _note(client: Client, hand: Hand, state: RobotState | None) -> str:
-    """What the robot does, and whose hand it is."""
+    """Return the robot's speeds, and which hand drives."""
     from armadico.agents.teleop.messages import TeleopStatus
     from armadico.core.hands import remedy
 
     if state is None:
-        return "nothing is heard of the robot"
+        return "no message from the robot"
     status = client.fresh(TeleopStatus)
     if status is None:
-        return "nobody takes the stick"
+        return "no teleop agent is alive"
     going = f"{state.v:+.2f} m/s {state.w:+.2f} rad/s"
     if status.hand not in ("", hand.name):
-        return f"{going}  {status.hand} has the stick: it lets go first"
+        return f"{going}  {status.hand} has the stick: wait until it is released"
     stopped = ""
     if state.stop.stopped:
         first = remedy(state.stop, motors=state.motors)
-        stopped = f"stopped by {state.stop.who}: {f'{first}, then r' if first else 'r releases it'}"
+        stopped = (
+            f"stopped by {state.stop.requester}: {f'{first}, then r' if first else 'r releases it'}"
+        )
     return f"{going}  {stopped or status.note or ('by hand' if status.holds else '')}"
 
 
 def _show(keys: Keys, text: str) -> None:
-    """One line, written over the one before."""
+    """Print one line over the previous one."""
     width = shutil.get_terminal_size().columns
     line = options.shown(f"{keys.share:4.0%}  {text}")[: max(width - 1, 1)]
     print(f"\r{line}\x1b[K", end="", flush=True)
@@ -321,9 +322,8 @@ main: Final = Command(
     "armadico teleop",
     Options,
     run,
-    "Drive the robot by hand. While a key is pressed, this hand contends for the wheels; when"
-    " it is released the others have them back. It does not drive into what is known to be in"
-    " the way. Who takes the stick is an agent: if there is none, it is started here, for as"
-    " long as this runs.\n\nkeys:\n" + KEYS,
+    "Drive the robot by hand. While a key is held, the teleop agent contends for the wheels; after"
+    " the release the other agents drive again. It does not drive into known obstacles. If no"
+    " teleop agent is alive, one is started for the time of this command.\n\nkeys:\n" + KEYS,
     EXAMPLES,
 )

@@ -1,4 +1,4 @@
-"""The messages of a joystick's agent."""
+"""The messages of the teleop agent."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ from armadico.mobile.messages import ByHand
 
 
 class Stick(Message, frozen=True):
-    """Where a hand has the stick: shares of the most that the teleop agent may drive.
+    """The position of a hand's stick, as shares of the teleop agent's speed limits.
 
-    Said about ten times a second for as long as the hand is on it, and once more with `held` false
-    when it lets go. The cycle is the newest that the hand has heard of the robot: who does not hear
-    where the robot is does not drive it, and a stick that comes late is stale like anything else.
+    Published about ten times per second while the hand is on the stick, and once with `held` false
+    on release. The cycle is the newest that the hand has received. So a hand without messages from
+    the robot cannot drive it, and a late position is stale.
     """
 
     cycle: Cycle
-    hand: Name  # one a terminal, page or gamepad, new with each start: `ann@lab-3f9c2a10`
-    number: Counter  # grows with each of this hand's
-    v: Deflection  # forward positive,
-    w: Deflection  # and left
+    hand: Name  # one terminal, page or gamepad, new with each start: `ann@lab-3f9c2a10`
+    number: Counter  # increases with each message of the hand
+    v: Deflection  # forward positive
+    w: Deflection  # left positive
     held: bool = True
 
 
 class TeleopStatus(ByHand, frozen=True):
-    """The teleop agent's report: of each cycle while a hand is on the stick, else each second.
+    """The teleop agent's report: each cycle while a hand is on the stick, else each second.
 
-    Of two hands the first has it until it lets go, or is silent for 0.5 s: who reads another's name
-    here is not obeyed.
+    The first of two hands has the stick until it releases it, or is silent for 0.5 s. The other is
+    not obeyed meanwhile.
     """
 
     cycle: Cycle
-    hand: Label = ""  # whose; empty: nobody's
+    hand: Label = ""  # the hand that has the stick; empty: none
     holds: bool = False  # the wheels
-    v: Speed = 0.0  # what it would have the robot do now, m/s
-    w: Turn = 0.0  # and rad/s
-    v_max: Speed = 0.0  # what a whole deflection stands for
+    v: Speed = 0.0  # the speed that it commands, m/s
+    w: Turn = 0.0  # the turn rate that it commands, rad/s
+    v_max: Speed = 0.0  # the speed of a full deflection
     w_max: Turn = 0.0
-    waits: Annotated[tuple[Name, ...], Meta(max_length=8)] = ()  # hands that want it, too
-    note: Text = ""  # why the robot does less than the stick says
+    waits: Annotated[tuple[Name, ...], Meta(max_length=8)] = ()  # other hands that want it
+    note: Text = ""  # why the robot is slower than the stick demands
 
     @property
     def driven_by(self) -> str:
@@ -60,5 +60,5 @@ class TeleopStatus(ByHand, frozen=True):
         return self.hand
 
 
-event(Stick, "teleop/stick", "where a hand has the stick", rate_hz=10, fresh_cycles=3)
-state(TeleopStatus, "teleop/status", 1, 3, "whose hand drives; 10 Hz while one does")
+event(Stick, "teleop/stick", "the position of a hand's stick", rate_hz=10, fresh_cycles=3)
+state(TeleopStatus, "teleop/status", 1, 3, "which hand drives; 10 Hz while one does")

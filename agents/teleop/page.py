@@ -1,4 +1,4 @@
-"""The stick on the control page: browsers drive by hand, and whose hand drives (sans-IO)."""
+"""The stick on the control page: browsers drive by hand; shows which hand drives (sans-IO)."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from armadico.gateways.page.part import Desk, Part
 from armadico.gateways.page.requests import Asked, RequestError
 from armadico.observe.described import rounded
 
+# The shortest time between two messages of one stick: a browser cannot flood the mesh.
 STICK_S: Final = 0.05
-"""The shortest time between two messages of one stick: a browser cannot flood the mesh."""
 
 
 class Hold(Asked, frozen=True, tag="stick"):
-    """The stick's position, in shares; not `held`: the hand has let go.
+    """The stick's position, in shares; not `held`: the hand has released it.
 
     `cycle` is the newest that the page has shown, so that a late position is stale.
     """
@@ -37,7 +37,7 @@ class _Hand:
 
     number: int = 0  # of the last message
     next_at: float = 0.0
-    newest: Stick | None = None  # waits until then
+    newest: Stick | None = None  # to be published then
 
 
 class Hands(Part):
@@ -50,28 +50,28 @@ class Hands(Part):
         self._hands: dict[str, _Hand] = {}  # by browser
 
     def request(self, browser: str, request: Hold, t: float) -> None:
-        """Publish the position, with the cycle that the hand has seen."""
+        """Publish the position, with the cycle that the browser has shown."""
         state = self.view.state
         if state is None:
-            raise RequestError("nothing is heard of the robot")
+            raise RequestError("no message from the robot")
         cycle = Cycle(state.cycle.epoch, min(request.cycle, state.cycle.number))
         hand = self._hands.setdefault(browser, _Hand())
         hand.newest = Stick(cycle, browser, 0, request.v, request.w, request.held)
         self._publish_if_due(hand, t)
 
     def on_leave(self, browser: str) -> None:
-        """Let go of the stick at once."""
+        """Release the stick at once."""
         hand, state = self._hands.pop(browser, None), self.view.state
         if hand is not None and state is not None:
             self._publish(hand, Stick(state.cycle, browser, 0, 0.0, 0.0, held=False))
 
     def wake(self, t: float) -> None:
-        """Publish the positions that had to wait."""
+        """Publish the positions that are due."""
         for hand in self._hands.values():
             self._publish_if_due(hand, t)
 
     def show(self, parts: dict[str, Any], t: float) -> None:
-        """Whose hand drives; `there`: an agent takes the stick."""
+        """Show which hand drives; `there`: a teleop agent is alive."""
         key = service_of(Stick).key
         there = any(a.card and key in a.card.requests for a in self.view.agents)
         found: dict[str, Any] = {"there": there, "hand": "", "holds": False}

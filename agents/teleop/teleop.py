@@ -1,4 +1,4 @@
-"""The teleop agent: drives as a hand on a stick says, and lets go when that falls silent."""
+"""The teleop agent: drives as a hand's stick demands, and stops when that is silent."""
 
 from __future__ import annotations
 
@@ -19,58 +19,54 @@ from armadico.mobile.motion import Speeds
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.safety import limit
 
+# The utility while a hand is on the stick. Other agents bid less meanwhile, unless a collision
+# is imminent (`Behaviour.bid`).
 UTILITY: Final = 1.0
-"""While a hand is on the stick: as much as there is. Others offer less meanwhile, unless something
-is about to be touched (`Behaviour.bid`)."""
 
-LETTING_GO: Final = 0.3
-"""From when the hand is off until the wheels rest: less than who follows a trajectory bids, so that
-they take over from the speeds that the robot has, and more than nothing, so that it brakes as it
-was driven where nobody does."""
+# The utility from the release until the wheels rest. It is less than that of agents that follow a
+# trajectory, which so take over at the robot's present speed. Without them the teleop agent brakes.
+RELEASED: Final = 0.3
 
-REPORT_S: Final = 1.0
-"""The status is published so often while nobody drives."""
+REPORT_S: Final = 1.0  # the period of the status while no hand drives
 
+# For this time, a message whose number is not greater than the last one's is out of order. Later it
+# comes from a hand that was restarted under the same name.
 LATE_S: Final = 1.0
-"""A stick with no greater number than the last one of the same hand is out of order for so long;
-later it is that of a hand that was started again under its old name."""
 
-WAITING: Final = 8
-"""Hands that are told of as waiting, at the most."""
+WAITING: Final = 8  # waiting hands that are published
 
-SLOWER: Final = 0.01
-"""Below the stick's speed by more than this (m/s, rad/s), something is in the way."""
+SLOWER: Final = 0.01  # m/s, rad/s below the stick's speed: an obstacle slows the robot down
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
-    """What a whole deflection of the stick stands for, and how long a silent hand has it.
+    """The speeds of a full deflection, and the timeout of a silent hand.
 
-    Backwards it drives slowly: most robots sense little there.
+    The robot drives slowly backwards: most robots sense little there.
     """
 
     v_max: Speed = 0.5  # m/s
     v_back: Speed = 0.15
     w_max: Annotated[float, Meta(gt=0, le=10)] = 0.8  # rad/s
     silent_s: Annotated[float, Meta(ge=0.2, le=2)] = 0.5
-    safety: Safety = Safety(slow=0.12)  # slowly, one may drive up to things
+    safety: Safety = Safety(slow=0.12)  # a low speed allows driving up to objects
 
 
 class Teleop(Behaviour):
     """Contends for the wheels while a hand is on the stick, as every behaviour does.
 
-    It needs neither a mission nor a pose: by hand a robot is driven that is lost, too. So an
-    uncertain pose does not cap its speed, as it does that of other behaviours. It needs obstacles:
-    nobody drives blind. What the stick says is ramped as the robot's controller does it, and slowed
-    down until it can be stopped before what is near.
+    It needs neither a mission nor a pose: a lost robot can be driven by hand, too. So an uncertain
+    pose does not limit its speed, as it does that of other behaviours. It does need obstacles. The
+    stick's speed is ramped as in the robot's controller, and reduced so that the robot can stop
+    before obstacles.
     """
 
     name = "teleop"
     alone = True  # two would obey one stick
     reacts_to = Obstacles
     needs: ClassVar[tuple[type[Message], ...]] = (Obstacles,)
-    hears: ClassVar[tuple[type[Message], ...]] = (Stick, Description)
+    receives: ClassVar[tuple[type[Message], ...]] = (Stick, Description)
     provides: ClassVar[tuple[type[Message], ...]] = (TeleopStatus,)
     needs_goal: ClassVar[bool] = False
     parameters = Parameters
@@ -84,39 +80,39 @@ class Teleop(Behaviour):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._hand = ""  # whose hand is on the stick
-        self._stick: Stick | None = None  # its newest, or the last one's
-        self._heard_at = 0.0
-        self._waiting: dict[str, float] = {}  # hands that want it too, and when they last said so
+        self._hand = ""  # the hand that has the stick
+        self._stick: Stick | None = None  # its newest message, or the last hand's
+        self._received_at = 0.0
+        self._waiting: dict[str, float] = {}  # other hands, with the time of their last message
         self._commanded: Speeds = (0.0, 0.0)
         self._slower = ""
-        self._told = ("", float("-inf"))  # whose hand it was, and when
+        self._reported = ("", float("-inf"))  # the hand in the last report, and its time
 
     def on_stick(self, stick: Stick) -> None:
-        """The first hand has it, until it lets go or falls silent."""
+        """Give the stick to the first hand, until it is released or silent."""
         self._check()
         last = self._stick
         if self._hand not in ("", stick.hand):
             self._wait(stick)
             return
         if last is not None and last.hand == stick.hand:
-            if stick.number <= last.number and self.now - self._heard_at < LATE_S:
+            if stick.number <= last.number and self.now - self._received_at < LATE_S:
                 return
         elif stick.held:
             self.log(line(f"{stick.hand} has the stick"))
         self._waiting.pop(stick.hand, None)
         self._hand = stick.hand if stick.held else ""
-        self._stick, self._heard_at = stick, self.now
+        self._stick, self._received_at = stick, self.now
 
     def on_robot_state(self, state: RobotState) -> None:
         super().on_robot_state(state)
         self._check()
-        hand, at = self._told
+        hand, at = self._reported
         if self._hand or hand or self.now - at >= REPORT_S:
-            self._tell(state)
+            self._report(state)
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - obstacles start the turn
-        """What the stick says, as far as it is safe; with no hand on it, to rest."""
+        """Bid the stick's speeds, as far as they are safe; without a hand, brake to rest."""
         self._check()
         holds = self.holds(WHEELS)
         before = self._commanded if holds else self.measured
@@ -128,20 +124,20 @@ class Teleop(Behaviour):
             self.why = "no hand is on the stick"
             return None
         obstacles = self.fresh(Obstacles)
-        assert obstacles is not None, "the pattern lets nobody bid without what it needs"
-        v, w = self._ramped(before, self._wish())
+        assert obstacles is not None, "no behaviour bids without the messages that it needs"
+        v, w = self._ramped(before, self._demand())
         safe = limit(v, w, self.scene(obstacles), self.p.safety)
         if abs(v - safe.v) > SLOWER or abs(w - safe.w) > SLOWER:
             self._slower = "slower than the stick says: something is in the way"
         self._commanded = safe.v, safe.w
         if not self._hand:
-            return Bid(LETTING_GO, self._commanded, reason="the hand is off the stick: to rest")
+            return Bid(RELEASED, self._commanded, reason="the hand is off the stick: to rest")
         return Bid(UTILITY, self._commanded, reason=f"the hand of {self._hand}")
 
-    # Inside --------------------------------------------------------------------------------------
+    # Implementation ------------------------------------------------------------------------------
 
-    def _wish(self) -> Speeds:
-        """What the stick says, m/s and rad/s; rest, if no hand is on it."""
+    def _demand(self) -> Speeds:
+        """Return the stick's speeds, m/s and rad/s; zero without a hand."""
         stick = self._stick
         if not self._hand or stick is None:
             return 0.0, 0.0
@@ -150,28 +146,28 @@ class Teleop(Behaviour):
         return stick.v * (v_max if stick.v > 0.0 else back), stick.w * w_max
 
     def _most(self) -> Speeds:
-        """What a whole deflection stands for, within what the robot can."""
+        """Return the speeds of a full deflection, within the robot's limits."""
         return min(self.p.v_max, self.body.v_max), min(self.p.w_max, self.body.w_max)
 
-    def _ramped(self, before: Speeds, wish: Speeds) -> Speeds:
-        """The wish, no farther from what was commanded than the robot's ramps get in a cycle."""
+    def _ramped(self, before: Speeds, demand: Speeds) -> Speeds:
+        """Return the demand, limited by the robot's accelerations for one cycle."""
         body, s = self.body, self.body.cycle_s
         return (
-            ramp(before[0], wish[0], body.v_accel * s, body.v_decel * s),
-            ramp(before[1], wish[1], body.w_accel * s, body.w_decel * s),
+            ramp(before[0], demand[0], body.v_accel * s, body.v_decel * s),
+            ramp(before[1], demand[1], body.w_accel * s, body.w_decel * s),
         )
 
     def _check(self) -> None:
-        """Whether the hand is silent, or still there; and who still waits."""
-        if self._hand and self.now - self._heard_at > self.p.silent_s:
-            self.log(line(f"{self._hand} is silent: it has the stick no more"), WARNING)
+        """Remove hands that have timed out."""
+        if self._hand and self.now - self._received_at > self.p.silent_s:
+            self.log(line(f"{self._hand} is silent: it has lost the stick"), WARNING)
             self._hand, self._stick = "", None
         if self._waiting:
             since = self.now - self.p.silent_s
             self._waiting = {hand: at for hand, at in self._waiting.items() if at >= since}
 
     def _wait(self, stick: Stick) -> None:
-        """Another hand wants it: it is told whose it is (`TeleopStatus`)."""
+        """Add another hand to those that wait; it sees in the status which hand drives."""
         if not stick.held:
             self._waiting.pop(stick.hand, None)
         elif stick.hand in self._waiting or len(self._waiting) < WAITING:
@@ -179,8 +175,8 @@ class Teleop(Behaviour):
                 self.log(line(f"{stick.hand} wants the stick, which {self._hand} has"))
             self._waiting[stick.hand] = self.now
 
-    def _tell(self, state: RobotState) -> None:
-        self._told = self._hand, self.now
+    def _report(self, state: RobotState) -> None:
+        self._reported = self._hand, self.now
         v, w = self._commanded
         v_max, w_max = (0.0, 0.0) if self._body is None else self._most()
         waits = tuple(sorted(self._waiting))
@@ -192,9 +188,9 @@ class Teleop(Behaviour):
         )
 
     def _note(self, *, holds: bool) -> str:
-        """Why the robot does less than the stick says."""
+        """Return why the robot is slower than the stick demands."""
         if (stop := self.stopped) is not None:
-            return line(f"stopped by {stop.who}")
+            return line(f"stopped by {stop.requester}")
         if not self._hand:
             return ""
         last = self.bids[-1] if self.bids else None
@@ -202,6 +198,6 @@ class Teleop(Behaviour):
             return last.reason
         if not holds:
             ack = self.acked(WHEELS)
-            who = None if ack is None or ack.obeyed is None else ack.obeyed.instance
-            return line(f"{who} has the wheels") if who and who != self.instance else ""
+            holder = None if ack is None or ack.obeyed is None else ack.obeyed.instance
+            return line(f"{holder} has the wheels") if holder not in (None, self.instance) else ""
         return self._slower

@@ -1,7 +1,7 @@
-"""The command line: commands found by name, none of which is imported before it is called.
+"""The command line: commands are found by name and imported when they are called.
 
-A command is a module under the entry point group `armadico.commands`, ours or another package's:
-its docstring's first line is its help, and its `main(arguments)` returns the exit code.
+A command is a module in the entry point group `armadico.commands`, of this or another package. The
+first line of its docstring is its help, and its `main(arguments)` returns the exit code.
 """
 
 from __future__ import annotations
@@ -11,19 +11,20 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from armadico.cli import options
-from armadico.config.discovery import COMMANDS, UnknownNameError, find, installed
+from armadico.config.discovery import COMMANDS, find, installed
+from armadico.core.errors import UnknownNameError
 
 LABORATORY: Final = "armadico-tools"
-"""The distribution that brings what a robot's computer does without."""
+"""The distribution of the development tools, which a robot's computer does not need."""
 
 TOOLS: Final = ("bench", "experiment", "faults", "identify", "model-check")
-"""Its commands."""
+"""The commands of `LABORATORY`."""
 
 GET: Final = "`make tools` in a checkout, or `pip install ./tools`"
 
 EXAMPLES: Final = """\
-  armadico run sc4              drive scenario 4 with everything on this machine
-  armadico ps                   alive agents, and who holds what
+  armadico run sc4              drive scenario 4 on this machine
+  armadico ps                   list alive agents and held resources
   armadico goto 4 2 90          send the robot to x 4 m, y 2 m, heading 90 degrees
   armadico stop                 stop it
   armadico COMMAND --help       more about a command
@@ -50,14 +51,15 @@ def _dispatch(arguments: list[str]) -> int:
         found = find(COMMANDS, name)
     except UnknownNameError:
         if name in TOOLS:
-            raise UnknownNameError(f"{name!r} comes with {LABORATORY}: {GET}") from None
+            message = f"{name!r} is a command of {LABORATORY}: install it with {GET}"
+            raise UnknownNameError("command", name, (), message) from None
         raise
     command: Callable[[Sequence[str]], int] = found.load()
     return command(rest)
 
 
 def _more() -> list[str]:
-    """Where there are more commands, if they are not here."""
+    """A line about the commands of `LABORATORY`, if it is not installed."""
     if any(found.package == LABORATORY for found in installed(COMMANDS).values()):
         return []
     return [f"{LABORATORY} has more ({GET}): {', '.join(TOOLS)}"]
@@ -72,5 +74,5 @@ def _help() -> str:
         "usage: armadico COMMAND [OPTION]...\n\n"
         "One robot, many agents, nobody in charge.\n\n"
         f"commands:\n{rows}\n{more}\nexamples:\n{EXAMPLES}\n"
-        "`armadico --version` says which one this is; `armadico-agent --help` starts one agent.\n"
+        "`armadico --version` prints the version; `armadico-agent` runs single agents.\n"
     )

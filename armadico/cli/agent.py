@@ -34,25 +34,25 @@ LOG_FORMAT: Final = "%(asctime)s.%(msecs)03d {name} %(levelname)s %(message)s"
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    names: tuple[str, ...] = argument("which agents; see --list", nargs="*", metavar="NAME")
-    list: bool = flag("the agents that are installed")
-    json: bool = flag("with --list: a JSON array")
-    config: str | None = option("its parameters, in TOML", metavar="FILE")
+    names: tuple[str, ...] = argument("the agents to run; see --list", nargs="*", metavar="NAME")
+    list: bool = flag("list the installed agents")
+    json: bool = flag("with --list: print a JSON array")
+    config: str | None = option("read the agent's parameters from a TOML file", metavar="FILE")
     set: tuple[str, ...] = several(
-        "one parameter, over the file's; AGENT.KEY=VALUE of several; may be repeated",
+        "set one parameter, over the file's; with several agents AGENT.KEY=VALUE; may be repeated",
         metavar="KEY=VALUE",
     )
-    journal: bool = flag("publish what enters and leaves it, so that a recording can be replayed")
+    journal: bool = flag("publish the agent's inputs and outputs, so that it can be replayed")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
-    """Serve; returns only if only a list was wanted."""
+    """Run the agents until a signal ends the process; returns only with `--list`."""
     if args.list:
         _list(as_json=args.json)
         return 0
     if not args.names:
-        raise UsageError("which agent? `armadico-agent --list` shows them")
+        raise UsageError("name an agent; `armadico-agent --list` lists them")
     with _signals_held():
         return _serve(args)
 
@@ -61,9 +61,8 @@ COMMAND: Final = Command(
     "armadico-agent",
     Options,
     run,
-    "Run an agent. It finds the others, and shares with them whatever it competes for. Several"
-    " share one process: what they publish for each other does not leave it, and one that fails"
-    " ends them all.",
+    "Run one or several agents as one process. The agents find the others over the mesh."
+    " Messages between agents of one process do not leave it, and one that fails ends all of them.",
     EXAMPLES,
 )
 
@@ -71,7 +70,7 @@ parser = COMMAND.parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one agent; returns only if it could not begin, or only a list was wanted."""
+    """Run agents; returns only with `--list` or if they cannot start."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     return options.guarded("armadico-agent", lambda: COMMAND(arguments))
 
@@ -91,10 +90,10 @@ def _list(*, as_json: bool) -> None:
 
 @contextmanager
 def _signals_held() -> Iterator[None]:
-    """Keep SIGTERM and SIGINT until `serve` waits for them.
+    """Block SIGTERM and SIGINT until `serve` waits for them.
 
-    What an agent imports may start threads, numpy does; one that does not block a signal gets it
-    in place of the thread that waits for it.
+    Imported libraries such as numpy start threads. A thread that does not block a signal would
+    receive it instead of the waiting thread.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGTERM, signal.SIGINT))
     try:
@@ -107,7 +106,7 @@ def _serve(args: Options) -> int:
     kinds = [agent_class(name) for name in args.names]
     from armadico.core.agent import DeviceAgent
     from armadico.core.resources import WHEELS
-    from armadico.runtime.blame import blaming
+    from armadico.runtime.blame import attributed
     from armadico.runtime.port_reader import open_port
     from armadico.runtime.process import identity, serve
 
@@ -122,7 +121,7 @@ def _serve(args: Options) -> int:
     )
     agents = []
     for kind, values in zip(kinds, parameters, strict=True):
-        with blaming(kind):
+        with attributed(kind):
             agents.append(kind(identity(kind.name, where.name), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {device.instance: partial(open_port, device.address) for device in devices}
@@ -136,18 +135,21 @@ def _head() -> Callable[[Agent], bytes]:
 
 
 def _parameters(kind: type[Agent], args: Options) -> Any:
-    """What is set of one agent: of several, each setting names whose it is."""
+    """The parameters of one agent; with several agents each setting begins with an agent's name."""
     from armadico.config.loading import load_parameters
 
     if len(args.names) == 1:
         return load_parameters(kind.parameters, args.config, args.set)
     if args.config is not None:
-        raise UsageError(f"--config {args.config}: of several agents, use --set AGENT.KEY=VALUE")
-    mine = []
+        raise UsageError(
+            f"--config {args.config}: only for one agent; with several use --set AGENT.KEY=VALUE"
+        )
+    own = []
     for setting in args.set:
-        whose, dot, rest = setting.partition(".")
-        if not dot or whose not in args.names:
-            raise UsageError(f"--set {setting}: of which agent? {'.KEY=, '.join(args.names)}.KEY=")
-        if whose == kind.name:
-            mine.append(rest)
-    return load_parameters(kind.parameters, None, mine)
+        name, dot, rest = setting.partition(".")
+        if not dot or name not in args.names:
+            keys = f"{'.KEY=, '.join(args.names)}.KEY="
+            raise UsageError(f"--set {setting}: name the agent: {keys}")
+        if name == kind.name:
+            own.append(rest)
+    return load_parameters(kind.parameters, None, own)

@@ -1,4 +1,4 @@
-"""What is started beside a command: what serves a run (dashboard, page), and single agents."""
+"""Processes that run beside a command: a dashboard, a page, and single agents."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from armadico.launch.processes import Process
 
 PORTS: Final = {"dashboard": ("--port=0", "--web-port=0"), "page": ("--port=0",)}
-"""The commands that can be beside a run; each takes ports that are free."""
+"""The commands that can run beside a run, with the options that select free ports."""
 
 STARTING: Final = "--starting"
-"""Tells them that the robot agent is being started: that there is none yet is not reported."""
+"""The robot agent is still starting, so its absence is not reported."""
 
 PAGE_ENDS: Final = (
     "the page ends with this run; `armadico up SCENARIO --page` serves one that stays"
 )
 
 LEAVE_S: Final = 10.0
-"""What it may take to leave before it is killed: a dashboard closes a file and a viewer."""
+"""Time to exit before it is killed, s: a dashboard closes a file and a viewer."""
 
 
 @contextmanager
@@ -40,18 +40,18 @@ def beside(
     wanted: bool = True,
     wait: bool = False,
 ) -> Iterator[None]:
-    """A process that serves a run or a society, and ends with it; its link is printed.
+    """Run a dashboard or a page while this is entered, and print its link.
 
     Args:
         mesh: The options of the run's mesh.
         command: One of `PORTS`.
-        world: The world that is drawn, by name or path; None: none.
+        world: The world to draw, by name or path, or None.
         namespaces: The run's robots; by default the one of the options.
-        wanted: Whether it is; else nothing is started.
-        wait: Until somebody looks; and afterwards it stays until Ctrl-C.
+        wanted: If False, nothing is started.
+        wait: Wait until a viewer connects, and at the end stay until Ctrl-C.
 
     Raises:
-        FailedError: It did not start, and has said why on stderr.
+        FailedError: It did not start; the reason is on stderr.
     """
     if not wanted:
         yield
@@ -64,32 +64,31 @@ def beside(
     words += [f"--namespace={name}" for name in namespaces or (mesh.namespace,)]
     process = Program(command, command_line(words), None, listen=True)
     try:
-        said = process.line()  # ends with the process, if that fails
-        if not said:
+        link = process.line()  # empty if the process ends
+        if not link:
             raise FailedError(f"the {command} did not start; leave out --{command}")
-        print(said, end="", file=sys.stderr, flush=True)
+        print(link, end="", file=sys.stderr, flush=True)
         if wait:
-            options.say("armadico run: open the link: the run begins when somebody looks")
+            options.report("armadico run: open the link; the run begins when a viewer connects")
             if not process.line():
-                raise FailedError(f"the {command} has ended, so no run")
+                raise FailedError(f"the {command} ended before the run began")
         yield
         if wait:
             with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
-                options.say(f"armadico run: the run is over; Ctrl-C ends the {command}")
+                options.report(f"armadico run: the run is over; Ctrl-C ends the {command}")
                 process.popen.wait()
     finally:
         end(process.popen, number=signal.SIGINT, within_s=LEAVE_S)
 
 
 class Helpers:
-    """Agents that are started beside a command, and leave with it, however that ends.
+    """Agents that run beside a command and end with it.
 
     Attributes:
-        processes: The newest of each, by namespace and name.
+        processes: The newest process of each agent, by namespace and name.
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        """None is started yet; `mesh` is what they join."""
         self._joining = mesh.endpoints().words
         self._folder = TemporaryDirectory(prefix="armadico-helpers-")
         self.processes: dict[tuple[str, str], Process] = {}
@@ -105,7 +104,7 @@ class Helpers:
         self._folder.cleanup()
 
     def start(self, namespace: str, name: str) -> str:
-        """Start one, unless it runs already; returns why it ended the last time, or nothing."""
+        """Start an agent unless it runs already; returns why it ended before, or ""."""
         from armadico.launch.processes import Process
 
         known = self.processes.get((namespace, name))
@@ -114,4 +113,4 @@ class Helpers:
         words = ["agent", name, "--namespace", namespace, *self._joining]
         log = Path(self._folder.name) / f"{namespace.replace('/', '-')}-{name}.log"
         self.processes[namespace, name] = Process(name, words, log, tied=True)
-        return "" if known is None else f"it had ended: {known.last_words(1).strip()}"
+        return "" if known is None else f"it had ended: {known.last_lines(1).strip()}"

@@ -22,7 +22,7 @@ SHELLS: Final = ("bash", "zsh", "fish")
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    shell: str = argument("which shell", choices=SHELLS)
+    shell: str = argument("the shell", choices=SHELLS)
 
 
 def run(args: Options) -> int:
@@ -31,13 +31,13 @@ def run(args: Options) -> int:
 
 
 def everything() -> ArgumentParser:
-    """One parser with all commands that are installed, each with its own options."""
+    """One parser with all installed commands and their options."""
     found = [(name, each.summary, parser_of(each)) for name, each in installed(COMMANDS).items()]
     return together("armadico", found, shtab.FILE)
 
 
 def parser_of(found: Found) -> ArgumentParser | None:
-    """The parser of a command; one of another package may have none."""
+    """The parser of a command; None if another package's command has none."""
     try:
         module = import_module(found.module)
     except ImportError:
@@ -52,7 +52,7 @@ main: Final = Command(
     "armadico completion",
     Options,
     run,
-    "Print a script that has a shell complete commands, options and their values. It is made"
-    " from the commands that are installed, other packages' too.",
+    "Print a script with which a shell completes commands, options and values. It covers all"
+    " installed commands, including those of other packages.",
     EXAMPLES,
 )

@@ -1,6 +1,6 @@
 """Show a society live in Rerun: the global and the local map, and utilities over time.
 
-One process that subscribes to the mesh; no agent notices whether it runs, is slow or hangs.
+One process that subscribes to the mesh. Agents do not depend on it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from armadico.observe.dashboard.virtual_run import Rehearsed
 
 RERUN: Final = "0.41"
-"""The version that this is written for; the viewer's interfaces change from one to the next."""
+"""The supported version; Rerun's interfaces change between versions."""
 
 INSTALL: Final = f"{sys.executable} -m pip install 'armadico[dashboard]'"
 
@@ -49,16 +49,16 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    web: bool = flag("a page for a browser (the default)", either="where")
-    native: bool = flag("a window of its own", either="where")
-    headless: bool = flag("nothing to see: serve and record", either="where")
-    record: Path | None = option("keep it in a file, too", metavar="FILE.rrd")
-    world: str | None = option("draw the walls of this world", metavar="MAP")
+    web: bool = flag("show it in a browser (the default)", either="where")
+    native: bool = flag("show it in its own window", either="where")
+    headless: bool = flag("serve and record without a viewer", either="where")
+    record: Path | None = option("also write a file", metavar="FILE.rrd")
+    world: str | None = option("draw the walls of this world (default: none)", metavar="MAP")
     port: int = option(
-        f"of the data, 0: one that is free (default: {PORT})", default=PORT, metavar="P"
+        f"port of the data; 0: a free port (default: {PORT})", default=PORT, metavar="P"
     )
     web_port: int = option(
-        f"of the page, 0: one that is free (default: {WEB_PORT})", default=WEB_PORT, metavar="P"
+        f"port of the page; 0: a free port (default: {WEB_PORT})", default=WEB_PORT, metavar="P"
     )
     no_open: bool = flag("do not open a browser")
     starting: bool = flag(None, STARTING)
@@ -66,7 +66,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    """Show what happens until Ctrl-C."""
+    """Serve until Ctrl-C."""
     _check_installed()
     _quiet()
     world = options.world_of(args.world)
@@ -80,7 +80,7 @@ def run(args: Options) -> int:
 
 
 def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
-    """What the dashboard would show of a virtual run, kept in a file while this is entered.
+    """A context in which a virtual run is written to a Rerun file.
 
     Raises UsageError or FailedError before the run.
     """
@@ -93,39 +93,37 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
 
 
 def zones() -> Zones:
-    """The borders that agents installed here have around the robot, as avoid (thesis 3.5.2)."""
+    """The zones around the robot of all installed agents, such as avoid's (thesis 3.5.2)."""
     from armadico.config.discovery import AGENTS, agent_class, installed
 
     found: dict[str, Callable[[float], float]] = {}
     for name in installed(AGENTS):
-        with suppress(ImportError):  # somebody else's, and broken: not ours to mend
+        with suppress(ImportError):  # a broken agent of another package
             found |= agent_class(name).borders
     return found
 
 
 def _check_installed() -> None:
-    """Raises FailedError, saying what to install."""
+    """Raises FailedError with the command that installs it."""
     try:
         found = installed("rerun-sdk")
     except PackageNotFoundError:
-        raise FailedError(f"the dashboard needs rerun, which is an extra: {INSTALL}") from None
+        raise FailedError(f"the dashboard needs rerun, an extra: {INSTALL}") from None
     if not found.startswith(f"{RERUN}."):
-        raise FailedError(
-            f"rerun-sdk {found} is installed, and the dashboard needs {RERUN}: {INSTALL}"
-        )
+        raise FailedError(f"rerun-sdk {found} is installed; {RERUN} is needed: {INSTALL}")
 
 
 def _quiet() -> None:
-    """Rerun's library warns of itself where nobody can do anything; before it is imported."""
+    """Silence Rerun's warnings about itself; to be called before it is imported."""
     os.environ.setdefault("RUST_LOG", "error")
 
 
 def _check_record(option: str, path: Path | None) -> None:
-    """Whether it can be written is said before anything starts. Raises FailedError, UsageError."""
+    """Raises UsageError or FailedError if the file cannot be written."""
     if path is None:
         return
     if path.suffix != ".rrd":
-        raise UsageError(f"{option} {path}: rerun reads files whose names end with .rrd")
+        raise UsageError(f"{option} {path}: the name must end with .rrd")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("wb").close()
@@ -134,7 +132,6 @@ def _check_record(option: str, path: Path | None) -> None:
 
 
 def _show(args: Options, world: World | None) -> int:
-    """Join, serve, show; everything is down again when this returns."""
     from armadico.observe.dashboard import viewer
     from armadico.observe.dashboard.live import Live
     from armadico.observe.dashboard.scene import Scene
@@ -149,7 +146,7 @@ def _show(args: Options, world: World | None) -> int:
         for mesh in meshes:
             stack.enter_context(mesh)
         scenes = [Scene(recording, world, space, zones()) for space in spaces]
-        live = Live(meshes, scenes, options.teller("armadico dashboard"))
+        live = Live(meshes, scenes, options.reporter("armadico dashboard"))
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: live.stop())
         window = _open(args, uri)
@@ -161,17 +158,17 @@ def _show(args: Options, world: World | None) -> int:
             nonlocal seen
             if not seen and viewer.watched(port):
                 seen = True
-                print("dashboard: somebody looks", flush=True)
+                print("dashboard: a viewer is connected", flush=True)
             return window is not None and window.ended()
 
         live.run(ended)
         if window is not None and window.ended():
-            options.say("armadico dashboard: the viewer is gone, and so is the dashboard")
+            options.report("armadico dashboard: the viewer has ended, so the dashboard ends")
     return 0
 
 
 def _open(args: Options, uri: str) -> Viewer | None:
-    """Whatever shows it; says where."""
+    """Open the chosen viewer and print its address; None without one."""
     from armadico.observe.dashboard import viewer
 
     if args.headless:
@@ -179,7 +176,7 @@ def _open(args: Options, uri: str) -> Viewer | None:
         return None
     if args.native:
         window = viewer.native(uri)
-        print(f"dashboard: in a window of its own, from {uri}", flush=True)
+        print(f"dashboard: in its own window, from {uri}", flush=True)
         return window
     web_port = viewer.checked_port(args.web_port, "--web-port")
     served = viewer.web(uri, web_port)
@@ -195,6 +192,6 @@ main: Final = Command(
     Options,
     run,
     "Show a society live in Rerun: the global and the local map, utilities and holders over"
-    " time. Everything is served on this machine's loopback only.",
+    " time. It is served on this machine's loopback only.",
     EXAMPLES,
 )

@@ -1,4 +1,4 @@
-"""Check this machine and the mesh, and how to mend what is wrong."""
+"""Check this machine and the mesh, and say how to repair what is wrong."""
 
 from __future__ import annotations
 
@@ -26,23 +26,21 @@ if TYPE_CHECKING:
 OK, NOTE, WRONG = "ok", "note", "wrong"
 
 CONTROLLER_PORT: Final = 8101
-"""Where `armadico sim` and MobileSim stand in for a robot's controller."""
+"""TCP port of `armadico sim` and MobileSim."""
 
 LONGEST: Final = 60
-"""Characters of a command line that are shown; who it is stands at its beginning."""
+"""Characters of a command line that are shown; the program is at its beginning."""
 
-HEAR_S: Final = 1.2
-"""A robot is described, a simulator heard, a mission told of and everybody asked within this."""
+LISTEN_S: Final = 1.2
+"""Within this time every description, truth, mission status and card has been received."""
 
 LOW_SHARE: Final = 0.2
-"""With less than this of the battery left people are told to charge it."""
+"""Below this share of the battery the finding says to charge it."""
 
 REACH_S: Final = 0.5
-"""A host that does not answer within this is not reached."""
+"""Timeout for the router of a host."""
 
-BEGIN: Final = (
-    "`armadico up` starts a society; --namespace, --hosts and --connect say where to look for one"
-)
+BEGIN: Final = "`armadico up` starts a society; --namespace, --hosts and --connect select another"
 
 EXAMPLES: Final = """\
   armadico doctor
@@ -53,7 +51,7 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at; `todo` says what to do about it."""
+    """The result of one check; `todo` says what to do about it."""
 
     subject: str
     verdict: str
@@ -63,12 +61,12 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    json: bool = flag("a JSON array on stdout")
+    json: bool = flag("print a JSON array")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
-    """Check; 1 if something is wrong."""
+    """Print all findings; returns 1 if something is wrong."""
     findings = []
     for finding in examine(args.mesh):
         findings.append(finding)
@@ -82,13 +80,13 @@ def run(args: Options) -> int:
     return options.FAILED if wrong else 0
 
 
-def examine(asked: options.Mesh) -> Iterator[Finding]:
+def examine(chosen: options.Mesh) -> Iterator[Finding]:
     yield from versions()
     yield from port()
-    yield from router(asked.namespace)
-    heard = yield from mesh(asked)
-    named = yield from hosts(asked)
-    yield clocks({**dict.fromkeys(named), **heard})
+    yield from router(chosen.namespace)
+    received = yield from mesh(chosen)
+    named = yield from hosts(chosen)
+    yield clocks({**dict.fromkeys(named), **received})
     yield from serial_ports()
     yield from graphics()
 
@@ -103,9 +101,9 @@ def _show(finding: Finding) -> None:
 
 
 def versions() -> Iterator[Finding]:
-    """Python, and what is required of other packages."""
-    said = ".".join(map(str, sys.version_info[:3]))
-    yield Finding("python", OK, f"{said}, {sys.executable}")
+    """Python and the required packages."""
+    python = ".".join(map(str, sys.version_info[:3]))
+    yield Finding("python", OK, f"{python}, {sys.executable}")
     try:
         required = requires("armadico") or []
     except PackageNotFoundError:
@@ -134,27 +132,28 @@ def _packages(required: Iterable[str]) -> Iterator[Finding]:
         except PackageNotFoundError:
             if not extra:
                 missing.append(name)
-    wrong = [f"{has} instead of {asked}" for _, has, asked in found if _is_off(asked, has)]
+    wrong = [f"{has} instead of {needed}" for _, has, needed in found if _is_off(needed, has)]
     if missing or wrong:
         what = "; ".join([*(f"{name} is missing" for name in missing), *wrong])
         yield Finding("packages", WRONG, what, "pip install --upgrade armadico")
     else:
         zenoh = next((has for name, has, _ in found if name == "eclipse-zenoh"), "unknown")
-        yield Finding("packages", OK, f"all there; eclipse-zenoh {zenoh}, the same on every host")
+        what = f"all installed; eclipse-zenoh {zenoh} (must be the same on every host)"
+        yield Finding("packages", OK, what)
     for name, extra in _EXTRAS:
         if name not in {there for there, _, _ in found}:
-            todo = f"pip install 'armadico[{extra}]' if it is wanted"
+            todo = f"pip install 'armadico[{extra}]' if you need it"
             yield Finding(name, NOTE, f"is not installed ({extra})", todo)
 
 
 def _is_off(requirement: str, has: str) -> bool:
-    """Whether a version that is asked for exactly is another one."""
-    _, exact, asked = requirement.partition("==")
-    return bool(exact) and "*" not in asked and asked != has
+    """Whether a requirement pins another version."""
+    _, exact, pinned = requirement.partition("==")
+    return bool(exact) and "*" not in pinned and pinned != has
 
 
 def router(namespace: str) -> Iterator[Finding]:
-    """Whether sockets can be made here, and which process is the namespace's router."""
+    """Whether sockets can be created, and which process is the router of the namespace."""
     import psutil
 
     from armadico.mesh.sockets import holder, socket_of
@@ -176,7 +175,7 @@ def router(namespace: str) -> Iterator[Finding]:
 
 
 def port() -> Iterator[Finding]:
-    """Who listens on the simulated controller's port."""
+    """Whether the simulated controller's port is free."""
     owner = listener(CONTROLLER_PORT)
     what = "is free" if owner is None else f"is taken by {owner}"
     todo = "" if owner is None else "a second simulator needs `armadico sim --port 0`"
@@ -184,26 +183,26 @@ def port() -> Iterator[Finding]:
 
 
 def listener(port: int) -> str | None:
-    """Who has a TCP port of this machine, to listen or to serve its client; None: nobody."""
+    """The process that listens on a TCP port of this machine or serves a client there, or None."""
     import psutil
 
-    # A simulator that is driven listens no more, and one that is not would take a probe for its
-    # client: so nothing is connected to.
+    # Nothing connects to the port: a simulator serves one client, and would take the probe for it.
+    # While it serves a client it does not listen.
     taking = (psutil.CONN_LISTEN, psutil.CONN_ESTABLISHED)
     try:
         for found in psutil.net_connections("tcp"):
             if found.status not in taking or not found.laddr or found.laddr.port != port:
                 continue
             if found.pid is None:
-                return "a process that cannot be seen from here"
+                return "a process of another user"
             return f"{called(psutil.Process(found.pid).cmdline())} (pid {found.pid})"
     except psutil.Error:
-        return "nobody knows whom: connections cannot be looked at from here"
+        return "an unknown process: connections cannot be listed here"
     return None
 
 
 def called(words: Sequence[str]) -> str:
-    """A command line as somebody would type it: of ours without the Python that runs it."""
+    """A command line as it is typed: without the Python interpreter of an `armadico` command."""
     names = [Path(word).name for word in words]
     at = next((at for at, name in enumerate(names) if name.startswith("armadico")), 0)
     text = " ".join([*names[at : at + 1], *words[at + 1 :]])
@@ -211,50 +210,49 @@ def called(words: Sequence[str]) -> str:
 
 
 def serial_ports(folder: Path = Path("/dev")) -> Iterator[Finding]:
-    """Serial ports, and whether they may be used."""
+    """Serial ports, and whether this user may open them."""
     found = sorted(port for name in ("ttyUSB*", "ttyACM*", "ttyS*") for port in folder.glob(name))
     usable = [port for port in found if os.access(port, os.R_OK | os.W_OK)]
     adapters = [port for port in found if not port.name.startswith("ttyS")]
     locked = [port for port in adapters if port not in usable]
     if locked:
-        who = ", ".join(map(str, locked))
         todo = "sudo usermod -aG dialout $USER, and log in again"
-        yield Finding("serial", WRONG, f"{who}: permission denied", todo)
+        yield Finding("serial", WRONG, f"{', '.join(map(str, locked))}: permission denied", todo)
     if not found:
         yield Finding("serial", NOTE, "no serial port", "for a real robot, plug in its adapter")
     elif usable:
         yield Finding("serial", OK, ", ".join(map(str, usable[:8])))
     elif not locked:
-        todo = "sudo usermod -aG dialout $USER, if a robot hangs on one of them"
-        yield Finding("serial", NOTE, f"{len(found)} ports, none of which may be used", todo)
+        todo = "sudo usermod -aG dialout $USER, if a robot is on one of them"
+        yield Finding("serial", NOTE, f"{len(found)} ports, permission denied", todo)
 
 
 def graphics() -> Iterator[Finding]:
-    """What the dashboard's own window needs; in a browser it needs none of it."""
+    """What the dashboard's own window needs; a browser needs none of it."""
     lacks = []
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         lacks.append("no display (DISPLAY, WAYLAND_DISPLAY)")
     if find_library("vulkan") is None:
         lacks.append("no Vulkan loader (libvulkan1, and mesa-vulkan-drivers or the maker's driver)")
     if not list(Path("/dev/dri").glob("renderD*")):
-        lacks.append("no graphics device in /dev/dri, so it would be drawn by the CPU")
+        lacks.append("no graphics device in /dev/dri, so the CPU draws")
     if lacks:
         yield Finding(
             "graphics", NOTE, "; ".join(lacks), "armadico dashboard --web needs no window"
         )
     else:
-        yield Finding("graphics", OK, "display, Vulkan and a graphics device are there")
+        yield Finding("graphics", OK, "display, Vulkan and a graphics device are available")
 
 
 # The mesh -----------------------------------------------------------------------------------------
 
 
-def mesh(asked: options.Mesh) -> Generator[Finding, None, dict[str, float | None]]:
-    """Whether it can be joined, who is there, and whether they speak the same protocol.
+def mesh(chosen: options.Mesh) -> Generator[Finding, None, dict[str, float | None]]:
+    """Whether the mesh can be joined, which agents are alive, and whether their protocol matches.
 
-    Returns the machines that agents say they are on, and how far their clocks are ahead (s).
+    Returns how far the clock of each agent's machine is ahead of this one's, s.
     """
-    joined = asked.join(starts=True)
+    joined = chosen.join(starts=True)
     from armadico.core.resources import WHEELS
     from armadico.observe.hosts import census
     from armadico.observe.standing import standing
@@ -269,7 +267,7 @@ def mesh(asked: options.Mesh) -> Generator[Finding, None, dict[str, float | None
             watcher.watch_router(view)
             watcher.subscribe()
             cards = client.cards()
-            listen(watcher, view, HEAR_S)
+            listen(watcher, view, LISTEN_S)
             now = watcher.clock() / 1e9
             strangers = view.strangers(now)
             linked, hung, missing = joined.wait_joined(0.0), joined.hung, joined.missing
@@ -281,49 +279,49 @@ def mesh(asked: options.Mesh) -> Generator[Finding, None, dict[str, float | None
         yield Finding("mesh", WRONG if hung else NOTE, what, todo if hung else BEGIN)
         return {}
     if strangers:
-        what = f"{', '.join(strangers)}: in this namespace, and no simulator of its robot"
+        what = f"{', '.join(strangers)}: a second simulator in this namespace"
         yield Finding("sim/truth", WRONG, what, "end it, or give it its own --namespace")
     if not cards:
-        yield Finding("mesh", NOTE, f"no agent is alive in namespace {asked.namespace!r}", BEGIN)
+        yield Finding("mesh", NOTE, f"no agent is alive in namespace {chosen.namespace!r}", BEGIN)
         return {}
     yield Finding("mesh", OK, f"{len(cards)} agents")
     has_robot = any(card and WHEELS.name in card.owns for card in cards.values())
     if has_robot or view.cut_since is not None:
-        yield stands(standing(view, now, providers, asked.agents_by_host()))
+        yield stands(standing(view, now, providers, chosen.agents_by_host()))
     yield from () if view.state is None else robot(view.state, view.level)
     yield from () if view.pose is None else (pose(view.pose),)
     yield from monitors(view.reports.values())
-    yield from _unheard(cards)
+    yield from _unanswered(cards)
     answered = [card for card in cards.values() if card is not None]
     yield from _faults(answered)
     robots = [card.instance for card in answered if WHEELS.name in card.owns]
     if len(robots) > 1:
-        what = f"{len(robots)} robot agents in namespace {asked.namespace!r}"
+        what = f"{len(robots)} robot agents in namespace {chosen.namespace!r}"
         yield Finding(WHEELS.name, WRONG, what, "give each robot its own --namespace")
-    for key, whose in View.of(cards).doubled.items():
-        what = f"is published by {' and '.join(whose)}: who receives both is misled"
+    for key, publishers in View.of(cards).doubled.items():
+        what = f"is published by {' and '.join(publishers)}: subscribers receive both"
         yield Finding(key, WRONG, what, "end one, or give it its own --namespace")
     return {host.name: host.clock_s for host in census(View.of(cards), {}, client.ahead)}
 
 
-def _unheard(cards: Mapping[tuple[str, str], Card | None]) -> Iterator[Finding]:
-    """Who is alive and does not answer, or speaks another protocol."""
+def _unanswered(cards: Mapping[tuple[str, str], Card | None]) -> Iterator[Finding]:
+    """Agents that are alive but do not answer, or that use another protocol."""
     from armadico.core.messages import PROTOCOL
 
     for (name, instance), card in cards.items():
         if card is None:
-            todo = "it hangs, or this machine cannot reach it: look at it, restart it"
+            todo = "it hangs or cannot be reached from here: check the network, restart it"
             yield Finding(name, WRONG, f"{instance} is alive and does not answer", todo)
         elif card.protocol != PROTOCOL:
-            what = f"speaks protocol {card.protocol}, we speak {PROTOCOL}"
+            what = f"uses protocol {card.protocol}; this machine uses {PROTOCOL}"
             yield Finding(name, WRONG, what, f"install the same armadico on {card.host}")
 
 
 def _faults(cards: Iterable[Card]) -> Iterator[Finding]:
-    """What agents report of themselves."""
+    """What agents report about themselves."""
     for card in cards:
         if card.fault:
-            yield Finding(card.name, WRONG, card.fault, "mend that, and start the society again")
+            yield Finding(card.name, WRONG, card.fault, "repair that, and restart the society")
         if card.doubts:
             yield Finding(card.name, NOTE, card.doubts, "is it the right profile?")
         if card.learnt:
@@ -331,17 +329,17 @@ def _faults(cards: Iterable[Card]) -> Iterator[Finding]:
 
 
 def stands(found: Standing) -> Finding:
-    """Whether the robot stands, and why: of what is wrong, down to who is missing."""
-    from armadico.observe.standing import AS_ASKED, AT_FAULT
+    """Whether the robot stands, and why, down to the missing agent."""
+    from armadico.observe.standing import AT_FAULT, NO_FAULT
 
     cause, what = found.cause, " ".join(found.sentences)
-    if cause is None or cause.sort in AS_ASKED:
+    if cause is None or cause.sort in NO_FAULT:
         return Finding("standing", OK, what)
     return Finding("standing", WRONG if cause.sort in AT_FAULT else NOTE, what, cause.todo)
 
 
 def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Finding]:
-    """What the robot's battery has, and what its controller's line is like."""
+    """The battery, and errors on the controller's line."""
     from armadico.observe.view import battery
 
     if level is not None and level.share < LOW_SHARE and not state.charging:
@@ -349,56 +347,54 @@ def robot(state: RobotState, level: BatteryLevel | None = None) -> Iterator[Find
         yield Finding("battery", NOTE, f"nearly empty: {battery(state, level)}", todo)
     else:
         yield Finding("battery", OK, battery(state, level))
-    if state.line.told:
-        todo = "look at cable, plugs, baud rate and batteries"
-        yield Finding("line", NOTE, f"from the controller: {state.line.told}", todo)
+    if state.line.summary:
+        todo = "check cable, plugs, baud rate and batteries"
+        yield Finding("line", NOTE, f"from the controller: {state.line.summary}", todo)
     else:
-        yield Finding("line", OK, "all that the controller sent was sound")
+        yield Finding("line", OK, "no errors in the data from the controller")
 
 
 def monitors(reports: Iterable[MonitorReport]) -> Iterator[Finding]:
-    """What the monitor that acts misses in the society; the others stand by. Without one, nothing.
+    """What the active monitor reports as missing, and its last action; nothing without a monitor.
 
-    Who acts says what it did last, too.
+    The other monitors stand by.
     """
-    said = list(reports)
-    acting = [report for report in said if report.acts]
-    if said and not acting:
-        what = f"{len(said)} stand by, and none acts: nobody is restarted"
-        yield Finding("monitor", NOTE, what, "give them a second; then look at their logs")
+    received = list(reports)
+    acting = [report for report in received if report.acts]
+    standby = len(received) - len(acting)
+    if received and not acting:
+        what = f"{len(received)} stand by, and none is active: no agent is restarted"
+        yield Finding("monitor", NOTE, what, "wait a second; then read their logs")
     for report in acting:
         note = f" ({report.note})" if report.note else ""
         if report.missing:
-            todo = f"`armadico logs {report.missing[0]}` has its last words"
-            what = f"the society lacks {', '.join(report.missing)}{note}"
+            todo = f"`armadico logs {report.missing[0]}` shows its log"
+            what = f"missing: {', '.join(report.missing)}{note}"
             yield Finding("monitor", WRONG, what, todo)
         else:
-            others = f", {len(said) - len(acting)} stand by" if len(said) > len(acting) else ""
-            yield Finding("monitor", OK, f"{report.instance}: all are well{note}{others}")
+            others = f", {standby} stand by" if standby else ""
+            yield Finding("monitor", OK, f"{report.instance}: no agent is missing{note}{others}")
 
 
 def pose(known: Pose) -> Finding:
-    """How well the robot knows where it is."""
+    """The standard deviation of the robot's pose."""
     from armadico.mobile.behaviour import LOST_M
 
     if not known.covariance:
-        todo = "with an agent that localizes it on a map it would be known"
-        return Finding("pose", NOTE, "nobody knows how far off it is: by the wheels alone", todo)
+        todo = "run an agent that localizes on a map"
+        return Finding("pose", NOTE, "its error is unknown: from odometry alone", todo)
     off = f"+-{known.deviation:.2f} m"
     if known.deviation > LOST_M:
-        todo = "give it a mission: it looks for itself, then drives; is it on the map at all?"
+        todo = "send a mission: the robot localizes first, then drives; is it on the map?"
         return Finding("pose", NOTE, f"the robot is lost: {off}", todo)
     return Finding("pose", OK, off)
 
 
-def hosts(asked: options.Mesh) -> Generator[Finding, None, set[str]]:
-    """Each machine of the host table, if one was named: whether its router answers.
-
-    Returns the names of those machines.
-    """
-    named = asked.hosts or os.environ.get(HOSTS_VARIABLE)
-    if asked.host is None and named is None:
-        yield Finding("hosts", OK, "no host table asked for: this machine alone")
+def hosts(chosen: options.Mesh) -> Generator[Finding, None, set[str]]:
+    """Whether the router of each host of the table answers; returns the hosts' names."""
+    named = chosen.hosts or os.environ.get(HOSTS_VARIABLE)
+    if chosen.host is None and named is None:
+        yield Finding("hosts", OK, "no host table given: this machine only")
         return set()
     from armadico.config.hosts import load_hosts
 
@@ -409,28 +405,28 @@ def hosts(asked: options.Mesh) -> Generator[Finding, None, set[str]]:
 
 
 def clocks(offsets: Mapping[str, float | None]) -> Finding:
-    """Skew between machines: nothing that drives depends on it.
+    """Clock skew between machines.
 
-    `offsets` says how far each machine's clock is ahead of this one's, s; None: it was not heard.
+    `offsets` is how far each machine's clock is ahead of this one's, s; None: no answer.
     """
     from armadico.observe.hosts import SKEW_S
 
     known = {name: offset for name, offset in offsets.items() if offset is not None}
     off = {name: offset for name, offset in known.items() if abs(offset) > SKEW_S}
     silent = ", ".join(sorted(set(offsets) - set(known)))
-    todo = "`timedatectl` or `chronyc tracking`, on each, says whether its clock is kept right"
+    todo = "run `timedatectl` or `chronyc tracking` on each machine"
     if off:
-        said = ", ".join(f"{name}'s {offset:+.0f} s" for name, offset in sorted(off.items()))
+        skews = ", ".join(f"{name} {offset:+.0f} s" for name, offset in sorted(off.items()))
         return Finding(
             "clocks",
             NOTE,
-            f"off from this machine's: {said}. No two clocks are compared, so nothing that drives"
-            " depends on it; log lines of two machines are in order only if their clocks agree",
+            f"skew to this machine: {skews}. Driving does not depend on it, since clocks are never"
+            " compared; the order of log lines of several machines does",
             todo,
         )
     if silent and len(offsets) > 1:
-        return Finding("clocks", NOTE, f"of {silent} not known: nobody answers there", todo)
-    return Finding("clocks", OK, f"within {SKEW_S:g} s of this machine's, as far as they are known")
+        return Finding("clocks", NOTE, f"unknown for {silent}: no agent answers there", todo)
+    return Finding("clocks", OK, f"within {SKEW_S:g} s of this machine's, where known")
 
 
 def _host(name: str, host: Host) -> Finding:
@@ -443,8 +439,8 @@ def _host(name: str, host: Host) -> Finding:
     return Finding(
         f"host {name}",
         WRONG,
-        f"nobody answers on {host.router}",
-        f"is it up there (armadico up --host {name})? does a firewall stand between?",
+        f"no answer on {host.router}",
+        f"is it running (armadico up --host {name})? does a firewall block the port?",
     )
 
 
@@ -452,7 +448,7 @@ main: Final = Command(
     "armadico doctor",
     Options,
     run,
-    "Check this machine and the mesh. A note is worth knowing, what is wrong keeps something"
-    " from working; then the exit code is 1.",
+    "Check this machine and the mesh, and print what to do. The exit code is 1 if something is"
+    " wrong; a note does not count.",
     EXAMPLES,
 )

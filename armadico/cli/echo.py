@@ -15,10 +15,10 @@ from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
 
 if TYPE_CHECKING:
-    from armadico.observe.watching import Heard, Watcher
+    from armadico.observe.watching import Received, Watcher
 
 HINT_S: Final = 3.0
-"""Silence for so long is remarked upon."""
+"""After this time without a message a line is printed."""
 
 EXAMPLES: Final = """\
   armadico echo robot/state
@@ -31,20 +31,20 @@ _CHUNK: Final = re.compile(r"\*\*|\*|(?:[^*$#?\s]|\$\*)+")
 
 
 def key_expression(text: str) -> str:
-    """A pattern of keys that Zenoh understands. Raises BadValueError."""
+    """Check a key expression of Zenoh. Raises BadValueError."""
     chunks = text.split("/")
     if not all(_CHUNK.fullmatch(chunk) for chunk in chunks):
         raise BadValueError(
-            f"{text!r} is no key expression; one looks like robot/state, resource/*/utility or"
-            " log/**: parts between single slashes, none of them empty, * or ** alone in a part"
+            f"{text!r} is not a key expression; expected parts between single slashes, none empty,"
+            " * or ** alone in a part: robot/state, resource/*/utility or log/**"
         )
     if any(a == b == "**" for a, b in pairwise(chunks)):
-        raise BadValueError(f"{text!r} is no key expression: one ** is enough")
+        raise BadValueError(f"{text!r} is not a key expression: expected a single **")
     return text
 
 
 def count(text: str) -> int:
-    """How many. Raises BadValueError."""
+    """A number from 1. Raises BadValueError."""
     if not text.isdecimal() or int(text) < 1:
         raise BadValueError(f"{text!r}: expected a number from 1")
     return int(text)
@@ -52,43 +52,45 @@ def count(text: str) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Listening:
-    """The options of a command that listens to keys."""
+    """The options of a command that subscribes to keys."""
 
     pattern: str = argument(
-        "such as robot/state or 'log/**'", metavar="KEYEXPR", read=key_expression
+        "the keys, such as robot/state or 'log/**'", metavar="KEYEXPR", read=key_expression
     )
-    count: int | None = option("end after N messages", "-n", metavar="N", read=count)
-    timeout: float | None = options.timeout_option("give up after so long without a message")
+    count: int | None = option(
+        "end after N messages (default: never)", "-n", metavar="N", read=count
+    )
+    timeout: float | None = options.timeout_option("end after S seconds without a message")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Listening):
-    json: bool = flag("one JSON object a line, for programs")
+    json: bool = flag("print one JSON object a line")
 
 
 def run(args: Options) -> int:
     mesh = args.mesh.join()
-    from armadico.observe.watching import Heard, Watcher
+    from armadico.observe.watching import Received, Watcher
 
     with mesh:
         watcher = Watcher([mesh])
         watcher.subscribe(args.pattern)
         for _ in range(args.count) if args.count else iter(int, 1):
-            item = take(watcher, args)
-            assert isinstance(item, Heard), "only messages were asked for"
-            print(options.shown(told(item, as_json=args.json)), flush=True)
+            item = receive(watcher, args)
+            assert isinstance(item, Received), "the watcher subscribes to messages only"
+            print(options.shown(line_of(item, as_json=args.json)), flush=True)
     return 0
 
 
-def take(watcher: Watcher, args: Listening) -> Heard | Any:
-    """The next thing heard. Raises an error if nothing comes within ``--timeout``."""
+def receive(watcher: Watcher, args: Listening) -> Received | Any:
+    """The next message. Raises FailedError or AbsentError after `--timeout`."""
     what = f"nothing is published on {args.pattern}"
     item = watcher.get(min(args.timeout or HINT_S, HINT_S))
     (mesh,) = watcher.meshes
     waited = args.timeout or inf
     if item is None and waited == inf:
-        if mesh.wait_joined(0.0):  # else it is reported that there is no robot agent
+        if mesh.wait_joined(0.0):  # otherwise the mesh reports the missing robot agent
             note = f"armadico: {what} (namespace {args.mesh.namespace!r}); waiting, Ctrl-C ends it"
             print(note, file=sys.stderr)
         while item is None:
@@ -100,8 +102,8 @@ def take(watcher: Watcher, args: Listening) -> Heard | Any:
     return item
 
 
-def told(item: Heard, *, as_json: bool) -> str:
-    """What was heard, as a line; `as_json` for programs."""
+def line_of(item: Received, *, as_json: bool) -> str:
+    """A message as one line."""
     from armadico.core.messages import MessageError
     from armadico.observe.watching import as_object, read
 
@@ -124,7 +126,7 @@ def told(item: Heard, *, as_json: bool) -> str:
 
 
 def _unknown(data: bytes) -> str:
-    """A message that is not in the table of services: another package's, whose fields it knows."""
+    """The fields of a message of another package, which is not in the table of services."""
     from armadico.core.messages import MessageError, plain_of
 
     try:
@@ -135,7 +137,7 @@ def _unknown(data: bytes) -> str:
 
 
 def words(value: Any) -> str:
-    """A message's fields for people: name=value, numbers to four digits."""
+    """A message's fields as name=value, numbers to four digits."""
     if isinstance(value, dict):
         return " ".join(
             f"{name}=({words(found)})" if isinstance(found, dict) else f"{name}={words(found)}"
@@ -152,6 +154,6 @@ main: Final = Command(
     Options,
     run,
     "Print messages published on matching keys: * matches one part of a key, ** any number of"
-    " them. What is no message of the table of services is shown as bytes.",
+    " parts. Unknown messages are printed as bytes.",
     EXAMPLES,
 )

@@ -22,11 +22,14 @@ EXAMPLES = """\
 @dataclass(frozen=True, kw_only=True)
 class Options:
     file: Path = argument("the recording", metavar="FILE.mcap", must=FILE)
-    to: str = option("into what", choices=("csv", "rrd", *installed(TRANSLATORS)), required=True)
-    out: Path | None = option("the folder (csv) or file (others) to write", metavar="PATH")
-    namespace: str | None = option("only this robot (default: all)", metavar="NS")
+    to: str = option("the format", choices=("csv", "rrd", *installed(TRANSLATORS)), required=True)
+    out: Path | None = option(
+        "write this folder (csv) or file (default: beside the recording)", metavar="PATH"
+    )
+    namespace: str | None = option("export only this robot (default: all)", metavar="NS")
     world: str | None = option(
-        "with rrd: the walls to draw under it; with ros2: its map", metavar="MAP"
+        "the world: its walls are drawn (rrd) or published as the map (ros2); default: none",
+        metavar="MAP",
     )
 
 
@@ -35,13 +38,13 @@ def run(args: Options) -> int:
     from armadico.observe.recordings import RecordingError
 
     try:
-        said = {"csv": _to_csv, "rrd": _to_rrd}.get(args.to, _to_others)(args)
+        summary = {"csv": _to_csv, "rrd": _to_rrd}.get(args.to, _to_others)(args)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
-        where = error.filename or _out(args)  # a full disk has no name
+        where = error.filename or _out(args)  # the error of a full disk names no file
         raise FailedError(f"{where}: {error.strerror or error}") from None
-    print(said)
+    print(summary)
     return 0
 
 
@@ -51,7 +54,7 @@ def _to_csv(args: Options) -> str:
 
     folder = _out(args)
     with Tables(folder) as tables:
-        for row in rows(args.file, options.teller("armadico export")):
+        for row in rows(args.file, options.reporter("armadico export")):
             if args.namespace in (None, row.namespace):
                 tables.write(row)
     if not tables.rows:
@@ -71,7 +74,7 @@ def _to_rrd(args: Options) -> str:
         args.namespace,
         options.world_of(args.world),
         zones(),
-        options.teller("armadico export"),
+        options.reporter("armadico export"),
     )
     if not count:
         raise FailedError(f"{args.file} holds no messages" + _of(args))
@@ -83,26 +86,26 @@ def _to_others(args: Options) -> str:
 
     out = _out(args)
     if out.suffix != ".mcap":
-        raise UsageError(f"--out {out}: the name of a recording ends with .mcap")
+        raise UsageError(f"--out {out}: the name of a recording must end with .mcap")
     try:
         count = translated(
             args.file,
             out,
             args.to,
             args.namespace,
-            options.teller("armadico export"),
+            options.reporter("armadico export"),
             options.world_of(args.world),
         )
     except FileExistsError:
         raise FailedError(f"{out} exists already; name another file with --out") from None
     if not count:
         out.unlink(missing_ok=True)
-        raise FailedError(f"{args.file} holds nothing that {args.to} has words for" + _of(args))
+        raise FailedError(f"{args.file} holds no message that {args.to} can express" + _of(args))
     return f"{count} samples in {out}"
 
 
 def _out(args: Options) -> Path:
-    """What is written, as asked for or beside the recording."""
+    """The file or folder to write."""
     beside = {"csv": f"{args.file.stem}-csv", "rrd": f"{args.file.stem}.rrd"}.get(
         args.to, f"{args.file.stem}-{args.to}.mcap"
     )
@@ -118,7 +121,7 @@ main: Final = Command(
     "armadico export",
     Options,
     run,
-    "Turn a recording of `armadico record` into something else. One that was cut short is read"
-    " as far as it goes.",
+    "Convert a recording of `armadico record`. A truncated recording is converted as far as it"
+    " can be read.",
     EXAMPLES,
 )

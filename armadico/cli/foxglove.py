@@ -13,8 +13,7 @@ from armadico.cli.options import FailedError
 from armadico.cli.parsing import Command, flag, group, option
 
 PORT: Final = 8765
-"""Where Foxglove looks by default."""
-
+"""The port that Foxglove connects to by default."""
 
 INSTALL: Final = f"{sys.executable} -m pip install 'armadico[foxglove]'"
 
@@ -29,11 +28,13 @@ EXAMPLES: Final = """\
 @dataclass(frozen=True, kw_only=True)
 class Options:
     port: int = options.port_option(PORT)
-    bind: str = options.bind_option("everybody")
+    bind: str = options.bind_option("any machine")
     goals: bool = flag(
-        "take goals, too; from any program that reaches the port, a page in a browser as well"
+        "accept goals, from any program that reaches the port, including pages in a browser"
     )
-    world: str | None = option("show the walls of this world as the map", metavar="MAP")
+    world: str | None = option(
+        "show the walls of this world as the map (default: none)", metavar="MAP"
+    )
     mesh: options.Meshes = group(options.Meshes, "the mesh")
 
 
@@ -42,7 +43,7 @@ def run(args: Options) -> int:
     namespaces = [mesh.namespace for mesh in meshes]
     world = options.world_of(args.world)
     if find_spec("foxglove") is None:
-        raise FailedError(f"this needs Foxglove's SDK, which is an extra: {INSTALL}")
+        raise FailedError(f"Foxglove's SDK is not installed; it is an extra: {INSTALL}")
     options.end_as_by_ctrl_c()
     from armadico.gateways.foxglove import Served, Server, ServerError
     from armadico.gateways.gateway import Gateway, serve
@@ -63,7 +64,8 @@ def run(args: Options) -> int:
             ns = mesh.namespace
             offered = [channel for each in made[ns] for channel in each.channels]
             outside = Served(server, offered, goals[ns])
-            gateways.append(Gateway(mesh, made[ns], outside, options.teller("armadico foxglove")))
+            report = options.reporter("armadico foxglove")
+            gateways.append(Gateway(mesh, made[ns], outside, report))
         print(f"foxglove: ws://{args.bind}:{server.port}", flush=True)
         serve(gateways)
     return 0
@@ -73,7 +75,7 @@ main: Final = Command(
     "armadico foxglove",
     Options,
     run,
-    "Serve a society live to Foxglove: maps, pose, path, sensors and who holds what, with ROS"
-    " 2's types. Ctrl-C ends it.",
+    "Serve a society live to Foxglove: maps, pose, path, sensors and holders, with ROS 2's"
+    " types. Ctrl-C ends it.",
     EXAMPLES,
 )

@@ -1,4 +1,4 @@
-"""Show parameters of agents that are at work: those that may be changed live, and their ranges."""
+"""Show the parameters of running agents that can be changed live, and their ranges."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ if TYPE_CHECKING:
     from armadico.core.messages import Parameter, ParametersReply
 
 EXAMPLES: Final = """\
-  armadico get                     of all agents: what may be changed, and what it is
-  armadico get goto                of one
-  armadico get goto v_max          one value alone
+  armadico get                     the parameters of all agents
+  armadico get goto                of one agent
+  armadico get goto v_max          one value
   armadico get --json | jq '.[] | select(.agent == "goto")'
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    agent: str = argument("a name, or an instance's id", default="", nargs="?", metavar="AGENT")
-    name: str | None = argument("one parameter", nargs="?", metavar="NAME")
-    json: bool = flag("a JSON array on stdout")
-    timeout: float = options.timeout_option("how long an agent may take to answer", 1.0)
+    agent: str = argument(
+        "an agent's name or instance (default: all)", default="", nargs="?", metavar="AGENT"
+    )
+    name: str | None = argument("one parameter (default: all)", nargs="?", metavar="NAME")
+    json: bool = flag("print a JSON array")
+    timeout: float = options.timeout_option("wait so long for an agent's answer", 1.0)
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
-    """Show what may be changed."""
     with args.mesh.client() as client:
         replies = client.parameters(args.agent, args.timeout)
     rows = [
@@ -53,7 +54,7 @@ def run(args: Options) -> int:
 
 
 def plain(agent: str, instance: str, row: Parameter) -> dict[str, Any]:
-    """A parameter for programs: its values as JSON has them."""
+    """A parameter as a JSON object."""
     return {
         "agent": agent,
         "instance": instance,
@@ -66,7 +67,7 @@ def plain(agent: str, instance: str, row: Parameter) -> dict[str, Any]:
 
 
 def show(rows: Sequence[tuple[str, str, Parameter]]) -> None:
-    """Print a table; one line for each parameter."""
+    """Print a table with one line for each parameter."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -77,14 +78,14 @@ def show(rows: Sequence[tuple[str, str, Parameter]]) -> None:
     several = {name for name, instance, _ in rows for n, i, _ in rows if n == name and i > instance}
     for name, instance, row in rows:
         before = "" if row.begun == row.json else shown(row.begun)
-        who = instance[: len(name) + 9] if name in several else name
-        words = (who, row.name, shown(row.json), row.unit, before, row.wanted)
+        agent = instance[: len(name) + 9] if name in several else name
+        words = (agent, row.name, shown(row.json), row.unit, before, row.wanted)
         table.add_row(*(Text(options.shown(word)) for word in words))
     Console().print(table)
 
 
 def shown(value: str) -> str:
-    """A value of JSON, as it is typed for `armadico set`."""
+    """A JSON value as it is typed for `armadico set`."""
     return "none" if value == "null" else options.shown(value)
 
 
@@ -94,14 +95,14 @@ def _unknown(agent: str, name: str, replies: Mapping[Any, ParametersReply]) -> s
     known = {row.name for reply in replies.values() for row in reply.parameters}
     if not replies:
         return f"{agent} does not answer"
-    return f"{agent} has no parameter {name!r} that may be changed; {advice(name, known)}"
+    return f"{agent}: no parameter {name!r} that can be changed; {advice(name, known)}"
 
 
 main: Final = Command(
     "armadico get",
     Options,
     run,
-    "Show those parameters of agents that may be changed while they are at work: what they are"
-    " now, and what they may be. `armadico set` changes them.",
+    "Show the parameters that can be changed while an agent runs: their values and ranges."
+    " `armadico set` changes them.",
     EXAMPLES,
 )

@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from armadico.runtime.client import Client, Mission
 
 STARTS_S: Final = 20.0
-"""How long a society that is only starting is waited for."""
+"""How long to wait for a society that is still starting."""
 
 PLANS_S: Final = 5.0
-"""What a planner that is there may take to answer."""
+"""Time for a path planner to answer."""
 
 AGAIN_S: Final = 0.5
-"""How often the robot is sent again meanwhile."""
+"""Period of new attempts while the society starts."""
 
 LINE_S: Final = 2.0
-"""How often a line is printed where there is no terminal."""
+"""Period of progress lines without a terminal."""
 
 EXAMPLES: Final = """\
-  armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, as the path planner says
+  armadico goto 4 2 90             x 4 m, y 2 m, heading 90 degrees, along a planned path
   armadico goto 4 2                the same place, with the heading of a straight line to it
   armadico goto -1 0.5 -90
-  armadico goto 4 2 90 --direct    straight there, with no plan
-  armadico goto 4 2 90 --from 1 1 0   and the robot stands at x 1 m, y 1 m, heading 0
+  armadico goto 4 2 90 --direct    straight there, without a plan
+  armadico goto 4 2 90 --from 1 1 0   the robot is at x 1 m, y 1 m, heading 0 now
 """
 
 
@@ -45,7 +45,7 @@ def _number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise BadValueError(f"{text!r} is no finite number")
+        raise BadValueError(f"{text!r} is not a finite number")
     return value
 
 
@@ -54,33 +54,32 @@ def _metres(text: str) -> float:
 
     value = _number(text)
     if abs(value) > LARGEST:
-        raise BadValueError(f"{text!r} m is beyond {LARGEST:g} m, which is no place")
+        raise BadValueError(f"{text!r} m: expected at most {LARGEST:g} m")
     return value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    x: float = argument("m, in the world frame", read=_metres, metavar="X")
-    y: float = argument("m", read=_metres, metavar="Y")
+    x: float = argument("x in the world frame, m", read=_metres, metavar="X")
+    y: float = argument("y in the world frame, m", read=_metres, metavar="Y")
     heading: float | None = argument(
-        "degrees, counter-clockwise (default: from where the robot is now towards X Y)",
+        "heading in degrees, counter-clockwise (default: from the robot's position towards X Y)",
         read=_number,
         nargs="?",
         metavar="DEG",
     )
-    direct: bool = flag("straight there, with no plan")
+    direct: bool = flag("drive straight there, without a plan")
     start: tuple[float, float, float] | None = option(
-        "where the robot stands now (default: where its pose has it)",
+        "set the robot's present pose, m, m, degrees (default: its estimated pose)",
         "--from",
         read=_number,
         metavar=("X", "Y", "DEG"),
     )
-    timeout: float | None = options.timeout_option("give up waiting after this")
+    timeout: float | None = options.timeout_option("wait at most so long (default: no limit)")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
-    """Send the robot to a pose."""
     from armadico.runtime.client import Client
 
     mission = None
@@ -94,7 +93,7 @@ def run(args: Options) -> int:
                 show(going.to_go or 0.0, _remark(going, client, reason.now()))
 
             if not mission.wait(args.timeout, progress):
-                late = f"not there after {args.timeout:g} s; the mission goes on"
+                late = f"not there after {args.timeout:g} s; the mission continues"
                 failed = mission.failed
                 raise options.FailedError(late if failed is None else f"it failed, {failed}")
     except KeyboardInterrupt:
@@ -106,7 +105,7 @@ def run(args: Options) -> int:
 
 
 class Reason:
-    """Why the robot stands, as `armadico why --live --standing` explains it."""
+    """Why the robot stands still, as in `armadico why --live --standing`."""
 
     def __init__(self, mesh: ZenohMesh, hosts: Hosts) -> None:
         from armadico.observe.view import View
@@ -114,72 +113,72 @@ class Reason:
 
         self._watcher, self._view = Watcher([mesh]), View()
         self._hosts = hosts
-        self._ask_at = 0.0
+        self._query_at = 0.0
         self._watcher.watch_alive()
         self._watcher.watch_router(self._view)
         self._watcher.subscribe()
 
     def now(self) -> str:
-        """The cause and what to do; empty while it moves, or stands as it should."""
+        """The cause and what to do; "" while it moves or stands as ordered."""
         from armadico.config.discovery import providers
-        from armadico.observe.standing import AS_ASKED, standing
-        from armadico.observe.watching import ASK_S, show
+        from armadico.observe.standing import NO_FAULT, standing
+        from armadico.observe.watching import QUERY_S, show
 
-        if (now := time.monotonic()) >= self._ask_at:
-            self._ask_at = now + ASK_S
-            self._watcher.ask_for_cards()
-            self._watcher.ask_for_bids()
+        if (now := time.monotonic()) >= self._query_at:
+            self._query_at = now + QUERY_S
+            self._watcher.query_cards()
+            self._watcher.query_bids()
         while (item := self._watcher.get(0.0)) is not None:
             show(self._view, item)
         now = self._watcher.clock() / 1e9
         cause = standing(self._view, now, providers, self._hosts).cause
-        if cause is None or cause.sort in AS_ASKED:
+        if cause is None or cause.sort in NO_FAULT:
             return ""
         return options.shown(f"{cause.what} -> {cause.todo}" if cause.todo else cause.what)
 
 
 def _sent(client: Client, args: Options) -> Mission:
-    """The mission; a society that is only starting is waited for. Raises SocietyError."""
+    """The accepted mission; waits for a society that is still starting. Raises SocietyError."""
     from armadico.mobile.messages import Pose
     from armadico.runtime.errors import AbsentError, MissionRefusedError
 
     client.listen(Pose)
     heading = None if args.heading is None else math.radians(args.heading)
     start = args.start and (*args.start[:2], math.radians(args.start[2]))
-    end, said = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), False
+    end, reported = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), False
     while True:
         try:
             return client.goto(args.x, args.y, heading, direct=args.direct, start=start)
         except (AbsentError, MissionRefusedError) as error:
             if time.monotonic() >= end or not (client.alive and _starts(client, args)):
                 raise
-            if not said:
-                options.say(f"waiting for the society to start: {options.shown(error.args[0])}")
-            said = True
+            if not reported:
+                options.report(f"waiting for the society to start: {options.shown(error.args[0])}")
+            reported = True
             client.wait_for(lambda: None, AGAIN_S)
 
 
 def _starts(client: Client, args: Options) -> bool:
-    """Whether a refusal may be due to agents that are still to come: no pose, or no planner."""
+    """Whether agents that are still starting may explain a refusal: no pose, or no planner."""
     from armadico.mobile.messages import PlanRequest, Pose, Waypoint
 
     pose = client.fresh(Pose)
     if pose is None or args.direct:
         return pose is None
     here, goal = Waypoint(pose.x, pose.y, pose.theta), Waypoint(args.x, args.y, 0.0)
-    return client.ask(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
+    return client.query(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
 
 
 def _left_behind(client: Client) -> str:
-    """What a robot does that nobody waits for any more, as far as is known."""
+    """What the robot does after Ctrl-C."""
     from armadico.core.hands import release
     from armadico.core.messages import RobotState
 
     state = client.latest(RobotState)
     if state is not None and state.stop.stopped:
-        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
-        return f"the robot is stopped by {by}; {how}, and it drives on"
-    return "the robot drives on; `armadico stop` stops it"
+        by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
+        return f"the robot is stopped by {by}; it continues after {how}"
+    return "the robot continues; `armadico stop` stops it"
 
 
 def _remark(mission: Mission, client: Client, reason: str) -> str:
@@ -188,9 +187,9 @@ def _remark(mission: Mission, client: Client, reason: str) -> str:
 
     state, status = client.fresh(RobotState), mission.status
     if state is None:
-        return reason or "nothing heard of the robot"
+        return reason or "no message from the robot"
     if state.stop.stopped:
-        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"stopped by {by}; {how}"
     if status is not None and status.note:
         return options.shown(status.note)
@@ -198,7 +197,7 @@ def _remark(mission: Mission, client: Client, reason: str) -> str:
 
 
 def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:
-    """A bar on a terminal, a line now and then elsewhere. Takes metres to go and a remark."""
+    """A function of metres to go and a remark: a bar on a terminal, else a line every `LINE_S`."""
     if not sys.stdout.isatty():
         return _Lines().show
     from rich.progress import BarColumn, Progress, TextColumn
@@ -217,12 +216,12 @@ def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:
 
 class _Lines:
     def __init__(self) -> None:
-        self._said_at = float("-inf")
+        self._printed_at = float("-inf")
 
     def show(self, to_go: float, remark: str) -> None:
         now = time.monotonic()
-        if now - self._said_at >= LINE_S:
-            self._said_at = now
+        if now - self._printed_at >= LINE_S:
+            self._printed_at = now
             print(f"{to_go:.2f} m to go, {remark}", flush=True)
 
 
@@ -230,7 +229,7 @@ main: Final = Command(
     "armadico goto",
     Options,
     run,
-    "Send the robot to a pose in the world frame and wait until it is there. Ctrl-C ends the"
-    " waiting, not the drive.",
+    "Send the robot to a pose in the world frame and wait until it arrives. Ctrl-C ends the"
+    " command, not the drive.",
     EXAMPLES,
 )

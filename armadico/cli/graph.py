@@ -1,4 +1,4 @@
-"""Draw which agent publishes what to whom, from the cards of the agents that are alive."""
+"""Draw which agents publish and subscribe to which keys, from the cards of the alive agents."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    dot: bool = flag("for Graphviz, on stdout", either="how")
-    mermaid: bool = flag("a Mermaid flowchart, on stdout", either="how")
-    json: bool = flag("a JSON object on stdout", either="how")
+    dot: bool = flag("print Graphviz", either="how")
+    mermaid: bool = flag("print a Mermaid flowchart", either="how")
+    json: bool = flag("print a JSON object", either="how")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
@@ -53,23 +53,23 @@ def _write(args: Options, found: Graph) -> None:
 
 @dataclass(frozen=True)
 class Graph:
-    """Agents and keys; an edge goes from who says something to its key, or from key to hearer."""
+    """Agents and keys. Edges lead from a publisher to its key, and from a key to a subscriber.
+
+    Of a query they lead from the client to the key and from the key to the server.
+    """
 
     agents: list[str]
     keys: list[str]
     edges: frozenset[tuple[str, str]]
 
-    def says(self, key: str) -> list[str]:
-        """Who publishes, or asks."""
+    def publishers(self, key: str) -> list[str]:
         return sorted(a for a, b in self.edges if b == key)
 
-    def hears(self, key: str) -> list[str]:
-        """Who listens, or answers."""
+    def subscribers(self, key: str) -> list[str]:
         return sorted(b for a, b in self.edges if a == key)
 
 
 def graph(cards: Iterable[Card]) -> Graph:
-    """The graph of those who have these cards."""
     from armadico.core.services import Kind, services
 
     queries = {service.key for service in services() if service.kind is Kind.QUERY}
@@ -77,13 +77,13 @@ def graph(cards: Iterable[Card]) -> Graph:
     edges: set[tuple[str, str]] = set()
     for card in cards:
         agents.add(card.name)
-        says = {key for key in card.provides if key not in queries}
-        says |= {key for key in card.requests if key in queries}
-        hears = {*card.provides, *card.requests} - says
+        sends = {key for key in card.provides if key not in queries}
+        sends |= {key for key in card.requests if key in queries}
+        receives = {*card.provides, *card.requests} - sends
         for name in card.resources:
-            says |= {*_keys_of(name)[:2]}  # whoever holds it
-        says |= {_keys_of(name)[2] for name in card.owns}
-        edges |= {(card.name, key) for key in says} | {(key, card.name) for key in hears}
+            sends |= {*_keys_of(name)[:2]}  # while it holds the resource
+        sends |= {_keys_of(name)[2] for name in card.owns}
+        edges |= {(card.name, key) for key in sends} | {(key, card.name) for key in receives}
     edges = {(options.shown(a), options.shown(b)) for a, b in edges}
     agents = {options.shown(name) for name in agents}
     keys = {end for edge in edges for end in edge} - agents
@@ -91,7 +91,7 @@ def graph(cards: Iterable[Card]) -> Graph:
 
 
 def _keys_of(resource: str) -> tuple[str, str, str]:
-    """Where a resource's claims, commands and acknowledgements travel."""
+    """The keys of a resource's claims, commands and acknowledgements."""
     from armadico.core.resources import WHEELS
 
     own = f"resource/{resource}"
@@ -102,14 +102,14 @@ def _keys_of(resource: str) -> tuple[str, str, str]:
 def text(found: Graph) -> str:
     width = max(map(len, found.keys), default=0)
     return "\n".join(
-        f"{key:<{width}}  {', '.join(found.says(key)) or '-'} -> "
-        f"{', '.join(found.hears(key)) or '-'}"
+        f"{key:<{width}}  {', '.join(found.publishers(key)) or '-'} -> "
+        f"{', '.join(found.subscribers(key)) or '-'}"
         for key in found.keys
     )
 
 
 def mermaid(found: Graph) -> str:
-    """A Mermaid flowchart; agents are rounded."""
+    """A Mermaid flowchart; agents have round boxes."""
     ids = {node: f"n{i}" for i, node in enumerate([*found.agents, *found.keys])}
     label = {node: node.replace('"', "#quot;") for node in ids}  # Mermaid's entity
     lines = ["flowchart LR"]
@@ -120,7 +120,6 @@ def mermaid(found: Graph) -> str:
 
 
 def dot(found: Graph) -> str:
-    """For Graphviz."""
     lines = ["digraph armadico {", "  rankdir=LR;"]
     lines += [f"  {_quoted(name)} [shape=box, style=rounded];" for name in found.agents]
     lines += [f"  {_quoted(key)} [shape=plaintext];" for key in found.keys]
@@ -136,7 +135,7 @@ main: Final = Command(
     "armadico graph",
     Options,
     run,
-    "Agents and keys, from the cards of the agents that are alive. A query's edges go from who"
-    " asks to who answers.",
+    "Draw agents and keys, from the cards of the alive agents. The edges of a query lead from the"
+    " client to the server.",
     EXAMPLES,
 )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.cli.echo import Listening, take
+from armadico.cli.echo import Listening, receive
 from armadico.cli.parsing import Command, flag
 
 if TYPE_CHECKING:
@@ -25,12 +25,12 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Listening):
-    json: bool = flag("with -n: a JSON array on stdout")
+    json: bool = flag("with -n: print a JSON array")
 
 
 def run(args: Options) -> int:
     if args.json and args.count is None:
-        raise options.UsageError("--json needs -n N: how many messages to measure")
+        raise options.UsageError("--json needs -n N, the number of messages to measure")
     mesh = args.mesh.join()
     from armadico.observe.view import Rate
     from armadico.observe.watching import Watcher
@@ -40,11 +40,11 @@ def run(args: Options) -> int:
         watcher = Watcher([mesh])
         watcher.subscribe(args.pattern)
         show_at = time.monotonic() + SHOW_S
-        heard = 0
-        while args.count is None or heard < args.count:
-            item = take(watcher, args)
+        received = 0
+        while args.count is None or received < args.count:
+            item = receive(watcher, args)
             rates.setdefault(item.key, Rate()).add(item.at / 1e9)
-            heard += 1
+            received += 1
             if args.count is None and time.monotonic() >= show_at:
                 show_at = time.monotonic() + SHOW_S
                 _show(rates, watcher.clock() / 1e9)
@@ -93,7 +93,7 @@ main: Final = Command(
     "armadico hz",
     Options,
     run,
-    "The rate of messages on each key: over the last 5 s, beside the rate that the"
-    " table of services promises, and the least, largest and usual gap between two messages.",
+    "Measure the rate of messages on each key over the last 5 s, with the promised rate and the"
+    " least, mean and largest gap between two messages.",
     EXAMPLES,
 )

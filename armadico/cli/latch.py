@@ -1,4 +1,4 @@
-"""What `stop` and `resume` share: the latch that stops the robot."""
+"""The common part of `stop` and `resume`: they publish the latched stop."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from armadico.cli import options
 from armadico.cli.parsing import group
 
 TIMEOUT_S: Final = 5.0
-"""As in `armadico.runtime.client`, which --help does without."""
+"""As in `armadico.runtime.client`, which --help does not import."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    timeout: float = options.timeout_option("give up after this", TIMEOUT_S)
+    timeout: float = options.timeout_option("wait at most so long", TIMEOUT_S)
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
-    """Publish it until the robot agent acknowledges it; returns the exit code."""
+    """Publish the stop or its release until the robot agent acknowledges it."""
     mesh = args.mesh.join()
     from armadico.runtime.client import Client
     from armadico.runtime.errors import AbsentError
@@ -36,6 +36,6 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
                 raise
             what = f"the {'stop' if stopped else 'release'} could not be sent"
             raise options.absent(mesh, args.timeout, what) from None
-        # Before leaving, which may take a while where a host does not answer.
+        # Printed first: closing the mesh takes a while if a host does not answer.
         print(f"the robot is {'stopped' if stopped else 'free to move'}", flush=True)
     return 0

@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     from armadico.observe.logs import Log
 
 NOISE: Final = 0.05
-"""Errors that are added to an odometry that has none."""
+"""Default error added to an odometry that is a corrected path."""
 
 PROFILE: Final = "jackal"
-"""The robot of a log that names none. Of it count the width and that it has a laser; the scanner's
-angles and reach are the log's."""
+"""The robot of a log that names none. Only its width and its laser matter; the scanner's angles and
+reach are the log's."""
 
 PARTS: Final = ("all", "even", "odd", "first", "second")
 MOST_LOST: Final = 0.5
-"""If the robot is lost at a larger share of the readings, the map may be of another place."""
+"""Above this share of readings reported lost, the map may be of another place."""
 
-TIME: Final = Must(isfinite, "expected s of the log")
+TIME: Final = Must(isfinite, "expected seconds of the log")
 REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
 
 EVENTS: Final = 12
-"""Lines on the terminal."""
+"""Most events that are printed."""
 
 EXAMPLES: Final = """\
   armadico localize intel.npz                                on a map of the log's own scans
@@ -51,27 +51,32 @@ EXAMPLES: Final = """\
 class Options:
     log: Path = argument("the log", metavar="LOG", must=FILE)
     world: str | None = option(
-        "the map (default: the one that a recording names, else one made of the log)", metavar="MAP"
+        "the map (default: the one that a recording names, else one made from the log)",
+        metavar="MAP",
     )
     map_from: str | None = option(
-        "make the map of this part of the log's scans, at the reference poses (default: all)",
+        "make the map from this part of the log's scans, at the reference poses (default: all)",
         choices=PARTS,
     )
-    save_map: Path | None = option("keep that map: .yaml or .map", metavar="FILE")
-    over: str = option("go over this part of the log (default: all)", default="all", choices=PARTS)
-    begin: float | None = option("begin at this time", "--from", metavar="S", must=TIME)
-    end: float | None = option("end at this time", "--to", metavar="S", must=TIME)
+    save_map: Path | None = option("save that map as .yaml or .map", metavar="FILE")
+    over: str = option("use this part of the log (default: all)", default="all", choices=PARTS)
+    begin: float | None = option(
+        "begin at this time (default: the first reading)", "--from", metavar="S", must=TIME
+    )
+    end: float | None = option(
+        "end at this time (default: the last reading)", "--to", metavar="S", must=TIME
+    )
     start: tuple[float, float, float] | None = option(
-        "where the robot is at the first reading: m, m, degrees (default: the reference)",
+        "the robot's pose at the first reading: m, m, degrees (default: the reference)",
         either="start",
         metavar=("X", "Y", "DEG"),
         must=POSE,
     )
-    anywhere: bool = flag("the agent does not know the start", either="start")
-    seed: int = option("seed (default: 0)", default=0, metavar="N")
+    anywhere: bool = flag("start with an unknown pose", either="start")
+    seed: int = option("seed of random numbers (default: 0)", default=0, metavar="N")
     noise: float | None = option(
-        "add errors to the odometry, as a share of ways and turns (default: 0;"
-        f" {NOISE:g} where the odometry is a corrected path)",
+        "add errors to the odometry, as a share of distances and turns (default: 0;"
+        f" {NOISE:g} if the odometry is a corrected path)",
         metavar="SHARE",
         must=between(0, 1),
     )
@@ -80,36 +85,39 @@ class Options:
         " angles are the log's",
         metavar="PROFILE",
     )
-    agent: str | None = option("the agent that corrects the pose", metavar="NAME")
-    parameters: str | None = option("a set of agents' parameters", metavar="SET")
+    agent: str | None = option(
+        "the agent that corrects the pose (default: the only one installed)", metavar="NAME"
+    )
+    parameters: str | None = option("a set of agents' parameters (default: none)", metavar="SET")
     sets: tuple[str, ...] = several(
-        "a parameter of that agent; may be repeated", "--set", metavar="KEY=VALUE"
+        "set a parameter of that agent; may be repeated", "--set", metavar="KEY=VALUE"
     )
     reach: float | None = option(
         "the scanner's longest range (default: the log's)", metavar="M", must=REACH
     )
     corrected: bool | None = flag(
-        "the poses of a CARMEN log are corrected (default: if its name says so, with .gfs or"
-        " corrected, or if they differ from the odometry)",
+        "treat the poses of a CARMEN log as corrected (default: if its name has .gfs or corrected,"
+        " or if they differ from the odometry)",
         default=None,
     )
-    namespace: str | None = option("the robot, of a recording of several", metavar="NS")
+    namespace: str | None = option(
+        "the robot, if the recording has several (default: the only one)", metavar="NS"
+    )
     picture: Path | None = option("draw the paths on the map, and the error", metavar="FILE.png")
-    json: bool = flag("one JSON object on stdout")
+    json: bool = flag("print one JSON object")
 
 
 def run(args: Options) -> int:
-    """Go through the log; 0 if an estimate was published."""
     _check(args)
     from armadico.cli.pool import progress
     from armadico.observe import localizing
 
-    say = options.teller("armadico localize")
+    report = options.reporter("armadico localize")
     log, noise = _log(args)
     for note in log.notes:
-        say(f"note: {note}")
+        report(f"note: {note}")
     if noise and args.noise is None:
-        say(f"note: the odometry is a corrected path; errors of {noise:g} are added, see --noise")
+        report(f"note: the odometry is a corrected path; errors of {noise:g} are added (--noise)")
     chosen = _chosen(args, log)
     with TemporaryDirectory(prefix="armadico-") as folder:
         world, named = _world(args, log, Path(folder) / "map.yaml")
@@ -121,21 +129,21 @@ def run(args: Options) -> int:
         found = localizing.summary(track)
         if args.picture is not None:
             _draw(args.picture, log, world, track, found)
-            say(f"picture: {args.picture}")
+            report(f"picture: {args.picture}")
     if args.json:
         print(json.dumps(_about(args, log, noise, named, chosen, found)))
     else:
         _show(log, noise, named, found)
     if found.lost_share > MOST_LOST:
         lost = f"lost at {100.0 * found.lost_share:.0f} % of the readings"
-        say(f"{lost}: the map may be of another place, or the start may be wrong")
+        report(f"{lost}: the map may be of another place, or the start may be wrong")
     return 0
 
 
 def _check(args: Options) -> None:
     """Raises UsageError, ConfigError or FailedError."""
     if args.world is not None and (args.map_from is not None or args.save_map is not None):
-        raise UsageError("--map-from and --save-map make a map, and --world names one")
+        raise UsageError("--world names a map; leave out --map-from and --save-map")
     if args.save_map is not None:
         from armadico.config.grid_map import check_suffix, check_writable
 
@@ -149,7 +157,7 @@ def _check(args: Options) -> None:
 
 
 def _log(args: Options) -> tuple[Log, float]:
-    """The log, and the errors that were added to it. Raises LogError, FailedError."""
+    """The log, and the share of errors added to its odometry. Raises LogError, FailedError."""
     from armadico.observe import logs
 
     with args.log.open("rb") as file:
@@ -164,7 +172,7 @@ def _log(args: Options) -> tuple[Log, float]:
 
 
 def _world(args: Options, log: Log, path: Path) -> tuple[str, str]:
-    """The map for the agent, and what to call it. Raises ConfigError, LogError, OSError."""
+    """The agent's map, and its description. Raises ConfigError, LogError, OSError."""
     making = args.map_from is not None or args.save_map is not None
     named = args.world or (None if making else log.world)
     if named is not None:
@@ -181,11 +189,11 @@ def _world(args: Options, log: Log, path: Path) -> tuple[str, str]:
     if args.save_map is not None:
         grid_map.save(cells, args.save_map)
     grid_map.save(cells, path)
-    return str(path), f"made of {count} scans ({of})"
+    return str(path), f"made from {count} scans ({of})"
 
 
 def _check_start(args: Options, world: str) -> None:
-    """Raises UsageError if the start is not on the map, ConfigError if there is no such map."""
+    """Raises UsageError if the start is not on the map, ConfigError if the map cannot be read."""
     from armadico.config.worlds import load_world
 
     if args.start is None:
@@ -203,7 +211,7 @@ def _profile(args: Options, log: Log) -> str:
 
 
 def _agent(args: Options) -> tuple[str, tuple[str, ...]]:
-    """The agent that corrects, and what is set of it. Raises UsageError, ConfigError."""
+    """The agent that corrects the pose, and its settings. Raises UsageError, ConfigError."""
     from armadico.config.discovery import agent_class
     from armadico.config.loading import load_parameters
     from armadico.config.parameters import load_set
@@ -212,8 +220,8 @@ def _agent(args: Options) -> tuple[str, tuple[str, ...]]:
     agents = correctors()
     name = args.agent or (agents[0] if len(agents) == 1 else "")
     if name not in agents:
-        there = ", ".join(agents) or "none"
-        raise UsageError(f"--agent {name}: name one that corrects the pose: {there}")
+        known = ", ".join(agents) or "none"
+        raise UsageError(f"--agent {name}: expected an agent that corrects the pose: {known}")
     given = load_set(args.parameters) if args.parameters else {}
     sets = (*given.get(name, ()), *args.sets)
     load_parameters(agent_class(name).parameters, None, sets)
@@ -221,7 +229,7 @@ def _agent(args: Options) -> tuple[str, tuple[str, ...]]:
 
 
 def _chosen(args: Options, log: Log) -> Chosen:
-    """How the log is gone through, but for the map. Raises UsageError, ConfigError."""
+    """What the options select, without the map. Raises UsageError, ConfigError."""
     from armadico.observe import localizing
 
     name, sets = _agent(args)
@@ -231,7 +239,7 @@ def _chosen(args: Options, log: Log) -> Chosen:
     readings = [i for i in every if begin <= log.time(i) <= end]
     if not readings:
         last = log.time(len(log) - 1)
-        raise UsageError(f"--from, --to: no reading is between them; the log ends at {last:.1f} s")
+        raise UsageError(f"--from, --to: no reading between them; the log ends at {last:.1f} s")
     start = None
     if args.start is not None:
         start = (args.start[0], args.start[1], radians(args.start[2]))
@@ -247,7 +255,7 @@ def _chosen(args: Options, log: Log) -> Chosen:
     )
 
 
-# What came of it ----------------------------------------------------------------------------------
+# Results ------------------------------------------------------------------------------------------
 
 
 def _about(
@@ -280,7 +288,7 @@ def _about(
 
 
 def _show(log: Log, noise: float, named: str, found: Summary) -> None:
-    """A row for each measure, then when the robot was lost and found."""
+    """Print a row for each measure, then when the robot was lost and found."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -314,8 +322,8 @@ def _rows(found: Summary) -> Iterator[tuple[str, str]]:
         yield "wrong and sure", _percent(found.wrong_sure_share)
         yield "  longest", f"{found.wrong_sure_longest_s or 0.0:.0f} s"
         two = (found.published_median_m, found.published_95_m)
-        said = "  ".join(f"{value or 0.0:.3f}" for value in two)
-        yield "published pose, error: median, 95 %, m", said
+        both = "  ".join(f"{value or 0.0:.3f}" for value in two)
+        yield "published pose, error: median, 95 %, m", both
         yield "odometry alone, error: most, m", f"{found.odometry_most_m or 0.0:.1f}"
     else:
         yield "error", "the log has no reference"
@@ -334,7 +342,7 @@ def _percent(share: float | None) -> str:
 
 
 def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> None:
-    """The paths on the map, and the error over time."""
+    """Draw the paths on the map, and the error over time."""
     from armadico.config.worlds import load_world
     from armadico.observe.localizing import error_m
     from armadico.observe.pictures import draw_localized
@@ -347,14 +355,14 @@ def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> 
         paths.insert(0, ("reference", [at[:2] for at in known]))
     errors = list(zip((one.t for one in moments), error_m(track).tolist(), strict=True))
     lost = [(a.t, b.t) for a, b in pairwise(moments) if a.lost]
-    said = f"reported lost at {_percent(found.lost_share)} of {found.scans} readings"
+    caption = f"reported lost at {_percent(found.lost_share)} of {found.scans} readings"
     if found.error_median_m is not None:
-        said = (
+        caption = (
             f"error {found.error_median_m:.3f} m in the median, {found.error_95_m or 0.0:.3f} m"
-            f" at 95 %, over 0.3 m at {_percent(found.off_share)}; {said}"
+            f" at 95 %, over 0.3 m at {_percent(found.off_share)}; {caption}"
         )
     title = f"{log.name}: {found.metres:.0f} m in {found.seconds:.0f} s"
-    draw_localized(load_world(world), paths, errors, lost, (title, said), picture)
+    draw_localized(load_world(world), paths, errors, lost, (title, caption), picture)
 
 
 main: Final = Command(

@@ -1,4 +1,4 @@
-"""Read the agents' logs: from now on, or those of the last run."""
+"""Show the agents' logs: live, or those of the last run."""
 
 from __future__ import annotations
 
@@ -16,41 +16,47 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option
 
 if TYPE_CHECKING:
-    from armadico.observe.watching import Heard
+    from armadico.observe.watching import Received
 
 LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 
 FOLDERS: Final = "armadico-*"
-"""Where `armadico run` has its processes write, in the folder for temporary files."""
+"""Log folders of `armadico run`, in the folder for temporary files."""
 
 EXAMPLES: Final = """\
-  armadico logs -f                        everybody, from now on
+  armadico logs -f                        all agents, live
   armadico logs -f avoid --level warning
-  armadico logs                           what the processes of the last `armadico run` wrote
+  armadico logs                           the logs of the last `armadico run`
   armadico logs robot --folder /tmp/armadico-1a2b3c
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    agent: str | None = argument("only this agent, by name or id", nargs="?", metavar="AGENT")
-    follow: bool = flag("from now on, until Ctrl-C", "-f", "--follow")
-    level: str = option("with -f: at least", default="debug", choices=tuple(LEVELS))
-    folder: Path | None = option("what a run wrote there", metavar="DIR")
-    timeout: float | None = options.timeout_option("with -f: end after so long")
-    json: bool = flag("one JSON object a line, for programs")
+    agent: str | None = argument(
+        "only this agent, by name or instance (default: all)", nargs="?", metavar="AGENT"
+    )
+    follow: bool = flag("show new lines until Ctrl-C", "-f", "--follow")
+    level: str = option(
+        "with -f: the least level (default: debug)", default="debug", choices=tuple(LEVELS)
+    )
+    folder: Path | None = option(
+        "read the logs of this folder (default: the last run's)", metavar="DIR"
+    )
+    timeout: float | None = options.timeout_option("with -f: end after S seconds")
+    json: bool = flag("print one JSON object a line")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
     if args.follow and args.folder is not None:
-        raise UsageError("--folder has what was written; -f follows what is published")
+        raise UsageError("--folder reads log files, -f follows published lines: use one of them")
     return _follow(args) if args.follow else _read(args)
 
 
 def _follow(args: Options) -> int:
     mesh = args.mesh.join()
-    from armadico.observe.watching import Heard, Watcher
+    from armadico.observe.watching import Received, Watcher
 
     with mesh:
         watcher = Watcher([mesh])
@@ -58,12 +64,12 @@ def _follow(args: Options) -> int:
         end = time.monotonic() + (args.timeout or float("inf"))
         while (left := end - time.monotonic()) > 0:
             item = watcher.get(min(left, 60.0))
-            if isinstance(item, Heard):
+            if isinstance(item, Received):
                 _show(args, item)
     return 0
 
 
-def _show(args: Options, item: Heard) -> None:
+def _show(args: Options, item: Received) -> None:
     from armadico.core.messages import Log
     from armadico.observe.view import agent_of
     from armadico.observe.watching import read_or_none
@@ -91,14 +97,15 @@ def _name(level: int) -> str:
 def _read(args: Options) -> int:
     folder = args.folder or _newest()
     if args.folder is None:
-        print(f"from {folder}", file=sys.stderr)  # the newest need not be the run that is meant
+        print(f"from {folder}", file=sys.stderr)  # the newest may be another run's
     if not folder.is_dir():
         raise UsageError(f"--folder {folder}: no such folder")
     files = sorted(folder.glob("*.log"))
     chosen = [file for file in files if args.agent in (None, file.stem)]
     if not chosen:
-        names = ", ".join(file.stem for file in files) or "nobody"
-        raise FailedError(f"{args.agent or 'nobody'} wrote nothing in {folder} ({names} did)")
+        names = ", ".join(file.stem for file in files) or "none"
+        wanted = f"log of {args.agent!r}" if args.agent else "log"
+        raise FailedError(f"no {wanted} in {folder}; there are logs of: {names}")
     for stamp, name, text in sorted(_lines(chosen), key=lambda line: line[0]):
         found = {"time": stamp, "agent": name, "text": text}
         print(json.dumps(found) if args.json else options.shown(text))
@@ -111,14 +118,14 @@ def _newest() -> Path:
     folders = [folder for folder in there if folder.is_dir() and any(folder.glob("*.log"))]
     if not folders:
         raise FailedError(
-            "no run on this machine left its logs, and what was published is not kept;"
-            " `armadico logs -f` shows what is logged from now on, `armadico record` keeps it"
+            "no run on this machine left log files; `armadico logs -f` shows new lines, and"
+            " `armadico record` keeps them"
         )
     return max(folders, key=lambda folder: folder.stat().st_mtime)
 
 
 def _lines(files: Sequence[Path]) -> Iterator[tuple[str, str, str]]:
-    """Each line with what it sorts by: the time of day, or that of the line before it."""
+    """(time of day, name, line) of each line; a line without a time has that of the line before."""
     for file in files:
         stamp = ""
         for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -131,8 +138,8 @@ main: Final = Command(
     "armadico logs",
     Options,
     run,
-    "The agents' logs. Log lines are events: nobody keeps them, so -f shows what"
-    " is logged from now on. Without -f it reads what the processes of a run on this machine"
-    " wrote. `armadico record` keeps everything.",
+    "Show the agents' logs. With -f new lines are shown as they are published; published lines are"
+    " not kept. Without -f the log files of a run on this machine are read. `armadico record`"
+    " keeps everything.",
     EXAMPLES,
 )

@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from armadico.runtime.client import Client
 
 ANSWER_S: Final = 5.0
-"""What the mapping agent may take."""
+"""Timeout of the mapping agent's answer."""
 
 FIND_S: Final = 3.0
-"""How long it is looked for."""
+"""Time to find a mapping agent."""
 
 EXAMPLES: Final = """\
   armadico map save house.yaml     as a ROS map_server's: house.yaml and house.pgm
@@ -27,8 +27,8 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    what: str = argument("what to do with the map", choices=("save",))
-    file: Path = argument("its name ends in .yaml or .map", metavar="FILE")
+    what: str = argument("the action", choices=("save",))
+    file: Path = argument("the file to write; its name ends in .yaml or .map", metavar="FILE")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
@@ -42,21 +42,21 @@ def run(args: Options) -> int:
 
 
 def save(client: Client, file: Path) -> str:
-    """Write the map to a file; a line about it. Raises AbsentError, FailedError or ConfigError."""
+    """Save the map; returns a summary. Raises AbsentError, FailedError or ConfigError."""
     from armadico.config import grid_map
     from armadico.mobile.messages import MapRequest, OccupancyGrid
     from armadico.runtime.errors import AbsentError
 
-    grid = client.ask(MapRequest(), ANSWER_S, patience=FIND_S)
+    grid = client.query(MapRequest(), ANSWER_S, patience=FIND_S)
     if not isinstance(grid, OccupancyGrid):
         raise AbsentError("no agent that makes a map is alive", client.mesh.namespace)
     try:
         cells = grid_map.cells_of(grid)
         if not cells.states.size:
-            raise options.FailedError("nothing is mapped yet: the robot has not pinged anything")
+            raise options.FailedError("the map is empty: no sensor has measured anything yet")
         files = grid_map.save(cells, file)
     except ValueError as error:
-        raise options.FailedError(f"the map that came is none: {error}") from None
+        raise options.FailedError(f"the mapping agent's map is invalid: {error}") from None
     except OSError as error:
         raise options.FailedError(f"cannot write {file}: {error.strerror}") from None
     rows, columns = cells.states.shape
@@ -69,7 +69,7 @@ main: Final = Command(
     "armadico map",
     Options,
     run,
-    "Ask the mapping agent for its map and save it. `armadico explore --resume` goes on with a"
-    " .yaml; `armadico run --world` drives in either.",
+    "Save the mapping agent's map. `armadico explore --resume` continues from a .yaml; `armadico"
+    " run --world` drives in either.",
     EXAMPLES,
 )

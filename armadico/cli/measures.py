@@ -1,4 +1,4 @@
-"""The table of what was measured: in plain words, beside the thesis's letters."""
+"""The table of a run's measures, with the symbols of the thesis."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ if TYPE_CHECKING:
     from armadico.observe.measures import Result
 
 WORDS: Final = (
-    ("td_m", "TD m", "way driven"),
-    ("fo_deg", "FO deg", "heading off the goal's at the end"),
+    ("td_m", "TD m", "distance driven"),
+    ("fo_deg", "FO deg", "heading error at the goal"),
     ("tt_s", "TT s", "time taken"),
-    ("p_percent", "P %", "of the straight way done"),
+    ("p_percent", "P %", "of the straight distance done"),
     ("shares", "", "of the time driven by"),
-    ("exchanges", "exch.", "changes of who drives"),
+    ("exchanges", "exch.", "changes of the driving agent"),
     ("collisions", "coll.", "collisions"),
-    ("min_clearance_m", "clear. m", "least distance to anything"),
+    ("min_clearance_m", "clear. m", "least clearance"),
 )
-"""By the field of a result: its letters (of the thesis's 5.1, where it has any) and its meaning."""
+"""By the field of a result: its symbol (of thesis 5.1, where it has one) and its meaning."""
 
 
 class Column(NamedTuple):
-    """One measure of every run; None: it could not be measured."""
+    """One measure of all runs; None where it could not be measured."""
 
     field: str
     title: str
     words: str
     values: list[float | None]
-    agent: str = ""  # whose share it is
+    agent: str = ""  # of a share
 
     @property
     def known(self) -> list[float]:
@@ -41,12 +41,12 @@ class Column(NamedTuple):
 
     @property
     def mean(self) -> float | None:
-        """Of the runs in which it could be measured."""
+        """The mean of the runs in which it was measured."""
         return fmean(self.known) if self.known else None
 
     @property
     def deviation(self) -> float | None:
-        """Of a sample: divided by one less than there are."""
+        """The sample standard deviation (n - 1)."""
         return stdev(self.known) if len(self.known) > 1 else None
 
 
@@ -57,13 +57,13 @@ def columns(results: Sequence[Result]) -> Iterator[Column]:
             yield Column(field, title, words, [getattr(result, field) for result in results])
             continue
         for name in sorted({name for result in results for name in result.shares}):
-            who = options.shown(name)
+            agent = options.shown(name)
             shares: list[float | None] = [result.shares.get(name, 0.0) for result in results]
-            yield Column(field, f"{who} %", f"{words} {who}", shares, name)
+            yield Column(field, f"{agent} %", f"{words} {agent}", shares, name)
 
 
 def statistics(results: Sequence[Result]) -> dict[str, dict[str, Any]]:
-    """Mean and deviation of each measure, by the fields of a result, for programs."""
+    """Mean and deviation of each measure by the fields of a result, for JSON."""
     found: dict[str, dict[str, Any]] = {"mean": {"shares": {}}, "deviation": {"shares": {}}}
     for column in columns(results):
         for name, value in (("mean", column.mean), ("deviation", column.deviation)):
@@ -73,7 +73,7 @@ def statistics(results: Sequence[Result]) -> dict[str, dict[str, Any]]:
 
 
 def show(scenario: str, results: Sequence[Result]) -> None:
-    """Runs below one another where they fit; one run, and a narrow terminal, a line a measure."""
+    """Print a row a run; of one run, or on a narrow terminal, a row a measure."""
     from rich.console import Console
 
     console = Console()
@@ -91,7 +91,7 @@ def _verdict(results: Sequence[Result]) -> str:
     first = results[0]
     if len(results) > 1:
         passed = sum(result.passed for result in results)
-        did = "touched nothing" if first.reached is None else "reached the goal without a collision"
+        did = "had no collision" if first.reached is None else "reached the goal, no collision"
         return f"{passed} of {len(results)} runs {did}"
     verdict = first.outcome
     return f"{verdict}, {first.collisions} COLLISION(S)" if first.collisions else verdict
@@ -100,7 +100,7 @@ def _verdict(results: Sequence[Result]) -> str:
 def _table(*titles: str) -> Table:
     from rich.table import Table
 
-    table = Table(padding=(0, 0), caption="docs/measures.md says how each is measured")
+    table = Table(padding=(0, 0), caption="docs/measures.md defines the measures")
     for title in titles:
         table.add_column(title, justify="right", no_wrap=True)
     return table

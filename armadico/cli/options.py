@@ -1,6 +1,6 @@
-"""What all commands share: options, errors and exit codes.
+"""Options, errors and exit codes that all commands share.
 
-Exit codes: 0 done, 1 it failed, 2 it was called or configured wrongly, 130 interrupted.
+Exit codes: 0 success, 1 failure, 2 wrong command line or configuration, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from armadico.cli.parsing import (
     several,
     version,
 )
-from armadico.config.discovery import UnknownNameError
 from armadico.config.errors import ConfigError
+from armadico.core.errors import UnknownNameError
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
@@ -47,25 +47,25 @@ if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.runtime.client import Client
 
-__all__ = ["UsageError", "parser", "version"]  # those that commands elsewhere take from here
+__all__ = ["UsageError", "parser", "version"]  # imported from here by other packages' commands
 
 FAILED: Final = 1
 USAGE: Final = 2
 INTERRUPTED: Final = 130
 
 JOIN_S: Final = 1.0
-"""How long a command that is soon done waits for a robot agent: it ends within 2 s without one."""
+"""How long a short command waits for a robot agent: without one it ends within 2 s."""
 
-SAY_S: Final = 1.5
-"""As in `armadico.mesh.zenoh`, which --help does without."""
+REPORT_S: Final = 1.5
+"""As in `armadico.mesh.zenoh`, which --help does not import."""
 
-NAMESPACE_HELP: Final = f"which robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})"
+NAMESPACE_HELP: Final = f"the robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})"
 
 M = TypeVar("M", bound="Mesh")
 
 
 class FailedError(Exception):
-    """The command could not do what it was asked for."""
+    """The command failed; the message is printed."""
 
 
 WRONGLY_USED: Final = (UsageError, ConfigError, TopologyError, UnknownNameError)
@@ -73,10 +73,10 @@ BROKEN: Final = (FailedError, SocietyError, MeshError, ImportError)
 
 
 def guarded(program: str, command: Callable[[], int]) -> int:
-    """Run a command; an error is one line on stderr and an exit code."""
+    """Run a command and return its exit code; an error is printed as one line on stderr."""
     try:
         code = command()
-        sys.stdout.flush()  # a disk that is full says so now, and not when nobody listens
+        sys.stdout.flush()  # a full disk raises here, where it is caught
     except WRONGLY_USED as error:
         return _say(program, error, USAGE)
     except BROKEN as error:
@@ -84,20 +84,20 @@ def guarded(program: str, command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        return unheard()  # whoever read us has gone
-    except OSError as error:  # no disk, no file descriptors, a name that is too long, ...
+        return discard_output()  # the reader of the pipe has ended
+    except OSError as error:  # full disk, no file descriptors, a name that is too long, ...
         what = ": ".join(map(str, filter(None, (error.filename, error.strerror or error))))
         if error.errno == errno.ENOSPC and error.filename is None:
-            unheard()
+            discard_output()
         return _say(program, OSError(what), FAILED)
     except MemoryError:
         return _say(program, MemoryError("not enough memory for that"), FAILED)
     return code
 
 
-def unheard() -> int:
-    """Send standard output to nowhere, so that exit does not try again; returns FAILED."""
-    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a descriptor is all that is needed
+def discard_output() -> int:
+    """Discard standard output, so that the flush at exit does not fail again; returns FAILED."""
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - only the descriptor is used
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
     return FAILED
 
@@ -107,26 +107,25 @@ def unheard() -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Mesh:
-    """The options that say which robot, and how to reach it."""
+    """The options that select the robot and the way to it."""
 
     namespace: str = option(NAMESPACE_HELP, metavar="NS", factory=default_namespace)
     host: str | None = option(
         "this machine's name in the host table (default: found by its addresses)", metavar="H"
     )
     hosts: str | None = option(
-        "the host table: a TOML file, or the name of a shipped one, demo or localhost"
-        f" (default: ${HOSTS_VARIABLE} unless --connect is given; with --host alone, localhost;"
-        " else none is needed)",
+        "the host table: a TOML file, or a shipped one, demo or localhost (default:"
+        f" ${HOSTS_VARIABLE}, unless --connect is given; with --host alone localhost; else none)",
         metavar="TABLE",
     )
     connect: tuple[str, ...] = several(
-        "where the robot's router is, such as tcp/192.168.1.5:7447; may be repeated (default:"
-        " the host table's, or this machine's)",
+        "the endpoint of the robot's router, such as tcp/192.168.1.5:7447; may be repeated"
+        " (default: the host table's, or this machine's)",
         metavar="ENDPOINT",
     )
 
     def endpoints(self, *, passing: bool = True) -> Endpoints:
-        """Where that is: for a tool (`passing`), or for an agent. Raises ConfigError."""
+        """The endpoints of the mesh, for a tool (`passing`) or for an agent. Raises ConfigError."""
         from armadico.mesh.endpoints import endpoints
 
         return endpoints(
@@ -138,12 +137,12 @@ class Mesh:
         )
 
     def join(self, *, passing: bool = True, starts: bool = False) -> ZenohMesh:
-        """The mesh, not opened yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
+        """The mesh, not open yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
         return self.endpoints(passing=passing).mesh(starts=starts)
 
     @contextmanager
     def joined(self) -> Iterator[ZenohMesh]:
-        """The mesh, joined. Raises FailedError if there is no robot agent."""
+        """The joined mesh. Raises FailedError if there is no robot agent."""
         with at_once(self.join(starts=True)) as mesh:
             if not mesh.wait_joined(0.0):
                 raise FailedError(mesh.missing)
@@ -151,18 +150,18 @@ class Mesh:
 
     @contextmanager
     def client(self) -> Iterator[Client]:
-        """A client of the mesh, joined. Raises FailedError if there is no robot agent."""
+        """A client of the joined mesh. Raises FailedError if there is no robot agent."""
         from armadico.runtime.client import Client
 
         with self.joined() as mesh:
             yield Client(mesh)
 
     def of(self: M, namespace: str) -> M:
-        """The same for another robot."""
+        """The same options for another robot."""
         return replace(self, namespace=namespace)
 
     def agents_by_host(self) -> dict[str, tuple[str, ...]]:
-        """The agents of each host of the table; none without a table. Raises ConfigError."""
+        """The agents by host of the host table; {} without a table. Raises ConfigError."""
         from armadico.mesh.endpoints import table_of
 
         named = table_of(self.hosts, self.host, self.connect)
@@ -175,24 +174,24 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True)
 class Meshes(Mesh):
-    """The same of several robots."""
+    """The same options for several robots."""
 
     namespace: str = ""
     namespaces: tuple[str, ...] = several(
-        f"which robot; may be repeated (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
+        f"a robot; may be repeated (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})",
         "--namespace",
         metavar="NS",
     )
 
     def join_each(self, *, starts: bool = False) -> list[ZenohMesh]:
-        """A mesh for each robot, not opened yet. Raises TopologyError for what is no namespace."""
+        """A mesh for each robot, not open yet. Raises TopologyError for an invalid namespace."""
         named = dict.fromkeys(self.namespaces or (default_namespace(),))
         return [self.of(name).join(starts=starts) for name in named]
 
 
 @contextmanager
 def at_once(mesh: ZenohMesh) -> Iterator[ZenohMesh]:
-    """The mesh, opened, for a command that is soon done: joined, unless there is no robot agent."""
+    """The open mesh for a short command; joined, unless there is no robot agent."""
     until = time.monotonic() + JOIN_S
     with mesh:
         mesh.wait_joined(until - time.monotonic())
@@ -200,13 +199,13 @@ def at_once(mesh: ZenohMesh) -> Iterator[ZenohMesh]:
 
 
 def absent(mesh: ZenohMesh, waited: float, what: str) -> SocietyError | FailedError:
-    """What a command ends with that waited for so long (s) in vain; `what` did not happen.
+    """The error of a command that waited in vain, s; `what` did not happen.
 
-    A missing robot agent is reported once: by the mesh, if there was time for it.
+    A missing robot agent is reported once: by the mesh, if the wait was long enough.
     """
     if mesh.wait_joined(0.0):
         return AbsentError(what, mesh.namespace)
-    return FailedError(what if waited > SAY_S else mesh.missing)
+    return FailedError(what if waited > REPORT_S else mesh.missing)
 
 
 # Options of several commands ----------------------------------------------------------------------
@@ -214,14 +213,14 @@ def absent(mesh: ZenohMesh, waited: float, what: str) -> SocietyError | FailedEr
 
 def port_option(default: int) -> Any:
     """The field of the port at which a command listens."""
-    help_ = f"where to listen, 0: a port that is free (default: {default})"
+    help_ = f"listen on this port; 0: a free port (default: {default})"
     return option(help_, default=default, metavar="P", must=PORT)
 
 
-def bind_option(everybody: str) -> Any:
-    """The field of the address at which a command listens; `everybody` may come from elsewhere."""
+def bind_option(clients: str) -> Any:
+    """The field of the address at which a command listens; `clients` may come from outside."""
     return option(
-        f"for whom: {LOOPBACK} for this machine only, 0.0.0.0 for {everybody}"
+        f"listen on this address: {LOOPBACK} for this machine only, 0.0.0.0 for {clients}"
         f" (default: {LOOPBACK})",
         default=LOOPBACK,
         metavar="ADDRESS",
@@ -229,9 +228,9 @@ def bind_option(everybody: str) -> Any:
 
 
 def timeout_option(what: str, default: float | None = None) -> Any:
-    """The field of how long a command waits, s; `what` says for what. None: for ever."""
-    said = "" if default is None else f" (default: {default:g} s)"
-    return option(f"{what}{said}", default=default, read=seconds, metavar="S")
+    """The field of a timeout, s; None: no limit."""
+    shown_default = "" if default is None else f" (default: {default:g} s)"
+    return option(f"{what}{shown_default}", default=default, read=seconds, metavar="S")
 
 
 def seconds(text: str) -> float:
@@ -241,12 +240,12 @@ def seconds(text: str) -> float:
     except ValueError:
         value = 0.0
     if not 0 < value < float("inf"):
-        raise BadValueError(f"{text!r}: expected seconds, more than 0")
+        raise BadValueError(f"{text!r}: expected more than 0 seconds")
     return value
 
 
 def world_of(named: str | None) -> World | None:
-    """The world that --world names, if it does. Raises ConfigError."""
+    """The world of `--world`, or None. Raises ConfigError."""
     if named is None:
         return None
     from armadico.config.worlds import load_world
@@ -254,7 +253,7 @@ def world_of(named: str | None) -> World | None:
     return load_world(named)
 
 
-# What people are told -----------------------------------------------------------------------------
+# Messages to the user -----------------------------------------------------------------------------
 
 
 def _say(program: str, error: Exception, code: int) -> int:
@@ -264,38 +263,38 @@ def _say(program: str, error: Exception, code: int) -> int:
 
 
 def need(module: str, extra: str) -> None:
-    """Raises FailedError, saying what to install, where a module of an extra is not there."""
+    """Raises FailedError with what to install, if the module of an extra is missing."""
     if find_spec(module) is None:
         raise FailedError(f"{module} is not installed: pip install 'armadico[{extra}]'")
 
 
 def end_as_by_ctrl_c() -> None:
-    """SIGTERM and SIGHUP do as Ctrl-C: everything that was started is taken down."""
+    """Let SIGTERM and SIGHUP act as Ctrl-C, which ends everything that was started."""
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) is signal.SIG_DFL:  # under nohup it is not
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup ignores SIGHUP
             signal.signal(number, signal.default_int_handler)
 
 
-def say(text: str) -> None:
-    """A line for people, on stderr: stdout is for what was asked for."""
+def report(text: str) -> None:
+    """Print a line on stderr; stdout is for the command's result."""
     print(text, file=sys.stderr, flush=True)
 
 
-def teller(program: str) -> Callable[[str], None]:
-    """Says something on stderr, a line at a time, for programs that go on."""
+def reporter(program: str) -> Callable[[str], None]:
+    """A function that prints `PROGRAM: text` on stderr."""
 
-    def tell(text: str) -> None:
+    def report(text: str) -> None:
         print(f"{program}: {shown(text)}", file=sys.stderr, flush=True)
 
-    return tell
+    return report
 
 
 def fits(table: Table, console: Console) -> bool:
-    """Whether a table has room on a terminal with nothing folded or cut off."""
+    """Whether a table fits on the terminal without folding or truncation."""
     anywhere = console.options.update(width=sys.maxsize)
     return console.measure(table, options=anywhere).maximum <= console.width
 
 
 def shown(value: object) -> str:
-    """Something from the mesh as a terminal may have it: one line, nothing that controls it."""
+    """A text from the mesh that is safe on a terminal: one line without control characters."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in str(value))

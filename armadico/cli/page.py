@@ -1,4 +1,4 @@
-"""Serve the control page: click to go, stop, missions, agents, and why the robot stands."""
+"""Serve the control page: click to drive, stop, missions, agents, and why the robot stands."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from armadico.observe.standing import Hosts
 
 PORT: Final = 8090
-"""Where the page is by default."""
+"""The default port of the page."""
 
 TOKEN_VARIABLE: Final = "ARMADICO_PAGE_TOKEN"
 
@@ -41,12 +41,12 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    world: str | None = option("draw the walls of this world", metavar="MAP")
+    world: str | None = option("draw the walls of this world (default: none)", metavar="MAP")
     port: int = options.port_option(PORT)
-    bind: str = options.bind_option("everybody who knows the token")
+    bind: str = options.bind_option("all machines that have the token")
     token: str | None = option(
-        "what has to be known, 16 characters at least; it can be seen in this machine's list"
-        f" of processes, ${TOKEN_VARIABLE} cannot (default: with --bind, one drawn at random)",
+        "access token, at least 16 characters; visible in this machine's process list, unlike"
+        f" ${TOKEN_VARIABLE} (default: with --bind, a random one)",
         metavar="T",
     )
     no_open: bool = flag("do not open a browser")
@@ -81,7 +81,7 @@ def run(args: Options) -> int:
 
 
 def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Hosts) -> Session:
-    """A session for robots whose meshes have been opened; `start` starts who takes the stick."""
+    """A session for robots with open meshes; `start` starts the teleop agent."""
     from armadico.config.discovery import providers
     from armadico.config.scenarios import society
     from armadico.gateways.page.model import Robot
@@ -98,7 +98,7 @@ def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Host
 
 
 def _guard(args: Options) -> Guard:
-    """Who is let in. Raises UsageError."""
+    """The access control of the page. Raises UsageError."""
     from armadico.gateways.page.guard import Guard, GuardError, is_loopback
 
     token = args.token or os.environ.get(TOKEN_VARIABLE) or None
@@ -112,7 +112,7 @@ def _guard(args: Options) -> Guard:
 
 
 def _link(address: str, port: int, token: str) -> str:
-    """What is to be opened; the token is behind a #, which browsers send to nobody."""
+    """The link to the page; browsers do not send what is behind the #."""
     host = address
     if address in ("0.0.0.0", "::"):
         host = socket.gethostname()
@@ -125,8 +125,8 @@ main: Final = Command(
     "armadico page",
     Options,
     run,
-    "Serve a page from which the robot is watched and sent: a map to click on, stop and resume,"
-    " missions, agents, who drives and why. On this machine's loopback, unless --bind says"
-    " otherwise; then whoever asks must know a token. Ctrl-C ends it, and nobody feels that.",
+    "Serve a page to watch and control the robot: a map to click on, stop and resume, missions,"
+    " agents, which agent drives and why. It is served on this machine's loopback, or with --bind"
+    " to other machines that have the token. Ctrl-C ends it; the society continues.",
     EXAMPLES,
 )

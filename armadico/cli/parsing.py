@@ -1,19 +1,19 @@
-"""A command's options: declared once, as the fields of a frozen dataclass, and parsed once into it.
+"""A command's options, declared as the fields of a frozen dataclass and parsed into it.
 
     @dataclass(frozen=True, kw_only=True)
     class Options:
-        pattern: str = argument("such as robot/state", metavar="KEYEXPR")
+        pattern: str = argument("the keys, such as robot/state", metavar="KEYEXPR")
         count: int | None = option("end after N messages", "-n", metavar="N", must=at_least(1))
-        json: bool = flag("a JSON array on stdout")
+        json: bool = flag("print a JSON array")
         mesh: Mesh = group(Mesh)
 
     def run(args: Options) -> int: ...
 
-    main = Command("armadico hz", Options, run, "The rate of messages on each key.", EXAMPLES)
+    main = Command("armadico hz", Options, run, "Measure rates of messages.", EXAMPLES)
 
-What a field is read as follows from its annotation: `bool` is a switch, `X | None` need not be
-given, `tuple[X, ...]` may be repeated and `tuple[X, X]` takes two values. A field without `option`
-is no option; a derived class may declare it as one. This is the only module that knows argparse.
+The annotation of a field decides how it is parsed: `bool` is a switch, `X | None` is optional,
+`tuple[X, ...]` may be repeated and `tuple[X, X]` takes two values. A field without `option` is not
+an option; a derived class may declare it as one. Only this module uses argparse.
 """
 
 from __future__ import annotations
@@ -34,44 +34,46 @@ T = TypeVar("T")
 ArgumentParser = argparse.ArgumentParser
 
 NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
-"""A negative number, as Python writes them: a value, and no option."""
+"""A negative number: a value, not an option."""
 
 DECLARED: Final = "option"
-"""Where a field's metadata has its declaration."""
+"""The key of a field's declaration in its metadata."""
 
 
 class UsageError(Exception):
-    """The command was called wrongly."""
+    """The command line is wrong."""
 
 
 class BadValueError(argparse.ArgumentTypeError):
-    """A value that an option cannot have, from the function that reads it."""
+    """An option cannot have this value; raised by the function that reads it."""
 
 
 class Must(NamedTuple):
-    """What a value must fulfil, and how that is called in an error."""
+    """A condition on a value, and its words in an error."""
 
     holds: Callable[[Any], bool]
     words: str
 
 
 def at_least(least: float) -> Must:
-    return Must(lambda value: value >= least, f"at least {least:g}")
+    return Must(lambda value: value >= least, f"expected at least {least:g}")
 
 
 def more_than(bound: float, words: str = "") -> Must:
     """More than a number, and finite."""
-    return Must(lambda value: bound < value < inf, words or f"more than {bound:g}")
+    words = words or f"expected more than {bound:g}"
+    return Must(lambda value: bound < value < inf, words)
 
 
 def between(least: float, most: float, words: str = "") -> Must:
-    """From a number to another one, both included."""
-    return Must(lambda value: least <= value <= most, words or f"from {least:g} to {most:g}")
+    """From `least` to `most`, both included."""
+    words = words or f"expected {least:g} to {most:g}"
+    return Must(lambda value: least <= value <= most, words)
 
 
 def ends_with(suffix: str, what: str) -> Must:
-    """The name of a file must end so."""
-    return Must(lambda path: path.suffix == suffix, f"{what} ends with {suffix}")
+    """The suffix of a file's name."""
+    return Must(lambda path: path.suffix == suffix, f"{what} must end with {suffix}")
 
 
 def _is_pose(pose: Sequence[float]) -> bool:
@@ -81,10 +83,10 @@ def _is_pose(pose: Sequence[float]) -> bool:
 FILE: Final = Must(Path.is_file, "no such file")
 RECORDING: Final = ends_with(".mcap", "the name of a recording")
 POSE: Final = Must(_is_pose, "expected finite m, m and -360 to 360 degrees")
-"""What x, y and heading must be; whether the place is free is the world's to say."""
+"""x, y and heading; whether the place is free is checked with the world."""
 
 PORT: Final = between(0, 65535)
-"""What a TCP port to listen on must be; 0 is any free one."""
+"""A TCP port to listen on; 0 is any free one."""
 
 
 class _Option(NamedTuple):
@@ -114,14 +116,14 @@ def option(
     """A field that is an option.
 
     Args:
-        help: For `--help`; None: it is not listed.
-        flags: How it is called; by default --NAME.
+        help: For `--help`; None hides the option.
+        flags: Its names; by default --NAME.
         default: Its value if it is not given.
-        factory: Makes that value when the command line is parsed, instead.
-        read: Reads a value, by default as its annotation says. Raises BadValueError.
-        must: What its value must fulfil.
-        either: Of the options that have the same word here only one may be given.
-        keywords: `metavar`, `choices`, `nargs`, `const`, `required` as argparse has them.
+        factory: Makes the default value when the command line is parsed.
+        read: Reads a value, by default by the annotation. Raises BadValueError.
+        must: A condition on its value.
+        either: Options with the same word here exclude each other.
+        keywords: `metavar`, `choices`, `nargs`, `const`, `required` as in argparse.
     """
     help_ = argparse.SUPPRESS if help is None else help
     declared = _Option(flags, {"help": help_, **keywords}, read, must, either)
@@ -147,19 +149,19 @@ def argument(
     must: Must | None = None,
     **keywords: Any,
 ) -> Any:
-    """A field that is given by its place; with `nargs="?"` and a `default` it may be left out."""
+    """A field that is a positional argument; optional with `nargs="?"`."""
     default = {"default": keywords.pop("default", None)} if "nargs" in keywords else {}
     declared = _Option((), {"help": help, **keywords}, read, must, "", positional=True)
     return field(**default, metadata={DECLARED: declared})
 
 
 def group(kind: type, title: str = "") -> Any:
-    """A field whose value is a dataclass of options of its own, titled in `--help`."""
+    """A field whose value is another dataclass of options, with a title in `--help`."""
     return field(default_factory=kind, metadata={DECLARED: _Group(kind, title)})
 
 
 class Command(Generic[T]):
-    """What an entry point of `armadico.commands` leads to: called with words, it runs."""
+    """A command, which an entry point of `armadico.commands` names; call it with the words."""
 
     def __init__(
         self,
@@ -170,7 +172,7 @@ class Command(Generic[T]):
         examples: str,
         refused: Callable[[T, UsageError], None] | None = None,
     ) -> None:
-        """`refused` is told of options with a value that must not be."""
+        """`refused` is called with options whose value breaks a `Must`."""
         self.program, self.options, self.run = program, options, run
         self.description, self.examples, self.refused = description, examples, refused
 
@@ -178,7 +180,7 @@ class Command(Generic[T]):
         return self.run(self.parse(argv))
 
     def parse(self, argv: Sequence[str]) -> T:
-        """The options that words give. Raises UsageError, or SystemExit as argparse does."""
+        """Parse the words. Raises UsageError, or SystemExit as argparse does."""
         found = _built(self.options, self.parser().parse_args(argv))
         try:
             _check(found)
@@ -195,7 +197,7 @@ class Command(Generic[T]):
 
 
 def version() -> str:
-    """The version that is installed."""
+    """The installed version."""
     try:
         return installed("armadico")
     except PackageNotFoundError:
@@ -209,9 +211,9 @@ def parser(program: str, description: str, examples: str) -> ArgumentParser:
         description=description,
         epilog="examples:\n" + examples,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,  # --seed is not --seeds, and a typing error is no other option
+        allow_abbrev=False,  # --seed is not --seeds
     )
-    # argparse takes -1e5 and -inf for options that it does not know.
+    # argparse would take -1e5 and -inf for unknown options.
     made._negative_number_matcher = NEGATIVE
     made.add_argument("--version", action="version", version=f"armadico {version()}")
     return made
@@ -220,7 +222,10 @@ def parser(program: str, description: str, examples: str) -> ArgumentParser:
 def together(
     program: str, commands: Iterable[tuple[str, str, ArgumentParser | None]], complete: Any
 ) -> ArgumentParser:
-    """One parser of commands by name, summary and parser; options of files `complete` so."""
+    """One parser of several commands (name, summary, parser), for shell completion.
+
+    `complete` is shtab's completion of options that take a file.
+    """
     made = ArgumentParser(prog=program)
     below = made.add_subparsers()
     for name, summary, of in commands:
@@ -233,7 +238,7 @@ def together(
 
 
 def _declare(made: argparse._ActionsContainer, kind: Any) -> None:
-    """Give a parser, or a part of one, the options of a dataclass."""
+    """Add the options of a dataclass to a parser or a group."""
     hints, alternatives = get_type_hints(kind), dict[str, Any]()
     for each in fields(kind):
         declared = each.metadata.get(DECLARED)
@@ -246,7 +251,7 @@ def _declare(made: argparse._ActionsContainer, kind: Any) -> None:
                 into = alternatives.get(declared.either) or made.add_mutually_exclusive_group()
                 alternatives[declared.either] = into
             how = _reading(hints[each.name]) | declared.keywords
-            if "nargs" in declared.keywords:  # which says how many, and not how often
+            if "nargs" in declared.keywords:  # then the option is not repeated
                 how.pop("action", None)
             if declared.read is not None:
                 how["type"] = declared.read
@@ -272,7 +277,7 @@ def _reading(hint: Any) -> dict[str, Any]:
 
 
 def _default(each: Any) -> dict[str, Any]:
-    """The default of a field, if it has one, as argparse wants it: to be copied and appended to."""
+    """The default of a field for argparse, which copies a list and appends to it."""
     if each.default_factory is not MISSING:
         return {"default": each.default_factory()}
     if each.default is MISSING:
@@ -285,7 +290,7 @@ def _flag(name: str) -> str:
 
 
 def _built(kind: type[T], found: argparse.Namespace) -> T:
-    """The dataclass of what was parsed."""
+    """The dataclass with the parsed values."""
     values: dict[str, Any] = {}
     for each in fields(kind):  # type: ignore[arg-type]
         declared = each.metadata.get(DECLARED)
@@ -297,7 +302,7 @@ def _built(kind: type[T], found: argparse.Namespace) -> T:
 
 
 def _check(options: Any) -> None:
-    """Raises UsageError for a value that must not be."""
+    """Raises UsageError for a value that breaks its `Must`."""
     for each in fields(options):
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
         if isinstance(declared, _Group):

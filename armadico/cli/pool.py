@@ -1,7 +1,7 @@
-"""A function over many items on all cores, in processes, and a bar that says how long yet.
+"""Run a function over many items in processes on all cores, with a progress bar.
 
-Ctrl-C ends it in order: what is finished has been handed over, what runs is let go. If this process
-is killed, its workers end, too.
+On Ctrl-C, finished items have been handed over and running ones are discarded. If this process is
+killed, its workers end.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 LINE_S: Final = 5.0
-"""How often a line is printed where there is no terminal, s."""
+"""Period of progress lines without a terminal, s."""
 
 SAFE_PATH: Final = "PYTHONSAFEPATH"
 
@@ -34,10 +34,9 @@ def over(
     label: str,
     done: Callable[[T, R], None] | None = None,
 ) -> list[R]:
-    """Results in the order of the items; `done` hears of each as it is finished.
+    """The results in the order of the items; `done` is called with each finished item.
 
-    With one job it happens in this process; with more `function` is a module's, since the workers
-    are processes that import it.
+    One job runs in this process. With more, `function` must be importable from a module.
     """
     results: list[R | None] = [None] * len(items)
     if not items:
@@ -60,7 +59,7 @@ def _results(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Itera
     running: dict[Future[R], int] = {}
     try:
         while True:
-            # No more than there are workers: what is handed out cannot be taken back on Ctrl-C.
+            # No more than there are workers: submitted items cannot be cancelled on Ctrl-C.
             while len(running) < jobs and (item := next(waiting, None)) is not None:
                 running[pool.submit(function, item[1])] = item[0]
             if not running:
@@ -72,7 +71,7 @@ def _results(function: Callable[[T], R], items: Sequence[T], jobs: int) -> Itera
 
 
 def _begin(parent: int) -> None:
-    """Ctrl-C goes to everybody at a terminal; it is for the parent to say when to end."""
+    """Ignore Ctrl-C, which a terminal sends to all processes: the parent ends the worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if not tie(parent, signal.SIGTERM):
         os._exit(1)
@@ -80,7 +79,7 @@ def _begin(parent: int) -> None:
 
 @contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
-    """Something to call for each item that is done: a bar on a terminal, lines elsewhere."""
+    """A function to call for each finished item: a bar on a terminal, lines elsewhere."""
     if not sys.stderr.isatty():
         yield _Lines(label, total).step
         return
@@ -107,14 +106,14 @@ def progress(label: str, total: int) -> Iterator[Callable[[], None]]:
 class _Lines:
     def __init__(self, label: str, total: int) -> None:
         self._label, self._total, self._done = label, total, 0
-        self._began = self._said = time.monotonic()
+        self._began = self._printed_at = time.monotonic()
 
     def step(self) -> None:
         self._done += 1
         now = time.monotonic()
-        if now - self._said < LINE_S and self._done < self._total:
+        if now - self._printed_at < LINE_S and self._done < self._total:
             return
-        self._said = now
+        self._printed_at = now
         left = (now - self._began) / self._done * (self._total - self._done)
         text = f"{self._label}: {self._done} of {self._total}, {left:.0f} s left"
         print(text, file=sys.stderr, flush=True)
@@ -122,7 +121,7 @@ class _Lines:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Workers import nothing from the current folder, not even before they are told the path."""
+    """Keep workers from importing from the current folder, also before they receive `sys.path`."""
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"
     try:

@@ -1,4 +1,4 @@
-"""How far a run is: a bar on a terminal, lines elsewhere, and what came of it."""
+"""The progress of a run: a bar on a terminal, lines elsewhere."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from armadico.observe.measures import RunWatch
 
 LINE_S: Final = 2.0
-"""How often a line is printed where there is no terminal, s of the run."""
+"""Period of progress lines without a terminal, s of the run."""
 
 
 @contextmanager
 def shown(label: str) -> Iterator[Callable[[RunWatch], None]]:
-    """A bar on a terminal, a line now and then elsewhere; on stderr."""
+    """A function that shows the progress on stderr: a bar on a terminal, lines elsewhere."""
     if not sys.stderr.isatty():
         yield _Lines(label).show
         return
@@ -38,7 +38,7 @@ def shown(label: str) -> Iterator[Callable[[RunWatch], None]]:
 
 
 def come(watch: RunWatch) -> tuple[float, float]:
-    """How far it has come, and of how much: tasks of a mission, else metres."""
+    """(done, total): tasks of a mission, else metres."""
     if watch.tasks is not None:
         done = float(len(watch.tasks.steps or ()))
         return done, done + len(watch.tasks.ahead) + bool(watch.tasks.doing)
@@ -49,7 +49,7 @@ def come(watch: RunWatch) -> tuple[float, float]:
 
 
 def bar() -> Iterator[ProgressColumn]:
-    """The columns of the progress; the remark is cut off before the name and the bar are."""
+    """The columns of the bar; on a narrow terminal the remark is truncated first."""
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
@@ -63,32 +63,32 @@ def bar() -> Iterator[ProgressColumn]:
 class _Lines:
     def __init__(self, label: str) -> None:
         self._label = label
-        self._said_at = 0.0
+        self._printed_at = 0.0
 
     def show(self, watch: RunWatch) -> None:
-        if watch.elapsed - self._said_at >= LINE_S:
-            self._said_at = watch.elapsed
-            options.say(f"{self._label} {watch.elapsed:6.1f} s  {remark(watch)}")
+        if watch.elapsed - self._printed_at >= LINE_S:
+            self._printed_at = watch.elapsed
+            options.report(f"{self._label} {watch.elapsed:6.1f} s  {remark(watch)}")
 
 
 def remark(watch: RunWatch) -> str:
-    """Distance to go and what keeps it, who holds the wheels, speed, battery."""
+    """Distance to go, the mission's note, speed, the driving agent, battery."""
     from armadico.core.hands import release
 
     state, mission = watch.view.state, watch.view.mission
     if watch.tasks is not None:
         to_go = options.shown(watch.tasks.summary)
     elif mission is None:
-        to_go = "no word of the mission"
+        to_go = "no mission status"
     else:
-        none = mission.state == "none"  # a mission's state, as on the wire
+        none = mission.state == "none"  # the state on the wire
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
         to_go += f", {options.shown(mission.note)}" if mission.note else ""
     if state is None:
-        return f"{to_go}, nothing heard of the robot"
+        return f"{to_go}, no message from the robot"
     if state.stop.stopped:
-        by, how = options.shown(state.stop.who), release(state.stop, motors=state.motors)
+        by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"{to_go}, stopped by {by}; {how}"
-    holder = options.shown(watch.holder or "nobody")
+    holder = options.shown(watch.holder or "no agent")
     speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
     return f"{to_go}, {speed}, {holder} drives, {watch.view.battery}"

@@ -1,6 +1,6 @@
 """List alive agents: services, held resources, and agents missing on each host.
 
-Nobody keeps a list: everybody is asked for their card.
+There is no registry: each agent answers a query with its card.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
     from armadico.runtime.client import Client
 
 EXAMPLES: Final = """\
-  armadico ps                              everybody in this robot's namespace
-  armadico ps --hosts lab.toml             and what each host of the table lacks
-  armadico ps --host lab1 --hosts lab.toml     that host alone; exit code 1 if it lacks anybody
-  armadico ps --json | jq .hosts           the same, for programs
+  armadico ps                              all agents in this robot's namespace
+  armadico ps --hosts lab.toml             and the agents missing on each host of the table
+  armadico ps --host lab1 --hosts lab.toml     one host; exit code 1 if an agent is missing
+  armadico ps --json | jq .hosts           the same as JSON
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnyHost(options.Mesh):
-    """The mesh, and the host to look at, which need not be this machine."""
+    """The mesh, and the host to list, which need not be this machine."""
 
-    host: str | None = option("the host to look at, from any machine (default: all)", metavar="H")
+    host: str | None = option("list this host, from any machine (default: all)", metavar="H")
 
     def endpoints(self, *, passing: bool = True) -> Endpoints:
-        """Where the mesh is, whichever host is to be looked at. Raises ConfigError."""
+        """The endpoints of the mesh, independent of the listed host. Raises ConfigError."""
         hosts = table_of(self.hosts, self.host, self.connect)
         found = endpoints(self.namespace, hosts=hosts, connect=self.connect, passing=passing)
         if self.host is not None and found.table is not None:
@@ -49,15 +49,13 @@ class AnyHost(options.Mesh):
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    json: bool = flag("a JSON object on stdout")
-    timeout: float = options.timeout_option(
-        "how long an agent may take to answer, or to be seen", 1.0
-    )
+    json: bool = flag("print a JSON object")
+    timeout: float = options.timeout_option("wait so long for an agent or its answer", 1.0)
     mesh: AnyHost = group(AnyHost, "the mesh")
 
 
 def run(args: Options) -> int:
-    """Show the agents that are there; 1 if nobody is, or the host asked for lacks somebody."""
+    """Print the alive agents; returns 1 if there is none, or one is missing on the host."""
     where, host = args.mesh.endpoints(), args.mesh.host
     wanted = {} if where.table is None else _wanted(where.namespace, host, where.table)
     mesh = where.mesh(starts=True)
@@ -91,7 +89,7 @@ def run(args: Options) -> int:
 
 
 def _wanted(namespace: str, host: str | None, table: HostTable) -> dict[str, tuple[str, ...]]:
-    """The agents of each host to look at: what was started there, if that is known, else all."""
+    """The expected agents by host: those started there if that is known, else the table's."""
     from armadico.launch.pidfile import shares
 
     names = table.hosts if host is None else [host]
@@ -102,19 +100,19 @@ def _wanted(namespace: str, host: str | None, table: HostTable) -> dict[str, tup
 def _of_host(
     client: Client, host: str, wanted: Sequence[str], timeout: float
 ) -> dict[tuple[str, str], Card | None]:
-    """The cards of one host's agents, as soon as all that are wanted are there, or time is up."""
+    """The cards of one host's agents, once all `wanted` have answered or the time is up."""
     found: dict[tuple[str, str], Card | None] = {}
 
     def complete() -> bool:
-        for who in sorted(client.alive):
-            if who[0] in wanted and who not in found:
-                found[who] = None
-                client.request_card(*who, timeout, partial(found.__setitem__, who))
+        for agent in sorted(client.alive):
+            if agent[0] in wanted and agent not in found:
+                found[agent] = None
+                client.query_card(*agent, timeout, partial(found.__setitem__, agent))
         here = [card.name for card in found.values() if card is not None and card.host == host]
         return sorted(here) == sorted(wanted)
 
     client.wait_for(complete, timeout)
-    return {who: card for who, card in found.items() if card is None or card.host == host}
+    return {agent: card for agent, card in found.items() if card is None or card.host == host}
 
 
 def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
@@ -158,7 +156,7 @@ def show(
     everyone: bool,
     missing: bool = False,
 ) -> None:
-    """Print who is there, and on a narrow terminal less of each."""
+    """Print the alive agents; a narrow terminal gets fewer columns."""
     from rich.console import Console
 
     console = Console()
@@ -168,8 +166,8 @@ def show(
         tables = [_table(view, hosts, *narrow) for narrow in NARROWER]
         fitting = (table for table in tables if options.fits(table, console))
         console.print(next(fitting, tables[-1]))
-    for key, whose in view.doubled.items():
-        print(options.shown(f"{key} is published by {' and '.join(whose)}: end one"))
+    for key, publishers in view.doubled.items():
+        print(options.shown(f"{key} is published by {' and '.join(publishers)}: end one"))
     for host in hosts:
         if everyone or host.skew:
             print(options.shown(f"{host.name}: {host.state}{'; ' if host.skew else ''}{host.skew}"))
@@ -182,7 +180,7 @@ NARROWER: Final = (
     ("\n", ("VERSION", "PID")),
     ("\n", ("VERSION", "PID", "INSTANCE", "HOST")),
 )
-"""How a table gets into a narrow terminal: what is between keys, and what is left out."""
+"""Formats of the table, widest first: the separator of keys, and the columns left out."""
 
 
 def _table(view: View, hosts: Sequence[HostState], between: str, without: Sequence[str]) -> Table:
@@ -195,14 +193,14 @@ def _table(view: View, hosts: Sequence[HostState], between: str, without: Sequen
             table.add_column(title, overflow="fold")
     order = {host.name: number for number, host in enumerate(hosts)}
     for name, instance, card in sorted(view.agents, key=lambda row: _place_of(row.card, order)):
-        short = instance.removeprefix(f"{name}-")[:8]  # enough for people; --json has it whole
+        short = instance.removeprefix(f"{name}-")[:8]  # --json has all of it
         row: list[Sequence[object]] = [(), [name], [short], (), (), ["not answering"], (), ()]
         if card is not None:
             shares = dict.fromkeys((*card.owns, *card.resources))
             row = [[card.host], [name], [short], [card.pid], [card.version]]
             row += [card.provides, [*shares], card.holds]
         cells = (
-            Text(between.join(map(options.shown, words)))  # no markup, whatever they say
+            Text(between.join(map(options.shown, words)))  # Text does not interpret markup
             for title, words in zip(TITLES, row, strict=True)
             if title not in without
         )
@@ -211,7 +209,7 @@ def _table(view: View, hosts: Sequence[HostState], between: str, without: Sequen
 
 
 def _place_of(card: Card | None, order: Mapping[str, int]) -> int:
-    """By host, who does not answer last."""
+    """The sort key: the host; agents that do not answer come last."""
     return len(order) if card is None else order[card.host]
 
 
@@ -219,8 +217,8 @@ main: Final = Command(
     "armadico ps",
     Options,
     run,
-    "Who is there: from liveliness tokens, and the card that each agent gives when asked. With"
-    " a host table also what each host lacks; on the machine where `armadico up` runs that is"
-    " counted by what it started. --host names the host to look at, from any machine.",
+    "List alive agents, from liveliness tokens and each agent's card. With a host table, also list"
+    " the agents missing on each host; on the machine where `armadico up` runs, these are the"
+    " ones it started.",
     EXAMPLES,
 )

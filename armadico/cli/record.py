@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 MEGABYTE: Final = 1_000_000
 
 LOOK_S: Final = 0.05
-"""How often it is looked whether a recorder has begun."""
+"""Period of checks whether a recorder has begun."""
 
 LINE_S: Final = 5.0
-"""How often a line is printed where there is no terminal."""
+"""Period of progress lines without a terminal."""
 
 EXAMPLES: Final = """\
   armadico record run.mcap                            until Ctrl-C
@@ -43,14 +43,19 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    file: Path = argument("what to write", metavar="FILE.mcap", must=RECORDING)
+    file: Path = argument("the file to write", metavar="FILE.mcap", must=RECORDING)
     max_size: float | None = option(
-        "go on in another file when one is so large", metavar="MB", must=more_than(0)
+        "start another file at this size (default: one file)", metavar="MB", must=more_than(0)
     )
-    duration: float | None = option("stop after so long", metavar="S", must=more_than(0))
-    force: bool = flag("replace a file that exists")
-    world: str | None = option("its walls are the map that ROS 2's tools see in it", metavar="MAP")
-    quiet: bool = flag("no progress")
+    duration: float | None = option(
+        "stop after this time (default: at Ctrl-C)", metavar="S", must=more_than(0)
+    )
+    force: bool = flag("replace an existing file")
+    world: str | None = option(
+        "record the walls of this world as the map for ROS 2's tools (default: none)",
+        metavar="MAP",
+    )
+    quiet: bool = flag("print no progress")
     mesh: options.Meshes = group(options.Meshes, "the mesh")
 
 
@@ -73,12 +78,10 @@ def run(args: Options) -> int:
 
 @contextmanager
 def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str) -> Iterator[None]:
-    """A recorder beside a live run, as a process of its own, from before anybody starts.
+    """A recorder process beside a live run; it records before the first agent starts.
 
-    Without a path nothing is recorded. Without namespaces it is of the one that the options name.
-    Its map is the scenario's, if the society is told of one.
-
-    Raises FailedError, UsageError.
+    Without a path nothing is recorded. The default namespace is that of the options. The map is the
+    scenario's, unless the robot has no map. Raises FailedError.
     """
     if path is None:
         yield
@@ -100,20 +103,20 @@ def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str
             deadline = time.monotonic() + START_S
             while not (path.exists() and path.stat().st_size):
                 if recorder.ended() or time.monotonic() >= deadline:
-                    raise FailedError(f"nothing is recorded:\n{recorder.last_words()}")
+                    raise FailedError(f"nothing is recorded:\n{recorder.last_lines()}")
                 time.sleep(LOOK_S)
             yield
         finally:
             end(recorder.popen)
-            said = recorder.last_words(1).strip()
-    _say(said)
+            summary = recorder.last_lines(1).strip()
+    _say(summary)
 
 
 @contextmanager
 def beside_a_run(report: Callable[[str], None]) -> Iterator[ExitStack]:
-    """What is entered in it is recorded; a file that is not whole is reported, and not raised.
+    """A stack for recordings; an incomplete file is reported and raises nothing.
 
-    So a full disk costs the recording, and not the measures of the run.
+    A full disk then costs the recording, not the measures of the run.
     """
     with ExitStack() as stack:
         yield stack
@@ -124,7 +127,7 @@ def beside_a_run(report: Callable[[str], None]) -> Iterator[ExitStack]:
 
 
 def recorded(mesh: VirtualMesh, path: Path, scenario: Scenario, *namespaces: str) -> Recorded:
-    """What is said on a virtual mesh, kept in a file while this is entered. Raises FailedError."""
+    """A context in which a virtual mesh is recorded to a file. Raises FailedError."""
     options.need("mcap", "record")
     from armadico.config.scenarios import unmapped
     from armadico.config.worlds import load_world
@@ -153,12 +156,12 @@ def _record(args: Options, meshes: Sequence[ZenohMesh]) -> None:
     recording = Recording(args.file, about, limit, translators(namespaces, worlds))
     watcher = Watcher(meshes)
     begun = time.monotonic()
-    asked: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):  # not in the middle of writing a message
-        signal.signal(number, lambda number, _: asked.append(number))
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):  # a message that is being written is completed
+        signal.signal(number, lambda number, _: signals.append(number))
     try:
         record(
-            watcher, recording, _shower(args, watcher, begun), args.duration, lambda: bool(asked)
+            watcher, recording, _shower(args, watcher, begun), args.duration, lambda: bool(signals)
         )
     finally:
         while (item := watcher.get(0)) is not None:
@@ -168,18 +171,18 @@ def _record(args: Options, meshes: Sequence[ZenohMesh]) -> None:
 
 
 def _shower(args: Options, watcher: Watcher, begun: float) -> Callable[[Recording], None]:
-    """One line that is written over on a terminal, one now and then elsewhere."""
+    """A function that prints the progress: one line on a terminal, lines elsewhere."""
     on_terminal = sys.stderr.isatty()
-    said_at = begun if not on_terminal else float("-inf")
+    printed_at = begun if not on_terminal else float("-inf")
     if not args.quiet:
         _say(f"recording to {args.file}; Ctrl-C ends it")
 
     def show(recording: Recording) -> None:
-        nonlocal said_at
+        nonlocal printed_at
         now = time.monotonic()
-        if args.quiet or (not on_terminal and now - said_at < LINE_S):
+        if args.quiet or (not on_terminal and now - printed_at < LINE_S):
             return
-        said_at = now
+        printed_at = now
         _say(_remark(recording, watcher, begun), over=on_terminal)
 
     return show
@@ -200,7 +203,7 @@ def _remark(recording: Recording, watcher: Watcher, begun: float) -> str:
     if recording.gaps.lost:
         parts.append(f"{recording.gaps.lost} pieces of journals missing")
     if watcher.dropped:
-        parts.append(f"{watcher.dropped} LOST, too busy")
+        parts.append(f"{watcher.dropped} LOST (overload)")
     return ", ".join(parts)
 
 
@@ -213,8 +216,8 @@ main: Final = Command(
     "armadico record",
     Options,
     run,
-    "Keep every message of one or more robots in an MCAP file, with who was there, their cards"
-    " and what the losers would have done. Ctrl-C closes it; killed, it is readable up to the"
-    " last second.",
+    "Record every message of one or more robots to an MCAP file, with the alive agents, their"
+    " cards and all bids. Ctrl-C closes the file; after a kill it is readable up to the last"
+    " second.",
     EXAMPLES,
 )

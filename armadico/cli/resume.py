@@ -11,30 +11,29 @@ from armadico.cli.parsing import BadValueError, Command, option
 
 EXAMPLES: Final = """\
   armadico resume                       after `armadico stop`
-  armadico resume --confirm 7K2PQ9      that stop, and none that came after it
+  armadico resume --confirm 7K2PQ9      only that stop, not a later one
   armadico resume --namespace robot2    the other robot
 """
 
 
 def _code(text: str) -> str:
-    """A stop's code as it is spelt; people type o for 0, and i or l for 1."""
+    """The code of a stop, with o read as 0, and i and l as 1."""
     code = text.strip().upper().translate(str.maketrans("OIL", "011"))
     if not re.fullmatch("[0-9A-HJKMNP-TV-Z]{6}", code):
-        raise BadValueError(f"{text!r}: a code has six letters and digits")
+        raise BadValueError(f"{text!r}: expected a code of six letters and digits")
     return code
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(latch.Options):
     confirm: str | None = option(
-        "release the stop of this code only: what a program that asks for it is answered",
+        "release only the stop with this code, which a program's request to resume returns",
         read=_code,
         metavar="CODE",
     )
 
 
 def run(args: Options) -> int:
-    """Release the stop, and let the agents drive again."""
     return latch.latch(args, stopped=False, code=args.confirm)
 
 
@@ -42,6 +41,6 @@ main: Final = Command(
     "armadico resume",
     Options,
     run,
-    "Release the stop, and let the agents drive again.",
+    "Release the stop, so that the agents can drive again.",
     EXAMPLES,
 )

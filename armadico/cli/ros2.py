@@ -1,4 +1,4 @@
-"""Publish a society as ROS 2 topics, for RViz and other tools; a goal_pose sends the robot."""
+"""Publish a society as ROS 2 topics, for RViz and other tools, and accept goals from them."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 EXAMPLES: Final = """\
   armadico ros2 --world sc4                  by DDS, in domain $ROS_DOMAIN_ID or 0
-  armadico ros2 'ros2://lab?domain=7'        its topics below /lab, in domain 7
+  armadico ros2 'ros2://lab?domain=7'        topics below /lab, in domain 7
   armadico ros2 ros2+zenoh://localhost:7447  by the router of rmw_zenoh
-  armadico ros2 --beside                     of a robot that speaks ROS 2 itself
+  armadico ros2 --beside                     for a robot that uses ROS 2 itself
   armadico ros2 --namespace robot1 --namespace robot2
 """
 
@@ -32,17 +32,19 @@ EXAMPLES: Final = """\
 @dataclass(frozen=True, kw_only=True)
 class Options:
     address: str = argument(
-        "which ROS 2: ros2://[NAMESPACE][?domain=N][&interface=IF] by DDS,"
+        "the ROS 2 network: ros2://[NAMESPACE][?domain=N][&interface=IF] by DDS,"
         " ros2+zenoh://[HOST[:PORT]][/NAMESPACE][?domain=N] by rmw_zenoh (default: ros2://)",
         default="ros2://",
         metavar="ADDRESS",
         nargs="?",
     )
-    no_goals: bool = flag("take no goal_pose")
+    no_goals: bool = flag("ignore goal_pose")
     beside: bool = flag(
-        "the robot publishes its odometry, tf, scan and battery itself: leave them out"
+        "leave out odometry, tf, scan and battery, which the robot publishes itself"
     )
-    world: str | None = option("publish the walls of this world as the map", metavar="MAP")
+    world: str | None = option(
+        "publish the walls of this world as the map (default: none)", metavar="MAP"
+    )
     mesh: options.Meshes = group(options.Meshes, "the mesh")
 
 
@@ -64,8 +66,8 @@ def run(args: Options) -> int:
             gateways = [_gateway(args, address, m, societies[m.namespace], stack) for m in meshes]
         except OSError as error:
             raise FailedError(str(error)) from None
-        who = ", ".join(options.shown(ns) for ns in namespaces)
-        print(f"ros2: {who} in {address.where}", flush=True)
+        robots = ", ".join(options.shown(ns) for ns in namespaces)
+        print(f"ros2: {robots} in {address.where}", flush=True)
         try:
             serve(gateways)
         except OSError as error:
@@ -85,8 +87,8 @@ def _societies(args: Options, namespaces: Sequence[str], below: str) -> dict[str
         other = named.setdefault(ros_namespace(place), ns)
         if other != ns:
             raise UsageError(
-                f"{other!r} and {ns!r} are both {ros_namespace(place)!r} in ROS 2, whose names have"
-                " letters, digits and _ only"
+                f"--namespace {ns}: in ROS 2 it is {ros_namespace(place)!r}, as is {other!r};"
+                " expected names that differ in letters, digits and _"
             )
     return {ns: Society(place, world) for ns, place in places.items()}
 
@@ -94,17 +96,17 @@ def _societies(args: Options, namespaces: Sequence[str], below: str) -> dict[str
 def _gateway(
     args: Options, address: Address, mesh: ZenohMesh, society: Society, stack: ExitStack
 ) -> Gateway:
-    """A robot's, in the mesh and in ROS 2. Raises OSError."""
+    """The gateway of one robot. Raises OSError."""
     from armadico.bridge.ros2.addresses import join
     from armadico.gateways.gateway import Gateway
     from armadico.gateways.ros2.outside import NODE, SocietyNode
 
-    say = options.teller("armadico ros2")
+    report = options.reporter("armadico ros2")
     wire = join(replace(address, namespace=society.namespace), NODE)
     stack.callback(wire.close)
     goals = None if args.no_goals else society.goals
-    outside = SocietyNode(wire, society.channels, goals, say, beside=args.beside)
-    return Gateway(stack.enter_context(mesh), [society], outside, say)
+    outside = SocietyNode(wire, society.channels, goals, report, beside=args.beside)
+    return Gateway(stack.enter_context(mesh), [society], outside, report)
 
 
 main: Final = Command(
@@ -112,6 +114,6 @@ main: Final = Command(
     Options,
     run,
     "Publish a society as ROS 2 topics: tf, odometry, pose, sensors, maps, path, obstacles and"
-    " who holds what. A goal_pose is a mission. No ROS is needed here.",
+    " holders. A goal_pose becomes a mission. ROS need not be installed.",
     EXAMPLES,
 )

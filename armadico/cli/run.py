@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     """What a run came to, and what of it could not be kept."""
 
 RUNS_FOR_A_WORKER: Final = 4
-"""A worker takes as long to start as two or three runs, so for fewer none is started."""
+"""Runs per worker at least: a worker takes as long to start as two or three runs."""
 
 EXAMPLES: Final = """\
   armadico run sc4                             separate processes on this machine, with a picture
@@ -43,33 +43,35 @@ EXAMPLES: Final = """\
   armadico run house --virtual --runs 20 --json
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
   armadico run office.map --start 1 1.5 0 --goal 16.5 13.2 -90
-  armadico run --for 60                        no goal and no walls; armadico goto sends it
+  armadico run --for 60                        no goal and no walls; use armadico goto
   armadico run my.toml --controller fast --exchange abrupt --without gothrough
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot
-  armadico run sc4 --redundant                 two of each behaviour: kill any one
-  armadico run sc4 --sensors ideal             as the thesis's tables: nobody localizes
-  armadico run sc4 --attach --hosts lab.toml   the society is up already: armadico up
-  armadico run --world house --start 1 1.5 0 --for 600 --page    sent by clicks on a map
-  armadico run fleet --robots 3                three robots share a list of tasks; or --virtual
-  armadico run fleet --attach --namespace lab  robots that are up, lab/r1, lab/r2, ..., are given it
+  armadico run sc4 --redundant                 two of each behaviour
+  armadico run sc4 --sensors ideal             as in the thesis: without localization
+  armadico run sc4 --attach --hosts lab.toml   with a society that `armadico up` has started
+  armadico run --world house --start 1 1.5 0 --for 600 --page    click on a map to drive
+  armadico run fleet --robots 3                three robots share a list of tasks
+  armadico run fleet --attach --namespace lab  running robots lab/r1, lab/r2, ... do the tasks
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Drive):
     goal: tuple[float, float, float] | None = option(
-        "where it is to go: m, m, degrees", metavar=X_Y_DEG, must=POSE
+        "drive to this pose: m, m, degrees (default: the scenario's)", metavar=X_Y_DEG, must=POSE
     )
     robots: int | None = option(
-        "of a scenario with tasks for several: so many; with --attach, at least", metavar="N"
+        "number of robots of a fleet; with --attach, the least number to wait for"
+        " (default: the scenario's)",
+        metavar="N",
     )
-    replace: bool = flag("with --attach, to a fleet: these tasks instead of those that it works on")
+    replace: bool = flag("with --attach to a fleet: replace its present tasks")
 
 
 def run(args: Options) -> int:
-    """Drive; 0 only if the goal, if any, was reached without a collision, in every run."""
+    """Drive; returns 0 only if every run reached its goal, if any, without a collision."""
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
@@ -85,7 +87,7 @@ def run(args: Options) -> int:
 
 @contextmanager
 def answering(args: Drive) -> Iterator[None]:
-    """With `--json`, print a result for a run that is refused, too: `why` has the reason."""
+    """With `--json`, print a result also for a run that is rejected, with the reason in `why`."""
     try:
         yield
     except (UsageError, ConfigError, SocietyError) as error:
@@ -94,7 +96,7 @@ def answering(args: Drive) -> Iterator[None]:
 
 
 def refused(args: Drive, error: Exception) -> None:
-    """With `--json`, print the result of a run that is refused."""
+    """With `--json`, print the result of a rejected run."""
     if not args.json:
         return
     from armadico.observe.measures import Result
@@ -118,7 +120,7 @@ def refused(args: Drive, error: Exception) -> None:
 
 
 def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
-    """Drive as it was chosen; the exit code."""
+    """Drive, print the measures, and return the exit code."""
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
@@ -130,8 +132,8 @@ def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
         show(scenario.name, results)
     if faults := [fault for _, each in driven for fault in each]:
         raise FailedError("\n".join(faults))
-    asked = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
-    drawn = all(path is None or path.is_file() for path in asked)
+    pictures = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
+    drawn = all(path is None or path.is_file() for path in pictures)
     return 0 if drawn and all(result.passed for result in results) else options.FAILED
 
 
@@ -141,37 +143,37 @@ def _seeds(args: Drive, scenario: Scenario) -> range:
 
 
 def _series(args: Drive, scenario: Scenario, chosen: Chosen, seeds: range) -> list[_Driven]:
-    """Every run's result, in the order of the seeds; virtual ones are driven on all cores."""
+    """The results in the order of the seeds; virtual runs use all cores."""
     drive = partial(_drive, args, scenario, chosen)
 
-    def told(seed: int, driven: _Driven) -> None:
+    def report(seed: int, driven: _Driven) -> None:
         if args.runs is not None:
-            options.say(f"{scenario.name} seed {seed}: {driven[0].verdict}")
+            options.report(f"{scenario.name} seed {seed}: {driven[0].verdict}")
 
     if not args.virtual or args.runs is None:
         results = []
         for seed in seeds:
             results.append(drive(seed))
-            told(seed, results[-1])
+            report(seed, results[-1])
         return results
     from armadico.cli.pool import over
 
     jobs = min(os.cpu_count() or 1, len(seeds) // RUNS_FOR_A_WORKER)
-    return over(drive, seeds, jobs, scenario.name, told)
+    return over(drive, seeds, jobs, scenario.name, report)
 
 
 def _drive(args: Drive, scenario: Scenario, chosen: Chosen, seed: int) -> _Driven:
-    """One run and its picture, in this process or in a worker's."""
+    """One run and its picture, in this process or in a worker."""
     from armadico.launch.api import Run
 
     drive, faults = _virtual if args.virtual else _live, list[str]()
     watch = drive(args, scenario, replace(chosen, seed=seed), faults.append)
     run = Run.of(scenario, watch)
     if watch.errand is not None and watch.tasks is None:
-        options.say(options.shown(watch.errand.summary))
+        options.report(options.shown(watch.errand.summary))
     if watch.tasks is not None and args.runs is None:
         for step in watch.tasks.steps or ():
-            options.say(f"{step.at:8.1f} s  {options.shown(str(step))}")
+            options.report(f"{step.at:8.1f} s  {options.shown(str(step))}")
     picture = _picture(args, scenario, seed)
     if picture is not None and run.marks:
         _plot(picture, run)
@@ -185,12 +187,12 @@ def _virtual(
 
     rehearsal = Rehearsal(scenario, chosen)
     first = args.runs is None or chosen.seed == _seeds(args, scenario)[0]
-    told = options.say if first else None  # of a series once: every seed would say the same
-    quiet = args.runs is not None or not sys.stderr.isatty()  # over in a second, or it has a bar
+    warn = options.report if first else None  # the warnings of all seeds are the same
+    quiet = args.runs is not None or not sys.stderr.isatty()  # a series has its own bar
     bar = nullcontext() if quiet else progress.shown(_label(scenario, chosen))
     with _recording(args, scenario, rehearsal, report), bar as show:
         try:
-            rehearsal.run(show, told)
+            rehearsal.run(show, warn)
         except KeyboardInterrupt:
             _rescue_map(args, rehearsal.client)
             raise
@@ -216,29 +218,29 @@ def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], No
             progress.shown(_label(scenario, chosen)) as show,
         ):
             try:
-                run.run(show, options.say)
+                run.run(show, options.report)
             except KeyboardInterrupt:
                 _rescue_map(args, run.client)
                 raise
             _keep_map(args, run.client)
-            if args.wait or args.page:  # what is printed comes after Ctrl-C
-                options.say(f"{scenario.name}: {run.watch.result().verdict}")
+            if args.wait or args.page:  # the table is printed after Ctrl-C
+                options.report(f"{scenario.name}: {run.watch.result().verdict}")
             if args.page and args.limit is None:
                 _stay(run)
             elif args.page:
-                options.say(PAGE_ENDS)
+                options.report(PAGE_ENDS)
     except KeyboardInterrupt:
-        if not args.attach:  # which has said what it leaves
-            options.say(
-                f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
+        if not args.attach:  # an attached run has reported what it leaves
+            options.report(
+                f"{scenario.name}: interrupted; all its processes have ended, no measures"
             )
         raise
     return run.watch
 
 
 def _stay(run: LiveRun) -> None:
-    """Let the society be until Ctrl-C: the robot can be sent on from the page."""
-    options.say("armadico run: the run is over, the society and its page stay; Ctrl-C ends them")
+    """Keep the society until Ctrl-C: the page can send the robot on."""
+    options.report("armadico run: the run is over; the society and its page stay until Ctrl-C")
     with suppress(KeyboardInterrupt):
         while True:
             run.wait_on()
@@ -249,15 +251,15 @@ def _label(scenario: Scenario, chosen: Chosen) -> str:
 
 
 def _keep_map(args: Drive, client: Client) -> None:
-    """Save what was mapped, by `armadico explore --map`."""
+    """Save the map of `armadico explore --map`."""
     if args.map is not None:
         from armadico.cli.map import save
 
-        options.say(save(client, args.map))
+        options.report(save(client, args.map))
 
 
 def _rescue_map(args: Drive, client: Client) -> None:
-    """Save what was mapped until somebody interrupted it; the robot stands first."""
+    """Stop the robot and save the map of an interrupted run."""
     if args.map is None:
         return
     with suppress(SocietyError, FailedError):
@@ -266,17 +268,17 @@ def _rescue_map(args: Drive, client: Client) -> None:
 
 
 def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) -> LiveRun:
-    """The run, with processes of its own or of others."""
+    """The run, with its own processes or with a running society."""
     if args.attach:
         from armadico.launch.attached import AttachedRun
 
-        options.say(f"{scenario.name}: by the society in namespace {args.mesh.namespace!r}")
+        options.report(f"{scenario.name}: with the society in namespace {args.mesh.namespace!r}")
         return AttachedRun(scenario, chosen, mesh)
     from armadico.launch.local import Launcher
 
     joining = args.mesh.endpoints().words
     launcher = Launcher(scenario, chosen, mesh, mesh.namespace, joining=joining)
-    options.say(f"{scenario.name}: starting; until it ends well, logs are in {launcher.logs}")
+    options.report(f"{scenario.name}: starting; until it succeeds, logs are in {launcher.logs}")
     return launcher
 
 
@@ -287,7 +289,7 @@ def _recording(
     rehearsal: Rehearsal,
     report: Callable[[str], None],
 ) -> Iterator[None]:
-    """A virtual run is kept in files, if they are asked for. Raises FailedError."""
+    """Record a virtual run to the files of `--rrd` and `--record`. Raises FailedError."""
     from armadico.cli.record import beside_a_run
 
     with beside_a_run(report) as stack:
@@ -303,7 +305,7 @@ def _recording(
         yield
 
 
-# What came of it ----------------------------------------------------------------------------------
+# Results ------------------------------------------------------------------------------------------
 
 
 def _print_json(results: Sequence[Result], *, several: bool) -> None:
@@ -317,7 +319,7 @@ NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico
 
 
 def _picture(args: Drive, scenario: Scenario, seed: int) -> Path | None:
-    """Where the picture goes: as asked for; a live run leaves one without being asked."""
+    """The file of the picture, or None; a live run draws one by default."""
     path: Path | None = args.plot
     if args.no_plot or (path is None and args.virtual):
         return None
@@ -326,7 +328,7 @@ def _picture(args: Drive, scenario: Scenario, seed: int) -> Path | None:
 
 
 def _check_picture(path: Path | None) -> None:
-    """Whether it can be drawn and written is said before the robot moves. Raises FailedError."""
+    """Raises FailedError, before the robot moves, if the picture cannot be drawn or written."""
     if path is None:
         return
     if find_spec("matplotlib") is None:
@@ -341,26 +343,26 @@ def _check_picture(path: Path | None) -> None:
 
 
 def _plot(path: Path, run: Run) -> None:
-    """World, path coloured by holder, what was heard or seen; a warning if nothing can draw."""
+    """Draw the world, the path coloured by holder and the echoes; prints a warning on failure."""
     try:
         run.plot(path)
     except ImportError:
-        options.say(NOTHING_DRAWS)
+        options.report(NOTHING_DRAWS)
     except OSError as error:
         with suppress(OSError):
-            path.unlink()  # half a picture is none
-        options.say(f"no picture: cannot write {path}: {error.strerror}")
+            path.unlink()  # it is incomplete
+        options.report(f"no picture: cannot write {path}: {error.strerror}")
     else:
-        options.say(f"picture: {path}")
+        options.report(f"picture: {path}")
 
 
 main: Final = Command(
     "armadico run",
     Options,
     run,
-    "Drive one scenario and measure it. Live: simulator, robot agent and every agent are"
-    " processes of their own on this machine, over Zenoh. It ends at the goal, or at its"
-    " time limit: --for, or 5 times the way over 0.3 m/s, at least 60 s.",
+    "Drive one scenario and measure it. In a live run the simulator and every agent are processes"
+    " on this machine, over Zenoh. It ends at the goal or at the time limit: --for, or 5 times the"
+    " path length at 0.3 m/s, at least 60 s.",
     EXAMPLES,
     refused,
 )

@@ -1,4 +1,4 @@
-"""The options of whoever drives in a scenario, and what they name, checked before that."""
+"""The options of commands that drive in a scenario, and their checks."""
 
 from __future__ import annotations
 
@@ -41,21 +41,21 @@ STARTING: Final = (
     "world",
     "together",
 )
-"""Options that are for whoever starts the society."""
+"""Options of commands that start the society; not for `--attach`."""
 
 PICTURES: Final = (".pgm", ".png")
-"""Of a map; its .yaml names it."""
+"""Suffixes of a map's image, which its .yaml names."""
 
 X_Y_DEG: Final = ("X", "Y", "DEG")
 
-SEED: Final = between(0, 2**63 - 1, "from 0 to 2^63 - 1")
+SEED: Final = between(0, 2**63 - 1, "expected 0 to 2^63 - 1")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """What every command that drives takes: which run, of whom, how, and what is kept of it.
+    """The options of every command that drives.
 
-    The fields without an option are for the derived commands, which declare theirs.
+    The fields without an option belong to derived commands, which declare them.
     """
 
     goal: tuple[float, float, float] | None = None
@@ -65,64 +65,71 @@ class Drive:
     scenario: str | None = argument(
         "a scenario's name, a TOML file, or a map as --world", nargs="?"
     )
-    world: str | None = option("a world instead of a scenario: .map, .yaml", metavar="MAP")
+    world: str | None = option(
+        "drive in this world (.map, .yaml) instead of a scenario", metavar="MAP"
+    )
     start: tuple[float, float, float] | None = option(
-        "where the robot starts: m, m, degrees", metavar=X_Y_DEG, must=POSE
+        "start at this pose: m, m, degrees (default: the scenario's)", metavar=X_Y_DEG, must=POSE
     )
     limit: float | None = option(
-        "time limit; without a goal: 60",
+        "time limit (default: from the path's length; without a goal: 60 s)",
         "--for",
         metavar="S",
-        must=more_than(0, "expected seconds, more than none"),
+        must=more_than(0, "expected more than 0 seconds"),
     )
-    virtual: bool = flag("one process, under a virtual clock")
-    seed: int | None = option("seed of all that is random (default: 0)", metavar="N", must=SEED)
+    virtual: bool = flag("run in one process under a virtual clock")
+    seed: int | None = option("seed of random numbers (default: 0)", metavar="N", must=SEED)
     controller: str | None = option(
-        "of agents that have several: fast, precise, ...", metavar="NAME"
-    )
-    parameters: str | None = option(
-        "a set of agents' parameters: thesis, or a TOML file", metavar="SET"
-    )
-    exchange: str | None = option("how resources change hands", choices=("abrupt", "smooth"))
-    without: tuple[str, ...] = several("leave an agent out", metavar="AGENT")
-    besides: tuple[str, ...] = several(
-        "an agent that takes part, too; may be repeated", "--with", metavar="AGENT"
-    )
-    sensors: str | None = option(
-        "sensors of the simulated robot: real; ideal: without error, and nobody localizes"
-        " (default: the scenario's)",
+        "controller of agents that have several: fast, precise, ... (default: the agent's)",
         metavar="NAME",
     )
-    redundant: bool = flag(
-        "two of each behaviour: any one may die, and the mission ends all the same"
+    parameters: str | None = option(
+        "a set of agents' parameters: thesis, brisk, swift, or a TOML file (default: none)",
+        metavar="SET",
     )
+    exchange: str | None = option(
+        "how resources change hands (default: smooth)", choices=("abrupt", "smooth")
+    )
+    without: tuple[str, ...] = several("leave out an agent; may be repeated", metavar="AGENT")
+    besides: tuple[str, ...] = several("add an agent; may be repeated", "--with", metavar="AGENT")
+    sensors: str | None = option(
+        "sensors of the simulated robot: real; glass: a laser sees through some walls; ideal:"
+        " almost no errors, and no localization agent (default: the scenario's)",
+        metavar="NAME",
+    )
+    redundant: bool = flag("run two of each behaviour, so that any one may fail")
     together: tuple[str, ...] = several(
-        "live: agents that share one process; may be repeated", metavar="A+B"
+        "live: run these agents in one process; may be repeated", metavar="A+B"
     )
-    runs: int | None = option("so many, with one seed after another", metavar="N", must=at_least(1))
-    json: bool = flag("one JSON object on stdout; of several runs: runs, mean, deviation")
+    runs: int | None = option(
+        "drive N times with successive seeds (default: once)", metavar="N", must=at_least(1)
+    )
+    json: bool = flag("print one JSON object; of several runs: runs, mean, deviation")
     plot: Path | None = option(
-        "where the picture goes (PNG); of a live run: runs/SCENARIO.png", metavar="FILE"
+        "write the picture to a PNG file (default: runs/SCENARIO.png if live, else none)",
+        metavar="FILE",
     )
-    no_plot: bool = flag("no picture")
-    dashboard: bool = flag("show a live run; the link is printed")
+    no_plot: bool = flag("draw no picture")
+    dashboard: bool = flag("show a live run in Rerun, and print the link")
     page: bool = flag(
-        "serve a page to click on beside a live run, and print the link; without --for the"
-        " society stays until Ctrl-C"
+        "serve the control page beside a live run, and print the link; without --for the society"
+        " stays until Ctrl-C"
     )
-    wait: bool = flag("a dashboard: begin when somebody looks, stay till Ctrl-C")
-    rrd: Path | None = option("keep a virtual run for rerun", metavar="FILE")
+    wait: bool = flag("show a dashboard, begin when a viewer connects, and stay until Ctrl-C")
+    rrd: Path | None = option("write a Rerun file of a virtual run", metavar="FILE")
     record: Path | None = option(
-        "keep all that is said as armadico record does, and what armadico replay needs",
+        "record all messages as armadico record does, and what armadico replay needs",
         metavar="FILE.mcap",
         must=RECORDING,
     )
-    robot: str | None = option("drive something that is already there", metavar="URL")
+    robot: str | None = option(
+        "drive the robot at this address (default: start a simulator)", metavar="URL"
+    )
     profile: str | None = option(
-        "the make of robot: a shipped profile's name, or a file", metavar="NAME"
+        "the robot's profile: a shipped name, or a file (default: the scenario's)", metavar="NAME"
     )
     attach: bool = flag(
-        "start nobody: the society is up, here or elsewhere; Ctrl-C stops the robot only"
+        "drive with a running society, here or elsewhere; Ctrl-C only stops the robot"
     )
     priority: float | None = None
     map: Path | None = None
@@ -130,11 +137,11 @@ class Drive:
     mesh: Mesh = group(Mesh, "the mesh")
 
     def of_run(self, path: Path, seed: int) -> Path:
-        """The file of one run: of several runs each has its own, by its seed."""
+        """The file of one run; with several runs its name ends with the seed."""
         return path if self.runs is None else path.with_stem(f"{path.stem}-{seed}")
 
     def chosen(self) -> Options:
-        """What of it changes the scenario."""
+        """The options that change the scenario."""
         from armadico.launch.society import Options
 
         return Options(
@@ -157,28 +164,27 @@ class Drive:
 def choose(
     args: Drive, *, somewhere: bool = True, mission: str | None = None
 ) -> tuple[Scenario, Options]:
-    """What the command line names; if it is to lead `somewhere`, it is said what may hinder that.
+    """The scenario and the options of the command line, checked.
 
-    A `mission` is done in the scenario instead of whatever that says.
-
-    Raises UsageError, ConfigError, UnknownNameError or FailedError.
+    With `somewhere`, warnings are printed if the robot will not get anywhere. A `mission` replaces
+    the scenario's goal or mission. Raises UsageError, ConfigError, UnknownNameError or FailedError.
     """
     chosen = args.chosen()
     return _scenario(args, chosen, somewhere=somewhere, mission=mission), chosen
 
 
 def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | None) -> Scenario:
-    """What the command line names. Raises UsageError, ConfigError or UnknownNameError."""
+    """The scenario of the command line. Raises UsageError, ConfigError or UnknownNameError."""
     from armadico.config.scenarios import blind, load_scenario, scenario_from
     from armadico.launch.society import names, prepared, profile_of
 
     if args.scenario is not None and args.world is not None:
         raise UsageError("name a scenario or a world, not both")
     if both := sorted({*args.besides} & {*args.without}):
-        raise UsageError(f"--with {both[0]} --without {both[0]}: does it take part, or not?")
+        raise UsageError(f"--with {both[0]} --without {both[0]}: use one of them")
     _check_shown(args)
     if args.robot is not None and args.virtual:
-        raise UsageError("--robot drives what is really there; --virtual has its own simulator")
+        raise UsageError("--robot is for live runs; --virtual has its own simulator")
     if args.robot is not None:
         _check_robot(args.robot)
     _check_attach(args)
@@ -194,24 +200,22 @@ def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | N
     scenario = prepared(scenario, chosen, **poses, profile=args.profile, mission=mission)
     _check_together(args, names(scenario))
     if somewhere and blind(scenario):
-        why = "nothing is planned, and a barrier is in the way"
-        options.say(f'{scenario.name}: {why}; plan = "rooms" plans')
+        why = "a wall is between start and goal, and no path is planned"
+        options.report(f'{scenario.name}: {why}; plan = "rooms" plans one')
     if somewhere and scenario.goal is None and scenario.mission is None and not scenario.tasks:
-        sent = "" if args.virtual else "; armadico goto X Y sends the robot to one"
-        options.say(f"{scenario.name}: no goal{sent}")
+        todo = "" if args.virtual else "; armadico goto X Y sends the robot to one"
+        options.report(f"{scenario.name}: no goal{todo}")
     return scenario
 
 
 def _world(args: Drive) -> str | None:
-    """The world that is named instead of a scenario, or the empty one. Raises UsageError."""
+    """The world given instead of a scenario, or the empty one. Raises UsageError."""
     from armadico.config.worlds import READERS
 
     named: str | None = args.world
     if args.scenario is None and named is None:
         if args.limit is None and args.goal is None:
-            raise UsageError(
-                "name a scenario (armadico run sc4) or a map, or say for how long (--for 60)"
-            )
+            raise UsageError("name a scenario (armadico run sc4), a map, or a time (--for 60)")
         return "empty"
     if args.scenario is None or Path(args.scenario).suffix not in {*READERS, *PICTURES}:
         return named
@@ -220,58 +224,53 @@ def _world(args: Drive) -> str | None:
 
 
 def _check_shown(args: Drive) -> None:
-    """Raises UsageError for a way of looking that this run has not."""
+    """Raises UsageError for views and recordings that this kind of run does not have."""
     if args.wait and args.runs is not None:
         raise UsageError("--wait is for one run, without --runs")
     if (args.dashboard or args.wait) and args.virtual:
-        raise UsageError("--dashboard shows live runs; --rrd FILE keeps a virtual one")
+        raise UsageError("--dashboard is for live runs; use --rrd FILE for a virtual one")
     if args.page and (args.virtual or args.runs is not None):
         raise UsageError("--page is for one live run, without --virtual and --runs")
     if args.rrd is not None and not args.virtual:
         raise UsageError(
-            "--rrd is for --virtual; armadico dashboard --record FILE keeps a live run"
+            "--rrd is for --virtual; use armadico dashboard --record FILE for a live run"
         )
 
 
 def _check_robot(url: str) -> None:
-    """Raises UsageError for what is no address, FailedError if there is no such serial port."""
+    """Raises UsageError for an invalid address, FailedError if the serial port does not exist."""
     from armadico.config.hosts import robot_fault, serial_port
     from armadico.config.loading import names
 
     fault = robot_fault(url)
     if url in names("robots"):
         raise UsageError(
-            f"--robot {url}: it is the address of a robot that is there; --profile {url} simulates"
-            " one of that make"
+            f"--robot {url}: expected the address of a real robot; --profile {url} simulates one"
         )
     if fault is not None:
         raise UsageError(f"--robot {url!r}: {fault}")
     port = serial_port(url)
     if port is not None and not port.exists():
         raise FailedError(
-            f"--robot {url}: there is no such port; is the adapter plugged in?"
-            " `armadico doctor` shows the ports that there are"
+            f"--robot {url}: no such port; is the adapter plugged in? `armadico doctor` lists the"
+            " ports"
         )
 
 
 def _check_attach(args: Drive) -> None:
     for name in STARTING if args.attach else ():
         if getattr(args, name):
-            raise UsageError(
-                f"--{name} is for whoever starts the society (armadico up); --attach starts nobody"
-            )
+            raise UsageError(f"--{name}: not with --attach, which starts no agents")
 
 
 def check_connect(args: Drive) -> None:
-    """Raises UsageError if a router is named and the run starts the robot's own."""
+    """Raises UsageError for a router, if the run starts its own."""
     if args.mesh.connect and not args.attach:
-        raise UsageError(
-            "--connect is for --attach: the robot agent that a run starts is the router itself"
-        )
+        raise UsageError("--connect is for --attach; otherwise the run starts its own router")
 
 
 def pose(given: tuple[float, float, float] | None) -> ScenarioPose | None:
-    """The pose that an option names in degrees, with its heading in rad; None if there is none."""
+    """An option's pose with its heading in rad instead of degrees; None for None."""
     return None if given is None else (given[0], given[1], radians(given[2]))
 
 
@@ -282,9 +281,9 @@ def _check_together(args: Drive, taking: Sequence[str]) -> None:
         names = chosen.split("+")
         strangers = [name for name in names if name not in taking]
         if args.virtual:
-            raise UsageError(f"--together {chosen}: under --virtual all share one process")
+            raise UsageError(f"--together {chosen}: with --virtual all agents share one process")
         if strangers:
-            raise UsageError(f"--together {chosen}: {strangers[0]!r} takes no part")
+            raise UsageError(f"--together {chosen}: {strangers[0]!r} does not take part")
         if len(names) < 2 or set(names) & set(named) or len(set(names)) < len(names):
-            raise UsageError(f"--together {chosen}: expected two agents or more, each of them once")
+            raise UsageError(f"--together {chosen}: expected at least two agents, each once")
         named += names

@@ -1,4 +1,4 @@
-"""Change parameters of an agent that is at work: its speed, a margin, its patience."""
+"""Change parameters of a running agent: its speed, a margin, a timeout."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from armadico.cli.get import shown
 from armadico.cli.parsing import Command, argument, flag, group, option
 
 EXAMPLES: Final = """\
-  armadico get goto                          what may be changed, and to what
+  armadico get goto                          the parameters that can be changed, and their ranges
   armadico set goto v_max=0.4
-  armadico set goto v_max=none               as if nobody had set it
+  armadico set goto v_max=none               unset it
   armadico set avoid v_top=0.3 safety.margin_m=0.12
-  armadico set goto v_max=0.4 --save         for the next start, too
-  armadico up --parameters parameters.toml   which is so
+  armadico set goto v_max=0.4 --save         also for the next start
+  armadico up --parameters parameters.toml   the next start
 """
 
 Value = bool | float | str | None
@@ -25,16 +25,17 @@ Value = bool | float | str | None
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    agent: str = argument("a name, or an instance's id", metavar="AGENT")
-    values: tuple[str, ...] = argument("as `armadico get` shows", nargs="+", metavar="NAME=VALUE")
-    save: bool = flag("in parameters.toml of this folder, too")
-    file: Path | None = option("or in this file", metavar="FILE")
-    timeout: float = options.timeout_option("how long the agent may take to answer", 2.0)
+    agent: str = argument("an agent's name or instance", metavar="AGENT")
+    values: tuple[str, ...] = argument(
+        "parameters, as `armadico get` lists them", nargs="+", metavar="NAME=VALUE"
+    )
+    save: bool = flag("also save them in parameters.toml of this folder")
+    file: Path | None = option("save them in this file", metavar="FILE")
+    timeout: float = options.timeout_option("wait so long for the agent's answer", 2.0)
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
-    """Change parameters, all or none."""
     values = dict(map(_read, args.values))
     from armadico.config.parameters import SAVED, save
 
@@ -48,14 +49,14 @@ def run(args: Options) -> int:
     if args.save or args.file is not None:
         path = args.file or Path(SAVED)
         save(path, reply.instance.rpartition("-")[0], {n: json.loads(rows[n].json) for n in values})
-        print(f"saved: `--parameters {path}` of `up` and `run` starts with it")
+        print(f"saved; start with it by `--parameters {path}` of `up` or `run`")
     return 0
 
 
 def _read(setting: str) -> tuple[str, Value]:
-    """A value as in JSON or TOML; what is neither is a word, and none clears an optional one.
+    """(name, value): a JSON or TOML value, else a string; `none` clears an optional parameter.
 
-    Raises UsageError for what is no setting.
+    Raises UsageError.
     """
     name, equals, text = (part.strip() for part in setting.partition("="))
     if not (name and equals and text):
@@ -73,8 +74,8 @@ main: Final = Command(
     "armadico set",
     Options,
     run,
-    "Change parameters of an agent that is at work. It refuses what is out of range, and says"
-    " what is right; of several values it takes all or none. Whoever is started again is told;"
-    " a society that starts anew begins with what it was started with, unless that is saved.",
+    "Change parameters of a running agent. It rejects values out of range; of several values it"
+    " accepts all or none. An agent that restarts receives the changed values. A society that is"
+    " started again has its original values, unless the changed ones are saved.",
     EXAMPLES,
 )

@@ -27,81 +27,94 @@ if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
 
 PORT: Final = 8101
-"""Where simulators of Pioneers listen."""
+"""TCP port of simulated Pioneers."""
 
 LOOPBACK: Final = "ros2://?interface=lo"
-"""Where a simulated ROS 2 robot is, unless told otherwise: nobody's network is meant."""
+"""Default address of a simulated ROS 2 robot: it does not use the network."""
 
 DEFAULT_ROBOT: Final = "pioneer-2dx"
 
 KEY: Final = "sim/truth"
 
 EXAMPLES: Final = """\
-  armadico sim sc4                           at tcp://127.0.0.1:8101, as MobileSim is
+  armadico sim sc4                           at tcp://127.0.0.1:8101, as MobileSim
   armadico sim floor --start 2 3 90 --sensors real --seed 7
   armadico sim my.map --pty /tmp/pioneer     clients open /tmp/pioneer as their serial port
-  armadico sim sc1 --unkind                  with the traps of other people's controllers
+  armadico sim sc1 --unkind                  with peculiarities of real controllers
   armadico sim sc1 --unkind short            with P2OS's short status packets, not ARCOS's
-  armadico sim jackal sc4                    a robot that speaks ROS 2, in frames over TCP
-  armadico sim jackal sc4 --ros2             the same among ROS 2's nodes of this machine, by DDS
+  armadico sim jackal sc4                    a ROS 2 robot, in frames over TCP
+  armadico sim jackal sc4 --ros2             a ROS 2 robot on this machine, by DDS
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    world: str = ""  # of the names, as `_named` tells it
+    world: str = ""  # set by `_named`
     named: tuple[str, ...] = argument(
-        "a shipped world, or a .map or .yaml file; before it a robot's profile (default"
-        f" {DEFAULT_ROBOT}); of a shipped robot alone, the empty world",
+        "a shipped world, or a .map or .yaml file; before it a robot's profile (default:"
+        f" {DEFAULT_ROBOT}); a shipped robot alone is in the empty world",
         nargs="+",
         metavar="NAME",
     )
     port: int = option(
-        f"TCP port (default {PORT}; 0: one that is free)", default=PORT, must=LISTEN, either="line"
+        f"listen on this TCP port; 0: a free port (default: {PORT})",
+        default=PORT,
+        must=LISTEN,
+        either="line",
     )
     pty: str | None = option(
-        "a pseudo-terminal instead", either="line", metavar="LINK", nargs="?", const=""
+        "use a pseudo-terminal instead, with this link to it",
+        either="line",
+        metavar="LINK",
+        nargs="?",
+        const="",
     )
     ros2: str | None = option(
-        "as a ROS 2 robot, which any ROS 2 program can drive: ros2://NAMESPACE?domain=0 for"
-        " DDS, ros2+zenoh://HOST:PORT/NAMESPACE to be the router of rmw_zenoh's nodes (default"
-        f" {LOOPBACK}: DDS within this machine)",
+        "be a ROS 2 robot that any ROS 2 program can drive: ros2://NAMESPACE?domain=0 for DDS,"
+        " ros2+zenoh://HOST:PORT/NAMESPACE as the router of rmw_zenoh's nodes (default:"
+        f" {LOOPBACK}, DDS within this machine)",
         either="line",
         metavar="ADDRESS",
         nargs="?",
         const=LOOPBACK,
     )
     bind: str = option(
-        "where to listen (default: loopback)", default="127.0.0.1", metavar="ADDRESS"
+        "listen on this address (default: 127.0.0.1)", default="127.0.0.1", metavar="ADDRESS"
     )
     start: tuple[float, float, float] | None = option(
-        "where it stands, m, m, degrees (default: the world's own start, or 0 0 0)",
+        "start at this pose, m, m, degrees (default: the world's start, or 0 0 0)",
         metavar=("X", "Y", "DEG"),
     )
     also: tuple[tuple[str, str, str, str], ...] = several(
-        "another robot in the same world: its namespace, and where it stands; at a port that"
-        " is free; may be repeated",
+        "add a robot to the world: its namespace and pose; it listens on a free port; may be"
+        " repeated",
         metavar=("NS", "X", "Y", "DEG"),
     )
-    robot: str = option("the robot, if it is not named before", default="", metavar="PROFILE")
+    robot: str = option(
+        f"the robot's profile, if it is not before the world (default: {DEFAULT_ROBOT})",
+        default="",
+        metavar="PROFILE",
+    )
     sensors: str = option(
-        "default %(default)s", default="ideal", choices=("glass", "ideal", "real")
+        "errors of the sensors (default: %(default)s)",
+        default="ideal",
+        choices=("glass", "ideal", "real"),
     )
-    moving: str = option("a scenario's [[moving]], as a list", default="[]", metavar="JSON")
-    charge: float = option(
-        "of the battery that is left (default 1, full)", default=1.0, metavar="SHARE"
+    moving: str = option(
+        "a scenario's [[moving]], as a list (default: [])", default="[]", metavar="JSON"
     )
+    charge: float = option("charge of the battery (default: 1, full)", default=1.0, metavar="SHARE")
     capacity: float | None = option(
-        "of the battery, Ah (default: the robot profile's)", metavar="AH"
+        "capacity of the battery, Ah (default: the profile's)", metavar="AH"
     )
     unkind: tuple[str, ...] | None = option(
-        "do to the client what other controllers do: all of"
-        f" {', '.join(trap.value for trap in Trap)}, or those named",
+        "imitate peculiarities of real controllers: those given, or all of"
+        f" {', '.join(trap.value for trap in Trap)}",
         nargs="*",
         choices=[trap.value for trap in Trap],
         metavar="TRAP",
     )
-    seed: int = option("of all noise (default 0)", default=0)
+    seed: int = option("seed of the noise (default: 0)", default=0)
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
@@ -112,7 +125,7 @@ def run(args: Options) -> int:
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
     try:
         robots[0].meet(*robots[1:])
-    except ValueError as error:  # two would stand in each other
+    except ValueError as error:  # two robots overlap
         raise options.UsageError(f"--also: {error}") from None
     with ExitStack() as stack:
         line, where = _line(args, robots[0].truth().simulator, stack)
@@ -120,25 +133,24 @@ def run(args: Options) -> int:
         _show(robots[0], mesh, stack)
         for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
             ros2 = None if args.ros2 is None else _beside(args.ros2, namespace)
-            theirs = replace(args, port=0, ros2=ros2)
-            line, where = _line(theirs, other.truth().simulator, stack)
+            line, where = _line(replace(args, port=0, ros2=ros2), other.truth().simulator, stack)
             served.append((other, line))
             places.append(where)
             _show(other, args.mesh.of(namespace).join(starts=True), stack)
-        several = f"a simulated {args.robot}"
+        what = f"a simulated {args.robot}"
         if args.also:
-            several = f"{len(robots)} simulated robots ({args.robot})"
+            what = f"{len(robots)} simulated robots ({args.robot})"
         at = ", at ".join(places)
-        print(f"{several} in {args.world} at {at}; Ctrl-C ends it", flush=True)
+        print(f"{what} in {args.world} at {at}; Ctrl-C ends it", flush=True)
         if args.ros2 is not None:
             drive = f"armadico run SCENARIO --robot '{places[0]}' --profile {args.robot}"
-            print(f"drive it as it is: {drive}", flush=True)
+            print(f"drive it with: {drive}", flush=True)
         _run(served)
     return 0
 
 
 def _named(args: Options) -> Options:
-    """With the robot told from the world, of the names that are given. Raises UsageError."""
+    """The options with `robot` and `world` set from the names. Raises UsageError."""
     from armadico.bridge.kind import kind_of
     from armadico.config.loading import names
     from armadico.config.profile import load_profile
@@ -148,44 +160,44 @@ def _named(args: Options) -> Options:
         robots, world = [world], "empty"
     if len(robots) > 1:
         named = " ".join(args.named)
-        raise options.UsageError(f"{named}: expected one world, and a robot before it at the most")
+        raise options.UsageError(f"{named}: expected one world, and at most one robot before it")
     if robots and args.robot:
-        raise options.UsageError(f"--robot {args.robot}: {robots[0]} is named already")
+        raise options.UsageError(f"--robot {args.robot}: {robots[0]} is given already")
     robot = args.robot or "".join(robots) or DEFAULT_ROBOT
     if args.unkind is not None and not kind_of(load_profile(robot)).unkind:
-        raise options.UsageError(f"--unkind is of controllers that speak P2OS, not of {robot}")
+        raise options.UsageError(f"--unkind is for P2OS robots; {robot} is not one")
     return replace(args, world=world, robot=robot)
 
 
 def _show(robot: SimulatedRobot, mesh: ZenohMesh, stack: ExitStack) -> None:
-    """Publish the truth of a robot in its namespace."""
+    """Publish the true state of a robot in its namespace."""
     stack.enter_context(mesh)
     robot.watch(lambda truth: mesh.publish(KEY, truth))
     _remark(mesh)
 
 
 def _remark(mesh: ZenohMesh) -> None:
-    """Say who else is a simulator in the namespace."""
+    """Print a warning about each other simulator in the namespace."""
     from armadico.mobile.messages import Truth
 
     known: set[str] = set()
 
-    def heard(key: str, data: bytes) -> None:
+    def on_truth(key: str, data: bytes) -> None:
         truth = mesh.read(Truth, key, data)
         if truth is not None and truth.simulator not in known:
             known.add(truth.simulator)
             print(
-                f"armadico sim: another simulator speaks in the namespace {mesh.namespace!r}:"
-                f" {truth.simulator}; end one, or use another one: --namespace NAME",
+                f"armadico sim: another simulator publishes in the namespace {mesh.namespace!r}:"
+                f" {truth.simulator}; end one, or use --namespace NAME",
                 file=sys.stderr,
                 flush=True,
             )
 
-    mesh.subscribe(KEY, heard)
+    mesh.subscribe(KEY, on_truth)
 
 
 def _scenario(args: Options) -> Scenario:
-    """The scenario that the options describe. Raises UsageError or ConfigError."""
+    """The scenario of the options. Raises UsageError or ConfigError."""
     from armadico.bridge.simulator.microcontroller import WORLD_M
     from armadico.config.profile import load_profile
     from armadico.config.scenarios import Scenario
@@ -193,7 +205,7 @@ def _scenario(args: Options) -> Scenario:
 
     world = load_world(args.world)
     if warning := bare(args.world):
-        options.say(warning)
+        options.report(warning)
     start = world.start or (0.0, 0.0, 0.0)
     x, y, heading = args.start or (*start[:2], 0.0)
     if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
@@ -221,7 +233,7 @@ def _scenario(args: Options) -> Scenario:
 
 
 def _others(args: Options) -> tuple[tuple[float, float, float], ...]:
-    """Where the other robots stand. Raises UsageError."""
+    """The start poses of the other robots. Raises UsageError."""
     from armadico.bridge.simulator.microcontroller import WORLD_M
 
     found = []
@@ -231,16 +243,16 @@ def _others(args: Options) -> tuple[tuple[float, float, float], ...]:
         except ValueError:
             x = math.inf
         if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not
-            said = " ".join(numbers)
             raise options.UsageError(
-                f"--also {namespace} {said}: expected m and m within {WORLD_M:g} m, and degrees"
+                f"--also {namespace} {' '.join(numbers)}: expected m and m within {WORLD_M:g} m,"
+                " and degrees"
             )
         found.append((x, y, math.radians(heading)))
     names = [args.mesh.namespace, *(also[0] for also in args.also)]
     if len(set(names)) < len(names):
-        raise options.UsageError(f"--also: two robots in one namespace, of {', '.join(names)}")
+        raise options.UsageError(f"--also: two robots in one namespace: {', '.join(names)}")
     if found and args.moving != "[]":
-        raise options.UsageError("--moving is for the world of one robot, without --also")
+        raise options.UsageError("--moving is for one robot, without --also")
     return tuple(found)
 
 
@@ -268,13 +280,13 @@ def _moving(text: str) -> tuple[Moving, ...]:
 
 
 def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
-    """The robot, or one of the others; it does not start in a wall."""
+    """The robot, or one of the others. Raises UsageError if it would start in a wall."""
     from msgspec.structs import replace as with_
 
     from armadico.bridge.kind import simulated
     from armadico.bridge.simulator.plant import seeded
 
-    # By the name the robot agent tells whose truth is its robot's, and people which process it is.
+    # The name identifies the process, and the robot agent recognizes its robot's truth by it.
     name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
     if args.ros2 is not None:
         name = _node(args.ros2, args.robot, args.also[index - 1][0] if index else None)
@@ -282,20 +294,18 @@ def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
     if index:
         scenario = with_(scenario, start=scenario.others[index - 1])
         first, streams = streams, lambda name: first(f"{index}/{name}")
-    # Of those that are named, or of all.
     traps = KIND if args.unkind is None else frozenset(map(Trap, args.unkind)) or UNKIND
     robot = simulated(scenario, streams, name, traps=traps, clock_s=time.time())
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(
-            f"the robot cannot start at {x:g}, {y:g}: it would stand in a wall;"
-            " --start X Y DEG puts it elsewhere"
+            f"the robot cannot start at {x:g}, {y:g}, in a wall; choose another --start X Y DEG"
         )
     return robot
 
 
 def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:
-    """The line that the options name, and how a robot agent calls it."""
+    """The line of the options, and its address for a robot agent."""
     if args.ros2 is not None:
         return _ros2(args.ros2, args.robot, name, stack), args.ros2
     from armadico.bridge.simulator.server import TcpLine
@@ -313,21 +323,21 @@ def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:
         stack.callback(pty.close)
         return pty, f"serial://{pty.path}"
     try:
-        # A simulator that is driven listens no more: its port could be bound, and never freed.
+        # A simulator with a client does not listen, so its port could be bound a second time.
         if args.port and (owner := listener(args.port)):
             raise OSError(0, f"it is taken by {owner}")
         tcp = TcpLine(args.bind, args.port)
     except OSError as error:
         raise options.FailedError(
             f"cannot use {args.bind}:{args.port}: {error.strerror or error}; is another simulator"
-            " running? --port 0 takes a port that is free"
+            " running? --port 0 uses a free port"
         ) from None
     stack.callback(tcp.close)
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
 def _node(ros2: str, robot: str, namespace: str | None) -> str:
-    """The whole name of a simulated robot's node; of another one than the first by its namespace.
+    """The full name of a simulated robot's node; `namespace` is that of a further robot.
 
     Raises UsageError.
     """
@@ -343,7 +353,7 @@ def _node(ros2: str, robot: str, namespace: str | None) -> str:
 
 
 def _beside(address: str, namespace: str) -> str:
-    """The address of another robot in the same network of ROS 2's."""
+    """The address of another robot in the same ROS 2 network."""
     from urllib.parse import urlsplit
 
     parts = urlsplit(address)
@@ -353,7 +363,7 @@ def _beside(address: str, namespace: str) -> str:
 
 
 def _ros2(address: str, robot: str, name: str, stack: ExitStack) -> Line:
-    """The robot as one of ROS 2's, at an address."""
+    """The line of a ROS 2 robot at an address. Raises UsageError or FailedError."""
     from armadico.bridge.ros2 import addresses
     from armadico.bridge.ros2.profile import Ros2Robot
     from armadico.bridge.simulator.ros2_line import Ros2Line
@@ -362,7 +372,7 @@ def _ros2(address: str, robot: str, name: str, stack: ExitStack) -> Line:
     profile = load_profile(robot)
     if not isinstance(profile, Ros2Robot):
         raise options.UsageError(
-            f"--ros2: {robot} does not speak ROS 2; say armadico sim jackal --ros2"
+            f"--ros2: {robot} is not a ROS 2 robot; try armadico sim jackal --ros2"
         )
     try:
         transport = addresses.robot_transport(address, name.rpartition("/")[2])
@@ -377,7 +387,7 @@ def _ros2(address: str, robot: str, name: str, stack: ExitStack) -> Line:
 
 
 def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:
-    """Serve until interrupted: the first robot here, each of the others on a thread."""
+    """Serve until interrupted: the first robot in this thread, the others in threads."""
     from armadico.bridge.simulator.server import Pace, Simulation
 
     ended = threading.Event()
@@ -400,7 +410,7 @@ main: Final = Command(
     "armadico sim",
     Options,
     run,
-    "A simulated robot in real time. It speaks P2OS as a Pioneer does, or ROS 2, and tells"
-    " watchers the truth on sim/truth.",
+    "Simulate a robot in real time. It uses P2OS as a Pioneer, or ROS 2, and publishes its true"
+    " state on sim/truth.",
     EXAMPLES,
 )

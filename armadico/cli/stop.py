@@ -8,13 +8,12 @@ from armadico.cli.latch import Options, latch
 from armadico.cli.parsing import Command
 
 EXAMPLES: Final = """\
-  armadico stop                       nobody drives it until `armadico resume`
+  armadico stop                       no agent drives it until `armadico resume`
   armadico stop --namespace robot2    the other robot
 """
 
 
 def run(args: Options) -> int:
-    """Stop the robot; it stays stopped until `armadico resume`."""
     return latch(args, stopped=True)
 
 
@@ -22,6 +21,6 @@ main: Final = Command(
     "armadico stop",
     Options,
     run,
-    "Stop the robot, whoever drives it. It stays stopped until `armadico resume`.",
+    "Stop the robot, whichever agent drives. It stays stopped until `armadico resume`.",
     EXAMPLES,
 )

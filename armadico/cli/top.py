@@ -1,4 +1,4 @@
-"""Watch the society live: alive agents, holders, rates and whether deadlines are met."""
+"""Watch the society live: alive agents, holders, rates and missed deadlines."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from armadico.observe.watching import Watcher
 
 SHOW_S: Final = 0.5
-ASK_S: Final = 1.0
+QUERY_S: Final = 1.0
 MEGABYTE: Final = 1_000_000
 
 EXAMPLES: Final = """\
@@ -37,10 +37,10 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    once: bool = flag("measure, print once, end; so it does into a pipe")
-    json: bool = flag("the same as one JSON object")
+    once: bool = flag("measure, print once and end; the default without a terminal")
+    json: bool = flag("the same, printed as one JSON object")
     for_s: float = option(
-        "with --once and --json: measure for so long (default: 3 s)",
+        "with --once and --json: measure for S seconds (default: 3)",
         "--for",
         default=3.0,
         read=options.seconds,
@@ -63,7 +63,7 @@ def run(args: Options) -> int:
         if live:
             return _live(snapshots, watcher)
         _measure(snapshots, watcher, args.for_s)
-        snapshot = snapshots.at(watcher.clock() / 1e9)  # to leave the mesh takes time
+        snapshot = snapshots.at(watcher.clock() / 1e9)  # before closing the mesh, which takes time
     if args.json:
         print(json.dumps(snapshot, indent=2))
     else:
@@ -76,7 +76,7 @@ def run(args: Options) -> int:
 
 
 class Snapshots:
-    """What is shown of a view, for programs and for `tables`."""
+    """A view as JSON objects, which `tables` shows."""
 
     def __init__(self, view: View, namespace: str, hosts: Hosts | None = None) -> None:
         self.view, self._hosts = view, hosts or {}
@@ -84,7 +84,7 @@ class Snapshots:
         self._processes: dict[int, psutil.Process] = {}
 
     def at(self, now: float) -> dict[str, Any]:
-        """Everything; the time is s of the watcher's clock."""
+        """All that is shown; `now` is the watcher's clock, s."""
         from armadico.observe import described
 
         view, stands = self.view, None
@@ -103,7 +103,7 @@ class Snapshots:
         }
 
     def _process(self, seen: Seen) -> dict[str, Any]:
-        """CPU in per cent of one core since the last look, memory in MB; of this host's agents."""
+        """CPU since the last call, % of one core, and memory, MB; of this host's agents."""
         import psutil
 
         if seen.card is None or seen.card.host != socket.gethostname():
@@ -121,17 +121,17 @@ def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
     from armadico.observe.watching import show
 
     end = time.monotonic() + for_s
-    ask_at = time.monotonic()
+    query_at = time.monotonic()
     while (now := time.monotonic()) < end:
-        if now >= ask_at:
-            ask_at = now + (ASK_S if snapshots.view.complete else SHOW_S / 2)
-            watcher.ask_for_cards()
-            watcher.ask_for_bids()
+        if now >= query_at:
+            query_at = now + (QUERY_S if snapshots.view.complete else SHOW_S / 2)
+            watcher.query_cards()
+            watcher.query_bids()
             snapshots.at(watcher.clock() / 1e9)  # CPU is measured from here on
-        item = watcher.get(min(ask_at, end) - now)
+        item = watcher.get(min(query_at, end) - now)
         if item is not None:
             show(snapshots.view, item)
-    over = watcher.clock()  # a look may take long, and what came meanwhile is not silence
+    over = watcher.clock()  # messages that arrived during a slow step still count
     while (item := watcher.get(0.0)) is not None and item.at <= over:
         show(snapshots.view, item)
 
@@ -147,20 +147,21 @@ def _live(snapshots: Snapshots, watcher: Watcher) -> int:
     with Live(auto_refresh=False, screen=True) as live:
         try:
             while True:
-                watcher.ask_for_cards()
-                watcher.ask_for_bids()
-                for _ in range(round(ASK_S / SHOW_S)):
+                watcher.query_cards()
+                watcher.query_bids()
+                for _ in range(round(QUERY_S / SHOW_S)):
                     for item in watcher.until(time.monotonic() + SHOW_S):
                         show(snapshots.view, item)
-                    told = tables(snapshots.at(watcher.clock() / 1e9))
+                    screen = tables(snapshots.at(watcher.clock() / 1e9))
                     if not mesh.reachable:
-                        told = Group(Text(options.shown(f"{mesh.missing}; waiting for it")), told)
-                    live.update(told, refresh=True)
+                        waiting = Text(options.shown(f"{mesh.missing}; waiting for it"))
+                        screen = Group(waiting, screen)
+                    live.update(screen, refresh=True)
         except KeyboardInterrupt:
-            return 0  # how a live view ends
+            return 0
 
 
-# What it looks like -------------------------------------------------------------------------------
+# Tables -------------------------------------------------------------------------------------------
 
 
 def tables(snapshot: dict[str, Any]) -> Group:
@@ -182,10 +183,10 @@ def tables(snapshot: dict[str, Any]) -> Group:
     resources = [
         (
             row["resource"],
-            _short(row["holder"]) or "nobody",
+            _short(row["holder"]) or "none",
             _number(row.get("utility"), 2) + (" critical" if row.get("critical") else ""),
             row.get("term", ""),
-            row["obeyed"] or "nobody",
+            row["obeyed"] or "none",
             ", ".join(row["contenders"]),
         )
         for row in snapshot["resources"]
@@ -214,7 +215,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
 def _heading(snapshot: dict[str, Any]) -> str:
     robot, where = snapshot["robot"], f"{snapshot['namespace']}: {len(snapshot['agents'])} agents"
     if robot is None:
-        return f"{where}, nothing heard of a robot"
+        return f"{where}, no message from a robot"
     turn = math.degrees(robot["w"])
     words = [where, f"{robot['v']:.2f} m/s", f"{turn:.0f} deg/s", robot["battery"]]
     pose = snapshot["pose"]
@@ -222,7 +223,7 @@ def _heading(snapshot: dict[str, Any]) -> str:
         words.append(f"at ({pose['x']:.2f}, {pose['y']:.2f})")
         words += filter(None, [pose["told"]])
     if robot["stopped_by"] is not None:
-        words.append(f"STOPPED by {robot['stopped_by'] or 'somebody'}")
+        words.append(f"STOPPED by {robot['stopped_by'] or 'an unknown client'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
     if snapshot["mission"] is not None:
         words += filter(None, [snapshot["mission"]["state"], snapshot["mission"]["note"]])
@@ -244,7 +245,7 @@ def _table(titles: Sequence[str], rows: Sequence[Sequence[Any]], late: int | Non
 
 
 def _short(instance: str | None) -> str:
-    """An instance's id with as much of its bits as people need."""
+    """An instance's name with the first 8 characters of its id."""
     if instance is None:
         return ""
     name, dash, bits = instance.rpartition("-")
@@ -259,8 +260,8 @@ main: Final = Command(
     "armadico top",
     Options,
     run,
-    "Agents, hosts, the holder of each resource, and the measured rate of every key beside what"
-    " the table of services promises. MISSED counts silences longer than a key's deadline. CPU"
-    " and memory are known for agents of this machine.",
+    "Show agents, hosts, the holder of each resource, and the measured and promised rate of every"
+    " key. MISSED counts gaps longer than a key's deadline. CPU and memory are shown for agents of"
+    " this machine.",
     EXAMPLES,
 )

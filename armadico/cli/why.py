@@ -1,7 +1,4 @@
-"""Ask why: who held what and why, who stopped the robot, what it touched, why it stands.
-
-Of a recording, or of a society that is there.
-"""
+"""Explain a run or a live robot: which agent drove and why, stops, collisions, why it stands."""
 
 from __future__ import annotations
 
@@ -29,27 +26,27 @@ Bids = dict[tuple[str, str], list["BidRecord"]]
 """By instance and resource."""
 
 ABOUT_S: Final = 10.0
-"""Bids of agents that were not asked in time are computed again so long before and after."""
+"""Missing bids are recomputed for so long before and after an event."""
 
-MOST_TOLD: Final = 30
-"""Of the exchanges of a recording, at the most, where all that happened is told."""
+MOST_LISTED: Final = 30
+"""Most exchanges that the summary of a recording lists."""
 
 EXAMPLES: Final = """\
-  armadico why --live                        who drives now, and what the others would do
-  armadico why --live --standing             why it stands, down to the agent that is missing
-  armadico why run.mcap                      what happened in a recording
-  armadico why run.mcap --at 12.5            s from its first message
+  armadico why --live                        which agent drives now, and the others' bids
+  armadico why --live --standing             why the robot stands, down to the missing agent
+  armadico why run.mcap                      summary of a recording
+  armadico why run.mcap --at 12.5            12.5 s after its first message
   armadico why run.mcap --exchange 3
   armadico why run.mcap --collision --json | jq .cause
 """
 
 
-COUNTED: Final = Must(lambda number: number >= 1, "counted from 1")
-NOT_BEFORE: Final = Must(lambda at: at >= 0.0, "that is before its first message")
+COUNTED: Final = Must(lambda number: number >= 1, "expected a number from 1")
+NOT_BEFORE: Final = Must(lambda at: at >= 0.0, "expected at least 0, the first message")
 
 
-class Told(NamedTuple):
-    """An answer: for people, and for programs."""
+class Answer(NamedTuple):
+    """An answer in sentences, and as an object for JSON."""
 
     sentences: Sequence[str]
     found: Any
@@ -57,17 +54,17 @@ class Told(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class _Robot(options.Mesh):
-    """The mesh; of a recording of one robot the namespace need not be given."""
+    """The mesh; the recording of one robot needs no namespace."""
 
     namespace: str = option(options.NAMESPACE_HELP, default="", metavar="NS")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    file: Path | None = argument("a recording", nargs="?", metavar="FILE.mcap", must=FILE)
-    live: bool = flag("a society that is there, instead")
+    file: Path | None = argument("the recording", nargs="?", metavar="FILE.mcap", must=FILE)
+    live: bool = flag("explain a running society instead")
     collision: int | None = option(
-        "what it touched (default: the first)",
+        "explain a collision (default: the first)",
         nargs="?",
         const=1,
         metavar="N",
@@ -75,7 +72,7 @@ class Options:
         either="what",
     )
     stop: int | None = option(
-        "who stopped it (default: the first)",
+        "explain a stop (default: the first)",
         nargs="?",
         const=1,
         metavar="N",
@@ -83,33 +80,35 @@ class Options:
         either="what",
     )
     exchange: int | None = option(
-        "why another agent drives, the N-th time", metavar="N", must=COUNTED, either="what"
+        "explain the N-th exchange of the resource", metavar="N", must=COUNTED, either="what"
     )
-    standing: bool = flag("why the robot stands", either="what")
+    standing: bool = flag("explain why the robot stands", either="what")
     at: float | None = option(
-        "a moment, s from the recording's first message", metavar="T", must=NOT_BEFORE
+        "explain this moment, s from the recording's first message", metavar="T", must=NOT_BEFORE
     )
-    resource: str = option("of --exchange (default: wheels)", default="wheels", metavar="NAME")
+    resource: str = option(
+        "the resource of --exchange (default: wheels)", default="wheels", metavar="NAME"
+    )
     for_s: float = option(
-        "with --live: listen for so long (default: 3 s)",
+        "with --live: listen for S seconds (default: 3)",
         "--for",
         default=3.0,
         read=options.seconds,
         metavar="S",
     )
-    json: bool = flag("one JSON object, for programs")
+    json: bool = flag("print one JSON object")
     mesh: _Robot = group(_Robot, "the mesh")
 
 
 def run(args: Options) -> int:
     _check(args)
-    told = _live(args) if args.file is None else _recorded(args, args.file)
+    answer = _live(args) if args.file is None else _recorded(args, args.file)
     if args.json:
         import msgspec
 
-        print(json.dumps(msgspec.to_builtins(told.found), indent=2))
+        print(json.dumps(msgspec.to_builtins(answer.found), indent=2))
     else:
-        for sentence in told.sentences:
+        for sentence in answer.sentences:
             print(options.shown(sentence))
     return 0
 
@@ -117,21 +116,21 @@ def run(args: Options) -> int:
 def _check(args: Options) -> None:
     """Raises UsageError."""
     if args.live == (args.file is not None):
-        raise UsageError("name a recording, or --live" if not args.live else "a FILE, or --live")
+        raise UsageError("give either a recording or --live")
     past = {"--collision": args.collision, "--exchange": args.exchange, "--at": args.at}
     for name, value in past.items():
         if args.live and value is not None:
-            raise UsageError(f"{name} asks for what is over: of a recording (`armadico record`)")
+            raise UsageError(f"{name} needs a recording (`armadico record`), not --live")
     counted = {"--collision": args.collision, "--stop": args.stop, "--exchange": args.exchange}
     for name, value in counted.items():
         if value is not None and args.at is not None:
-            raise UsageError(f"--at says when, and {name} too: one of both")
+            raise UsageError(f"--at and {name}: use one of them")
 
 
-# Of a society that is there -----------------------------------------------------------------------
+# A running society --------------------------------------------------------------------------------
 
 
-def _live(args: Options) -> Told:
+def _live(args: Options) -> Answer:
     robot = args.mesh.of(args.mesh.namespace or default_namespace())
     hosts = robot.agents_by_host()
     from armadico.observe.standing import standing
@@ -158,38 +157,39 @@ def _live(args: Options) -> Told:
     return _moment(chronicle.moments[0])
 
 
-# Of a recording -----------------------------------------------------------------------------------
+# A recording --------------------------------------------------------------------------------------
 
 
-def _recorded(args: Options, file: Path) -> Told:
+def _recorded(args: Options, file: Path) -> Answer:
     options.need("mcap", "record")
     from armadico.observe.recordings import Past, RecordingError
 
     try:
-        return _answer(args, Past(file, options.teller("armadico why")))
+        return _answer(args, Past(file, options.reporter("armadico why")))
     except RecordingError as error:
         raise UsageError(str(error)) from None
 
 
-def _answer(args: Options, past: Past) -> Told:
-    """By what was recorded; of who was not asked in time, by what its journal comes to again."""
+def _answer(args: Options, past: Past) -> Answer:
+    """The answer from the recorded bids; missing ones are recomputed from the agents' journals."""
     from armadico.observe.explained import (
         Collision,
         Exchange,
         Moment,
-        unasked,
+        missing_bids,
     )
 
     past.check()
-    told = _read(args, past, {})
-    if isinstance(told.found, Collision | Exchange | Moment) and (silent := unasked(told.found)):
-        again = _gone_through(past, silent, told.found.t)
-        return _read(args, past, again) if again else told
-    return told
+    answer = _read(args, past, {})
+    event = answer.found
+    if isinstance(event, Collision | Exchange | Moment) and (silent := missing_bids(event)):
+        again = _replayed(past, silent, event.t)
+        return _read(args, past, again) if again else answer
+    return answer
 
 
-def _gone_through(past: Past, instances: set[str], at: float) -> Bids:
-    """The bids of some about a time (s), by their journals, if these come to the same again."""
+def _replayed(past: Past, instances: set[str], at: float) -> Bids:
+    """The bids of agents around a time, s, from their journals, if these replay equally."""
     from armadico.observe.replay import Replay
 
     found: Bids = {}
@@ -203,7 +203,7 @@ def _gone_through(past: Past, instances: set[str], at: float) -> Bids:
     return found
 
 
-def _read(args: Options, past: Past, again: Bids) -> Told:
+def _read(args: Options, past: Past, again: Bids) -> Answer:
     from armadico.observe.standing import standing
     from armadico.observe.why import LATER_S, Chronicle
 
@@ -224,7 +224,7 @@ def _read(args: Options, past: Past, again: Bids) -> Told:
             chronicle.mark(at)
         if at is not None and t > at + LATER_S:
             break
-        _take(chronicle, row, t)
+        _add(chronicle, row, t)
     if not args.mesh.namespace and others:
         names = ", ".join(sorted({namespace, *others}))
         raise UsageError(f"{args.file} holds {names}; name one robot: --namespace NS")
@@ -232,7 +232,7 @@ def _read(args: Options, past: Past, again: Bids) -> Told:
         of = f" of {args.mesh.namespace!r}" if args.mesh.namespace else ""
         raise FailedError(f"{args.file} holds no messages{of}")
     if at is not None and found is None:
-        raise UsageError(f"--at {at:g}: {args.file} is from 0 to {t:.1f} s")
+        raise UsageError(f"--at {at:g}: expected 0 to {t:.1f} s, the length of {args.file}")
     chronicle.finish()
     if args.standing:
         return _standing(found or standing(chronicle.view, t, providers))
@@ -241,7 +241,7 @@ def _read(args: Options, past: Past, again: Bids) -> Told:
     return _event(args, chronicle, t)
 
 
-def _event(args: Options, chronicle: Chronicle, ends: float) -> Told:
+def _event(args: Options, chronicle: Chronicle, ends: float) -> Answer:
     if args.collision is not None:
         return _one("collision", args.collision, chronicle.collisions)
     if args.stop is not None:
@@ -252,8 +252,8 @@ def _event(args: Options, chronicle: Chronicle, ends: float) -> Told:
     return _all(chronicle, ends)
 
 
-def _take(chronicle: Chronicle, row: Row, t: float) -> None:
-    """Show it one row of a recording."""
+def _add(chronicle: Chronicle, row: Row, t: float) -> None:
+    """Add one row of a recording."""
     from armadico.core.messages import (
         BidHistory,
         BidRecord,
@@ -282,28 +282,27 @@ def _take(chronicle: Chronicle, row: Row, t: float) -> None:
 # Answers ------------------------------------------------------------------------------------------
 
 
-def _standing(found: Standing) -> Told:
-    said = list(found.sentences)
+def _standing(found: Standing) -> Answer:
+    lines = list(found.sentences)
     if found.cause is not None and found.cause.todo:
-        said.append(f"-> {found.cause.todo}")
-    return Told(said, found)
+        lines.append(f"-> {found.cause.todo}")
+    return Answer(lines, found)
 
 
-def _moment(found: Moment) -> Told:
-    return Told(found.sentences, found)
+def _moment(found: Moment) -> Answer:
+    return Answer(found.sentences, found)
 
 
-def _one(what: str, number: int, found: Sequence[Exchange | Press | Collision]) -> Told:
-    """The N-th of some. Raises FailedError if there are not so many."""
+def _one(what: str, number: int, found: Sequence[Exchange | Press | Collision]) -> Answer:
+    """The event of a number. Raises FailedError if there is none."""
     one = next((each for each in found if each.number == number), None)
     if one is None:
-        there = f"{len(found)} there are" if found else "there is none"
-        raise FailedError(f"no {what} {number}: {there}")
-    return Told(one.sentences, one)
+        raise FailedError(f"no {what} {number}: the recording has {len(found) or 'none'}")
+    return Answer(one.sentences, one)
 
 
-def _all(chronicle: Chronicle, ends: float) -> Told:
-    """What happened, in a line each."""
+def _all(chronicle: Chronicle, ends: float) -> Answer:
+    """A summary with a line for each event."""
     from armadico.observe.standing import standing
     from armadico.observe.view import agent_of
 
@@ -314,19 +313,19 @@ def _all(chronicle: Chronicle, ends: float) -> Told:
         "stop": presses,
         "collision": collisions,
     }
-    told = [f"{len(each)} {what}{'s' * (len(each) != 1)}" for what, each in counted.items()]
-    said = [f"{ends:.1f} s, {', '.join(told)}."]
+    totals = [f"{len(each)} {what}{'s' * (len(each) != 1)}" for what, each in counted.items()]
+    lines = [f"{ends:.1f} s, {', '.join(totals)}."]
     counts: dict[str, int] = {}
-    for each in exchanges[:MOST_TOLD]:
+    for each in exchanges[:MOST_LISTED]:
         number = counts[each.resource] = counts.get(each.resource, 0) + 1
         of = "" if each.resource == "wheels" else f" of {each.resource}"
-        who = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"
-        said.append(f"{each.t:8.2f} s  exchange {number}{of}: {who}: {each.cause.what}")
-    if len(exchanges) > MOST_TOLD:
-        said.append(f"            and {len(exchanges) - MOST_TOLD} exchanges more")
-    said += [f"{each.t:8.2f} s  stop {each.number}: by {each.by}" for each in presses]
-    said += [f"{each.t:8.2f} s  collision {each.number}: {each.cause.what}" for each in collisions]
-    said += ["At its end:", *last.sentences]
+        agents = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"
+        lines.append(f"{each.t:8.2f} s  exchange {number}{of}: {agents}: {each.cause.what}")
+    if len(exchanges) > MOST_LISTED:
+        lines.append(f"            and {len(exchanges) - MOST_LISTED} more exchanges")
+    lines += [f"{each.t:8.2f} s  stop {each.number}: by {each.by}" for each in presses]
+    lines += [f"{each.t:8.2f} s  collision {each.number}: {each.cause.what}" for each in collisions]
+    lines += ["At its end:", *last.sentences]
     found = {
         "seconds": round(ends, 3),
         "exchanges": exchanges,
@@ -334,16 +333,16 @@ def _all(chronicle: Chronicle, ends: float) -> Told:
         "collisions": collisions,
         "standing": last,
     }
-    return Told(said, found)
+    return Answer(lines, found)
 
 
 main: Final = Command(
     "armadico why",
     Options,
     run,
-    "Why a society did what it did: each contender's bid and what it was made of, who held the"
-    " resource, what the exchange blended, what the robot obeyed or refused. Without a"
-    " question: what happened in a recording, or this moment live. Losers publish nothing, so"
-    " they are asked, or a recording has what they answered.",
+    "Explain a run or a live robot: each contender's bid and its reasons, the holder, the blending"
+    " of an exchange, and what the robot obeyed or rejected. Without an option, print a summary of"
+    " the recording, or the present moment. Agents that do not hold publish no bids; their answers"
+    " to queries are used, or those in the recording.",
     EXAMPLES,
 )

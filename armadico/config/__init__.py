@@ -1,1 +1,1 @@
-"""Configuration: TOML into frozen structs, worlds, scenarios, hosts. Errors name file and line."""
+"""Configuration: TOML files as frozen structs, worlds, scenarios, hosts."""

@@ -1,13 +1,12 @@
-"""What is installed, by name: agents, kinds of robots, transports, commands, found by entry points.
+"""Installed agents, kinds of robots, transports and commands, found by their entry points.
 
-Nothing that is found is imported before it is used, so a list costs nothing however heavy the
-things on it are. A third party's agent is found exactly as ours are.
+Nothing is imported before it is used, so that a list is cheap. Agents of other packages are found
+in the same way.
 """
 
 from __future__ import annotations
 
 import ast
-import difflib
 import sys
 import traceback
 from collections import Counter
@@ -20,6 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from armadico.core.errors import UnknownNameError
 from armadico.core.installed import entries
 
 if TYPE_CHECKING:
@@ -28,54 +28,50 @@ if TYPE_CHECKING:
 
 AGENTS: Final = "armadico.agents"
 ROBOTS: Final = "armadico.robots"
-"""Kinds of robots: how each is described, spoken to and simulated."""
+"""Kinds of robots: profile, session and simulator of each."""
 
 COMMANDS: Final = "armadico.commands"
 TASKS: Final = "armadico.tasks"
-"""What the steps of missions ask for."""
+"""Tasks, which the steps of missions name."""
 
 MISSIONS: Final = "armadico.missions"
-"""What reads the file of a mission."""
+"""The reader of mission files."""
 
 ERRANDS: Final = "armadico.errands"
-"""By the plan of a scenario, what orders it."""
+"""By a scenario's plan: the function that makes the run's order."""
 
 MACHINES: Final = "armadico.machines"
-"""What keeps a host's share of a society up; "virtual": on the virtual mesh."""
+"""What keeps a host's share of a society running; "virtual": on the virtual mesh."""
 
 RUNS: Final = "armadico.runs"
-"""By a field of a scenario, what drives one that has it."""
+"""By a field of a scenario: the function that drives such a scenario."""
 
 GUESTS: Final = "armadico.guests"
-"""What takes part in a run besides the agents, as the alarms of a building."""
+"""Participants of a run that are not agents, such as the alarms of a building."""
 
 PAGE: Final = "armadico.page"
-"""What a capability adds to the control page: requests, and what is shown."""
+"""What a capability adds to the control page: requests and views."""
 
 TRANSPORTS: Final = "armadico.transports"
-"""By the scheme of an address: what opens it as a device agent's port."""
+"""By the scheme of an address: the function that opens a device agent's port."""
 
 TRANSLATORS: Final = "armadico.translators"
-"""What says the society's messages in the words of other people's tools."""
+"""Translators of the society's messages for other tools."""
 
 MAPPERS: Final = "armadico.mappers"
-"""What makes an occupancy grid of readings at known poses."""
+"""Makers of an occupancy grid from readings at known poses."""
 
 T = TypeVar("T")
 
 
-class UnknownNameError(LookupError):
-    """Nothing of that name is installed; the message lists what is, the nearest first."""
-
-
 @dataclass(frozen=True)
 class Found:
-    """One thing that is installed, not imported yet."""
+    """An installed entry point, not imported yet."""
 
     name: str
-    value: str  # "module:Class"; a module alone stands for its `main`
-    package: str  # the distribution that brought it
-    shares: bool = False  # its module with others of its group
+    value: str  # "module:Class"; a module alone means its `main`
+    package: str  # the distribution
+    shares: bool = False  # whether other entry points of its group are in the same module
 
     @property
     def module(self) -> str:
@@ -83,36 +79,36 @@ class Found:
 
     @property
     def path(self) -> Path | None:
-        """The file of its module, which is not imported; None if there is none."""
+        """The file of its module, without importing it, or None."""
         return _file(self.module)
 
     @property
     def summary(self) -> str:
         """The first line of its module's docstring, read without importing the module.
 
-        Of a module that brings several, each is described by its own docstring, if it has one.
+        If several entry points share a module, the docstring of the class comes first.
         """
         own = self.value.partition(":")[2].strip() if self.shares else ""
         return summary(self.module, own)
 
     def load(self) -> Any:
-        """Import it. Raises ImportError saying which entry point is to blame, and where."""
+        """Import it. Raises ImportError with the entry point and the failing line."""
         module, _, attributes = (part.strip() for part in self.value.partition(":"))
         try:
             found: Any = import_module(module)
             for attribute in (attributes or "main").split("."):
                 found = getattr(found, attribute)
-        except (Exception, SystemExit) as error:  # a module is anybody's code
-            raise self.unusable(f"cannot be loaded: {_said(error)}") from error
+        except (Exception, SystemExit) as error:  # a module may raise anything
+            raise self.unusable(f"cannot be loaded: {_described(error)}") from error
         return found
 
     def unusable(self, why: str) -> ImportError:
-        """What to raise of an entry point that leads to nothing that can be used."""
+        """The error for an entry point that cannot be used."""
         return ImportError(f"{self.name} ({self.value}) {why}")
 
 
 def installed(group: str) -> dict[str, Found]:
-    """Everything in a group, by name. If two packages bring one name, the first stands."""
+    """The entry points of a group by name. If two packages have one name, the first counts."""
     return _installed(group, *sys.path)
 
 
@@ -128,48 +124,46 @@ def _installed(group: str, *_path: str) -> dict[str, Found]:
 
 
 def find(group: str, name: str) -> Found:
-    """One thing of a group. Raises `UnknownNameError`."""
+    """An entry point by name. Raises UnknownNameError."""
     found = installed(group)
     if name not in found:
-        raise UnknownNameError(unknown(_kind(group), name, found))
+        raise UnknownNameError(group.rpartition(".")[2].removesuffix("s"), name, found)
     return found[name]
 
 
 def load(group: str, name: str, kind: type[T]) -> type[T]:
-    """Import a class of a group. Raises `UnknownNameError`, or ImportError."""
+    """Import a class of a group. Raises UnknownNameError or ImportError."""
     what = find(group, name)
     loaded = what.load()
     if not (isinstance(loaded, type) and issubclass(loaded, kind)):
-        raise what.unusable(f"is no {kind.__name__}: an entry point names a class derived from it")
+        raise what.unusable(f"must be a class derived from {kind.__name__}")
     return loaded
 
 
 def agent_class(name: str) -> type[Agent]:
-    """The class of an agent that is installed. Raises `UnknownNameError`."""
+    """The class of an installed agent. Raises UnknownNameError or ImportError."""
     from armadico.core.agent import Agent
     from armadico.core.parameters import Parameters
 
     kind = load(AGENTS, name, Agent)
-    if kind.name != name:  # whoever waits for the one would never see the other
-        why = f"calls itself {kind.name!r}: its class says name = {name!r}, as its entry point does"
+    if kind.name != name:  # a launcher that waits for `name` would wait forever
+        why = f"has name = {kind.name!r}; expected {name!r}, the name of its entry point"
         raise find(AGENTS, name).unusable(why)
     given: object = kind.parameters
     if not (isinstance(given, type) and issubclass(given, Parameters)):
-        raise find(AGENTS, name).unusable(
-            "has parameters that are no class derived from Parameters"
-        )
+        raise find(AGENTS, name).unusable("has parameters that are not derived from Parameters")
     return kind
 
 
 def owners(names: Iterable[str], resource: Resource) -> Iterator[str]:
-    """Those of the agents that own a resource; who is not installed here is not known to."""
+    """The agents among `names` that own a resource; only installed agents are known."""
     here = installed(AGENTS)
     return (name for name in names if name in here and resource in agent_class(name).owns)
 
 
 @cache
 def providers(key: str) -> tuple[str, ...]:
-    """The installed agents that publish on a key; who cannot be loaded here is not known to."""
+    """The installed agents that publish on a key, without those that cannot be loaded."""
     from armadico.core.services import rows_of
 
     found = []
@@ -185,18 +179,10 @@ def providers(key: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def unknown(kind: str, name: str, names: Iterable[str]) -> str:
-    """What to say when a name is not among those that exist."""
-    known = sorted(names)
-    near = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"no {kind} {name!r}; {hint}there are: {', '.join(known) or 'none'}"
-
-
 def summary(module: str, name: str = "") -> str:
-    """The first line of the docstring of a module, or of what goes by a name in it.
+    """The first line of the docstring of a class in a module, or else of the module.
 
-    Without its full stop; empty if there is none, or the module cannot be read.
+    Without the full stop; empty if there is none, or the module cannot be read.
     """
     path = _file(module)
     if path is None:
@@ -213,36 +199,32 @@ def summary(module: str, name: str = "") -> str:
 def _file(module: str) -> Path | None:
     try:
         spec = find_spec(module)
-    except Exception:  # to find it, the packages that it is in are imported
+    except Exception:  # finding a module imports its parent packages
         return None
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         return None
     return Path(spec.origin)
 
 
-def _said(error: BaseException) -> str:
-    """An error while importing, with the line of theirs that raised it, if one did."""
+def _described(error: BaseException) -> str:
+    """An error of an import, with the line of the imported code that raised it."""
     if isinstance(error, SyntaxError):
         return f"SyntaxError: {error.msg} ({error.filename}, line {error.lineno})"
-    named = isinstance(error, (ImportError, AttributeError))  # which say it all
-    said = str(error) if named else f"{type(error).__name__}: {error}"
+    named = isinstance(error, (ImportError, AttributeError))  # their texts need no class name
+    text = str(error) if named else f"{type(error).__name__}: {error}"
     lines = [at for at in traceback.extract_tb(error.__traceback__) if _is_code(at.filename)]
-    return f"{said} ({lines[-1].filename}, line {lines[-1].lineno})" if lines else said
+    return f"{text} ({lines[-1].filename}, line {lines[-1].lineno})" if lines else text
 
 
 def _is_code(filename: str) -> bool:
-    """Neither this file nor what imports."""
+    """Whether a file is neither this one nor part of the import machinery."""
     return filename not in {__file__, import_module.__code__.co_filename} and filename[:1] != "<"
-
-
-def _kind(group: str) -> str:
-    return group.rpartition(".")[2].removesuffix("s")
 
 
 def _package(entry: EntryPoint) -> str:
     return _name(entry.dist) if entry.dist is not None else ""
 
 
-@cache  # to say its name it parses all its metadata, half a millisecond for each of its entries
+@cache  # `name` parses all metadata, 0.5 ms for each entry point
 def _name(package: Distribution) -> str:
     return package.name

@@ -1,7 +1,7 @@
-"""Missions of several tasks, as far as a scenario and a run have to know them.
+"""Missions of several tasks, as far as a scenario and a run need them.
 
-What a mission's file says is for the package that does missions, which is found by its entry point
-in the group `armadico.missions`.
+The mission's file is read by the package that implements missions, found by its entry point in the
+group `armadico.missions`.
 """
 
 from __future__ import annotations
@@ -18,38 +18,34 @@ if TYPE_CHECKING:
 
 
 class Mission(Protocol):
-    """A mission as it was read."""
+    @property
+    def name(self) -> str: ...
 
     @property
-    def name(self) -> str:
-        """What it is called."""
-
-    @property
-    def title(self) -> str:
-        """What it does, for people."""
+    def title(self) -> str: ...
 
     @property
     def text(self) -> str:
-        """Its file."""
+        """The text of its file."""
 
     @property
     def scenario(self) -> str | None:
-        """Where it is driven unless that is said."""
+        """Its default scenario."""
 
     @property
     def timeout_s(self) -> float | None:
-        """What it may take, s; None: that is not said."""
+        """Its time limit, s; None: not given."""
 
     @property
     def energy(self) -> str:
-        """What is done before a way that the battery will not do for."""
+        """The task that comes before a path that the battery is too low for."""
 
     @property
     def does(self) -> frozenset[str]:
-        """The names of all tasks that it may do."""
+        """The names of all tasks in it."""
 
     def order(self, priority: float | None, by: str) -> Order:
-        """What asks for it; without a priority it has its own."""
+        """The message that requests it; None: its own priority."""
 
 
 def load_mission(
@@ -60,13 +56,13 @@ def load_mission(
     """A shipped mission by its name, or a file.
 
     Args:
-        name_or_path: Which.
-        places: Those of the world that it is for; None: its places are not looked up.
-        start: From where they must be got to, m; None: that is not looked at.
+        name_or_path: The mission.
+        places: The places of its world; None: its places are not checked.
+        start: The start, m, from which they must be reachable; None: not checked.
 
     Raises:
-        ConfigError: It cannot be read or done, or no package is installed that does missions.
+        ConfigError: It cannot be read or done, or no package for missions is installed.
     """
     for found in installed(MISSIONS).values():
         return cast("Mission", found.load()(name_or_path, places, start))
-    raise ConfigError(f"mission {name_or_path}: no package that does missions is installed")
+    raise ConfigError(f"mission {name_or_path}: no package for missions is installed")

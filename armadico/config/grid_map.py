@@ -1,9 +1,9 @@
-"""Occupancy grids: cells that are unknown, free or occupied; how they travel, and files of them.
+"""Occupancy grids of unknown, free and occupied cells: messages and files.
 
-As bytes the cells are deflated, a byte each: 1,000 x 1,000 cells of a building take 5 to 20 kB. A
-grid that is still too large for a message is made of larger cells until it fits, so there is always
-something to be seen. Files are those of a ROS map_server (`.yaml` and `.pgm`), which hold all of
-it, and ARIA's `.map`, which holds the borders of what is occupied.
+In a message the cells are deflated, one byte each: 1,000 x 1,000 cells of a building take 5 to
+20 kB. A grid that is too large for a message gets larger cells until it fits. Files are those of a
+ROS map_server (`.yaml` and `.pgm`), which hold the whole grid, and ARIA's `.map`, which holds the
+borders of the occupied cells.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from armadico.mobile.messages import OccupancyGrid
 States = NDArray[np.uint8]
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
-"""What a cell is."""
+"""The states of a cell."""
 
 PACKED_MOST: Final = 60_000
-"""Bytes of cells in one message: what else is in it fits beside them."""
+"""Most bytes of cells in a message, which leaves room for its other fields."""
 
 CELLS_MOST: Final = 16_000_000
-"""What is more than this is not unpacked: 200 m x 200 m in cells of 5 cm."""
+"""Most cells that are unpacked: 200 m x 200 m in cells of 5 cm."""
 
 CELLS_M: Final = (0.01, 1.0)
-"""Cells in which a map can be gone on with: smaller ones would fill the memory, larger ones hide
-doors."""
+"""Sizes of cells with which mapping can continue: smaller ones would fill the memory, larger ones
+hide doors."""
 
 PIXELS: Final = np.array([205, 254, 0], dtype=np.uint8)
 """Grey by state, as map_saver writes it."""
@@ -63,16 +63,16 @@ class Cells:
 
     @property
     def bounds(self) -> Segment:
-        """The rectangle that it covers, m."""
+        """The covered rectangle, m."""
         rows, columns = self.states.shape
         return self.x, self.y, self.x + columns * self.cell_m, self.y + rows * self.cell_m
 
     def area(self, state: int) -> float:
-        """How much is in a state, m^2."""
+        """The area of the cells in a state, m^2."""
         return float(np.count_nonzero(self.states == state)) * self.cell_m**2
 
     def at(self, x: float, y: float) -> int:
-        """The state at a place; unknown outside."""
+        """The state at a point, m; unknown outside."""
         row, column = int((y - self.y) // self.cell_m), int((x - self.x) // self.cell_m)
         rows, columns = self.states.shape
         if not (0 <= row < rows and 0 <= column < columns):
@@ -80,7 +80,7 @@ class Cells:
         return int(self.states[row, column])
 
     def world(self, name: str) -> World:
-        """Its occupied cells as walls."""
+        """A world with the occupied cells as walls."""
         occupied, free = self.states == OCCUPIED, self.states == FREE
         return world_of(Raster(occupied, free, self.cell_m, (self.x, self.y, 0.0)), name)
 
@@ -90,7 +90,7 @@ NOTHING: Final = Cells(0.0, 0.0, 0.05, np.zeros((0, 0), dtype=np.uint8))
 
 
 def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:
-    """The grid as a message, in larger cells if it does not fit otherwise."""
+    """The grid as a message, with larger cells if needed."""
     while (
         cells.states.size > CELLS_MOST
         or len(packed := zlib.compress(cells.states.tobytes(), 6)) > PACKED_MOST
@@ -101,28 +101,28 @@ def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:
 
 
 def cells_of(message: OccupancyGrid) -> Cells:
-    """The grid in a message. Raises ValueError if it is none that a map could be made of."""
+    """The grid of a message. Raises ValueError if it is invalid or too large."""
     count = message.rows * message.columns
     if count > CELLS_MOST:
-        raise ValueError(f"{count:,} cells, at most {CELLS_MOST:,} are read")
+        raise ValueError(f"{count:,} cells; expected at most {CELLS_MOST:,}")
     if message.cell < CELLS_M[0]:
-        raise ValueError(f"cells of {message.cell:g} m, at least {CELLS_M[0]:g} m are read")
+        raise ValueError(f"cells of {message.cell:g} m; expected at least {CELLS_M[0]:g} m")
     inflater = zlib.decompressobj()
     try:
-        plain = inflater.decompress(message.packed, count + 1)  # and no more, whatever it holds
+        plain = inflater.decompress(message.packed, count + 1)  # bounds the memory
     except zlib.error as error:
         raise ValueError(f"its cells are not deflated: {error}") from None
     states = np.frombuffer(plain, dtype=np.uint8)
     if len(states) != count or (count and states.max() > OCCUPIED):
-        raise ValueError(f"not {message.rows} x {message.columns} cells")
+        raise ValueError(f"expected {message.rows} x {message.columns} cells")
     states = states.reshape(message.rows, message.columns)
     if (walls := walls_in(states == OCCUPIED)) > MAX_WALLS:
-        raise ValueError(f"cells with {walls:,} borders, at most {MAX_WALLS:,} are read")
+        raise ValueError(f"cells with {walls:,} borders; expected at most {MAX_WALLS:,}")
     return Cells(message.x, message.y, message.cell, states)
 
 
 def coarser(cells: Cells) -> Cells:
-    """The same in cells twice as large: occupied if any is, else unknown if any is."""
+    """The grid with cells twice as large: occupied if any part is, else unknown if any is."""
     rows, columns = cells.states.shape
     even = np.pad(cells.states, ((0, rows % 2), (0, columns % 2)))
     blocks = even.reshape((rows + 1) // 2, 2, (columns + 1) // 2, 2)
@@ -131,25 +131,24 @@ def coarser(cells: Cells) -> Cells:
 
 
 def check_suffix(path: Path) -> None:
-    """Raises ConfigError for a file whose name does not say what kind of map it is."""
+    """Raises ConfigError for a file name that is not of a map."""
     if path.suffix not in SUFFIXES:
         expected = "expected .yaml (a ROS map_server's, with a .pgm beside it) or .map (ARIA's)"
         raise ConfigError(f"{path}: {expected}")
     try:
         path.name.encode()
     except UnicodeEncodeError:
-        fault = "a name that is no UTF-8; what names its image could not be written"
-        raise ConfigError(f"{str(path)!r}: {fault}") from None
+        raise ConfigError(f"{str(path)!r}: expected a name in UTF-8, for its image") from None
 
 
 def save(cells: Cells, path: Path) -> list[Path]:
-    """Write a grid as its file's suffix says; the files written. Raises ConfigError, OSError.
+    """Save a grid in the format of the suffix; returns the files. Raises ConfigError, OSError.
 
-    What was there before stays as it was until all of the new is on the disk.
+    Existing files are replaced only when all new ones are on the disk.
     """
     check_suffix(path)
     if path.suffix == ".map":
-        comments = ("Made by driving; the borders of what echoes.",)
+        comments = ("Made by driving; the borders of occupied cells.",)
         write_files({path: format_map(cells.world(path.stem), comments).encode()})
         return [path]
     image = path.with_suffix(".pgm")
@@ -170,7 +169,7 @@ def save(cells: Cells, path: Path) -> list[Path]:
 
 
 def check_writable(path: Path) -> None:
-    """Whether `save` could write there now. Raises OSError."""
+    """Raises OSError if `save` could not write there now."""
     for file in (path,) if path.suffix == ".map" else (path, path.with_suffix(".pgm")):
         new = written_first(file)
         new.open("wb").close()
@@ -178,14 +177,14 @@ def check_writable(path: Path) -> None:
 
 
 def read(path: Path | str) -> Cells:
-    """A grid that was saved as a map_server's. Raises ConfigError."""
+    """A grid from a map_server's files, to continue mapping. Raises ConfigError."""
     raster = read_raster(path)
     x, y, turned = raster.origin
     if turned:
-        raise ConfigError(f"origin: turned by {turned:g} rad; a grid goes on unturned", Path(path))
+        raise ConfigError(f"origin: turned by {turned:g} rad; expected 0", Path(path))
     least, most = CELLS_M
     if not least <= raster.cell_m <= most:
-        fault = f"resolution: {raster.cell_m:g}: a grid goes on in cells of {least:g} to {most:g} m"
+        fault = f"resolution: {raster.cell_m:g}: expected {least:g} to {most:g} m"
         raise ConfigError(fault, Path(path))
     states = np.where(raster.occupied, OCCUPIED, np.where(raster.free, FREE, UNKNOWN))
     return Cells(x, y, raster.cell_m, states.astype(np.uint8))

@@ -1,9 +1,9 @@
-"""Hosts: which machine runs which agents, and where the robot can be reached.
+"""Host tables: which machine runs which agents, and how the robot is reached.
 
-A host table is a TOML file with a table a host. The host that runs the robot agent has a `router`,
-the endpoint at which the others reach that agent's process; without one it listens to no network,
-which is all that one machine needs. Above the first host may stand `fleet`, the routers of all
-robots that share a fleet.
+A host table is a TOML file with one table per host. The host of the robot agent has a `router`, the
+endpoint at which other hosts reach that agent's process. Without it the robot agent listens to no
+network, which is enough on a single machine. Above the first host, `fleet` may list the routers of
+all robots of a fleet.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from urllib.parse import urlsplit
 from msgspec import Struct
 
 from armadico.config.discovery import AGENTS, TRANSPORTS, installed, owners
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
+from armadico.core.errors import no_such
 from armadico.core.resources import WHEELS
 
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 """The links of Zenoh that have an address and a port."""
 
 ANYWHERE: Final = ("0.0.0.0", "::")
-"""Addresses to listen on, and none to connect to."""
+"""Addresses to listen on that cannot be connected to."""
 
 _ENDPOINT = re.compile(r"^(?P<protocol>[a-z]+)/(?P<host>\[[^\]]*\]|[^/:\[\]\s#?]+):(?P<port>\d+)$")
 _HOST = re.compile(r"^[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?$")
@@ -40,66 +41,65 @@ _SETTINGS = ("fleet",)
 
 class Host(Struct, frozen=True, forbid_unknown_fields=True):
     router: str | None = None
-    """Where its robot agent listens for other machines, `tcp/10.0.0.2:7447`; none: for no one."""
+    """The endpoint of its robot agent for other machines, `tcp/10.0.0.2:7447`, or None."""
     address: str | None = None
-    """Its name or address, by which a process finds out that it is on this host."""
+    """Its name or address, by which a process detects that it runs on this host."""
     agents: tuple[str, ...] = ()
     robot: str | None = None
-    """Where its robot agent finds the controller, `serial:///dev/ttyUSB0`; none: a simulator."""
+    """The address of the robot's controller, `serial:///dev/ttyUSB0`; None: a simulator."""
     together: tuple[tuple[str, ...], ...] = ()
-    """Groups of its agents that share a process each."""
+    """Groups of its agents; each group shares a process."""
     takes: tuple[str, ...] | None = None
-    """Agents that it runs, too, when their own host is gone; none: whoever is installed."""
+    """Agents that it starts if their own host fails; None: all that are installed."""
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where it is, as far as the table says: names, IPv4 and IPv6 addresses."""
+        """Its names, IPv4 and IPv6 addresses in the table."""
         known = None if self.router is None else address_of(self.router)
         return tuple(dict.fromkeys(a for a in (known, self.address) if a is not None))
 
 
 class Settings(Struct, frozen=True, forbid_unknown_fields=True):
-    """What stands above the first host, and is for all of them."""
+    """The keys above the first host, which apply to all hosts."""
 
     fleet: tuple[str, ...] = ()
 
 
 class HostTable(Struct, frozen=True):
-    """Every machine of one robot's society, by name."""
+    """The machines of one robot's society by name."""
 
     hosts: dict[str, Host]
     fleet: tuple[str, ...] = ()
-    """The endpoints of the routers of all robots of a fleet, this one's too if it has one, in any
-    order."""
+    """The router endpoints of all robots of a fleet, including this one's, in any order."""
     file: str = ""
 
     def host(self, name: str) -> Host:
-        """One machine. Raises ConfigError with the nearest name."""
+        """A machine by name. Raises ConfigNameError."""
         if name not in self.hosts:
-            raise ConfigError(f"no host {name!r}; {advice(name, self.hosts)}", self.file or None)
+            raise ConfigNameError("host", name, self.hosts, self.file or None)
         return self.hosts[name]
 
     @property
     def robots_host(self) -> str | None:
-        """The host that runs the robot agent; none if no host of the table does."""
+        """The host of the robot agent, or None."""
         named = society().robot
         for name, host in self.hosts.items():
             if named in host.agents or host.robot is not None:
                 return name
-        # A robot agent of another name need not be installed on this machine.
+        # A robot agent of another name may not be installed on this machine.
         hosts = self.hosts.items()
         owning = (name for name, host in hosts if any(owners(host.agents, WHEELS)))
         return next(owning, next((name for name, host in hosts if host.router), None))
 
     @property
     def robots_router(self) -> str | None:
-        """Where the robot's router can be reached from other hosts."""
+        """The endpoint of the robot's router for other hosts, or None."""
         name = self.robots_host
         return None if name is None else self.hosts[name].router
 
 
 def shipped_tables() -> dict[str, Path]:
-    """The host tables that come with Armadico, by name."""
+    """The shipped host tables by name."""
     found = {path.stem.partition("-")[2]: path for path in folder("").glob("hosts-*.toml")}
     return {"localhost": folder("") / "hosts.toml", **dict(sorted(found.items()))}
 
@@ -107,31 +107,30 @@ def shipped_tables() -> dict[str, Path]:
 def table_path(name_or_path: str | Path) -> Path:
     """The file of a host table: a path if it has a slash or a suffix, else a shipped name.
 
-    Raises ConfigError if nothing is shipped by that name; whether a file is there is not looked.
+    Raises ConfigNameError for an unknown name; the file of a path may be missing.
     """
     path = Path(name_or_path)
     if path.suffix or path.name != str(name_or_path):
         return path
     shipped = shipped_tables()
     if path.name not in shipped:
-        raise ConfigError(
-            f"no host table {path.name!r}; {advice(path.name, shipped)};"
-            f" a file is named with its suffix, {path.name}.toml"
-        )
+        message = no_such("host table", path.name, shipped)
+        suffix = f"; a file needs its suffix, {path.name}.toml"
+        raise ConfigNameError("host table", path.name, shipped, message=message + suffix)
     return shipped[path.name]
 
 
 def load_hosts(path: Path | str | None = None) -> HostTable:
-    """Read a host table, by default the shipped one. Raises ConfigError with file and line."""
+    """Read a host table, by default the shipped one. Raises ConfigError."""
     file = table_path("localhost" if path is None else path)
     text = read_text(file)
     entries = _entries(text, file)
-    # A table of the name of a setting is a host.
+    # A table with the name of a setting is a host.
     above = {k: entries.pop(k) for k in _SETTINGS if not isinstance(entries.get(k, {}), dict)}
     settings = parse_entries({"": above}, Settings, file, text)[""]
     hosts = parse_entries(entries, Host, file, text)
     if not hosts:
-        raise ConfigError("no hosts; expected a table for each, [name]", file, 1)
+        raise ConfigError("no hosts; expected a table [NAME] for each", file, 1)
     table = HostTable(hosts, settings.fleet, str(file))
     for key, message in _faults(table):
         raise ConfigError(message, file, line_of(text, key))
@@ -148,14 +147,14 @@ def _entries(text: str, file: Path) -> dict[str, Any]:
         name = twice["name"]
         raise ConfigError(
             f"a second host {name!r}, the first is on line {line_of(text, (name,))};"
-            " expected one table a host",
+            " expected one table per host",
             file,
             error.line,
         ) from None
 
 
 def _faults(table: HostTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """What is wrong with a table: the key, and what would be right."""
+    """(key, message) of each fault of a table."""
     robots, own = table.robots_host, table.robots_router
     for name, host in table.hosts.items():
         for key, message in _faults_of(name, host, robots):
@@ -168,20 +167,20 @@ def _faults(table: HostTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
         yield (
             ("fleet",),
             f'fleet lacks this robot\'s own router, "{own}" of {robots}; expected the routers of'
-            " all its robots, the same in the table of each",
+            " all robots, the same in each robot's table",
         )
     if robots is not None and own is None and len(table.hosts) > 1:
         yield (
             (robots,),
-            f"{robots} runs the robot agent, and the other hosts cannot reach it; expected"
+            f"{robots} runs the robot agent, but the other hosts cannot reach it; expected"
             f' router = "tcp/ADDRESS:7447" in [{robots}], with an address of that machine',
         )
 
 
 def _faults_of(name: str, host: Host, robots: str | None) -> Iterator[tuple[str, str]]:
-    """What is wrong with one host, by its key; `robots` is the host of the robot agent."""
+    """(key, message) of each fault of one host; `robots` is the host of the robot agent."""
     if host.address is not None and not _is_address(host.address):
-        expected = "expected a name or an address, 10.0.0.2 say"
+        expected = "expected a name or an address, such as 10.0.0.2"
         yield "address", f'{name}.address = "{host.address}": {expected}'
     if host.router is not None:
         fault = _fault(host.router)
@@ -193,7 +192,7 @@ def _faults_of(name: str, host: Host, robots: str | None) -> Iterator[tuple[str,
         if fault is not None:
             yield "router", f"{name}.router = {fault}"
     if repeated := [agent for agent, often in Counter(host.agents).items() if often > 1]:
-        yield "agents", f"{name}.agents: {min(repeated)!r} is there twice; expected once"
+        yield "agents", f"{name}.agents: {min(repeated)!r} is listed twice; expected once"
     seen: set[str] = set()
     for index, group in enumerate(host.together):
         strangers = [agent for agent in group if agent not in host.agents]
@@ -203,50 +202,49 @@ def _faults_of(name: str, host: Host, robots: str | None) -> Iterator[tuple[str,
         if strangers:
             yield "together", f"{where}: {strangers[0]!r} is not among the agents of {name}"
         elif twice:
-            yield "together", f"{where}: {twice[0]!r} is there twice; expected once"
+            yield "together", f"{where}: {twice[0]!r} is listed twice; expected once"
         elif len(group) < 2:
-            yield "together", f"{where}: expected two agents or more that share a process"
+            yield "together", f"{where}: expected at least two agents that share a process"
 
 
 def _faults_of_robots(hosts: Mapping[str, Host]) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """What is wrong with robot agents, and with where they find the controller."""
-    # Classes say who owns the wheels, and are imported only where a table asks for it.
+    """(key, message) of each fault of robot agents and their controllers."""
+    # Owners are known from the agents' classes, which are imported only if needed.
     every = Counter(agent for host in hosts.values() for agent in host.agents)
     for agent in owners((agent for agent, often in every.items() if often > 1), WHEELS):
         first, second, *_ = (name for name, host in hosts.items() if agent in host.agents)
-        there = f"{first!r} has the {agent} agent already; expected it on one host"
-        yield (second, "agents"), f"{second}.agents: {there}"
+        what = f"{first!r} has the {agent} agent already; expected it on one host"
+        yield (second, "agents"), f"{second}.agents: {what}"
     for name, host in hosts.items():
         if host.robot is None:
             continue
         fault = robot_fault(host.robot)
-        # One that is not installed here may be a robot agent.
+        # An agent that is not installed here may be a robot agent.
         if fault is None and not (
             {*host.agents} - installed(AGENTS).keys() or any(owners(host.agents, WHEELS))
         ):
-            there = f"there is no robot agent on {name}"
-            fault = f"{there}; expected {society().robot!r} among its agents"
+            fault = f"no robot agent on {name}; expected {society().robot!r} among its agents"
         if fault is not None:
             yield (name, "robot"), f'{name}.robot = "{host.robot}": {fault}'
 
 
 def _fault(endpoint: str) -> str | None:
-    """What is wrong with an endpoint; None if nothing is."""
+    """The fault of an endpoint, or None."""
     found = _ENDPOINT.match(endpoint)
     quoted = f'"{endpoint}"'
     if found is None or not _is_host(found["host"]):
-        return f"{quoted}: expected PROTOCOL/HOST:PORT, for instance tcp/10.0.0.2:7447"
+        return f"{quoted}: expected PROTOCOL/HOST:PORT, such as tcp/10.0.0.2:7447"
     if found["protocol"] not in PROTOCOLS:
         return f"{quoted}: unknown protocol; {advice(found['protocol'], PROTOCOLS)}"
     if not 1 <= int(found["port"]) <= 65535:
         return f"{quoted}: expected a port from 1 to 65535"
     if address_of(endpoint) in ANYWHERE:
-        return f"{quoted}: nobody can connect to that; expected the address of the machine"
+        return f"{quoted}: expected the address of the machine, to which others can connect"
     return None
 
 
 def address_of(endpoint: str) -> str:
-    """The name or address in an endpoint, without brackets."""
+    """The name or address of an endpoint, without brackets."""
     return endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
 
 
@@ -267,19 +265,19 @@ def _is_host(host: str) -> bool:
 
 
 def robot_fault(url: str) -> str | None:
-    """What is wrong with the address of a robot's controller; None if nothing is."""
+    """The fault of the address of a robot's controller, or None."""
     if urlsplit(url).scheme not in installed(TRANSPORTS):
-        return "expected serial:///dev/ttyUSB0 or tcp://HOST:PORT, say"
+        return "expected an address such as serial:///dev/ttyUSB0 or tcp://HOST:PORT"
     return None
 
 
 def serial_port(url: str) -> Path | None:
-    """The device that the address of a controller names; None if it is none."""
+    """The device of a controller's serial address; None for other addresses."""
     parts = urlsplit(url)
     return Path(parts.netloc + parts.path) if parts.scheme == "serial" else None
 
 
-def nobodys(names: Iterable[str], table: HostTable) -> tuple[str, ...]:
+def unplaced(names: Iterable[str], table: HostTable) -> tuple[str, ...]:
     """The agents among `names` that no host of the table runs."""
     placed = {agent for host in table.hosts.values() for agent in host.agents}
     return tuple(name for name in names if name not in placed)

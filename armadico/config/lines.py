@@ -1,7 +1,7 @@
-"""Where a value stands in a TOML text.
+"""The line of a value in a TOML text.
 
-tomllib gives the line of a syntax error only. For a value of the wrong kind the line is found again
-in the text by the value's path: keys, and the indices of arrays.
+tomllib reports lines of syntax errors only. The line of any other value is searched by its path of
+keys and indices.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Sequence
 
 Path = tuple[str | int, ...]
-"""Where a value is in a document: `("sonar", "sonars", 3, "x_m")`."""
+"""The path of a value: `("sonar", "sonars", 3, "x_m")`."""
 
 _HEADER = re.compile(r"^\s*(\[\[?)([^\[\]]+)\]\]?\s*(?:#.*)?$")
 _NAME = r"""(?:[\w-]+|"[^"]*"|'[^']*')"""
@@ -19,7 +19,7 @@ _KEY = re.compile(rf"^\s*({_NAME}(?:\s*\.\s*{_NAME})*)\s*=")
 
 
 def line_of(text: str, path: Sequence[str | int]) -> int | None:
-    """The line (from 1) where the value at `path` stands, or its nearest parent that has a line."""
+    """The line, from 1, of the value at `path`, or of its nearest parent that has a line."""
     places = _places(text)
     for length in range(len(path), 0, -1):
         line = places.get(tuple(path[:length]))
@@ -29,7 +29,7 @@ def line_of(text: str, path: Sequence[str | int]) -> int | None:
 
 
 def _places(text: str) -> dict[Path, int]:
-    """Every key and header of the text, and every line of an array that has one element a line."""
+    """The lines of all keys, headers, and elements of arrays with one element a line."""
     places: dict[Path, int] = {}
     counts: dict[Path, int] = {}
     table: Path = ()
@@ -62,19 +62,19 @@ def _element(
 
 
 def _next(counts: dict[Path, int], array: Path) -> Path:
-    """The place of an array's next element."""
+    """The path of an array's next element."""
     index = counts.get(array, 0)
     counts[array] = index + 1
     return (*array, index)
 
 
 def _opens(value: str) -> bool:
-    """Whether a value is an array that goes on below."""
+    """Whether a value is an array that continues on the next lines."""
     return value.split("#", maxsplit=1)[0].strip() == "["
 
 
 def _keys(dotted: str) -> tuple[str, ...]:
-    """The keys of `a."b.c".d`, by the TOML parser itself."""
+    """The keys of `a."b.c".d`, by the TOML parser."""
     keys: list[str] = []
     node: object = tomllib.loads(f"{dotted} = 0")
     while isinstance(node, dict):

@@ -1,7 +1,6 @@
-"""TOML into frozen structs. An error says in which file and line, what is there and what is right.
+"""TOML files as frozen structs (`msgspec.Struct`). Errors have the file, the line and the value.
 
-The types are `msgspec.Struct`s; the framework has its own (`Scenario`, `HostTable`), everybody else
-brings theirs: `load(find("worlds", "mine.toml"), Mine)`.
+Any struct can be loaded: `load(find("worlds", "mine.toml"), Mine)`.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, ConfigValueError, advice
 from armadico.config.fields import choices, known_fields, unknown_field
 from armadico.config.lines import line_of
 from armadico.config.shipped import find, names, resource_path
@@ -37,7 +36,7 @@ __all__ = [
 
 T = TypeVar("T")
 LONGEST: Final = 64_000_000
-"""Bytes of a file; the largest, a map of many walls, have some."""
+"""Most bytes of a file; maps with many walls are the largest."""
 
 Document = dict[str, Any]
 
@@ -50,7 +49,7 @@ WORDS = {
     "object": "a table",
     "null": "none",
 }
-"""What people who write TOML call the types that msgspec names."""
+"""The types that msgspec names, in the words of TOML."""
 
 _PATH = re.compile(r"^(?P<what>.*?)(?: - at `\$?(?P<path>.*)`)?$", re.DOTALL)
 _STEP = re.compile(r"\.(?P<key>[^.\[\]]+)|\[(?:(?P<index>\d+)|\.\.\.)\]")
@@ -65,7 +64,7 @@ def load(path: Path | str, kind: type[T]) -> T:
 
 
 def load_table(path: Path | str, kind: type[T]) -> dict[str, T]:
-    """Read a file that is a table of named `kind`s, one `[name]` each. Raises ConfigError."""
+    """Read a file of named `kind`s, one table `[name]` each. Raises ConfigError."""
     text = read_text(path)
     return parse_entries(document(text, path), kind, path, text)
 
@@ -73,7 +72,7 @@ def load_table(path: Path | str, kind: type[T]) -> dict[str, T]:
 def parse_entries(
     entries: Mapping[str, Any], kind: type[T], file: Path | str, text: str
 ) -> dict[str, T]:
-    """Entries of a file's `text` as `kind`s; one called "" is all of it. Raises ConfigError."""
+    """Entries of a file's `text` as `kind`s; the name "" is the whole file. Raises ConfigError."""
     return {
         name: convert(entry, kind, file, text, (name,) if name else ())
         for name, entry in entries.items()
@@ -81,39 +80,39 @@ def parse_entries(
 
 
 def load_entry(path: Path | str, kind: type[T], name: str) -> T:
-    """One entry of a file that `load_table` reads. Raises ConfigError with the nearest name."""
+    """One entry of a file that `load_table` reads. Raises ConfigError."""
     entries = load_table(path, kind)
     if name not in entries:
-        raise ConfigError(f"no {name!r} in this file; {advice(name, entries)}", path)
+        raise ConfigNameError("entry", name, entries, path)
     return entries[name]
 
 
 def read_text(path: Path | str, longest: int = LONGEST, or_else: str | None = None) -> str:
-    """The text of a file in UTF-8 or `or_else`, without a byte order mark. Raises ConfigError."""
+    """The text of a file in UTF-8, UTF-16 or `or_else`, without a BOM. Raises ConfigError."""
     try:
-        with Path(path).open("rb") as file:  # a device may have no end
+        with Path(path).open("rb") as file:  # bounded, since a device may have no end
             data = file.read(longest + 1)
     except OSError as error:
         raise ConfigError(f"cannot be read: {error.strerror}", path) from None
     if len(data) > longest:
-        raise ConfigError(f"has more than {longest:,} bytes: no configuration", path)
+        raise ConfigError(f"expected at most {longest:,} bytes", path)
     coded = "utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
     try:
         text = data.decode(coded)
     except UnicodeDecodeError:
         if or_else is None:
-            raise ConfigError("is not a text in UTF-8", path) from None
+            raise ConfigError("expected a text in UTF-8", path) from None
         text = data.decode(or_else)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def parse(text: str, kind: type[T], file: Path | str = "<text>") -> T:
-    """A TOML text as a `kind`; `file` is what errors call it. Raises ConfigError."""
+    """A TOML text as a `kind`; `file` is its name in errors. Raises ConfigError."""
     return convert(document(text, file), kind, file, text)
 
 
 def document(text: str, file: Path | str) -> Document:
-    """A TOML text as dicts and lists. Raises ConfigError with the line of a syntax error."""
+    """A TOML text as dicts and lists. Raises ConfigError."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -122,7 +121,7 @@ def document(text: str, file: Path | str) -> Document:
         last = max(len(text.splitlines()), 1)
         raise ConfigError(f"not TOML: {what}", file, int(line) if line else last) from None
     except RecursionError:
-        raise ConfigError("not TOML: lists and tables too deep within each other", file) from None
+        raise ConfigError("not TOML: lists and tables are nested too deeply", file) from None
     except ValueError as error:  # a number with thousands of digits
         raise ConfigError(f"not TOML: {error}", file) from None
 
@@ -135,10 +134,10 @@ def load_parameters(kind: type[T], file: Path | str | None, sets: Sequence[str])
 
 
 def set_values(value: T, sets: Sequence[str]) -> T:
-    """The same struct with some values changed, as `--set zones.stop=0.2` does on a command line.
+    """The struct with some values changed, as by `--set zones.stop=0.2`.
 
-    A value is written as in TOML; what is not TOML is a string, and `none` clears an optional one.
-    Raises ConfigError, which quotes the setting.
+    A value is written as in TOML, or else is a string; `none` clears an optional value. Raises
+    ConfigError, which quotes the setting.
     """
     for setting in sets:
         value = _set_value(value, setting)
@@ -149,7 +148,7 @@ def _set_value(value: T, setting: str) -> T:
     key, equals, text = setting.partition("=")
     keys = [part.strip() for part in key.split(".")]
     if not equals or not all(keys):
-        raise ConfigError(f"--set {setting}: expected KEY=VALUE, for instance zones.stop=0.2")
+        raise ConfigError(f"--set {setting}: expected KEY=VALUE, such as zones.stop=0.2")
     first: ConfigError | None = None
     for candidate in _readings(text.strip()):
         changed: Document = msgspec.to_builtins(value)
@@ -163,7 +162,7 @@ def _set_value(value: T, setting: str) -> T:
 
 
 def _readings(text: str) -> list[Any]:
-    """What a value on the command line may mean, the likeliest first."""
+    """The possible meanings of a value on the command line, the likeliest first."""
     if text == "none":
         return [None, text]
     try:
@@ -184,7 +183,7 @@ def _put(node: Document, keys: Sequence[str], value: Any) -> None:
 def convert(
     data: Any, kind: type[T], file: Path | str, text: str, at: tuple[str | int, ...] = ()
 ) -> T:
-    """`data`, which stands at the path `at` of a text, as a `kind`. Raises ConfigError."""
+    """`data`, which is at the path `at` of a text, as a `kind`. Raises ConfigError."""
     try:
         value = msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
@@ -194,10 +193,9 @@ def convert(
         key = _UNKNOWN.match(found["what"])
         if key is not None:
             raise _unknown(kind, (*inner, key[1]), file, text, at) from None
-        known = choices(kind, inner)
-        message = _explain(_value(data, inner), at + inner, found["what"], known)
-        raise ConfigError(message, file, line_of(text, at + inner)) from None
-    unknown = unknown_field(data, value)  # of structs that do not forbid it
+        error_ = _explained(_value(data, inner), at + inner, found["what"], choices(kind, inner))
+        raise error_.at(file, line_of(text, at + inner)) from None
+    unknown = unknown_field(data, value)  # in structs that do not forbid unknown keys
     if unknown is not None:
         raise _unknown(kind, unknown, file, text, at)
     return value
@@ -210,15 +208,16 @@ def _unknown(
     text: str,
     at: tuple[str | int, ...],
 ) -> ConfigError:
-    """The error for a key of `kind` that it does not know, with the nearest that it does."""
-    near = advice(str(path[-1]), known_fields(kind, path[:-1]))
-    return ConfigError(f"unknown key {_dotted(at + path)}; {near}", file, line_of(text, at + path))
+    """The error for an unknown key of `kind`."""
+    key, known = str(path[-1]), known_fields(kind, path[:-1])
+    message = f"unknown key {_dotted(at + path)}; {advice(key, known)}"
+    return ConfigNameError("key", key, known, file, line_of(text, at + path), message)
 
 
 def _steps(data: Any, kind: type, path: str) -> tuple[str | int, ...]:
-    """`.a.b[3]`, as msgspec says where it was, as keys and indices.
+    """The keys and indices of msgspec's path `.a.b[3]`.
 
-    Of a table that may have any keys it says `[...]`: which one it is has to be found.
+    In a table with arbitrary keys msgspec reports `[...]`, so the key is searched.
     """
     steps: tuple[str | int, ...] = ()
     for step in _STEP.finditer(path):
@@ -230,7 +229,7 @@ def _steps(data: Any, kind: type, path: str) -> tuple[str | int, ...]:
 
 
 def _wrong_key(data: Any, kind: type, at: tuple[str | int, ...], path: str) -> str:
-    """The first key of the table at a path whose value, alone there, is wrong at `path`, too."""
+    """The first key of the table at `at` whose value alone gives the same error path."""
     table = _value(data, at)
     for key, value in table.items():
         try:
@@ -243,7 +242,7 @@ def _wrong_key(data: Any, kind: type, at: tuple[str | int, ...], path: str) -> s
 
 
 def _with(data: Any, at: Sequence[str | int], value: Any) -> Any:
-    """The same data with another value at a path."""
+    """`data` with another value at a path."""
     if not at:
         return value
     items: Any = dict(data) if isinstance(data, dict) else list(data)
@@ -251,21 +250,26 @@ def _with(data: Any, at: Sequence[str | int], value: Any) -> Any:
     return items
 
 
-def _explain(value: Any, path: Sequence[str | int], what: str, known: Sequence[str]) -> str:
-    """What msgspec says of a value, with the value, its path, and what else it could be."""
+def _explained(
+    value: Any, path: Sequence[str | int], what: str, known: Sequence[str]
+) -> ConfigError:
+    """The error for what msgspec reports of a value at a path, which may be one of `known`."""
+    key = _dotted(path)
+    begin = f"{key} = {_quoted(value)}: " if path else ""
     if what.startswith("Invalid enum value"):
-        return f"{_dotted(path)} = {_quoted(value)}: {advice(str(value), known)}"
+        message = begin + advice(str(value), known)
+        return ConfigNameError(key, str(value), known, message=message)
     if what.startswith("Object missing required field"):
-        where = f" in {_dotted(path)}" if path else ""
-        return f"missing key {what.split('`')[1]}{where}"
-    wanted = _RANGE.sub(r"Expected a number \2 \3", what)
-    wanted = re.sub(r"`([\w |]+)`", lambda kinds: _named(kinds[1]), wanted)
-    wanted = wanted.replace(", got ", ", not ").replace("Expected", "expected").replace("`", "")
-    return f"{_dotted(path)} = {_quoted(value)}: {wanted}" if path else wanted
+        where = f" in {key}" if path else ""
+        return ConfigError(f"missing key {what.split('`')[1]}{where}")
+    allowed = _RANGE.sub(r"Expected a number \2 \3", what)
+    allowed = re.sub(r"`([\w |]+)`", lambda kinds: _named(kinds[1]), allowed)
+    allowed = allowed.replace(", got ", ", not ").replace("Expected", "expected").replace("`", "")
+    return ConfigValueError(key, value, allowed.removeprefix("expected "), message=begin + allowed)
 
 
 def _named(kinds: str) -> str:
-    """What msgspec calls `float | null`, as people who write TOML say it."""
+    """Msgspec's `float | null` in the words of TOML."""
     return " or ".join(WORDS.get(kind, kind) for kind in kinds.split(" | "))
 
 

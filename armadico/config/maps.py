@@ -1,29 +1,29 @@
-"""ARIA and MobileSim `.map` files, read (`armadico.config.mapwriter` writes them).
+"""Reading of ARIA and MobileSim `.map` files (`armadico.config.mapwriter` writes them).
 
 They are in millimetres and degrees; a `World` is in SI units.
 
-The first line that is no comment is `2D-Map`, or `2D-Map-Ex` to `2D-Map-Ex4`. In these, the
+The first line that is not a comment is `2D-Map`, or `2D-Map-Ex` to `2D-Map-Ex4`. In the latter the
 keywords of a source begin with its name (`LMS1NumLines:`, `LMS1LINES`); all sources become one map.
 
-What is read: the header (`LineMinPos:`, `LineMaxPos:`, `NumLines:`), `LINES`, and these `Cairn:`
-lines, which are `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2]`:
+These parts are read: the header (`LineMinPos:`, `LineMaxPos:`, `NumLines:`), `LINES`, and the
+`Cairn:` lines, `Cairn: TYPE X Y DEGREES "DESCRIPTION" ICON "NAME" [X1 Y1 X2 Y2]`, of these types:
 
 | type | meaning |
 | --- | --- |
-| `RobotHome` | where the robot starts |
+| `RobotHome` | the start pose |
 | `Goal`, `GoalWithHeading` | a named goal; the heading of the former is 0 |
 | `StandbyGoal`, `StandbyGoalWithHeading` | the same |
-| `Dock`, `DockPioneer` | where the robot is charged: the pose of one that stands in it |
-| `ForbiddenArea`, `ForbiddenLine` | where no way leads: a rectangle or a line, turned about 0, 0 |
+| `Dock`, `DockPioneer` | a charging dock: the pose of a docked robot |
+| `ForbiddenArea`, `ForbiddenLine` | a forbidden rectangle or line, turned about 0, 0 |
 | `ArmadicoRoom` | a room: NAME and its rectangle |
 | `ArmadicoDoor` | a door: NAME, its middle, and the DESCRIPTION is its two rooms, `"A corridor"` |
-| `ArmadicoColumn` | something round: its middle, and the DESCRIPTION is its radius in mm |
+| `ArmadicoColumn` | a round column: its middle, and the DESCRIPTION is its radius in mm |
 
-The last three are ours. Other types and keywords are skipped. A second goal or dock of one name is
-called `NAME-2`; one without a name is called as its type.
+The last three are Armadico's. Other types and keywords are ignored. A second goal or dock of one
+name becomes `NAME-2`; one without a name has the name of its type.
 
-A map without `LINES` has the points after `DATA` as walls: cells of `Resolution:`, at least
-`POINT_M`, that hold a point. In a map with `LINES` the points are skipped.
+In a map without `LINES`, the points after `DATA` become walls: the cells of `Resolution:`, at least
+`POINT_M`, that hold a point. In a map with `LINES` the points are ignored.
 
 A comment begins at `;` or `#` outside quotes.
 """
@@ -39,7 +39,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.loading import read_text
 from armadico.config.worlds import (
     Column,
@@ -54,25 +54,25 @@ from armadico.config.worlds import (
 )
 
 LIMIT_M = 1e4
-"""No coordinate of a map may be larger."""
+"""The largest coordinate."""
 
 POINT_M = 0.05
-"""The least size of the cell that a point fills: scans leave gaps as wide between two points."""
+"""The least size of a point's cell: scans leave gaps of this width between points."""
 
 _FIRST = re.compile(r"2D-Map(-Ex[234]?)?", re.IGNORECASE)
 _WORD = re.compile(r'"([^"]*)"|(\S+)')
-_CODE = re.compile(r'(?:"[^"]*"|[^#;])*')  # of a line, without a comment
+_CODE = re.compile(r'(?:"[^"]*"|[^#;])*')  # a line without its comment
 _SECTION = re.compile(r"(.*?)[-_]?(LINES|DATA)")
 _HEADER = re.compile(r"(.*?)[-_]?(LineMinPos|LineMaxPos|NumLines|Resolution):")
 
 
 def read_map(path: Path | str) -> World:
-    """The world in an ARIA `.map` file. Raises ConfigError with file and line."""
+    """The world of an ARIA `.map` file. Raises ConfigError."""
     return parse_map(read_text(path, or_else="latin-1"), Path(path).stem, path)
 
 
 def parse_map(text: str, name: str, file: Path | str = "<text>") -> World:
-    """The world in the text of a `.map` file. Raises ConfigError with the line."""
+    """The world of the text of a `.map` file. Raises ConfigError."""
     reader = _Reader()
     begun = False
     for number, line in enumerate(text.splitlines(), start=1):
@@ -81,7 +81,7 @@ def parse_map(text: str, name: str, file: Path | str = "<text>") -> World:
             try:
                 reader.line(code, number)
             except ConfigError as error:
-                raise ConfigError(error.message, file, number) from None
+                raise error.at(file, number) from None
         elif code:
             begun = _FIRST.fullmatch(code) is not None
             if not begun:
@@ -101,18 +101,18 @@ class _Cairn(Struct, frozen=True):
 
 
 class _Reader:
-    """What has been read of a map so far."""
+    """The parts of a map that have been read so far."""
 
     def __init__(self) -> None:
         self.section = self.source = ""
         self.corners: list[float] = []
-        self.announced: dict[str, tuple[int, int]] = {}  # by source: NumLines and where it stands
+        self.announced: dict[str, tuple[int, int]] = {}  # by source: NumLines and its line
         self.counted: Counter[str] = Counter()
         self.points: list[tuple[float, float]] = []
         self.cell_m = POINT_M
         self.walls: list[Segment] = []
         self.start: Pose | None = None
-        self.named: Counter[str] = Counter()  # how often a name was there already
+        self.named: Counter[str] = Counter()  # how often a name was used before
         self.goals: dict[str, Pose] = {}
         self.docks: dict[str, tuple[Pose, int]] = {}
         self.forbidden: list[Segment] = []
@@ -157,7 +157,7 @@ class _Reader:
     def cairn(self, words: list[str], line: int) -> None:
         kind = words[0] if words else ""
         if kind.startswith("Armadico") and kind not in CAIRNS:
-            raise ConfigError(f"unknown type {kind!r}; {advice(kind, CAIRNS)}")
+            raise ConfigNameError("type of Cairn", kind, CAIRNS)
         if kind not in CAIRNS:
             return
         if len(words) < 7:
@@ -167,7 +167,7 @@ class _Reader:
         CAIRNS[kind](self, _Cairn(kind, pose, words[4], words[6], words[7:], line))
 
     def home(self, cairn: _Cairn) -> None:
-        if self.start is None:  # a map may have several homes: the first is where we start
+        if self.start is None:  # the first of several homes counts
             self.start = cairn.pose
 
     def goal(self, cairn: _Cairn) -> None:
@@ -179,7 +179,7 @@ class _Reader:
         self.docks[self.called(cairn, self.docks)] = cairn.pose, cairn.line
 
     def called(self, cairn: _Cairn, known: Mapping[str, object]) -> str:
-        """A cairn's name, or one that none of those known has."""
+        """A cairn's name, with a number if it is in `known`."""
         own = name = cairn.name or cairn.kind
         while name in known:
             self.named[own] += 1
@@ -218,24 +218,24 @@ class _Reader:
     def column(self, cairn: _Cairn) -> None:
         (radius,) = _metres([cairn.description])
         if radius <= 0.0:
-            raise ConfigError(f"{cairn.description!r} mm: expected a radius, more than none")
+            raise ConfigError(f"{cairn.description!r} mm: expected a radius above 0")
         self.columns.append((*cairn.pose[:2], radius))
 
     def finish(self, name: str, file: Path | str) -> World:
         for source, (announced, number) in self.announced.items():
             there = self.counted[source]
             if announced != there:
-                message = f"{source}NumLines: {announced}, but there are {there} LINES"
+                message = f"{source}NumLines: {announced}: expected {there}, the number of LINES"
                 raise ConfigError(message, file, number)
         for door, number in self.doors.values():
             try:
                 check_door(door, self.rooms)
             except ConfigError as error:
-                raise ConfigError(error.message, file, number) from None
+                raise error.at(file, number) from None
         try:
             walls = tuple(self.walls) if self.walls else self._of_points()
         except ConfigError as error:
-            raise ConfigError(error.message, file) from None
+            raise error.at(file) from None
         docks = {dock: pose for dock, (pose, _) in self.docks.items()}
         doors = tuple(door for door, _ in self.doors.values())
         rooms = tuple(self.rooms.values())
@@ -251,11 +251,11 @@ class _Reader:
             try:
                 check_dock(dock, pose, world)
             except ConfigError as error:
-                raise ConfigError(error.message, file, number) from None
+                raise error.at(file, number) from None
         return world
 
     def _of_points(self) -> tuple[Segment, ...]:
-        """The borders of the cells that have a point. Raises ConfigError if they are too many."""
+        """The borders of the cells with a point. Raises ConfigError if there are too many cells."""
         if not self.points:
             return ()
         import numpy as np
@@ -267,14 +267,14 @@ class _Reader:
         columns, rows = cells.max(axis=0) - low + 2
         if columns * rows > MAX_PIXELS:
             wide = f"{columns * self.cell_m:.0f} m x {rows * self.cell_m:.0f} m"
-            raise ConfigError(f"its points cover {wide}: expected at most {MAX_PIXELS:,} cells")
+            raise ConfigError(f"the points cover {wide}: expected at most {MAX_PIXELS:,} cells")
         occupied = np.zeros((rows, columns), dtype=np.bool_)
         occupied[cells[:, 1] - low[1], cells[:, 0] - low[0]] = True
         x, y = ((low - 0.5) * self.cell_m).tolist()
         return world_of(Raster(occupied, ~occupied, self.cell_m, (x, y, 0.0)), "").walls
 
     def _bounds(self, walls: tuple[Segment, ...]) -> Segment:
-        """The header's corners, and whatever sticks out of them."""
+        """The rectangle around the header's corners and the walls."""
         corners = [tuple(self.corners[i : i + 2]) for i in range(0, len(self.corners), 2)]
         points = tuple((x, y, x, y) for x, y in corners)
         return hull(points + walls)
@@ -294,7 +294,7 @@ CAIRNS: dict[str, Callable[[_Reader, _Cairn], None]] = {
     "ArmadicoDoor": _Reader.door,
     "ArmadicoColumn": _Reader.column,
 }
-"""The types of cairn that are read, and by what."""
+"""The method that reads each type of cairn."""
 
 
 def _metres(words: Sequence[str]) -> list[float]:
@@ -329,4 +329,4 @@ def _code(line: str) -> str:
 
 def _refuse_twice(cairn: _Cairn, known: Mapping[str, object]) -> None:
     if cairn.name in known:
-        raise ConfigError(f"{cairn.kind} {cairn.name!r} is there twice; expected another name")
+        raise ConfigError(f"a second {cairn.kind} {cairn.name!r}; expected another name")

@@ -1,4 +1,4 @@
-"""Writing ARIA `.map` files, so that a world that a program made can be kept and edited."""
+"""Writing of ARIA `.map` files."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _UNFIT = re.compile(r'["#;\x00-\x1f\x7f-\x9f\u2028\u2029]')
 
 
 def write_map(world: World, path: Path | str, comments: Sequence[str] = ()) -> None:
-    """Save a world as a `.map` that ARIA and MobileSim read. Coordinates are rounded to 1 mm."""
+    """Save a world as a `.map` for ARIA and MobileSim. Coordinates are rounded to 1 mm."""
     Path(path).write_text(format_map(world, comments), encoding="utf-8")
 
 
 def format_map(world: World, comments: Sequence[str] = ()) -> str:
-    """The text of a `.map` file. Raises ConfigError for a name that the format cannot hold."""
+    """The text of a `.map` file. Raises ConfigError for a name that the format does not allow."""
     x1, y1, x2, y2 = _millimetres(world.bounds)
     lines = ["2D-Map", *(f"# {comment}" for comment in comments)]
     lines += [f"LineMinPos: {x1} {y1}", f"LineMaxPos: {x2} {y2}"]
-    if world.walls:  # ARIA's reader refuses a map that announces none
+    if world.walls:  # ARIA rejects NumLines: 0
         lines.append(f"NumLines: {len(world.walls)}")
     if world.start is not None:
         lines.append(_cairn("RobotHome", world.start, "", "RobotHome"))
@@ -48,7 +48,7 @@ def format_map(world: World, comments: Sequence[str] = ()) -> str:
 
 def _cairn(kind: str, pose: Pose, description: str, name: str) -> str:
     if not name or _UNFIT.search(name):
-        raise ConfigError(f"name {name!r}: a .map file cannot hold this; expected no quote, # or ;")
+        raise ConfigError(f"name {name!r}: a .map file allows no quote, # or ;")
     x, y = _millimetres(pose[:2])
     heading = round(degrees(pose[2]), 6) + 0.0  # + 0.0: no -0
     return f'Cairn: {kind} {x} {y} {heading:.6f} "{description}" ICON "{name}"'
@@ -56,7 +56,7 @@ def _cairn(kind: str, pose: Pose, description: str, name: str) -> str:
 
 def _one_word(name: str) -> str:
     if len(name.split()) != 1 or name != name.strip():
-        raise ConfigError(f"room {name!r}: a .map file wants one word, so that doors can name it")
+        raise ConfigError(f"room {name!r}: expected one word, since doors name it")
     return name
 
 

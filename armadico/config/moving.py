@@ -1,4 +1,4 @@
-"""What moves in a scenario's world, its `[[moving]]`: people, doors that shut, boxes put down."""
+"""Moving objects of a scenario, its `[[moving]]`: people, doors that close, boxes."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ KEYS = {
     "door": ("wall", "times"),
     "box": ("at", "size", "times"),
 }
-"""What each kind has besides; first where it is."""
+"""The keys of each kind; the first is its place."""
 
 
 class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One thing that moves.
+    """One moving object.
 
-    A person walks straight to a place drawn in sight, again and again. A door is a wall and a box
-    a rectangle, which come and go at `times` (s of simulation): the first is when they come.
+    A person walks straight to random points in sight. A door is a wall and a box a rectangle; they
+    appear and disappear alternately at `times`, s of simulation.
     """
 
     kind: Literal["person", "door", "box"]
-    at: tuple[Metres, Metres] | None = None  # a person, or a box's middle
+    at: tuple[Metres, Metres] | None = None  # a person, or the middle of a box
     wall: tuple[Metres, Metres, Metres, Metres] | None = None  # of a door
     size: tuple[Length, Length] = (0.4, 0.4)  # of a box, along x and y
     times: tuple[Seconds, ...] = (0.0,)
@@ -53,7 +53,7 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def faults(
         self, world: World, start: tuple[float, float], circle: float
     ) -> Iterator[tuple[str, str]]:
-        """What is wrong with it, and at which key; the robot starts in a circle of m."""
+        """(key, message) of each fault; `circle` is the robot's turning radius at `start`, m."""
         own = KEYS[self.kind]
         if getattr(self, own[0]) is None:
             yield "kind", f"a {self.kind} has no place; expected {own[0]} = [...]"
@@ -62,7 +62,7 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             if one.name not in ("kind", *own) and getattr(self, one.name) != one.default:
                 yield one.name, f"a {self.kind} has no {one.name}; expected {', '.join(own)}"
         if any(later <= earlier for earlier, later in pairwise(self.times)):
-            yield "times", f"times = {list(self.times)}: expected each after the one before"
+            yield "times", f"times = {list(self.times)}: expected increasing times"
         if self.kind != "person" or self.at is None:
             yield from self._misplaced(own[0], world)
             return
@@ -72,16 +72,16 @@ class Moving(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             yield "at", f"{at} is outside the world {world.name!r}"
         elif clearance < self.radius - ROUNDING_M:
             near, least = apart(clearance, self.radius)
-            expected = f"expected at least the radius, {least} m"
+            expected = f"expected at least its radius, {least} m"
             yield "at", f"{at} is {near} m from a wall of {world.name!r}; {expected}"
         elif hypot(x - start[0], y - start[1]) < self.radius + circle:
-            yield "at", f"{at} stands where the robot starts"
+            yield "at", f"{at} is at the robot's start"
 
     def _misplaced(self, key: str, world: World) -> Iterator[tuple[str, str]]:
-        """What is wrong with where a door or a box is."""
+        """(key, message) of each fault of the place of a door or a box."""
         ends = [self.at or (0.0, 0.0)] if self.wall is None else [self.wall[:2], self.wall[2:]]
         (x, y), *others = ends
         if others == [(x, y)]:
-            yield key, f"a door from ({x:g}, {y:g}) to there; expected a length"
+            yield key, f"a door from ({x:g}, {y:g}) to the same point; expected two points"
         elif world.outlines and not any(world.inside(*end) for end in ends):
             yield key, f"a {self.kind} is outside the world {world.name!r}"

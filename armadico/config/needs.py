@@ -1,4 +1,4 @@
-"""Which agents a task cannot do without: the table that hosts are started and watched by."""
+"""The agents that each kind of task needs: a table for starting and watching hosts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigNameError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import Scenario, mission_of, planned, society
@@ -19,50 +19,51 @@ TABLE: Final = "needs.toml"
 
 ROOMS: Final = "rooms"
 DIRECT: Final = "direct"
-"""Plans of scenarios that say none."""
+"""The plans of scenarios that name none: with and without walls."""
 
 
 class Need(Struct, frozen=True, forbid_unknown_fields=True):
-    """What one kind of task needs: its own agents, and those of the tasks that it is like."""
+    """The agents that one kind of task needs, including those of the tasks in `like`."""
 
     agents: tuple[str, ...] = ()
     helps: tuple[str, ...] = ()
-    """Who takes part in it besides, and can be done without."""
+    """Optional agents of the task."""
     like: tuple[str, ...] = ()
     plans: tuple[str, ...] = ()
-    """A scenario's plans that are this task."""
+    """The plans of scenarios that are this task."""
     errors: bool = False
-    """Whether every scenario whose sensors have errors is this, too,"""
+    """Whether every scenario whose sensors have errors includes this task."""
     missions: bool = False
-    """and every mission of several tasks,"""
+    """Whether every mission of several tasks includes this task."""
     energy: tuple[str, ...] = ()
-    """and the missions that do one of these before a way that the battery will not do for."""
+    """Missions whose `energy` is one of these include this task."""
 
 
 @cache
 def table(file: Path | None = None) -> dict[str, Need]:
-    """The needs by kind of task, shipped or of a file. Raises ConfigError with file and line."""
+    """The needs by kind of task, shipped or of a file. Raises ConfigError."""
     path = file or folder("") / TABLE
     text = read_text(path)
     found = parse_entries(document(text, path), Need, path, text)
     for kind, need in found.items():
         for index, other in enumerate(need.like):
             if other not in found:
-                message = f"{kind}.like[{index}]: no task {other!r}; {advice(other, found)}"
-                raise ConfigError(message, path, line_of(text, (kind, "like", index)))
+                line = line_of(text, (kind, "like", index))
+                error = ConfigNameError("task", other, found)
+                raise error.at(path, line, f"{kind}.like[{index}]: ")
     return found
 
 
 def needs(tasks: Iterable[str], file: Path | None = None) -> tuple[str, ...]:
-    """The agents that tasks of these kinds cannot do without, the robot agent first, each once.
+    """The agents that tasks of these kinds need, the robot agent first, each once.
 
-    Raises ConfigError with the nearest kind for one that the table does not have.
+    Raises ConfigNameError for a kind that the table does not have.
     """
     return tuple(dict.fromkeys((society().robot, *_agents(tasks, file, helps=False))))
 
 
 def minimum(tasks: Iterable[str], file: Path | None = None) -> tuple[str, ...]:
-    """The same, and who helps: the least society for tasks of these kinds."""
+    """The same with the optional agents: the least society for tasks of these kinds."""
     return tuple(dict.fromkeys((society().robot, *_agents(tasks, file, helps=True))))
 
 
@@ -70,7 +71,7 @@ def _agents(tasks: Iterable[str], file: Path | None, *, helps: bool) -> Iterator
     known = table(file)
     for task in tasks:
         if task not in known:
-            raise ConfigError(f"no needs of a task {task!r}; {advice(task, known)}")
+            raise ConfigNameError("task", task, known)
         for kind in _with_likes(task, known, frozenset()):
             yield from known[kind].agents
             if helps:
@@ -78,7 +79,7 @@ def _agents(tasks: Iterable[str], file: Path | None, *, helps: bool) -> Iterator
 
 
 def _with_likes(kind: str, known: dict[str, Need], above: frozenset[str]) -> Iterator[str]:
-    """A kind of task after all that it is like; of a circle each once."""
+    """A kind of task after all kinds that it is like, each once."""
     if kind in above:
         return
     for other in known[kind].like:
@@ -87,9 +88,9 @@ def _with_likes(kind: str, known: dict[str, Need], above: frozenset[str]) -> Ite
 
 
 def tasks(scenario: Scenario | None) -> tuple[str, ...]:
-    """The kinds of task that a scenario is, and its mission; without one it may be sent anywhere.
+    """The kinds of task of a scenario and its mission; None: a society without a scenario.
 
-    A task that the table does not have, of somebody's own, needs what every mission does.
+    A task that is not in the table, of another package, needs what every mission needs.
     """
     mission = None if scenario is None else mission_of(scenario)
     plan, done = None, frozenset[str]()

@@ -1,8 +1,8 @@
 """Maps of a ROS map_server: a YAML file and an image. Occupied cells become walls.
 
-Pixels are judged as Nav2's map_server does, in its three modes: a cell's shade is the mean of its
-colour channels, thresholds belong to what they bound, and a cell that is not opaque is unknown
-(except in `raw`, which has no alpha). Unknown cells are not walls.
+Pixels are classified as in Nav2's map_server, in its three modes. A cell's shade is the mean of its
+colour channels, and thresholds are inclusive. A cell that is not opaque is unknown, except in
+`raw`, which has no alpha. Unknown cells are not walls.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from armadico.config.errors import ConfigError, nearest
+from armadico.config.errors import ConfigError, ConfigValueError
 from armadico.config.loading import read_text
 from armadico.config.worlds import Segment, World, hull
+from armadico.core.errors import hint
 
 Fields = dict[str, yaml.Node]
-"""The values that a map's YAML file gives, by key."""
+"""The values of a map's YAML file by key."""
 
 REQUIRED = ("image", "resolution", "origin")
 OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
@@ -32,30 +33,30 @@ MODES = ("trinary", "scale", "raw")
 YES_OR_NO = {"0": False, "false": False, "no": False, "1": True, "true": True, "yes": True}
 
 LONGEST: Final = 100_000
-"""Bytes of the YAML file, which has ten lines."""
+"""Most bytes of the YAML file, which has ten lines."""
 
-MAX_PIXELS = 89_000_000  # Pillow warns of more, and refuses twice as many
+MAX_PIXELS = 89_000_000  # above this Pillow warns, and above twice this it raises
 
 FARTHEST_M: Final = 1e5
-"""Poses on the mesh are not farther from the origin."""
+"""The largest distance of poses on the mesh from the origin."""
 
 FORMATS: Final = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF", "WEBP")
-"""Images that are read. Pillow has others, some of which start programs."""
+"""The image formats that are read. Some of Pillow's other formats start programs."""
 
 SUFFIXES: Final = (".pgm", ".png", ".bmp", ".pbm", ".ppm", ".gif", ".jpg", ".jpeg", ".tif", ".tiff")
-"""How images beside a map end, one of which may be meant."""
+"""Suffixes of images beside a map that an error may suggest."""
 
 COLOURS: Final = {"LA", "RGB", "RGBA"}
-"""Modes of Pillow with several channels that are read as they are."""
+"""Pillow's modes with several channels that are read without conversion."""
 
 MAX_WALLS = 200_000
-"""Borders of occupied cells, in runs: a building of 100 m x 100 m that was mapped with noise has a
-tenth of them. Of a picture that is no map there are millions, and every agent would read them."""
+"""Most borders of occupied cells, in runs. A noisy map of a building of 100 m x 100 m has a tenth
+of them; a picture that is not a map has millions, and every agent reads them."""
 
 
 @dataclass(frozen=True)
 class Raster:
-    """An image's cells, the bottom row first, and the pose of its lower left corner."""
+    """The cells of an image, bottom row first, and the pose of its lower left corner."""
 
     occupied: NDArray[np.bool_]
     free: NDArray[np.bool_]
@@ -65,27 +66,27 @@ class Raster:
 
 @dataclass(frozen=True)
 class _Pixels:
-    """An image's pixels, the top row first: black is 0, white is `most`."""
+    """The pixels of an image, top row first: black is 0, white is `most`."""
 
     values: NDArray[Any]
     most: int
-    opaque: NDArray[np.bool_] | None = None  # None: all are
+    opaque: NDArray[np.bool_] | None = None  # None: all pixels are
 
 
 def read_occupancy(path: Path | str) -> World:
-    """The world in a map_server's YAML file and its image. Raises ConfigError with the line."""
+    """The world of a map_server's YAML file and its image. Raises ConfigError."""
     raster = read_raster(path)
     if not raster.occupied.any() and not raster.free.any():
-        fault = "all of its cells are unknown: are occupied_thresh, free_thresh, negate and mode"
-        raise ConfigError(f"{fault} right?", path)
+        fault = "all cells are unknown; check occupied_thresh, free_thresh, negate and mode"
+        raise ConfigError(fault, path)
     try:
         return world_of(raster, Path(path).stem)
     except ConfigError as error:
-        raise ConfigError(error.message, path) from None
+        raise error.at(path) from None
 
 
 def read_raster(path: Path | str) -> Raster:
-    """The cells in a map_server's YAML file and its image. Raises ConfigError with the line."""
+    """The cells of a map_server's YAML file and its image. Raises ConfigError."""
     file = Path(path)
     fields = _fields(read_text(file, LONGEST), file)
     (resolution,) = _numbers(fields, "resolution", 1, file)
@@ -104,18 +105,15 @@ def read_raster(path: Path | str) -> Raster:
 
 
 def world_of(raster: Raster, name: str) -> World:
-    """Occupied cells as walls: their borders, in runs as long as they go. Raises ConfigError."""
+    """A world whose walls are the borders of occupied cells, in runs. Raises ConfigError."""
     count = walls_in(raster.occupied)
     if count > MAX_WALLS:
         raise ConfigError(
-            f"its occupied cells have {count:,} borders, at most {MAX_WALLS:,} are read: is it a"
+            f"its occupied cells have {count:,} borders; expected at most {MAX_WALLS:,}: is it a"
             " map, and is occupied_thresh right?"
         )
     if raster.occupied.all():
-        raise ConfigError(
-            "all of its cells are occupied, a robot can be nowhere: are occupied_thresh and negate"
-            " right?"
-        )
+        raise ConfigError("all cells are occupied; check occupied_thresh and negate")
     cell_m, origin = raster.cell_m, raster.origin
     walls = tuple(_place(edge, cell_m, origin) for edge in _edges(raster.occupied))
     rows, columns = raster.occupied.shape
@@ -125,22 +123,22 @@ def world_of(raster: Raster, name: str) -> World:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """YAML as nodes. An alias of a list or a table is an error: a few may stand for millions."""
+    """YAML as nodes. Aliases of lists and tables are errors: a few may expand to millions."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         alias = self.peek_event() if self.check_event(yaml.AliasEvent) else None
         node: yaml.Node | None = super().compose_node(parent, index)
         if alias is not None and not isinstance(node, yaml.ScalarNode):
-            fault = "aliases of lists and tables are not read"
+            fault = "aliases of lists and tables are not allowed"
             raise yaml.MarkedYAMLError(problem=fault, problem_mark=alias.start_mark)
         return node
 
 
 def _fields(text: str, file: Path) -> Fields:
-    try:  # a tab between a key and its value is YAML, and PyYAML does not read it
+    try:  # PyYAML does not read a tab between a key and its value, which YAML allows
         root = _Loader(text.replace("\t", " ")).get_single_node()
     except RecursionError:
-        raise ConfigError("not YAML: lists and tables too deep within each other", file) from None
+        raise ConfigError("not YAML: lists and tables are nested too deeply", file) from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         fault = getattr(error, "problem", None) or getattr(error, "reason", "not readable")
@@ -153,7 +151,7 @@ def _fields(text: str, file: Path) -> Fields:
     for key, value in root.value:
         name = key.value if isinstance(key, yaml.ScalarNode) else ""
         if name in fields:
-            raise ConfigError(f"key {name} is there twice", file, key.start_mark.line + 1)
+            raise ConfigError(f"a second key {name}", file, key.start_mark.line + 1)
         if name in (*REQUIRED, *OPTIONAL):
             fields[name] = value
     for name in REQUIRED:
@@ -163,7 +161,7 @@ def _fields(text: str, file: Path) -> Fields:
 
 
 def _word(fields: Fields, key: str) -> str:
-    """A value as text; of a list or a table, and without a value, it is empty."""
+    """A value as text; empty for a list, a table and a missing value."""
     node = fields.get(key)
     if node is None:
         return OPTIONAL[key]
@@ -186,7 +184,7 @@ def _numbers(fields: Fields, key: str, count: int, file: Path) -> list[float]:
 
 
 def _number(word: str) -> float:
-    """A number as YAML writes it. Raises ValueError."""
+    """A number of YAML. Raises ValueError."""
     sign, dot, name = word.lower().partition(".")
     return float(sign + name if dot and name in ("inf", "nan") else word)
 
@@ -201,20 +199,22 @@ def _share(fields: Fields, key: str, file: Path) -> float:
 
 
 def _wrong(fields: Fields, key: str, expected: str, file: Path) -> ConfigError:
-    """An error that quotes a value as it is written."""
+    """The error for a value, which it quotes as it is written."""
     begin, end = fields[key].start_mark, fields[key].end_mark
     written = " ".join(str(begin.buffer)[begin.pointer : end.pointer].split())
     shown = written if len(written) <= 60 else written[:57] + "..."
-    return ConfigError(f"{key}: {shown}: expected {expected}", file, begin.line + 1)
+    message = f"{key}: {shown}: expected {expected}"
+    return ConfigValueError(key, written, expected, file, begin.line + 1, message)
 
 
 def _pixels(fields: Fields, file: Path) -> _Pixels:
     path = file.parent / _word(fields, "image")
     if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for a name that is too long
         folder = path.parent if path.parent.is_dir() else file.parent
-        near = nearest(path.name, [p.name for p in folder.iterdir() if p.suffix in SUFFIXES])
-        hint = f"; did you mean {near!r}?" if near else ""
-        expected = f"the path of an image, counted from {str(file.parent)!r}{hint}"
+        beside = [p.name for p in folder.iterdir() if p.suffix in SUFFIXES]
+        near = hint(path.name, beside)
+        expected = f"the path of an image, counted from {str(file.parent)!r}"
+        expected += f"; {near}" if near else ""
         raise _wrong(fields, "image", expected, file)
     try:
         with catch_warnings(action="ignore"), Image.open(path, formats=FORMATS) as image:
@@ -223,7 +223,7 @@ def _pixels(fields: Fields, file: Path) -> _Pixels:
             return _decoded(image)
     except Image.DecompressionBombError:
         raise _wrong(fields, "image", f"at most {MAX_PIXELS:,} pixels", file) from None
-    except Exception as error:  # a decoder raises what it likes of a damaged file
+    except Exception as error:  # decoders raise various errors for damaged files
         with path.open("rb") as opened:
             pointer = opened.read(7) == b"version"
         why = "a Git LFS pointer; `git lfs pull` fetches the image" if pointer else str(error)
@@ -232,7 +232,7 @@ def _pixels(fields: Fields, file: Path) -> _Pixels:
 
 
 def _decoded(image: Image.Image) -> _Pixels:
-    """The pixels in their full depth. Raises ValueError, or what the decoder raises."""
+    """The pixels in full depth. Raises ValueError or any error of the decoder."""
     image.load()
     clear = image.info.get("transparency")
     if image.mode == "1" and clear is None:
@@ -261,14 +261,14 @@ def _decoded(image: Image.Image) -> _Pixels:
 def _judged(
     pixels: _Pixels, fields: Fields, file: Path
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which pixels are occupied and which are free."""
+    """(occupied, free) of the pixels."""
     mode, negate = (_word(fields, key).lower() for key in ("mode", "negate"))
     if mode not in MODES:
         raise _wrong(fields, "mode", f"one of {', '.join(MODES)}", file)
     if negate not in YES_OR_NO:
         raise _wrong(fields, "negate", "0 or 1", file)
     levels = np.arange(pixels.most + 1)
-    if mode == "raw":  # a grey of 0 to 100 of 255 is the cell's value in per cent
+    if mode == "raw":  # a grey of 0 to 100, of 255, is the cell's value in per cent
         odds = np.rint(255.0 * levels / pixels.most) / 100.0
         odds[odds > 1.0] = np.nan
     else:
@@ -282,7 +282,7 @@ def _judged(
 
 
 def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """The border of the occupied cells, in cells, in runs as long as they go."""
+    """The borders of the occupied cells, in cells, in runs."""
     padded = np.pad(occupied, 1)
     across = padded[1:, 1:-1] != padded[:-1, 1:-1]  # between a row and the one below it
     upright = (padded[1:-1, 1:] != padded[1:-1, :-1]).T
@@ -291,7 +291,7 @@ def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
 
 
 def walls_in(occupied: NDArray[np.bool_]) -> int:
-    """How many walls the cells become."""
+    """The number of walls of the cells."""
     padded = np.pad(occupied, 1)
     across = padded[1:, :] != padded[:-1, :]
     upright = padded[:, 1:] != padded[:, :-1]
@@ -310,7 +310,7 @@ def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
 def _place(
     edge: tuple[int, int, int, int], resolution: float, origin: tuple[float, float, float]
 ) -> Segment:
-    """An edge in cells, in the map's frame."""
+    """An edge, given in cells, in the map's frame, m."""
     c, s = cos(origin[2]), sin(origin[2])
     points: list[float] = []
     for column, row in (edge[:2], edge[2:]):

@@ -1,6 +1,6 @@
-"""A set of parameters for a whole society: a TOML file with a table for each agent.
+"""Sets of parameters for a whole society: TOML files with one table per agent.
 
-`thesis` is shipped: the text read literally. Without a set each agent has its own defaults.
+The shipped set `thesis` follows the thesis literally. Without a set agents have their defaults.
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from armadico.config.discovery import UnknownNameError, agent_class
-from armadico.config.errors import ConfigError
+from armadico.config.discovery import agent_class
+from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, read_text, set_values
 from armadico.config.shipped import find
 from armadico.config.writing import write_files
+from armadico.core.errors import UnknownNameError
 
 
 def load_set(name_or_path: str | Path) -> dict[str, tuple[str, ...]]:
-    """For each agent the settings of a set, as `--set` takes them.
+    """The settings of a set by agent, in the form of `--set`.
 
-    Raises ConfigError with the line of what the agent would refuse, ImportError if one is broken.
+    Raises ConfigError for a value that an agent would reject, ImportError for a broken agent.
     """
     path = find("parameters", name_or_path)
     text = read_text(path)
@@ -37,19 +38,18 @@ def load_set(name_or_path: str | Path) -> dict[str, tuple[str, ...]]:
 
 
 SAVED: Final = "parameters.toml"
-"""Where live changes are saved, unless another file is named."""
+"""The default file of saved live changes."""
 
 _TABLE: Final = re.compile(r"^\s*\[")
 """A line that begins a table."""
 
 
 def save(path: Path, agent: str, values: Mapping[str, bool | float | str | None]) -> None:
-    """Write some of an agent's parameters into a set, which need not be there; the rest stays.
+    """Write parameters of an agent into a set, which is created if needed; the rest is kept.
 
-    None takes one out. Raises ConfigError if there is no place for them in what is there, or if it
-    cannot be written.
+    None removes a parameter. Raises ConfigError if the file cannot be changed or written.
     """
-    there = path.exists() and (path.is_file() or path.is_dir())  # a pipe would never end
+    there = path.exists() and (path.is_file() or path.is_dir())  # reading a pipe would block
     text = read_text(path) if there else ""
     lines = text.splitlines()
     for name, value in values.items():
@@ -62,16 +62,16 @@ def save(path: Path, agent: str, values: Mapping[str, bool | float | str | None]
         written = {}
     if written != {name: value for name, value in wanted.items() if value is not None}:
         names = ", ".join(f"{agent}.{name}" for name in values)
-        raise ConfigError(f"{names}: no place beside what is written there; write it there", path)
+        raise ConfigError(f"{names}: cannot be added to this file; edit it by hand", path)
     try:
         write_files({path: made.encode()})
-    except (OSError, ValueError) as error:  # a name with a zero in it, too
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         what = getattr(error, "strerror", None) or error
         raise ConfigError(f"cannot be written: {what}", path) from None
 
 
 def _flat(table: dict[str, Any], at: str = "") -> dict[str, Any]:
-    """All values, by their names with dots."""
+    """All values by dotted names."""
     found: dict[str, Any] = {}
     for key, value in table.items():
         found |= _flat(value, f"{at}{key}.") if isinstance(value, dict) else {f"{at}{key}": value}
@@ -79,7 +79,7 @@ def _flat(table: dict[str, Any], at: str = "") -> dict[str, Any]:
 
 
 def _write(lines: list[str], agent: str, name: str, value: bool | float | str | None) -> None:
-    """One line of a table, in place of the one that was there; None: no line."""
+    """Write one line of a table in place of the old one; None removes it."""
     header = f"[{agent}]"
     at = next((n for n, line in enumerate(lines) if line.split("#")[0].strip() == header), None)
     if at is None:
@@ -95,23 +95,23 @@ def _write(lines: list[str], agent: str, name: str, value: bool | float | str | 
 
 
 def _check(agent: str, table: dict[str, Any], path: Path, text: str) -> None:
-    """Raises ConfigError with the line of what the agent would refuse."""
+    """Raises ConfigError for a value that the agent would reject."""
     try:
         parameters = agent_class(agent).parameters()
     except UnknownNameError as error:
-        raise ConfigError(str(error), path, line_of(text, (agent,))) from None
+        line = line_of(text, (agent,))
+        raise ConfigNameError(error.kind, agent, error.known, path, line) from None
     for place, setting in _settings(table):
         try:
             set_values(parameters, [setting])
         except ConfigError as error:
-            line = line_of(text, (agent, *place))
-            raise ConfigError(f"{agent}: {error.message}", path, line) from None
+            raise error.at(path, line_of(text, (agent, *place)), f"{agent}: ") from None
 
 
 def _settings(
     table: dict[str, Any], at: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Where each value of an agent's table is, and the setting that it is."""
+    """(path, setting) of each value of an agent's table."""
     for key, value in table.items():
         if isinstance(value, dict):
             yield from _settings(value, (*at, key))

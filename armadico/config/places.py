@@ -1,4 +1,4 @@
-"""Places of a world by their names: where in a room a robot stands, and what it can get to."""
+"""Named places of a world: where a robot stands in a room, and what it can reach."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.profile import Body
 from armadico.config.worlds import Room, Segment, World
 
 CELL_M: Final = 0.05
-"""Of the grid on which it is looked what can be got to."""
+"""Cell of the grid for reachability."""
 
 CELLS_MOST: Final = 16_000_000
-"""Of that grid: in a larger world, of more than 200 m x 200 m, every place counts as joined."""
+"""Most cells of that grid: in a world above 200 m x 200 m every place counts as reachable."""
 
 STEP_M: Final = 0.1
-"""Of the places in a room that are looked at, its middle first."""
+"""Spacing of the candidate points in a room, from its middle on."""
 
 ROOMY_M: Final = 0.2
-"""So much more than its turning circle a robot is given in a room, where there is as much."""
+"""Preferred clearance of a point in a room, beyond the robot's turning circle."""
 
 Place = tuple[float, float, float | None]
 """x, y in m and a heading in rad; None: any."""
@@ -44,7 +44,7 @@ class Places:
 
     @property
     def names(self) -> list[str]:
-        """All that can be named, sorted."""
+        """The names of rooms and goals, sorted."""
         return sorted({*self._rooms, *self.world.goals})
 
     @property
@@ -53,29 +53,28 @@ class Places:
         return sorted(self._rooms)
 
     def of(self, name: str) -> Place:
-        """Where a robot that is sent to a goal or a room stands.
+        """The pose of a goal, or the point of a room for the robot.
 
-        In a room that is its middle, or the place nearest to it where the robot has room to turn.
-        Raises ConfigError for a name that the world has not, and a room without such a place.
+        That point is the one nearest to the middle of the room where the robot can turn. Raises
+        ConfigNameError for an unknown name, ConfigError for a room without such a point.
         """
         if name not in self._found:
             goal, room = self.world.goals.get(name), self._rooms.get(name)
             if goal is None and room is None:
-                raise ConfigError(
-                    f"no place {name!r} in {self.world.name!r}; {advice(name, self.names)}"
-                )
+                message = f"no place {name!r} in {self.world.name!r}; {advice(name, self.names)}"
+                raise ConfigNameError("place", name, self.names, message=message)
             self._found[name] = goal if goal is not None else self._within(self._rooms[name])
         return self._found[name]
 
     def unreachable(self, start: tuple[float, float], names: Iterable[str]) -> Iterable[str]:
-        """Those of some places to which no way from a start is as wide as the robot."""
+        """The places that the robot cannot reach from a start, m."""
         for name in names:
             x, y, _ = self.of(name)
             if not self.joined(start, (x, y)):
                 yield name
 
     def joined(self, start: tuple[float, float], place: tuple[float, float]) -> bool:
-        """Whether some way between two points is as wide as the robot, or it is not known."""
+        """Whether the robot's width fits along some path between two points, or it is not known."""
         x1, y1, x2, y2 = self.world.bounds
         cells = (x2 - x1) * (y2 - y1) / CELL_M**2
         if not self.world.barriers or not all(map(isfinite, start)) or cells > CELLS_MOST:
@@ -83,21 +82,21 @@ class Places:
         return bool(self._around(*self._cell(*start)) & self._around(*self._cell(*place)))
 
     def inhabited(self, points: Points) -> NDArray[np.bool_]:
-        """Which points, (n, 2) in m, can be got to from a place that has a name.
+        """Which points, (n, 2) in m, can be reached from a named place or a dock.
 
-        What a map has around a building, or shut up in it, has none: no robot is there. All can,
-        where nothing has a name.
+        This excludes the outside of a building and closed cavities. All points can be reached in a
+        world without named places.
         """
         found = set[int]()
         for name in self.names:
-            with suppress(ConfigError):  # a room that is too full to turn in
+            with suppress(ConfigError):  # a room in which the robot cannot turn
                 found |= self._around(*self._cell(*self.of(name)[:2]))
         for x, y, _ in self.world.docks.values():
             found |= self._around(*self._cell(x, y))
         if not found:
             return np.ones(len(points), dtype=np.bool_)
         there = np.isin(self._regions, [*found])
-        near = np.pad(there, 1)  # a point of another grid may be beside the cell that is free
+        near = np.pad(there, 1)  # a point of another grid may lie beside the free cell
         near[1:] |= near[:-1].copy()
         near[:-1] |= near[1:].copy()
         near[:, 1:] |= near[:, :-1].copy()
@@ -131,13 +130,13 @@ class Places:
                 nearest = int(np.argmin(np.where(free, away, inf)))
                 return round(float(grid_x[nearest]), 3), round(float(grid_y[nearest]), 3), None
         raise ConfigError(
-            f"in room {room.name!r} of {self.world.name!r} the robot can turn nowhere: it takes"
+            f"the robot can turn nowhere in room {room.name!r} of {self.world.name!r}: it needs"
             f" {self._body.goal_room_m:.2f} m to every wall ({self._body.goal_needs})"
         )
 
     @cached_property
     def _free(self) -> NDArray[np.bool_]:
-        """By column and row, where the robot's middle can be, if only it is turned well."""
+        """(column, row) cells where the robot's middle can be in some heading."""
         x1, y1, x2, y2 = self.world.bounds
         radius = self._body.width_m / 2
         xs, ys = np.arange(x1, x2 + CELL_M, CELL_M), np.arange(y1, y2 + CELL_M, CELL_M)
@@ -156,7 +155,7 @@ class Places:
         return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
 
     def _around(self, column: int, row: int) -> set[int]:
-        """The regions of a cell: its own, or those beside it where the robot stands too near."""
+        """The regions of a cell; of a cell that is not free, those of its neighbours."""
         found = self._regions[column, row]
         if found:
             return {int(found)}
@@ -165,16 +164,16 @@ class Places:
 
     @cached_property
     def _regions(self) -> NDArray[np.int64]:
-        """By column and row, the number of the region of a free cell; 0: it is not free."""
+        """By (column, row) the number of a free cell's region, else 0."""
         return regions(self._free)
 
 
 def regions(free: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """The number of each cell's region, above 0; cells with a side in common belong together.
+    """The region numbers of the cells, from 1; 0 where `free` is False.
 
-    0 where `free` is False. Runs of cells in a row of the array are joined to those of the next row
-    that they touch: a world of 100 m x 100 m has four million cells, and orders of missions wait
-    for this.
+    Cells with a common side belong to one region. Runs of cells in a row are joined with the
+    touching runs of the next row. This is fast enough for the order of a mission: a world of
+    100 m x 100 m has four million cells.
     """
     steps = np.diff(np.pad(free, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     columns, begins = np.nonzero(steps == 1)
@@ -209,7 +208,7 @@ def _span(a: float, b: float, radius: float) -> tuple[float, float]:
 
 
 def _distances(x: Points, y: Points, wall: Segment) -> Points:
-    """From some points to a wall, m."""
+    """The distances of points from a wall, m."""
     x1, y1, x2, y2 = wall
     dx, dy = x2 - x1, y2 - y1
     square = dx * dx + dy * dy

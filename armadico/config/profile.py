@@ -1,9 +1,9 @@
-"""The robot profile: every number that belongs to one make of robot (thesis tables 4.2, 4.3, 4.6).
+"""Robot profiles: all numbers of one make of robot (thesis tables 4.2, 4.3, 4.6).
 
-A profile is a TOML file under ``configs/robots``, or anywhere. SI units throughout; only the
-section of a kind of robot may have units of its controller's. That section is read by the kind,
-which is found by an entry point (`armadico.bridge.kind`). What the robot agent publishes of its
-robot is as bounded here as on the mesh.
+A profile is a TOML file in `configs/robots` or elsewhere. All values are in SI units, except in the
+section of the kind of robot, which may use the controller's units. The kind, found by an entry
+point (`armadico.bridge.kind`), reads that section. Values that the robot agent publishes have the
+bounds of the messages.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 
 from armadico.config import discovery
 from armadico.config.discovery import ROBOTS, installed
-from armadico.config.errors import ConfigError, nearest
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import find
@@ -27,10 +27,10 @@ from armadico.mobile.geometry import Pose2, turning_circle
 from armadico.mobile.messages import RAYS, REACH_M
 
 NEVER_S = 60.0
-"""The longest that the mesh can tell of a watchdog: of a robot that has none."""
+"""The published watchdog of a robot without one: the longest that the message allows."""
 
 Positive = Annotated[float, Meta(ge=1e-6, le=1e6)]
-"""Smaller ones, divided by or squared, are beyond what a float holds, and no robot has any."""
+"""Smaller values overflow or underflow when divided by or squared, and no robot has them."""
 NonNegative = Annotated[float, Meta(ge=0, le=1e6)]
 Real = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -41,14 +41,14 @@ FrameName = Annotated[str, Meta(min_length=1, max_length=64)]
 
 
 POSE_M: Final = 0.04
-"""Room that a goal needs beside the turning circle: the robot stops within the error of its pose.
-With it 6 of 6 runs reach a goal beside a wall, without it 1 of 6."""
+"""Clearance of a goal beyond the turning circle, for the error of the pose at the stop. With it 6
+of 6 runs reach a goal beside a wall, without it 1 of 6."""
 
 
 class Body(Struct, frozen=True, forbid_unknown_fields=True):
-    """Outline, wheels and mass (table 4.3), in the REP-103 frame at the middle of the wheel axle.
+    """Footprint, wheels and mass (table 4.3), in the REP-103 frame at the middle of the wheel axle.
 
-    The middle of four wheels is where they would have one axle: between both.
+    With four wheels it is the middle between both axles.
     """
 
     front_m: Length  # from the axle to the front edge
@@ -56,17 +56,17 @@ class Body(Struct, frozen=True, forbid_unknown_fields=True):
     width_m: Length
     wheel_radius_m: Positive  # R
     half_track_m: Positive  # L
-    mass_kg: Positive  # M, without what [inertia] and [caster] have for themselves
+    mass_kg: Positive  # M, without the wheels of [inertia] and [caster]
 
     @property
     def corners(self) -> tuple[tuple[float, float], ...]:
-        """The outline's, m."""
+        """The corners of the footprint, m."""
         front, rear, side = self.front_m, -self.rear_m, self.width_m / 2
         return (front, side), (rear, side), (rear, -side), (front, -side)
 
     @property
     def circle_m(self) -> float:
-        """How far its middle must be from walls to turn on the spot."""
+        """The radius of the turning circle, m."""
         return turning_circle(self.front_m, self.rear_m, self.width_m / 2)
 
     @property
@@ -76,12 +76,12 @@ class Body(Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def goal_needs(self) -> str:
-        """What that distance is made of, in words."""
+        """The parts of `goal_room_m`, in words."""
         return f"{self.circle_m:.2f} m to turn, {POSE_M:.2f} m for the error of the pose"
 
 
 class Caster(Struct, frozen=True, forbid_unknown_fields=True):
-    """The wheel that follows (table 4.3)."""
+    """The caster wheel (table 4.3)."""
 
     radius_m: Positive  # R_1
     arm_m: Positive  # l_1, axle to its pivot
@@ -90,7 +90,7 @@ class Caster(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Inertia(Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the mass lies (table 4.3), and the identified inertias and friction (table 4.6)."""
+    """The centre of mass (table 4.3), and the identified inertias and friction (table 4.6)."""
 
     mass_centre_x_m: Real  # the thesis's y_m: negative is behind the axle
     mass_centre_y_m: Real  # the thesis's x_m
@@ -129,24 +129,24 @@ class SpeedLoop(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Drive(Struct, frozen=True, forbid_unknown_fields=True):
-    """A drive of which is known how it moves, not why: of a robot whose motors nobody identified.
+    """A kinematic model of the drive, for a robot whose motors are not identified.
 
-    The base follows what it is told to a moment later, as fast as its own limits allow; those of
-    the table of limits are what it is told at the most, and lie below.
+    The base follows commands with a lag and with these accelerations. The limits of the table
+    [limits] bound the commands and are lower.
     """
 
     lag_s: Positive  # time constant of its speed loops
     v_accel: Ramp  # m/s^2, up and down
     w_accel: Ramp  # rad/s^2
-    scrub: Share  # of tyres dragged sideways: what the floor adds to the turn error drawn,
-    heading: Share  # and what a gyroscope leaves of its odometry's errors in turning; 1: all
-    rolling_n: NonNegative  # what it takes to roll,
-    turning_nm: NonNegative  # and to turn,
-    efficiency: Annotated[float, Meta(ge=0.01, le=1)]  # of battery to wheel
+    scrub: Share  # turn error that tyres dragged sideways add to the drawn one
+    heading: Share  # share of the odometry's turn errors left by a gyroscope; 1: no gyroscope
+    rolling_n: NonNegative  # rolling resistance
+    turning_nm: NonNegative  # resistance to turning
+    efficiency: Annotated[float, Meta(ge=0.01, le=1)]  # from battery to wheel
 
 
 class Limits(Struct, frozen=True, forbid_unknown_fields=True):
-    """What the controller obeys at the most, and its ramps."""
+    """The controller's largest speeds and its ramps."""
 
     v_max: TopSpeed  # m/s
     w_max: TopTurn  # rad/s
@@ -157,16 +157,16 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Sonar(Struct, frozen=True, forbid_unknown_fields=True):
-    """One sonar of the ring: where it sits and looks, in the body frame (x forward, y left)."""
+    """The pose of one sonar of the ring in the body frame (x forward, y left)."""
 
     x_m: Place
     y_m: Place
     bearing_deg: Bearing
-    frame: FrameName | None = None  # as its readings name it, if they do
+    frame: FrameName | None = None  # frame_id of its readings, if they have one
 
     @property
     def place(self) -> Pose2:
-        """On the body: m, m, rad."""
+        """Its pose on the body: m, m, rad."""
         return self.x_m, self.y_m, radians(self.bearing_deg)
 
 
@@ -178,114 +178,111 @@ class SonarRing(Struct, frozen=True, forbid_unknown_fields=True):
     cone_deg: Annotated[float, Meta(ge=1e-6, le=360)]
     period_s: Period  # from one sonar's ping to the next one's
     sonars: tuple[Sonar, ...]
-    firing_order: tuple[int, ...]  # by their places in `sonars`, from 0
+    firing_order: tuple[int, ...]  # indices of `sonars`, from 0
 
     def __post_init__(self) -> None:
         if not self.min_m < self.max_m:
-            raise ValueError(f"min_m = {self.min_m:g} is not less than max_m = {self.max_m:g}")
+            raise ValueError(f"min_m = {self.min_m:g}: expected less than max_m = {self.max_m:g}")
         fired, known = set(self.firing_order), set(range(len(self.sonars)))
         if unknown := sorted(fired - known):
-            raise ValueError(
-                f"firing_order has sonar {unknown[0]}, and there are {len(known)}, counted from 0"
-            )
+            raise ValueError(f"firing_order has sonar {unknown[0]}; expected 0 to {len(known) - 1}")
         if silent := sorted(known - fired):
-            raise ValueError(f"firing_order does not have sonar {silent[0]}: it would never fire")
+            raise ValueError(f"firing_order lacks sonar {silent[0]}, which would never fire")
 
 
 class Laser(Struct, frozen=True, forbid_unknown_fields=True):
-    """A scanning laser range finder: where it sits and looks, in the body frame, and its rays.
+    """A scanning laser range finder: its pose in the body frame, and its rays.
 
-    `angle_min_deg` is the first ray's, about the laser's own axis; the others follow evenly up to
-    `angle_max_deg`, the last one's, counter-clockwise as the laser sees it: one that is mounted
-    upside down sees its left on the robot's right. Of a laser that looks all around the last ray
-    lies a step before the first.
+    The rays are evenly spaced from `angle_min_deg` to `angle_max_deg` about the laser's own axis,
+    counter-clockwise in the laser's frame. A laser mounted upside down has its left on the robot's
+    right. If it covers the full circle, the last ray lies one step before the first.
     """
 
     x_m: Place
     y_m: Place
     bearing_deg: Bearing
-    min_m: Positive  # what is nearer has no valid range
+    min_m: Positive  # nearer objects have no valid range
     max_m: Annotated[float, Meta(gt=0, le=REACH_M)]
     angle_min_deg: Turned
     angle_max_deg: Turned
     rays: Annotated[int, Meta(ge=2, le=RAYS)]
-    rate_hz: Annotated[float, Meta(ge=1, le=200)]  # scans are believed for two turns
+    rate_hz: Annotated[float, Meta(ge=1, le=200)]  # a scan is valid for two periods
     noise_m: NonNegative  # standard deviation of a range
     upside_down: bool = False
 
     def __post_init__(self) -> None:
         if not self.min_m < self.max_m:
-            raise ValueError(f"min_m = {self.min_m} is not less than max_m = {self.max_m}")
+            raise ValueError(f"min_m = {self.min_m}: expected less than max_m = {self.max_m}")
         if not 0.0 < self.angle_max_deg - self.angle_min_deg <= 360.0:
-            raise ValueError("angle_max_deg is to be up to 360 more than angle_min_deg")
+            raise ValueError("angle_max_deg: expected up to 360 more than angle_min_deg")
 
     @property
     def place(self) -> Pose2:
-        """On the body: m, m, rad."""
+        """Its pose on the body: m, m, rad."""
         return self.x_m, self.y_m, radians(self.bearing_deg)
 
     @property
     def step_deg(self) -> float:
-        """From one ray to the next."""
+        """The angle between two rays."""
         return (self.angle_max_deg - self.angle_min_deg) / (self.rays - 1)
 
 
 class Odometry(Struct, frozen=True, forbid_unknown_fields=True):
-    """How wrong the wheels count: standard deviations of what a robot's odometry is off by.
+    """Standard deviations of the odometry's errors.
 
-    Numbered as in *Probabilistic Robotics*, table 5.6 (AMCL's parameters of these names are the
-    squares). The greater part of each error lasts, since it comes from the wheels' sizes, the base
-    and the floor: localization estimates it while the robot drives. The rest varies at random.
+    They are numbered as in *Probabilistic Robotics*, table 5.6 (AMCL's parameters of these names
+    are the squares). The greater part of each error is constant, from wheel sizes, wheel base and
+    floor, and localization estimates it while the robot drives. The rest is random.
     """
 
     alpha1: Share = 0.1  # of the heading, by turning: rad/rad
     alpha2: Share = 0.06  # of the heading, by driving: rad/m
-    alpha3: Share = 0.04  # of the way, by driving: m/m
-    alpha4: Share = 0.0  # of the way, by turning: m/rad
+    alpha3: Share = 0.04  # of the distance, by driving: m/m
+    alpha4: Share = 0.0  # of the distance, by turning: m/rad
 
 
 WIDE: Final = Odometry()
-"""Of a robot with a laser whose wheels nobody has measured: what a real Pioneer 2 in a log of the
-Intel laboratory is off by (drift 0.057 rad/m, turns 10 %, ways 4 %)."""
+"""Default for robots with a laser: the errors of a real Pioneer 2 in a log of the Intel laboratory
+(drift 0.057 rad/m, turns 10 %, distances 4 %)."""
 
 NARROW: Final = Odometry(alpha1=0.025, alpha2=0.03, alpha3=0.016)
-"""Of a robot with sonars alone. In a corridor it sees no end: its way along it is known by the
-wheels only, and with an error of 4 % it would count as lost after 12 m."""
+"""Default for robots with sonars only. Along a corridor their position comes from the wheels alone;
+with an error of 4 % they would count as lost after 12 m."""
 
 
 class Battery(Struct, frozen=True, forbid_unknown_fields=True):
-    """A battery, drained by the motors and the electronics, charged in a dock."""
+    """A battery, discharged by motors and electronics, charged in a dock."""
 
     full_v: Positive
-    low_v: Positive  # below this it has to be charged soon,
-    empty_v: Positive  # and here at once
+    low_v: Positive  # below this it has to be charged soon
+    empty_v: Positive  # below this it has to be charged at once
     capacity_ah: Positive
     internal_ohm: NonNegative
     idle_a: NonNegative
-    charge_a: NonNegative  # what the charger gives,
-    taper_from: Share  # and less and less of it from this charge on, to nothing when full
+    charge_a: NonNegative  # current of the charger
+    taper_from: Share  # from this charge on the current falls, to 0 when full
 
     def __post_init__(self) -> None:
         if not self.empty_v < self.low_v < self.full_v:
-            raise ValueError("empty_v is to be less than low_v, and that less than full_v")
+            raise ValueError("expected empty_v < low_v < full_v")
 
 
 class Section(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The table that says which kind of robot a profile is of: what it has for every kind."""
+    """The table of the kind of robot: the keys that all kinds have."""
 
-    cycle_s: Period  # from one report of the robot to the next
-    watchdog_s: Patience | None = None  # the robot stops so long after a command; None: never
+    cycle_s: Period  # between two reports of the robot
+    watchdog_s: Patience | None = None  # the robot stops this long after a command; None: never
 
 
 class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A robot on two wheels, or that turns as if it were.
+    """A robot with differential drive, or one that turns in the same way.
 
-    A kind of robot has a class derived from `IdentifiedRobot` or `ModelledRobot`, with one more
-    field: its section, which goes by the name of the kind's entry point in `armadico.robots`.
+    A kind of robot derives its class from `IdentifiedRobot` or `ModelledRobot` and adds one field,
+    its section. The field has the name of the kind's entry point in `armadico.robots`.
     """
 
     section: ClassVar[str] = ""
-    """The name of that field, and of the entry point."""
+    """The name of that field and of the entry point."""
 
     name: Name
     body: Body
@@ -302,7 +299,7 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     def __post_init__(self) -> None:
         if self.sonar is None and self.laser is None:
-            raise ValueError("needs a table [sonar] or a table [laser]: no agent drives blind")
+            raise ValueError("needs a [sonar] or a [laser] section")
 
     @property
     def ring(self) -> SonarRing:
@@ -313,27 +310,27 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     @property
     def wheels(self) -> Odometry:
-        """How wrong its odometry may be."""
+        """The errors of its odometry."""
         return self.odometry or (NARROW if self.laser is None else WIDE)
 
     @property
     def reach_m(self) -> float:
-        """The farthest that any of its sensors tells."""
+        """The longest range of its sensors, m."""
         return max(sensor.max_m for sensor in (self.sonar, self.laser) if sensor is not None)
 
     @property
     def cycle_s(self) -> float:
-        """From one cycle to the next, s."""
+        """The length of a cycle, s."""
         return self._section.cycle_s
 
     @property
     def watchdog_s(self) -> float:
-        """Without a command for so long the controller stops by itself, s; `NEVER_S`: or never."""
+        """The controller stops this long after the last command, s; `NEVER_S` for never."""
         return self._section.watchdog_s or NEVER_S
 
     @property
     def scans_from(self) -> str:
-        """Where its laser's scans come from, for messages to people; "": its controller."""
+        """The source of its scans, for messages; "": its controller."""
         return ""
 
     @property
@@ -343,7 +340,7 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 class IdentifiedRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A robot whose masses and motors are known: the simulator solves its equations of motion."""
+    """A robot with known masses and motors: the simulator solves its equations of motion."""
 
     caster: Caster
     inertia: Inertia
@@ -353,11 +350,11 @@ class IdentifiedRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.drive is not None:
-            raise ValueError(f"a robot with a table [{self.section}] has no use for [drive]")
+            raise ValueError(f"a robot with [{self.section}] must not have [drive]")
 
 
 class ModelledRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A robot of which is known how it moves, and not why."""
+    """A robot with a kinematic model of its drive."""
 
     drive: Drive
 
@@ -365,11 +362,11 @@ class ModelledRobot(RobotProfile, frozen=True, forbid_unknown_fields=True, kw_on
         super().__post_init__()
         for table in ("caster", "inertia", "motor", "speed_loop"):
             if getattr(self, table) is not None:
-                raise ValueError(f"a robot with a table [{self.section}] has no use for [{table}]")
+                raise ValueError(f"a robot with [{self.section}] must not have [{table}]")
 
 
 class _Kind(Protocol):
-    """What an entry point in `armadico.robots` leads to; `armadico.bridge.kind` has the rest."""
+    """An entry point in `armadico.robots`, as far as it is used here (`armadico.bridge.kind`)."""
 
     @property
     def profile(self) -> type[RobotProfile]:
@@ -383,18 +380,18 @@ def load_profile(name_or_path: str | Path) -> RobotProfile:
 
 
 def load_kind(section: str) -> Any:
-    """The kind of robot that a section is of. Raises UnknownNameError, ImportError."""
+    """The kind of robot of a section. Raises UnknownNameError or ImportError."""
     found = discovery.find(ROBOTS, section)
     kind: _Kind = found.load()
     profile: object = getattr(kind, "profile", None)
     if not (isinstance(profile, type) and issubclass(profile, RobotProfile)):
-        raise found.unusable("is no RobotKind: its `profile` is a class derived from RobotProfile")
+        raise found.unusable("must have a `profile`, a class derived from RobotProfile")
     if profile.section != section:
         raise found.unusable(f"has a profile whose section is {profile.section!r}")
     return kind
 
 
-@lru_cache(maxsize=8)  # 3 ms, and a society asks for its robot's a dozen times
+@lru_cache(maxsize=8)  # it takes 3 ms, and a society reads its robot's profile a dozen times
 def _read(text: str, path: Path) -> RobotProfile:
     table = document(text, path)
     kinds = installed(ROBOTS)
@@ -402,7 +399,7 @@ def _read(text: str, path: Path) -> RobotProfile:
     if len(sections) != 1:
         raise _of_no_kind(table, sections, tuple(kinds), path, text)
     if isinstance(table[sections[0]], list):
-        what = f"[[{sections[0]}]] is an array of tables: write [{sections[0]}], once"
+        what = f"[[{sections[0]}]] is an array of tables; expected one table [{sections[0]}]"
         raise ConfigError(what, path, line_of(text, sections))
     try:
         kind: _Kind = load_kind(sections[0])
@@ -414,45 +411,44 @@ def _read(text: str, path: Path) -> RobotProfile:
 def _of_no_kind(
     table: Mapping[str, Any], sections: list[str], kinds: tuple[str, ...], path: Path, text: str
 ) -> ConfigError:
-    """The error for a profile that is of no kind of robot, or of several."""
-    known = f"installed kinds of robots: {', '.join(kinds) or 'none'}"
+    """The error for a profile with no section of a kind of robot, or with several."""
     if sections:
         both = " and ".join(f"[{name}]" for name in sections)
         line = line_of(text, sections[1:])
-        return ConfigError(f"has tables {both}: a robot is of one kind", path, line)
+        return ConfigError(f"has tables {both}; expected one kind of robot", path, line)
     fields = {*IdentifiedRobot.__struct_fields__, *ModelledRobot.__struct_fields__}
     for name, value in table.items():
         if name not in fields and isinstance(value, dict):
-            near = nearest(name, kinds)
-            hint = f"did you mean [{near}]? " if near else ""
-            what = f"[{name}] is no kind of robot that is installed; {hint}({known})"
-            return ConfigError(what, path, line_of(text, (name,)))
-    return ConfigError(f"has no table that says which kind of robot it is ({known})", path)
+            what = f"[{name}] is not an installed kind of robot; {advice(name, kinds)}"
+            line = line_of(text, (name,))
+            return ConfigNameError("kind of robot", name, kinds, path, line, what)
+    known = f"installed kinds of robots: {', '.join(kinds) or 'none'}"
+    return ConfigError(f"missing the table of a kind of robot ({known})", path)
 
 
 class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):
-    """How well the simulated robot senses: `ideal` or `real`.
+    """The errors of the simulated sensors: `ideal` or `real`.
 
-    What a run draws from its seed is drawn uniformly up to the value here, to either side.
+    Values marked "drawn" are limits: a run draws its error uniformly within +- this value.
     """
 
     name: str
-    sonar_noise_m: NonNegative  # standard deviation of a range, at least,
-    sonar_noise: Share  # and as a share of it
-    glancing_deg: Angle  # a rough wall met at more than this from its normal has no echo
-    dropout: Share  # an echo lost by chance
-    dead_walls: Share  # share of walls that do not answer
-    rough_walls: Share  # of walls that scatter; the others are mirrors,
-    gone_deg: tuple[Angle, Angle]  # which are heard no more from somewhere between these on
-    edge_m: NonNegative  # an edge is always heard up to here, beyond it by the inverse of the range
-    multipath: Share  # how often what a mirror threw off is heard if it comes back
-    crosstalk: Share  # how often what came back to nobody is heard by the next sonar
-    laser_dropout: Share  # of a laser's rays that come back to nobody by chance
-    black_walls: Share  # share of walls that a laser sees from `black_m` only,
+    sonar_noise_m: NonNegative  # least standard deviation of a range
+    sonar_noise: Share  # standard deviation as a share of the range
+    glancing_deg: Angle  # a rough wall beyond this angle from its normal gives no echo
+    dropout: Share  # probability of a lost echo
+    dead_walls: Share  # share of walls without any echo
+    rough_walls: Share  # share of walls that scatter; the others are specular
+    gone_deg: tuple[Angle, Angle]  # a specular wall gives no echo from an angle in this range on
+    edge_m: NonNegative  # an edge always gives an echo up to here, beyond it as 1 / range
+    multipath: Share  # probability that a returning specular reflection is detected
+    crosstalk: Share  # probability that the next sonar detects an unreturned ping
+    laser_dropout: Share  # share of a laser's rays that are lost
+    black_walls: Share  # share of walls that a laser detects within `black_m` only
     black_m: NonNegative
-    glass_walls: Share  # and that it looks through, but for where they are square to it
-    glass_deg: Angle  # within this
+    glass_walls: Share  # share of walls that a laser passes through,
+    glass_deg: Angle  # except within this angle from their normal
     slip: Share  # standard deviation of each wheel's relative slip
     drift_rad_m: NonNegative  # heading error that grows with distance: drawn
     turn_error: Share  # of the wheel base, so of all turning: drawn
-    way_error: Share  # of both wheels' diameters, so of all ways: drawn
+    way_error: Share  # of both wheels' diameters, so of all distances: drawn

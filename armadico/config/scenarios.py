@@ -1,7 +1,7 @@
-"""Scenarios: a world, where the robot starts, where it is sent, and who takes part.
+"""Scenarios: a world, start, goal and the participating agents.
 
-Files are what people write and read, so their headings are in degrees; those of a `Scenario` are in
-rad, as everywhere in Python (REP-103). The experiments are those of the thesis's chapter 5.
+Headings are in degrees in files and in rad in a `Scenario` (REP-103). The shipped experiments are
+those of chapter 5 of the thesis.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
-from armadico.config.discovery import AGENTS, UnknownNameError
+from armadico.config.discovery import AGENTS
 from armadico.config.discovery import find as find_installed
 from armadico.config.errands import Mission, load_mission
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
 from armadico.config.moving import Moving
@@ -27,56 +27,60 @@ from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
 from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
+from armadico.core.errors import UnknownNameError
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
 ScenarioPose = tuple[Metres, Metres, Degrees]
-"""x, y in m and a heading: degrees in a file, whose range this checks, and rad in a `Scenario`."""
+"""x, y in m and a heading: degrees in a file, whose range this checks; rad in a `Scenario`."""
 
 ROUNDING_RAD = 1e-6
 
 Key = tuple[str | int, ...]
-"""Where a value is in a scenario file."""
+"""The path of a value in a scenario file."""
+
+Fault = tuple[Key, str | ConfigError]
+"""A fault of a scenario: the key, and the message or the error."""
 
 
 class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
-    """Who takes no part where the world is explored, and who does besides those that drive."""
+    """Agents left out and added when a world is explored."""
 
     without: tuple[str, ...]
     besides: tuple[str, ...]
 
 
 class OnMissions(Struct, frozen=True, forbid_unknown_fields=True):
-    """Who takes part besides where a mission of several tasks is done."""
+    """Agents added for a mission of several tasks."""
 
     besides: tuple[str, ...]
 
 
 class Ideal(Struct, frozen=True, forbid_unknown_fields=True):
-    """The sensors that have no error, and who is not needed with them."""
+    """The sensors without errors, and the agents left out with them."""
 
     sensors: str
     without: tuple[str, ...]
 
 
 class Senses(Struct, frozen=True, forbid_unknown_fields=True):
-    """Who tells where obstacles are, by each sensor that a robot may have."""
+    """The agent that publishes obstacles, for each kind of sensor."""
 
     sonar: str
     laser: str
 
 
 class Society(Struct, frozen=True, forbid_unknown_fields=True):
-    """Who takes part unless a scenario says otherwise, by entry points: the robot, the others."""
+    """The default agents, by their entry points."""
 
     robot: str
     agents: tuple[str, ...]
     watch: tuple[str, ...]
     by_hand: str
-    """Who takes a stick; a hand that finds nobody has it started."""
+    """The agent for driving by hand; it is started on demand."""
 
     assistant: str
-    """Of whom programs ask what they want done."""
+    """The agent that receives programs' requests."""
 
     senses: Senses
     ideal: Ideal
@@ -87,25 +91,25 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
 
 @cache
 def society() -> Society:
-    """The shipped one, `society.toml`."""
+    """The shipped `society.toml`."""
     return load(folder("") / "society.toml", Society)
 
 
 class AlarmAt(Struct, frozen=True, forbid_unknown_fields=True):
-    """An alarm of the building: when it begins, and how long it lasts.
+    """An alarm of the building.
 
-    That is at a time of the run, or while a mission's task is done, perhaps in a certain room.
+    It begins at a time of the run, or during a mission's task, optionally in a certain room.
     """
 
     room: str
     at_s: Annotated[float, Meta(ge=0, le=1e6)] | None = None
     during: str | None = None  # a task
-    within: str | None = None  # and where the robot is then
-    lasts_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None  # none: for ever
+    within: str | None = None  # the room in which the robot is then
+    lasts_s: Annotated[float, Meta(gt=0, le=1e6)] | None = None  # None: it does not end
 
 
 class Battery(Struct, frozen=True, forbid_unknown_fields=True):
-    """How the run begins: what is left of the battery, and how large it is; in the simulator."""
+    """The simulated battery at the start: its charge and capacity."""
 
     charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
     capacity_ah: Annotated[float, Meta(gt=0, le=1e4)] | None = None
@@ -113,65 +117,65 @@ class Battery(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One run, whatever it runs on. Poses are x, y in m and a heading in rad."""
+    """One run, live or virtual. Poses are x, y in m and a heading in rad."""
 
     title: str = ""
     world: str
     start: ScenarioPose
     goal: ScenarioPose | None = None
-    """None: nobody is sent anywhere, as where an agent wanders."""
+    """None: the robot is not sent anywhere, as with an agent that wanders."""
     waypoints: tuple[ScenarioPose, ...] = ()
-    """On the way to the goal; used with plan = "waypoints" only."""
+    """Poses before the goal; only with plan = "waypoints"."""
     plan: Literal["direct", "waypoints", "rooms", "seen", "frontiers"] | None = None
-    """Straight to the goal, over the waypoints, as the path planning agent says, with rooms or
-    without, as it says that is told of no world and goes by what was seen, or all over the world,
-    which nobody knows; None: planned where there are barriers."""
+    """The path: straight to the goal ("direct"), over the waypoints ("waypoints"), by the path
+    planning agent with the map ("rooms") or from what the sensors detected ("seen"), or exploring
+    an unknown world ("frontiers"). None: "rooms" in a world with barriers, else "direct"."""
     within: tuple[Metres, Metres, Metres, Metres] | None = None
-    """The rectangle that is explored: x1, y1, x2, y2 in m; none: the world's."""
+    """The rectangle to explore: x1, y1, x2, y2 in m; None: the world's."""
     agents: tuple[str, ...] = ()
-    """The agents that take part; none named: those of `society.toml` for these sensors."""
+    """The participating agents; by default those of `society.toml` for these sensors."""
     redundant: bool = False
-    """Two of each behaviour: the mission outlives any one of them."""
+    """Two of each behaviour, so that any one may fail."""
     robot: str = "pioneer-2dx"
     sensors: str = "real"
-    """How well the simulated robot senses, of robots/sensors.toml."""
+    """The errors of the simulated sensors, from robots/sensors.toml."""
     mission: str | None = None
-    """What is done there instead of driving to a goal: a shipped mission, or a file."""
+    """A mission instead of a goal: a shipped one, or a file."""
     alarms: tuple[AlarmAt, ...] = ()
     moving: tuple[Moving, ...] = ()
-    """People, doors that shut, boxes put down; in the simulator only."""
+    """People, doors and boxes; in the simulator only."""
     others: tuple[ScenarioPose, ...] = ()
-    """Where further robots start: a fleet."""
+    """Start poses of further robots of a fleet."""
     tasks: Annotated[tuple[ScenarioPose, ...], Meta(max_length=256)] = ()
-    """Places that a fleet is to look at."""
+    """Poses that a fleet is to visit."""
     look_s: Annotated[float, Meta(ge=0, le=3600)] = 5.0
-    """How long each is looked at."""
+    """Time that a robot stays at each of them."""
     battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
-    """A speed limit of this scenario, m/s; none: the agents' own."""
+    """Speed limit of this scenario, m/s; None: the agents' own."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     name: str = ""
-    """What it is called: the file's name, unless it is given."""
+    """By default the file's name."""
 
     def __post_init__(self) -> None:
-        """Resolve the default agents, so that every reader gets the same ones."""
+        """Set the default agents."""
         if not self.agents:
             force_setattr(self, "agents", _default_agents(self.sensors))
 
 
 def _default_agents(sensors: str) -> tuple[str, ...]:
-    """The agents of a scenario that names none; with sensors without error nobody localizes."""
-    everybody, spared = society().agents, society().ideal
-    if sensors != spared.sensors:
-        return everybody
-    return tuple(name for name in everybody if name not in spared.without)
+    """The agents of a scenario that names none; ideal sensors need no localization."""
+    agents, ideal = society().agents, society().ideal
+    if sensors != ideal.sensors:
+        return agents
+    return tuple(name for name in agents if name not in ideal.without)
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """A shipped scenario by its name, or a TOML file. Raises ConfigError with file and line.
+    """A shipped scenario by its name, or a TOML file. Raises ConfigError.
 
-    A world or a robot profile that is a file counts from the scenario's folder. Every pose must be
-    in the world, and so far from its walls that the robot may turn there.
+    Paths in it are relative to its folder. Every pose must be in the world, and far enough from
+    walls for the robot to turn.
     """
     path = find("scenarios", name_or_path)
     text = read_text(path)
@@ -183,13 +187,13 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         scenario = replace(scenario, mission=counted_from(path, scenario.mission))
     scenario = _in_rad(scenario)
     world = _world(scenario, path, text)
-    for key, message in (*_strangers(scenario), *_faults(scenario, world)):
-        raise ConfigError(message, path, line_of(text, key))
+    for key, fault in (*_unknown_agents(scenario), *_faults(scenario, world)):
+        raise _error(fault).at(path, line_of(text, key))
     return replace(scenario, name=scenario.name or path.stem)
 
 
 def _in_rad(scenario: Scenario) -> Scenario:
-    """The scenario of a file, whose headings are in degrees, with headings in rad."""
+    """The scenario with its headings converted from degrees to rad."""
 
     def turned(pose: ScenarioPose) -> ScenarioPose:
         return pose[0], pose[1], radians(pose[2])
@@ -205,7 +209,7 @@ def _in_rad(scenario: Scenario) -> Scenario:
 
 
 def poses(scenario: Scenario) -> dict[str, ScenarioPose | None]:
-    """All poses of a scenario, by what an error calls them."""
+    """All poses of a scenario by their names in errors."""
     found = {"start": scenario.start, "goal": scenario.goal}
     for name, one in _ONE_OF.items():
         found |= {f"{one} {k + 1}": pose for k, pose in enumerate(getattr(scenario, name))}
@@ -213,7 +217,7 @@ def poses(scenario: Scenario) -> dict[str, ScenarioPose | None]:
 
 
 def check_poses(given: Mapping[str, Sequence[float] | None]) -> None:
-    """Check poses that a program gives. Raises ConfigError for what is none, or in degrees."""
+    """Raises ConfigError for an invalid pose, and for a heading that is not in rad."""
     for name, pose in given.items():
         if pose is None:
             continue
@@ -221,48 +225,48 @@ def check_poses(given: Mapping[str, Sequence[float] | None]) -> None:
             raise ConfigError(f"{name} {pose}: expected finite x and y in m and a heading in rad")
         if abs(pose[2]) > tau + ROUNDING_RAD:
             raise ConfigError(
-                f"{name} {pose}: the heading is in rad, from -2 pi to 2 pi; of degrees it is"
+                f"{name} {pose}: expected a heading in rad, -2 pi to 2 pi; from degrees use"
                 f" math.radians({pose[2]:g})"
             )
 
 
 def planned(scenario: Scenario) -> bool:
-    """Whether the path planning agent is asked for the way."""
+    """Whether the path planning agent plans the path."""
     if scenario.plan is None:
         return bool(load_world(scenario.world).barriers)
     return scenario.plan in ("rooms", "seen")
 
 
 def unmapped(scenario: Scenario) -> bool:
-    """Whether nobody is told of the world."""
+    """Whether the agents have no map."""
     return scenario.plan in ("seen", "frontiers")
 
 
 def blind(scenario: Scenario) -> bool:
-    """Whether it is driven straight at a goal that is behind a barrier, by nobody's plan."""
+    """Whether the robot drives straight at a goal behind a barrier, without a plan."""
     if scenario.goal is None or scenario.plan in ("waypoints", "frontiers") or planned(scenario):
         return False
     return load_world(scenario.world).crossed(scenario.start[:2], scenario.goal[:2])
 
 
 def sensing(agents: Sequence[str], robot: str) -> tuple[str, ...]:
-    """The agents, with those for the sensors that a robot has where one for any sensor stood."""
+    """The agents, with the obstacle agents replaced by those for the robot's sensors."""
     senses, profile = society().senses, load_profile(robot)
     by_sensor = ((profile.sonar, senses.sonar), (profile.laser, senses.laser))
-    mine = [name for sensor, name in by_sensor if sensor is not None]
+    suitable = [name for sensor, name in by_sensor if sensor is not None]
     found: list[str] = []
     for name in agents:
         if name not in (senses.sonar, senses.laser):
             found.append(name)
         else:
-            found += [one for one in mine if one not in found]
+            found += [one for one in suitable if one not in found]
     return tuple(found)
 
 
 def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:
-    """The scenario as the thesis ran it: sensors without error, and whom that makes needless gone.
+    """The scenario as in the thesis: with ideal sensors and without the agents they replace.
 
-    Those that are named take part all the same.
+    The agents in `keeping` stay.
     """
     changes = society().ideal
     gone = set(changes.without) - set(keeping)
@@ -271,11 +275,10 @@ def ideal(scenario: Scenario, keeping: Sequence[str] = ()) -> Scenario:
 
 
 def with_sensors(scenario: Scenario, sensors: str, keeping: Sequence[str] = ()) -> Scenario:
-    """Return the scenario with other sensors, by the name of their table in sensors.toml.
+    """The scenario with other sensors, a table of sensors.toml.
 
-    A scenario that names no agents gets the default ones for these sensors. From one that does, and
-    with sensors without error, those are removed that are not needed then, except `keeping`.
-    Raises ConfigError for an unknown name.
+    A scenario that names no agents gets the default ones for these sensors. Ideal sensors remove
+    the agents that they replace, except `keeping`. Raises ConfigNameError.
     """
     if sensors == society().ideal.sensors:
         return ideal(scenario, keeping)
@@ -297,7 +300,7 @@ def with_slam(agents: Sequence[str]) -> tuple[str, ...]:
 
 
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
-    """The scenario with a robot that is told nothing of the world, maps it and comes back.
+    """The scenario as an exploration: the robot has no map, makes one and returns.
 
     A robot with a laser localizes on the map that it makes. Without one the map is as good as the
     odometry, so sensors are ideal.
@@ -310,15 +313,15 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     agents = (*others, *changes.besides)
     if by_slam:
         agents = with_slam(agents)
-    title = f"{scenario.name}: explored from here, and back"
+    title = f"{scenario.name}: exploration and return"
     changed = replace(scenario, title=title, goal=scenario.start, plan="frontiers", agents=agents)
     return changed if within is None else replace(changed, within=tuple(within))
 
 
 def on_mission(scenario: Scenario, mission: str | None = None) -> Scenario:
-    """The scenario with those who do missions taking part, and the mission that they do.
+    """The scenario with the agents for missions, and with `mission` if it is given.
 
-    Raises ConfigError if the mission, or the one that is the scenario's, cannot be done there.
+    Raises ConfigError if the mission cannot be done there.
     """
     if mission is not None:
         scenario = replace(scenario, mission=mission, goal=None, waypoints=())
@@ -330,7 +333,7 @@ def on_mission(scenario: Scenario, mission: str | None = None) -> Scenario:
 
 
 def mission_of(scenario: Scenario) -> Mission | None:
-    """The mission that is done in a scenario. Raises ConfigError if it cannot be."""
+    """The mission of a scenario, or None. Raises ConfigError if it cannot be done there."""
     if scenario.mission is None:
         return None
     from armadico.config.places import Places
@@ -339,22 +342,25 @@ def mission_of(scenario: Scenario) -> Mission | None:
     return load_mission(scenario.mission, places, scenario.start[:2])
 
 
-def _strangers(scenario: Scenario) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Agents that are not installed, each with its key."""
+def _error(fault: str | ConfigError) -> ConfigError:
+    return fault if isinstance(fault, ConfigError) else ConfigError(fault)
+
+
+def _unknown_agents(scenario: Scenario) -> Iterator[Fault]:
     for index, name in enumerate(scenario.agents):
         try:
             find_installed(AGENTS, name)
         except UnknownNameError as error:
-            yield ("agents", index), str(error)
+            yield ("agents", index), ConfigNameError(error.kind, name, error.known)
 
 
 def _world(scenario: Scenario, path: Path, text: str) -> World:
     try:
         return load_world(scenario.world)
     except ConfigError as error:
-        if error.file is not None:  # the fault is within the world's file
+        if error.file is not None:  # the fault is in the world's file
             raise
-        raise ConfigError(error.message, path, line_of(text, ("world",))) from None
+        raise error.at(path, line_of(text, ("world",))) from None
 
 
 def scenario_from(
@@ -363,54 +369,54 @@ def scenario_from(
     goal: ScenarioPose | str | None = None,
     robot: str | None = None,
 ) -> Scenario:
-    """A scenario of the command line: a world, and from where to where. Raises ConfigError.
+    """A scenario from a world, a start and a goal. Raises ConfigError.
 
-    Without a start it is the world's own (`RobotHome`); a goal may be the name of one of the
-    world's goals.
+    The default start is the world's `RobotHome`; a goal may be a name of the world's goals.
     """
     place = load_world(world)
     begin = start if start is not None else _home(place)
     end = _goal(place, goal) if isinstance(goal, str) else goal
     scenario = Scenario(
         name=place.name,
-        title=f"{place.name}: from the command line",
+        title=f"{place.name}: command line",
         world=str(world),
         start=begin,
         goal=end,
     )
     if robot is not None:
         scenario = replace(scenario, robot=robot)
-    for _, message in _faults(scenario, place):
-        raise ConfigError(message)
+    for _, fault in _faults(scenario, place):
+        raise _error(fault)
     return scenario
 
 
 def _home(world: World) -> ScenarioPose:
     if world.start is None:
-        raise ConfigError(f"world {world.name!r} has no start: --start X Y DEG says where")
+        raise ConfigError(f"world {world.name!r} has no start; give --start X Y DEG")
     return world.start
 
 
 def _goal(world: World, name: str) -> ScenarioPose:
     if name not in world.goals:
-        raise ConfigError(f"no goal {name!r} in {world.name!r}; {advice(name, world.goals)}")
+        message = f"no goal {name!r} in {world.name!r}; {advice(name, world.goals)}"
+        raise ConfigNameError("goal", name, world.goals, message=message)
     return world.goals[name]
 
 
-def _unfound_mission(scenario: Scenario) -> Iterator[tuple[Key, str]]:
+def _unfound_mission(scenario: Scenario) -> Iterator[Fault]:
     try:
         if scenario.mission is not None:
             find("missions", scenario.mission)
     except ConfigError as error:
-        yield ("mission",), error.message
+        yield ("mission",), error
 
 
-def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
-    """What is wrong with a scenario, and with which key."""
+def _faults(scenario: Scenario, world: World) -> Iterator[Fault]:
+    """The faults of a scenario in its world."""
     try:
         profile = find("robots", scenario.robot)
     except ConfigError as error:
-        yield ("robot",), error.message
+        yield ("robot",), error
         return
     body = load_profile(profile).body
     radius = body.circle_m
@@ -418,7 +424,7 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     for name, dock in world.docks.items() if charged else ():
         if not _may_dock(world, dock, body):
             message = f"a {scenario.robot} cannot drive into dock {name!r} of {world.name!r}"
-            yield ("world",), f"{message}: a wall is in its way"
+            yield ("world",), f"{message}: a wall is in the way"
     for key, pose in (("start", scenario.start), ("goal", scenario.goal)):
         if pose is not None:
             yield from _misplaced(world, (key,), pose, body)
@@ -430,47 +436,44 @@ def _faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
     try:
         known_sensors(scenario.sensors)
     except ConfigError as error:
-        yield ("sensors",), error.message
+        yield ("sensors",), error
     yield from _unfound_mission(scenario)
     for agent in scenario.agents:
         if scenario.agents.count(agent) > 1:
-            yield ("agents",), f"agent {agent!r} is there twice; expected once"
+            yield ("agents",), f"agent {agent!r} is listed twice; expected once"
     yield from _mission_faults(scenario, world)
     if scenario.plan == "waypoints" and not scenario.waypoints:
-        message = 'plan = "waypoints", but there are none; give waypoints = [[x, y, degrees], ...]'
+        message = 'plan = "waypoints": expected waypoints = [[x, y, degrees], ...]'
         yield ("plan",), message
 
 
 def _fleet_faults(scenario: Scenario, world: World, body: Body) -> Iterator[tuple[Key, str]]:
-    """What is wrong with waypoints, other robots' starts, and what they are to look at."""
+    """The faults of waypoints, other robots' starts and a fleet's tasks."""
     for name in _ONE_OF:
         for index, pose in enumerate(getattr(scenario, name)):
             yield from _misplaced(world, (name, index), pose, body)
     if scenario.others and scenario.moving:
-        yield ("moving",), "what moves does in the world of one robot; expected this, or others"
+        yield ("moving",), "moving is for one robot; expected either moving or others"
 
 
-def _mission_faults(scenario: Scenario, world: World) -> Iterator[tuple[Key, str]]:
-    """What is wrong with a mission's place in a scenario; the mission has a file of its own."""
+def _mission_faults(scenario: Scenario, world: World) -> Iterator[Fault]:
+    """The faults of a mission and alarms in a scenario; the mission's file is checked elsewhere."""
     if scenario.mission is not None and scenario.goal is not None:
-        yield ("goal",), "a mission and a goal: expected one of both"
+        yield ("goal",), "expected either a mission or a goal"
     rooms = [room.name for room in world.rooms]
     for index, alarm in enumerate(scenario.alarms):
         for name in ("room", "within"):
             room = getattr(alarm, name)
             if room is not None and room not in rooms:
-                yield ("alarms", index, name), f"no room {room!r}; {advice(room, rooms)}"
+                yield ("alarms", index, name), ConfigNameError("room", room, rooms)
         if (alarm.at_s is None) == (alarm.during is None):
-            yield (
-                ("alarms", index),
-                "an alarm begins at a time (at_s) or during a task: one of both",
-            )
+            yield ("alarms", index), "expected either at_s, a time, or during, a task"
         if alarm.within is not None and alarm.during is None:
-            yield ("alarms", index, "within"), "within is for an alarm during a task"
+            yield ("alarms", index, "within"), "within needs during, a task"
 
 
 def _may_dock(world: World, dock: WorldPose, body: Body) -> bool:
-    """Whether no wall is where a robot stands that is charged, nor where it lines up for it."""
+    """Whether a docked robot and its lane before the dock are clear of walls."""
     (x, y, theta), lane = dock, before(dock)
     c, s = cos(theta), sin(theta)
     half = body.width_m / 2
@@ -487,15 +490,15 @@ def _may_dock(world: World, dock: WorldPose, body: Body) -> bool:
 
 
 def known_sensors(name: str) -> str:
-    """The name, if robots/sensors.toml has it. Raises ConfigError."""
+    """The name, checked against robots/sensors.toml. Raises ConfigNameError."""
     known = document(read_text(resource_path("robots", "sensors")), "sensors.toml")
     if name not in known:
-        raise ConfigError(f"no sensors {name!r}; {advice(name, known)}")
+        raise ConfigNameError("sensors", name, known)
     return name
 
 
 _STOPS = ("goal", "tasks")
-"""Where the robot is to stop by its pose; it stands at a start, and drives past a waypoint."""
+"""Where the robot stops by its estimated pose, which needs more clearance."""
 
 _ONE_OF = {"waypoints": "waypoint", "others": "robot", "tasks": "task"}
 
@@ -516,7 +519,7 @@ def _misplaced(world: World, key: Key, pose: ScenarioPose, body: Body) -> Iterat
         return
     for near_what, away in (
         ("a wall of", world.clearance(x, y)),
-        ("what is forbidden in", world.clearance_of_forbidden(x, y)),
+        ("a forbidden line of", world.clearance_of_forbidden(x, y)),
     ):
         if away < radius - ROUNDING_M:
             near, least = apart(away, radius)
@@ -526,7 +529,7 @@ def _misplaced(world: World, key: Key, pose: ScenarioPose, body: Body) -> Iterat
 
 
 def _cut_off(scenario: Scenario, world: World, body: Body) -> Iterator[tuple[Key, str]]:
-    """A goal to which no way leads from the start, whoever drives."""
+    """The fault of a goal that cannot be reached from the start."""
     (x, y), goal = scenario.start[:2], scenario.goal
     if goal is None or not world.crossed((x, y), goal[:2]):
         return
@@ -535,7 +538,6 @@ def _cut_off(scenario: Scenario, world: World, body: Body) -> Iterator[tuple[Key
     if not Places(world, body).joined((x, y), goal[:2]):
         yield (
             ("goal",),
-            f"goal ({goal[0]:g}, {goal[1]:g}): no way from start ({x:g}, {y:g}) in"
-            f" {world.name!r} is as wide as the robot, {body.width_m:g} m; expected a goal that"
-            " walls do not shut off",
+            f"goal ({goal[0]:g}, {goal[1]:g}): walls of {world.name!r} leave no path from start"
+            f" ({x:g}, {y:g}) that is as wide as the robot, {body.width_m:g} m",
         )

@@ -1,7 +1,6 @@
-"""The configurations that come with Armadico, found by name; anything else is a file.
+"""Configurations by name: those shipped with Armadico, and robot profiles of other packages.
 
-A robot's profile is found by its name, too, where it lies beside the module of a kind of robot that
-another package brings.
+A package's profiles lie beside the module of its kind of robot.
 """
 
 from __future__ import annotations
@@ -11,7 +10,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from armadico.config.discovery import ROBOTS, installed
-from armadico.config.errors import ConfigError, advice, nearest
+from armadico.config.errors import ConfigNameError
+from armadico.core.errors import hint
 
 SUFFIXES: dict[str, tuple[str, ...]] = {
     "worlds": (".map", ".yaml", ".yml"),
@@ -20,19 +20,19 @@ SUFFIXES: dict[str, tuple[str, ...]] = {
     "parameters": (".toml",),
     "missions": (".toml",),
 }
-"""The kinds of configuration, each a folder of `armadico.configs`, and how its files end."""
+"""The kinds of configuration, each a folder of `armadico.configs`, and their suffixes."""
 
 TABLES = ("robots/sensors.toml",)
-"""Files that are tables of something else: not configurations of the kind they lie beside."""
+"""Files in these folders that are not configurations of the kind."""
 
 
 def folder(kind: str) -> Path:
-    """Where the shipped configurations of a kind are."""
+    """The folder of the shipped configurations of a kind."""
     return Path(str(files("armadico.configs"))) / kind
 
 
 def _folders(kind: str) -> Iterator[Path]:
-    """Where a name of a kind is looked for: ours, then other packages' profiles of robots."""
+    """The folders of a kind: the shipped one, then those of other packages' robots."""
     yield folder(kind)
     for found in installed(ROBOTS).values() if kind == "robots" else ():
         if found.package != "armadico" and (path := found.path) is not None:
@@ -40,46 +40,46 @@ def _folders(kind: str) -> Iterator[Path]:
 
 
 def names(kind: str) -> list[str]:
-    """The names of the configurations of a kind that are installed, sorted."""
+    """The names of the installed configurations of a kind, sorted."""
     found = [p for each in _folders(kind) for p in each.iterdir() if p.suffix in SUFFIXES[kind]]
     return sorted({path.stem for path in found if f"{kind}/{path.name}" not in TABLES})
 
 
 def resource_path(kind: str, name: str) -> Path:
-    """The file of an installed configuration. Raises ConfigError with the nearest name."""
+    """The file of an installed configuration. Raises ConfigNameError."""
     for each in _folders(kind):
         for suffix in SUFFIXES[kind]:
             path = each / (name + suffix)
             if path.is_file():
                 return path
-    raise ConfigError(f"no {_one(kind)} {name!r}; {advice(name, names(kind))}")
+    raise ConfigNameError(_one(kind), name, names(kind))
 
 
 def find(kind: str, name_or_path: str | Path) -> Path:
-    """The file of a configuration: a path if it has a slash or a suffix, else a shipped name."""
+    """The file of a configuration: a path if it has a slash or a suffix, else a shipped name.
+
+    Raises ConfigNameError.
+    """
     path = Path(name_or_path)
     if isinstance(name_or_path, str) and not path.suffix and path.name == name_or_path:
         return resource_path(kind, name_or_path)
     if not path.is_file():
-        raise ConfigError(f"no file {str(path)!r}; {_instead(kind, path)}")
+        beside = path.parent.iterdir() if path.parent.is_dir() else ()
+        there = [p.name for p in beside if p.suffix in SUFFIXES[kind]]
+        instead = hint(path.name, there) or f"shipped {kind}: {', '.join(names(kind))}"
+        message = f"no file {str(path)!r}; {instead}"
+        raise ConfigNameError("file", path.name, there, message=message)
     return path
 
 
 def counted_from(file: Path, name: str) -> str:
-    """A name in a file as it is to be looked for: a path counts from the file's folder."""
+    """A name in a file, for `find`: a path becomes absolute, relative to the file's folder."""
     path = Path(name)
     if not path.suffix and path.name == name:
-        return name  # of something that is shipped
+        return name  # shipped
     return str((file.parent / path.expanduser()).resolve())
 
 
 def _one(kind: str) -> str:
-    """What one configuration of a kind is called."""
+    """The singular of a kind."""
     return "set of parameters" if kind == "parameters" else kind.removesuffix("s")
-
-
-def _instead(kind: str, path: Path) -> str:
-    beside = path.parent.iterdir() if path.parent.is_dir() else ()
-    near = nearest(path.name, [p.name for p in beside if p.suffix in SUFFIXES[kind]])
-    shipped = f"shipped {kind}: {', '.join(names(kind))}"
-    return f"did you mean {near!r}?" if near else shipped

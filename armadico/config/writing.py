@@ -1,4 +1,4 @@
-"""Files in place of what was there: all of the new is on the disk before any of it shows."""
+"""Atomic replacement of files: the new ones are on the disk before the old ones are replaced."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shutil import copymode
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write all of them, or none; a link stays one. Raises OSError."""
+    """Write all files or none; symbolic links are kept. Raises OSError."""
     new = {path: written_first(path) for path in files}
     try:
         for path, data in files.items():
@@ -23,7 +23,7 @@ def write_files(files: Mapping[Path, bytes]) -> None:
         for path, at in new.items():
             at.replace(path.resolve())
         for folder in {path.resolve().parent for path in new}:
-            with suppress(OSError):  # some file systems cannot, and all is written
+            with suppress(OSError):  # some file systems cannot sync a folder
                 _sync(folder)
     except OSError:
         for at in new.values():
@@ -33,7 +33,7 @@ def write_files(files: Mapping[Path, bytes]) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Have the disk keep a file, or what was renamed in a folder. Raises OSError."""
+    """Flush a file, or the renames in a folder, to the disk. Raises OSError."""
     opened = os.open(path, os.O_RDONLY)
     try:
         os.fsync(opened)
@@ -42,15 +42,15 @@ def _sync(path: Path) -> None:
 
 
 def written_first(path: Path) -> Path:
-    """Where it is written before it takes the place of what was there. Raises OSError."""
+    """The temporary file that will replace `path`. Raises OSError if it cannot be replaced."""
     if path.is_dir():
         raise IsADirectoryError(EISDIR, strerror(EISDIR), str(path))
-    if path.exists() and not path.is_file():  # a device would be a file from then on
-        raise OSError(EINVAL, "is no file", str(path))
-    if path.exists() and not os.access(path, os.W_OK):  # its folder would let it be replaced
+    if path.exists() and not path.is_file():  # a device must not be replaced by a file
+        raise OSError(EINVAL, "is not a file", str(path))
+    if path.exists() and not os.access(path, os.W_OK):  # a rename needs only the folder's rights
         raise PermissionError(EACCES, strerror(EACCES), str(path))
     try:
         real = path.resolve()
-    except RuntimeError as error:  # links that lead to each other
+    except RuntimeError as error:  # a loop of links
         raise OSError(EINVAL, str(error), str(path)) from None
     return real.with_name(f"{real.name}.new")

@@ -1,1 +1,1 @@
-"""What decides: messages and the time in, messages out. No socket, thread or clock."""
+"""Coordination, sans-IO: messages and the time in, messages out. No socket, thread or clock."""

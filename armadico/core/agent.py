@@ -3,12 +3,13 @@
 Individual intelligence is what a subclass writes: handlers for messages (`on_<message>`) and, for a
 behaviour, `bid`; for an owner of a resource, `obey` and `rest`. Social intelligence comes with this
 class: freshness, turns, winner determination, exchange, acknowledgements, the stop, latched states,
-the card. An agent holds no socket, thread, clock or sleep: whoever runs it (`armadico.core.driver`)
-hands it messages and the time, and sends what it finds in `outbox`.
+the card. An agent holds no socket, thread, clock or sleep. Its driver (`armadico.core.driver`)
+passes messages and the time to it and sends the contents of `outbox`.
 
 The modules of figure 3.6: internal state is the subclass's attributes and `latest`; collaboration
-is `reacts_to`, `needs`, `hears`, `provides`, `answers` and `asks`; goal is `bid` and the handlers;
-competition is `competes_for`; coordination is one `Contender` a resource; helper methods are here.
+is `reacts_to`, `needs`, `receives`, `provides`, `answers` and `queries`; goal is `bid` and the
+handlers; competition is `competes_for`; coordination is one `Contender` per resource; helper
+methods are here.
 """
 
 from __future__ import annotations
@@ -39,23 +40,15 @@ M = TypeVar("M", bound=Message)
 BIDS_REMEMBERED = 50
 DEBUG, INFO, WARNING, ERROR = 10, 20, 30, 40
 
-MOST_SETTINGS = 256
-"""That are remembered of all agents."""
+MOST_SETTINGS = 256  # parameters set live that are replicated, of all agents together
+RESTORED = "those who remember"  # the `by` of a parameter change restored after a restart
+LONGEST_REASON = 200  # characters of a bid's reason that are kept
+REPORT_S = 2.0  # shortest time between two reports of refused commands, s
+# Different reasons in one report. Each excessive speed is a reason of its own.
+REASONS_REPORTED = 3
 
-REMEMBERED = "those who remember"
-"""By whom a parameter is changed that was set before its instance was started."""
-
-LONGEST_REASON = 200
-"""Characters of a bid's reason that are kept."""
-
-REPORT_S = 2.0
-"""Refused commands are reported at most so often."""
-
-REASONS_TOLD = 3
-"""So many different reasons are; a speed beyond what the robot can is another one each time."""
-
-AT_WORK = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
-"""Refusals that come of every exchange and every start: the protocol at work, and no fault."""
+# Refusals that every exchange and every start causes. They are no fault.
+EXPECTED_REFUSALS = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdict.LISTENING})
 
 
 Parameters = parameters.Parameters
@@ -64,7 +57,7 @@ Social = parameters.Social
 
 @dataclass(frozen=True)
 class Identity:
-    """Who an instance is: set by whoever runs it."""
+    """An instance's identity, set by the process that runs it."""
 
     instance: str
     host: str = "localhost"
@@ -75,7 +68,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Subscription:
-    """What an agent listens to: messages of a type on the keys of a pattern."""
+    """A subscription: messages of a type on the keys of a pattern."""
 
     message: type[Message]
     pattern: str
@@ -84,23 +77,21 @@ class Subscription:
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Publish a message on a key."""
-
     key: str
     message: Message
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Somebody's query, to be answered now or later."""
+    """A received query. The agent answers it now or later."""
 
     id: int
     request: Message
 
 
 @dataclass(frozen=True, slots=True)
-class AskFor:
-    """Put a query on the mesh; the answer comes back to `Agent.replied` with this id."""
+class SendQuery:
+    """Send a query. The reply arrives at `Agent.replied` with this id."""
 
     id: int
     key: str
@@ -119,41 +110,41 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """Bytes for the device that the agent owns."""
+    """Write bytes to the agent's device."""
 
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Something on a key was not believed: counted by reason, and now and then reported."""
+    """A rejected message. The driver counts these by reason and reports them at intervals."""
 
     key: str
-    why: str  # who, what was wrong, and what was done with it; few different ones
+    why: str  # the sender, the fault and the consequence; few different texts
 
 
-Outgoing = Publish | AskFor | Answer | Write | Refused
+Outgoing = Publish | SendQuery | Answer | Write | Refused
 
 
 @dataclass
 class _Owned:
-    """A resource that this agent owns, and when its next cycle is due if it counts its own."""
+    """A resource that this agent owns."""
 
     owner: Owner
-    counter: CycleCounter | None = None
-    due: float | None = None
-    complained_at: float = float("-inf")
+    counter: CycleCounter | None = None  # only of a resource with its own period
+    due: float | None = None  # when the counter's next cycle begins, s
+    reported_at: float = float("-inf")
 
 
-class _Asked:
-    """The queries that are not answered yet: what is done with each answer, by number."""
+class _Pending:
+    """Callbacks of the queries that are not answered yet, by number."""
 
     def __init__(self) -> None:
         self._last = 0
         self._then: dict[int, Callable[[Any], None]] = {}
 
     def put(self, then: Callable[[Any], None]) -> int:
-        """Note one; return its number."""
+        """Return the number of the added callback."""
         self._last += 1
         self._then[self._last] = then
         return self._last
@@ -163,67 +154,68 @@ class _Asked:
 
 
 class Agent:
-    """One agent. A subclass declares what it talks about, and fills in handlers and methods."""
+    """One agent. A subclass declares its messages and resources and adds handlers and methods."""
 
     name: ClassVar[str] = ""
     reacts_to: ClassVar[type[Message] | Mapping[Resource, type[Message]] | None] = None
-    """Starts its turn in a cycle; by resource, if it competes for several that differ in that. None
-    is the owner's ack, which each cycle of a resource begins with."""
+    """The message that starts the agent's turn in a cycle, by resource if they differ. None is the
+    owner's ack, with which each cycle of a resource begins."""
     needs: ClassVar[tuple[type[Message], ...]] = ()  # must be fresh, or it does not bid
-    hears: ClassVar[tuple[type[Message], ...]] = ()  # merely listened to
+    receives: ClassVar[tuple[type[Message], ...]] = ()  # other subscriptions
     provides: ClassVar[tuple[type[Message], ...]] = ()
     answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
-    asks: ClassVar[tuple[type[Message], ...]] = ()  # queries it puts
+    queries: ClassVar[tuple[type[Message], ...]] = ()  # queries it sends
     competes_for: ClassVar[tuple[Resource, ...]] = ()
     owns: ClassVar[tuple[Resource, ...]] = ()
     alone: ClassVar[bool] = False  # a second instance in the namespace may not join
     parameters: ClassVar[type[Parameters]] = Parameters
     launched_with: ClassVar[tuple[str, ...]] = ()
-    """Facts of a scenario that its launcher sets: the parameters of these names (see
+    """Names of the parameters that the launcher sets from the scenario (see
     `armadico.launch.society.facts`)."""
 
     changeable: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    """Units, by name, of those parameters that may be changed while it is at work; those in tables
-    with dots. They are read from `p` where they are used, or anew in `on_parameters`."""
+    """Units, by name, of the parameters that may be changed while the agent runs. Names in tables
+    have dots. Such parameters are read from `p` at each use, or again in `on_parameters`."""
 
     borders: ClassVar[Mapping[str, Callable[[float], float]]] = MappingProxyType({})
-    """What a picture shows around the robot: distances from its outline, m, by its speed, m/s."""
+    """Outlines that a picture draws around the robot: speed in m/s to distance from the footprint
+    in m."""
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         self.identity = identity
         self.instance = identity.instance
         self.rng = identity.rng
-        self.drawn = self.rng.getstate()  # before anything is: a life that is replayed begins here
+        self.drawn = self.rng.getstate()  # before the first draw: a replay begins here
         self.p: Parameters = self.parameters() if parameters is None else parameters
-        self._begun = self.p  # as it was started
-        self._set: dict[str, str] = {}  # live since, by this instance or one before it: JSON
-        changeable.allowed(type(self.p), self.changeable)  # a name that is none is told of at once
+        self._begun = self.p  # at start
+        self._set: dict[str, str] = {}  # set live, by this or an earlier instance: JSON by name
+        changeable.allowed(type(self.p), self.changeable)  # raises for a wrong name
         self.now = 0.0
         self.cycles = CycleClock()  # the robot's
-        self.tenure = 0  # cycles for which it has been at work
+        self.tenure = 0  # cycles for which it has worked
         self.outbox: list[Outgoing] = []
         self.memory = Memory(self.rng)  # of latched states
-        self.foreign: set[str] = set()  # instances that speak otherwise
+        self.foreign: set[str] = set()  # instances with another protocol or other resources
         self.reachable = True  # whether the robot's router can be reached
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
         self._latest: dict[type[Message], Message] = {}
         self._inputs = tuple(service_of(kind).pattern for kind in self.needs)
-        self._takers: dict[type[Message], Callable[[Any], bool]] = {
-            m.RobotState: self._take_state,
-            m.Description: self._take_description,
-            m.Claim: self._take_claim,
-            m.Command: self._take_command,
-            m.Ack: self._take_ack,
-            **{service.message: self._take_latched for service in latched()},
+        self._receivers: dict[type[Message], Callable[[Any], bool]] = {
+            m.RobotState: self._receive_state,
+            m.Description: self._receive_description,
+            m.Claim: self._receive_claim,
+            m.Command: self._receive_command,
+            m.Ack: self._receive_ack,
+            **{service.message: self._receive_latched for service in latched()},
         }
-        listened = {subscription.message for subscription in self.subscriptions()}
+        subscribed = {subscription.message for subscription in self.subscriptions()}
         self._gatherings: dict[type[Message], Gathering] = {  # of several publishers
-            kind: gather() for kind in listened if (gather := service_of(kind).gather) is not None
+            kind: gather() for kind in subscribed if (gather := service_of(kind).gather) is not None
         }
-        self._handlers = {kind: self._handler(kind) for kind in (*listened, *self.answers)}
+        self._handlers = {kind: self._handler(kind) for kind in (*subscribed, *self.answers)}
         self._alarm: float | None = None
-        self._asked = _Asked()
-        self._turned: dict[str, m.Cycle] = {}  # by resource, the cycle of its last turn
+        self._pending = _Pending()
+        self._turned: dict[str, m.Cycle] = {}  # by resource, the cycle of the last turn
         self._owned = {r.name: self._own(declare(r)) for r in self.owns}
         self._contenders = {r.name: self._contend(declare(r)) for r in self.competes_for}
         self._reactions = self._reacting()
@@ -231,60 +223,60 @@ class Agent:
     # What a subclass may write -------------------------------------------------------------------
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002
-        """The goal method: what it would do now, and how much that helps; None: nothing.
+        """The goal method: return the agent's bid, or None for no bid.
 
-        Called once a cycle with the message that the agent reacts to, all needs fresh, the robot
-        not stopped. `self.why` may be set to say why there is no bid, and `self.lacks` to the key
-        of what would be needed for one.
+        Called once per cycle with the message that the agent reacts to. All needs are fresh and the
+        robot is not stopped. Without a bid, `self.why` may be set to the reason and `self.lacks` to
+        the key of the missing input.
         """
         return None
 
     def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
-        """The same, for an agent that competes for more than one resource."""
+        """Return the bid for a resource, in an agent that competes for several."""
         return self.bid(message)
 
     def obey(self, resource: Resource, action: Any) -> None:
-        """The owner's method: do this, numbers or a message as the resource declares."""
+        """The owner's method: execute an action (numbers or a message, as the resource has)."""
 
     def rest(self, resource: Resource) -> None:
-        """The owner's method: do nothing more; after a release, a silence or a stop."""
+        """The owner's method: bring the resource to rest after a release, a timeout or a stop."""
 
     def measure(self, resource: Resource) -> m.Action:
-        """What a resource that it owns does now, in the order of its parameters."""
+        """Return what an owned resource does now, in the order of its parameters."""
         return resource.neutral
 
     def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002
-        """What is wrong with an action of the right shape, by the owner's limits; "" if nothing."""
+        """Return which owner's limit an action of the right shape exceeds; "" if none."""
         return ""
 
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002
-        """Why a resource that it owns can obey nobody now; "" if it can."""
+        """Return why an owned resource can obey no command now; "" if it can."""
         return ""
 
     def on_start(self) -> None:
-        """Called once, before any message but latched ones."""
+        """Called once, before any message except latched ones."""
 
     def on_wakeup(self) -> None:
         """Called at the time given to `wake_at`."""
 
     def on_parameters(self, before: Any) -> None:
-        """Some of `changeable` were changed: `p` has the new ones, `before` is what it was.
+        """Called when some of `changeable` were changed; `p` is new, `before` is the old value.
 
-        What was worked out from them is worked out again. ValueError, raised before that, refuses
-        them.
+        An agent computes derived values again here. It raises ValueError before that to reject the
+        change.
         """
 
     def on_appeared(self, name: str, instance: str) -> None:
-        """An instance of an agent has joined."""
+        """Called when an instance's liveliness token appears."""
 
     def on_disappeared(self, name: str, instance: str) -> None:
-        """An instance's liveliness token has gone."""
+        """Called when an instance's liveliness token disappears."""
 
-    def on_met(self, card: m.Card) -> None:
-        """An instance that is alive has given its card."""
+    def on_card(self, card: m.Card) -> None:
+        """Called with the card of a live instance."""
 
     def on_router(self) -> None:
-        """The robot's router can be reached again, or no more: `reachable`."""
+        """Called when the robot's router becomes reachable or unreachable: `reachable`."""
 
     # What a subclass uses ------------------------------------------------------------------------
 
@@ -292,7 +284,7 @@ class Agent:
     lacks: str = ""
 
     def key_of(self, kind: type[Message], **names: str) -> str:
-        """The key of a kind's service; braces are filled by `names`, or by who this one is."""
+        """Return the key of a kind's service, filled with `names`, else this instance's names."""
         key = service_of(kind).key
         if "{" not in key:
             return key
@@ -303,46 +295,46 @@ class Agent:
         service = service_of(type(message))
         key = self.key_of(type(message), **names)
         if service.kind is Kind.LATCHED:
-            with suppress(m.MessageError):  # what nobody can be told of, nobody remembers
+            with suppress(m.MessageError):  # a message that cannot be sent is not stored either
                 self.memory.note(m.checked(cast("m.Latched", message)))
         self.outbox.append(Publish(key, message))
 
     def latest(self, kind: type[M]) -> M | None:
-        """The newest message of a kind, fresh or not."""
+        """Return the newest message of a kind, fresh or not."""
         return cast("M | None", self._latest.get(kind))
 
     def fresh(self, kind: type[M]) -> M | None:
-        """The newest message of a kind, if by the table of services it may be acted upon."""
+        """Return the newest message of a kind if it is fresh by the table of services."""
         message = self._latest.get(kind)
         if message is None or not self._in_time(message):
             return None
         return cast("M", message)
 
     def each_fresh(self, base: type[M]) -> list[M]:
-        """The fresh messages of all kinds that derive from a base which it hears."""
+        """Return the fresh messages of all subscribed kinds that derive from a base."""
         found = (self.fresh(kind) for kind in derived(base))
         return [cast("M", message) for message in found if message is not None]
 
-    def ask(
+    def query(
         self,
         request: Message,
         then: Callable[[Any], None],
         timeout: float = 2.0,
         instance: str = "",
     ) -> None:
-        """Put a query; `then` gets the first reply, or None if nobody answered in time.
+        """Send a query; `then` gets the first reply, or None after the timeout (s).
 
-        `instance` says whose answer is wanted, where a service's key has a place for that.
+        `instance` is the receiver, where the service's key has one.
         """
         service = service_of(type(request))
         assert service.reply is not None, f"{service.key} is not a query"
         key = self.key_of(type(request), instance=instance or self.instance)
         self._put(key, request, service.reply, then, timeout)
 
-    def ask_card(
+    def query_card(
         self, name: str, instance: str, then: Callable[[Any], None], timeout: float = 1.0
     ) -> None:
-        """Ask an instance for its card; `then` gets it, or None if it did not answer in time."""
+        """Query an instance's card; `then` gets it, or None after the timeout (s)."""
         key = CARD.key_for(name=name, instance=instance)
         self._put(key, m.Ask(), m.Card, then, timeout)
 
@@ -354,26 +346,24 @@ class Agent:
         then: Callable[[Any], None],
         timeout: float,
     ) -> None:
-        self.outbox.append(AskFor(self._asked.put(then), key, request, reply, timeout))
+        self.outbox.append(SendQuery(self._pending.put(then), key, request, reply, timeout))
 
     def answer(self, question: Question, reply: Message) -> None:
-        """Answer a query, now or later."""
         self.outbox.append(Answer(question.id, reply))
 
     def wake_at(self, when: float) -> None:
-        """Have `on_wakeup` called at that time, s; the one wake-up it may ask for."""
+        """Set the agent's only wake-up: `on_wakeup` is called at this time, s."""
         self._alarm = when
 
     def holds(self, resource: Resource) -> bool:
-        """Whether it holds the resource, as far as it knows."""
+        """Return whether the agent holds the resource, by its own state."""
         return self._contenders[resource.name].holding
 
     def acked(self, resource: Resource) -> m.Ack | None:
-        """What the resource's owner last acknowledged."""
+        """Return the last acknowledgement of the resource's owner."""
         return self._contenders[resource.name].ack
 
     def owner(self, resource: Resource) -> Owner:
-        """The judge of a resource that it owns."""
         return self._owned[resource.name].owner
 
     @property
@@ -383,43 +373,45 @@ class Agent:
         return stop if stop is not None and stop.stopped else None
 
     def latch(self, by: str) -> None:
-        """Stop the robot, as anybody may; `by` says who or what. People release it, on purpose."""
+        """Latch the robot's stop. Any agent may; only the operator releases it."""
         known = self.memory.newest(m.Stop) or m.Stop()
         press = self.rng.getrandbits(63)
         self.publish(m.Stop(m.next_count(known.counter), stopped=True, by=by, press=press))
         self._stop_changed()
 
     def acknowledge(self) -> None:
-        """Acknowledge what it owns: for who makes the cycles itself. Others do on the state."""
+        """Acknowledge all owned resources, in the agent that makes the cycles.
+
+        Other owners acknowledge when they receive the robot's state.
+        """
         for owned in self._owned.values():
             self._acknowledge(owned)
 
     def log(self, text: str, level: int = INFO, event: str = "") -> None:
-        """Publish a line for people; `event` says what happened to programs (`m.LogEvent`)."""
+        """Publish a log line; `event` (`m.LogEvent`) is for programs."""
         self.publish(m.Log(level, m.line(text), event))
 
-    # What whoever runs it calls ------------------------------------------------------------------
+    # What the driver calls -----------------------------------------------------------------------
 
     def start(self, now: float) -> None:
-        """Begin."""
         self.now = now
         self.tenure = 1
         for owned in self._owned.values():
             if owned.counter is not None:
                 owned.due = now
         self.on_start()
-        for message in self.memory.all():  # of what it was told before
+        for message in self.memory.all():  # received before the start
             if type(message) is m.Tuning:
-                self._take_over_settings(message)
+                self._adopt_settings(message)
             handler = self._handlers.get(type(message))
             if handler is not None:
                 handler(message)
 
     def receive(self, message: Message, now: float) -> None:
-        """Take one message that it subscribed to."""
+        """Process one message of a subscription."""
         self.now = now
         kind = type(message)
-        take = self._takers.get(kind)
+        receiver = self._receivers.get(kind)
         gathering = self._gatherings.get(kind)
         if gathering is not None:
             if not (gathering.counts(message) and self._newer(message, gathering.newest(message))):
@@ -428,7 +420,7 @@ class Agent:
             if gathered is None:
                 return
             message = gathered
-        elif not (take(message) if take else self._newer(message, self._latest.get(kind))):
+        elif not (receiver(message) if receiver else self._newer(message, self._latest.get(kind))):
             return
         self._latest[kind] = message
         handler = self._handlers.get(kind)
@@ -439,20 +431,20 @@ class Agent:
                 self._turn(resource, message)
 
     def accepted(self, message: Message) -> bool:
-        """Whether a message that it was given is the newest by its publisher."""
+        """Return whether a received message is the newest of its publisher."""
         gathering = self._gatherings.get(type(message))
         if gathering is not None:
             return gathering.newest(message) is message
         return self._latest.get(type(message)) is message
 
     def remember(self, message: m.Latched, now: float) -> None:
-        """Take a latched state before it has begun."""
+        """Store a latched state that is received before the start."""
         self.now = now
         self._latest[type(message)] = message
         self._on_latched(message)
 
-    def asked(self, question: Question, now: float) -> None:
-        """Take a query, and put the `Answer` into the outbox now or later."""
+    def on_query(self, question: Question, now: float) -> None:
+        """Process a received query; the `Answer` enters the outbox now or later."""
         self.now = now
         handler = self._handlers.get(type(question.request))
         if handler is not None:
@@ -460,61 +452,61 @@ class Agent:
             if reply is not None:
                 self.answer(question, reply)
 
-    def replied(self, question_id: int, reply: Message | None, now: float) -> None:
-        """Take the answer to something that was asked; None if there was none."""
+    def on_reply(self, question_id: int, reply: Message | None, now: float) -> None:
+        """Process the reply to a query; None after a timeout."""
         self.now = now
-        then = self._asked.pop(question_id)
+        then = self._pending.pop(question_id)
         if then is not None:
             then(reply)
 
     def appeared(self, name: str, instance: str, now: float) -> None:
-        """Take the news of a liveliness token."""
+        """Process a new liveliness token."""
         self.now = now
         self.memory.met(now)
         self.on_appeared(name, instance)
 
     def met(self, card: m.Card, now: float) -> None:
-        """Take an instance's own card: who speaks otherwise is not listened to."""
+        """Process an instance's card; messages of an incompatible instance are then rejected."""
         self.now = now
-        self.on_met(card)
+        self.on_card(card)
         if card.instance in self.foreign:
             return
-        who = f"{card.instance} (host {card.host}, pid {card.pid})"
         if card.protocol != m.PROTOCOL:
-            why = f"speaks protocol {card.protocol}, this one {m.PROTOCOL}"
-        elif differing := self._declared_otherwise(card):
-            why = f"means {differing}"
+            why = f"uses protocol {card.protocol}, this agent {m.PROTOCOL}"
+        elif differing := self._resource_mismatch(card):
+            why = f"declares {differing}"
         else:
             return
         self.foreign.add(card.instance)
-        self.log(f"{who} {why}: its claims and commands are refused", ERROR)
+        sender = f"{card.instance} (host {card.host}, pid {card.pid})"
+        self.log(f"{sender} {why}: its claims and commands are refused", ERROR)
 
     def disappeared(self, name: str, instance: str, now: float) -> None:
-        """Take the news that a liveliness token has gone."""
+        """Process the end of a liveliness token."""
         self.now = now
         self.foreign.discard(instance)
         for contender in self._contenders.values():
-            self._say(contender.resource, contender.gone(instance, now))
+            self._publish_all(contender.resource, contender.gone(instance, now))
         self.on_disappeared(name, instance)
 
-    def take_router(self, there: bool, now: float) -> None:
-        """Take the news that the robot's router can be reached, or cannot."""
+    def router(self, there: bool, now: float) -> None:
+        """Process that the robot's router became reachable or unreachable."""
         self.now = now
         if there != self.reachable:
             self.reachable = there
-            if there:  # who was cut off may have missed what is latched
+            if there:  # latched states may have been missed while disconnected
                 self.memory.met(now)
             self.on_router()
 
     def wake(self, now: float) -> None:
-        """Take the time, when `wakeup` has come."""
+        """Process everything that is due; called when `wakeup` is reached."""
         self.now = now
         for owned in self._owned.values():
-            self._mind(owned)
+            self._check_times(owned)
         for contender in self._contenders.values():
             due = contender.wakeup
             if due is not None and now >= due:
-                self._say(contender.resource, contender.tick(now))
+                self._publish_all(contender.resource, contender.tick(now))
         for message in self.memory.due(now):
             self.publish(message)
         if self._alarm is not None and now >= self._alarm:
@@ -523,7 +515,7 @@ class Agent:
 
     @property
     def wakeup(self) -> float | None:
-        """When `wake` should be called, s, if nothing comes before."""
+        """When `wake` is due, s; None: not at all."""
         due = self._alarm
         if self._contenders:
             for contender in self._contenders.values():
@@ -539,21 +531,21 @@ class Agent:
         return at if at is not None and (due is None or at < due) else due
 
     def stop(self, now: float) -> None:
-        """Leave: what it holds is let go of, what it owns rests."""
+        """Release all held resources and rest all owned ones."""
         self.now = now
         for contender in self._contenders.values():
             cycle = contender.clock.newest or m.Cycle(0, 0)
-            self._say(contender.resource, contender.bid(cycle, None, now))
+            self._publish_all(contender.resource, contender.bid(cycle, None, now))
         for owned in self._owned.values():
             self._rest(owned)
 
     @classmethod
     def subscriptions(cls) -> tuple[Subscription, ...]:
-        """What it listens to, and what its social intelligence needs too."""
+        """Return the declared subscriptions and those of the social intelligence."""
         triggers = cls.reacts_to.values() if isinstance(cls.reacts_to, Mapping) else [cls.reacts_to]
         kinds = [kind for kind in triggers if kind is not None and kind is not m.Ack]
-        kinds += [*cls.needs, *(kind for heard in cls.hears for kind in derived(heard))]
-        if kinds or cls.provides or cls.competes_for or cls.owns:  # it lives by the robot's cycles
+        kinds += [*cls.needs, *(kind for base in cls.receives for kind in derived(base))]
+        if kinds or cls.provides or cls.competes_for or cls.owns:  # needs the robot's cycles
             kinds = [m.RobotState, m.Description, *kinds]
         kinds += [service.message for service in latched()]
         services = [service_of(kind) for kind in dict.fromkeys(kinds)]
@@ -568,19 +560,19 @@ class Agent:
         return tuple(found)
 
     def card(self) -> m.Card:
-        """Who it is and what it offers (thesis table 3.1)."""
-        who = self.identity
+        """Return the agent's identity and what it offers (thesis table 3.1)."""
+        identity = self.identity
         resources = dict.fromkeys((*self.competes_for, *self.owns))
         return m.Card(
             name=self.name,
             instance=self.instance,
-            host=who.host,
-            pid=who.pid,
-            version=who.version,
+            host=identity.host,
+            pid=identity.pid,
+            version=identity.version,
             protocol=m.PROTOCOL,
             provides=tuple(self.key_of(k) for k in (*self.provides, *self.answers)),
-            requests=tuple(s.pattern for s in self.subscriptions() if self._asks_for(s))
-            + tuple(service_of(k).key for k in self.asks),
+            requests=tuple(s.pattern for s in self.subscriptions() if self._requests(s))
+            + tuple(service_of(k).key for k in self.queries),
             resources=tuple(r.name for r in self.competes_for),
             holds=tuple(r.name for r in self.competes_for if self.holds(r)),
             owns=tuple(r.name for r in self.owns),
@@ -589,30 +581,30 @@ class Agent:
             world=m.line(PurePath(str(getattr(self.p, "world", None) or "")).stem),
         )
 
-    def _asks_for(self, to: Subscription) -> bool:
-        """Whether it listens by its own wish, and not because everybody does."""
-        everybodys = to.kind is Kind.LATCHED or to.message is m.Description
-        return not everybodys or to.message in (*self.hears, *self.needs)
+    def _requests(self, to: Subscription) -> bool:
+        """Return whether this agent needs a subscription that not every agent has."""
+        common = to.kind is Kind.LATCHED or to.message is m.Description
+        return not common or to.message in (*self.receives, *self.needs)
 
     def tune(self, request: m.ParametersRequest, now: float) -> m.ParametersReply:
-        """Change what is asked for, all or none, and tell what may be changed, as it is then."""
+        """Apply all requested changes or none; return the changeable parameters afterwards."""
         self.now, refusal = now, ""
         if request.change:
             try:
                 self._change(request)
             except ValueError as error:
                 refusal = m.line(str(error))
-        rows = changeable.told(self.p, self._begun, self.changeable)
+        rows = changeable.listed(self.p, self._begun, self.changeable)
         return m.ParametersReply(self.instance, rows, refusal)
 
     def _change(self, request: m.ParametersRequest) -> None:
-        """Raises ValueError saying what is wrong, and nothing is changed."""
-        self._put_settings(request.change, request.by or "somebody")
+        """Apply a request. Raises ValueError with the fault; nothing is changed then."""
+        self._apply_settings(request.change, request.by or "somebody")
         self._set |= {setting.name: setting.json for setting in request.change}
-        self._remember_settings()
+        self._share_settings()
 
-    def _put_settings(self, change: tuple[m.Setting, ...], by: str) -> None:
-        """Change parameters, and tell of it. Raises ValueError, and nothing is changed."""
+    def _apply_settings(self, change: tuple[m.Setting, ...], by: str) -> None:
+        """Change parameters and publish it. Raises ValueError; nothing is changed then."""
         before = self.p
         self.p = changeable.changed(before, self.changeable, change)
         try:
@@ -624,8 +616,8 @@ class Agent:
             self.publish(m.ParameterChange(self.name, self.instance, name, old, new, by))
             self.log(f"{name} = {new}, before {old}: changed by {by}")
 
-    def _remember_settings(self) -> None:
-        """Have everybody remember what was set, beside what was of others."""
+    def _share_settings(self) -> None:
+        """Publish this agent's settings as part of the latched state of all agents."""
         known = self.memory.newest(m.Tuning) or m.Tuning(0, 0)
         others = [each for each in known.settings if each.agent != self.name]
         mine = [m.AgentSetting(self.name, m.Setting(*each)) for each in self._set.items()]
@@ -634,27 +626,26 @@ class Agent:
         by = self.rng.getrandbits(63)
         self.publish(m.Tuning(m.next_count(known.counter), by, settings[-MOST_SETTINGS:]))
 
-    def _take_over_settings(self, said: m.Tuning) -> None:
-        """Be set as the agent was before this instance, or as another instance of it is."""
-        mine = {e.setting.name: e.setting.json for e in said.settings if e.agent == self.name}
+    def _adopt_settings(self, tuning: m.Tuning) -> None:
+        """Apply the settings that an earlier or another instance of this agent received."""
+        mine = {e.setting.name: e.setting.json for e in tuning.settings if e.agent == self.name}
         for name, value in mine.items():
             if self._set.get(name) == value:
                 continue
             self._set[name] = value
             try:
-                self._put_settings((m.Setting(name, value),), REMEMBERED)
-            except ValueError as error:  # by one of another version, say
+                self._apply_settings((m.Setting(name, value),), RESTORED)
+            except ValueError as error:  # for example by an instance of another version
                 self.log(f"not set as before: {error}", WARNING)
-        if set(self._set) - set(mine):  # whoever said this did not know of them
-            self._remember_settings()
+        if set(self._set) - set(mine):  # the publisher did not have them
+            self._share_settings()
 
     def history(self) -> m.BidHistory:
-        """Its recent bids."""
         return m.BidHistory(self.instance, tuple(self.bids))
 
-    # How it takes messages -----------------------------------------------------------------------
+    # Reception -----------------------------------------------------------------------------------
 
-    def _take_state(self, state: m.RobotState) -> bool:
+    def _receive_state(self, state: m.RobotState) -> bool:
         if not self._advance(self.cycles, state.cycle, service_of(m.RobotState).key):
             return False
         self.tenure += 1
@@ -665,24 +656,24 @@ class Agent:
                 self._acknowledge(owned)
         return True
 
-    def _take_description(self, description: m.Description) -> bool:
+    def _receive_description(self, description: m.Description) -> bool:
         self.cycles.period = description.cycle_s
         for gathering in self._gatherings.values():
             gathering.describe(description)
         return True
 
-    def _take_claim(self, claim: m.Claim) -> bool:
+    def _receive_claim(self, claim: m.Claim) -> bool:
         if claim.ballot.instance in self.foreign:
             return False
         contender = self._contenders.get(claim.resource)
         if contender is not None:
-            self._say(contender.resource, contender.on_claim(claim, self.now))
+            self._publish_all(contender.resource, contender.on_claim(claim, self.now))
         owned = self._owned.get(claim.resource)
         if owned is not None and owned.owner.on_claim(claim):
             self._rest(owned)
         return True
 
-    def _take_command(self, command: m.Command) -> bool:
+    def _receive_command(self, command: m.Command) -> bool:
         owned = self._owned.get(command.resource)
         if owned is None or command.ballot.instance in self.foreign:
             return False
@@ -705,7 +696,7 @@ class Agent:
             owner.refusals.pop(verdict, None)
         return True
 
-    def _take_ack(self, ack: m.Ack) -> bool:
+    def _receive_ack(self, ack: m.Ack) -> bool:
         contender = self._contenders.get(ack.resource)
         if contender is None:
             return False
@@ -718,21 +709,21 @@ class Agent:
         if known.epoch == ack.cycle.epoch and known.number > ack.cycle.number:
             return False
         if ack.measured and (fault := contender.resource.fault(ack.measured)):
-            why = f"what is measured is left out: {fault}"
+            why = f"measured values are ignored: {fault}"
             self.outbox.append(Refused(contender.resource.ack_key, why))
-        self._say(contender.resource, contender.acked(ack, self.now))
+        self._publish_all(contender.resource, contender.acked(ack, self.now))
         return True
 
-    def _take_latched(self, message: m.Latched) -> bool:
+    def _receive_latched(self, message: m.Latched) -> bool:
         news = self._on_latched(message)
         if news and type(message) is m.Stop:
             self._stop_changed()
         if news and type(message) is m.Tuning:
-            self._take_over_settings(message)
+            self._adopt_settings(message)
         return news
 
     def _advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:
-        """Take a cycle's owner's word for it; tell of a stray, and once of a change of epoch."""
+        """Advance a clock to its owner's cycle; report strays and changes of epoch."""
         before, strays, returns = clock.newest, clock.strays, clock.returns
         moved = clock.advance(cycle, self.now)
         if clock.strays != strays:
@@ -744,7 +735,7 @@ class Agent:
         return moved
 
     def _returned(self, clock: CycleClock) -> None:
-        """Forget what answered numbers that were never true: all that comes is smaller."""
+        """Discard turns and obeyed cycles of false numbers, as all later numbers are smaller."""
         for contender in self._contenders.values():
             if contender.clock is clock:
                 self._turned.pop(contender.resource.name, None)
@@ -754,39 +745,38 @@ class Agent:
                 owned.owner.returned()
 
     def _epoch_changed(self, key: str, before: int, cycle: m.Cycle, *, back: bool) -> None:
-        """Whoever starts an owner again knows; of two that take turns people must hear."""
-        why = "are two owners at work?" if back else "its owner was started again"
-        text = f"{key}: epoch {before:x} is silent, epoch {cycle.epoch:x} goes on ({why})"
-        text += f": followed from cycle {cycle.number} on"
-        self.log(text, WARNING if back else INFO)
+        # Two owners that take turns are a fault; a restart of the owner is known to the operator.
+        why = "two owners may be running" if back else "its owner has restarted"
+        text = f"{key}: epoch {before:x} ended, epoch {cycle.epoch:x} began at cycle {cycle.number}"
+        self.log(f"{text} ({why})", WARNING if back else INFO)
 
     def _on_latched(self, message: m.Latched) -> bool:
-        """Remember a latched state; tell of a counter that cannot be. Whether it is news."""
+        """Store a latched state, report an implausible counter; return whether it is new."""
         memory, kind = self.memory, type(message)
         refused = memory.refused
         news = memory.update(message, self.now)
         if memory.refused != refused:
-            done, by = "not believed", ""
+            done, by = "rejected", ""
             if isinstance(message, m.Stop):
-                by = f" by {message.who}"
+                by = f" by {message.requester}"
                 if message.stopped and self.stopped is not None:
-                    done = "stopped all the same, and counted on from what is known"
-            why = f"{done}: a {kind.__name__}{by} with a counter far beyond all that is known"
+                    done = "stopped, with the next known counter"
+            why = f"{done}: a {kind.__name__}{by} has an implausible counter"
             self.outbox.append(Refused(service_of(kind).key, why))
         return news
 
     def _stop_changed(self) -> None:
-        """Rest at once: nobody bids while the stop is latched, and whoever does is refused."""
+        """Rest all owned resources that the stop concerns; while it is latched no agent bids."""
         if self.stopped is not None:
             for owned in self._owned.values():
                 if owned.owner.resource.stops:
                     self._rest(owned)
         if self._owned:
             stop = self.memory.newest(m.Stop) or m.Stop()
-            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.who}", WARNING)
+            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.requester}", WARNING)
 
     def _newer(self, message: Any, before: Any) -> bool:
-        """Refuse what answers a cycle that is long past, not yet there, or before the latest."""
+        """Return whether a message's cycle is fresh and not before the latest message's."""
         service = service_of(type(message))
         within = service.fresh_cycles
         if within is None:
@@ -794,14 +784,14 @@ class Agent:
         cycle = message.cycle
         if not self.cycles.fresh(cycle, within):
             return False
-        if service.kind is Kind.EVENT:  # of several: who hears the robot later is not out of order
+        if service.kind is Kind.EVENT:  # events of several publishers need not be in cycle order
             return True
         age = None if before is None else self.cycles.age(before.cycle)
-        # One that answers a number which was never true is no newer than any.
+        # A message with a false number, far ahead, does not count as newer.
         return age is None or age < -AHEAD or before.cycle.number <= cycle.number
 
     def _lacks(self, kind: type[Message]) -> str:
-        """The key on which something fresh should have come."""
+        """Return the key on which a fresh message is missing."""
         service, gathering = service_of(kind), self._gatherings.get(kind)
         if gathering is None:
             return service.key
@@ -809,11 +799,10 @@ class Agent:
         return service.key.format(name=gathering.missing(lambda c: self.cycles.fresh(c, within)))
 
     def _in_time(self, message: Any) -> bool:
-        """Whether it may be acted upon, by the table of services."""
         within = service_of(type(message)).fresh_cycles
         return within is None or self.cycles.fresh(message.cycle, within)
 
-    # How it bids ---------------------------------------------------------------------------------
+    # Bidding -------------------------------------------------------------------------------------
 
     def _contend(self, resource: Resource) -> Contender:
         social: Social = self.p.social
@@ -829,7 +818,7 @@ class Agent:
         )
 
     def _reacting(self) -> dict[type[Message], tuple[Resource, ...]]:
-        """By the type that starts a turn, the resources that are then bid for."""
+        """Return the resources to bid for, by the message type that starts the turn."""
         found: dict[type[Message], tuple[Resource, ...]] = {}
         for resource in self.competes_for:
             to = self.reacts_to
@@ -839,7 +828,7 @@ class Agent:
         return found
 
     def _begins_turn(self, resource: Resource, message: Any) -> bool:
-        """One turn a cycle, and none for an older one, however often its message comes."""
+        """Return whether a message starts a turn: one per cycle, none for an older cycle."""
         if type(message) is m.Ack and message.resource != resource.name:
             return False
         last, cycle = self._turned.get(resource.name), message.cycle
@@ -849,14 +838,14 @@ class Agent:
         return True
 
     def _turn(self, resource: Resource, message: Any) -> None:
-        """One turn: a bid for a resource, if its inputs are fresh."""
+        """Bid for a resource if the inputs are fresh."""
         contender = self._contenders[resource.name]
         stale = next((kind for kind in self.needs if self.fresh(kind) is None), None)
         bid, unsound, self.why, self.lacks = None, False, "", ""
         if not contender.clock.alive(self.now) or not contender.owned:
             self.lacks = resource.ack_key
         elif resource.stops and (stop := self.stopped) is not None:
-            self.why = f"stopped by {stop.who}"
+            self.why = f"stopped by {stop.requester}"
         elif stale is not None:
             self.lacks = self._lacks(stale)
         else:
@@ -865,29 +854,30 @@ class Agent:
             unsound = bid is None and proposed is not None
         self.why = self.why or (f"no fresh {self.lacks}" if self.lacks else "")
         self._record(resource, message.cycle, bid, unsound=unsound)
-        self._say(resource, contender.bid(message.cycle, bid, self.now, self._oldest_input()))
+        messages = contender.bid(message.cycle, bid, self.now, self._oldest_input())
+        self._publish_all(resource, messages)
 
     def _oldest_input(self) -> m.Cycle | None:
-        """The oldest cycle of what it needs; None if it needs nothing that has one."""
+        """Return the oldest cycle of the needed messages; None if none has a cycle."""
         cycles = [c for kind in self.needs if (c := getattr(self._latest.get(kind), "cycle", None))]
         return min(cycles, default=None)
 
     def _sound(self, resource: Resource, bid: Bid | None) -> Bid | None:
-        """A bid that can be sent. One that cannot is no bid: a holder's own NaN is a release."""
+        """Return the bid if it can be sent, else None: a holder's NaN is a release."""
         if bid is None:
             return None
         try:
             if not isinstance(bid, Bid):
-                raise TypeError(f"{type(bid).__name__} is no Bid")
+                raise TypeError(f"expected a Bid, not {type(bid).__name__}")
             utility, within = float(bid.utility), bid.within
             if not 0.0 <= utility <= 1.0:
-                raise ValueError(f"its utility is {utility}, and not from 0 to 1")
+                raise ValueError(f"its utility must be from 0 to 1 (got {utility})")
             if within is not None and not isfinite(within):
                 within = None
             reason = m.line(str(bid.reason))[:LONGEST_REASON]
             return Bid(utility, resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
-            self.why = m.line(f"its bid is not sound: {error}")[:LONGEST_REASON]
+            self.why = m.line(f"its bid is invalid: {error}")[:LONGEST_REASON]
         self.log(f"{self.instance}: {self.why}", ERROR)
         return None
 
@@ -905,19 +895,19 @@ class Agent:
             )
         self.bids.append(record)
 
-    def _say(self, resource: Resource, messages: list[Message]) -> None:
+    def _publish_all(self, resource: Resource, messages: list[Message]) -> None:
         for message in messages:
             claim = type(message) is m.Claim
             key = resource.utility_key if claim else resource.command_key_of(self.instance)
             self.outbox.append(Publish(key, message))
 
-    def _declared_otherwise(self, card: m.Card) -> str:
-        """How somebody means a resource of one's own otherwise than oneself."""
+    def _resource_mismatch(self, card: m.Card) -> str:
+        """Return how a card declares a resource of this agent differently; "" if it does not."""
         own = [each.signature for each in (*self.competes_for, *self.owns)]
         differing = differently(card.declares, own)
-        return "" if differing is None else f"{differing[0]} where this one means {differing[1]}"
+        return "" if differing is None else f"{differing[0]}, this agent {differing[1]}"
 
-    # How it owns ---------------------------------------------------------------------------------
+    # Owning --------------------------------------------------------------------------------------
 
     def _own(self, resource: Resource) -> _Owned:
         period = resource.period_s
@@ -927,29 +917,29 @@ class Agent:
         return _Owned(Owner(resource, CycleClock(period)), counter)
 
     def _acknowledge(self, owned: _Owned) -> None:
-        """Say what is obeyed, once a cycle; and now and then what was refused."""
+        """Publish the cycle's acknowledgement; report refusals at intervals."""
         resource = owned.owner.resource
         measured = self.measure(resource)
         if measured and (fault := resource.fault(measured)):
-            why = f"{type(self).__name__}.measure: {fault}; it is left out"
+            why = f"{type(self).__name__}.measure: {fault}; the values are ignored"
             self.outbox.append(Refused(resource.ack_key, why))
             measured = ()
         ack = owned.owner.ack(measured)
         if ack is not None:
             self.outbox.append(Publish(resource.ack_key, ack))
         refusals = owned.owner.refusals
-        if refusals and self.now - owned.complained_at >= REPORT_S:
-            owned.complained_at = self.now
-            told = [f"{count} x {verdict}" for verdict, count in refusals.items()]
-            if len(told) > REASONS_TOLD:
-                told[REASONS_TOLD:] = [f"{sum(refusals.values())} in all"]
-            text = "; ".join(told)
-            level = INFO if set(refusals) <= AT_WORK else WARNING
+        if refusals and self.now - owned.reported_at >= REPORT_S:
+            owned.reported_at = self.now
+            counts = [f"{count} x {verdict}" for verdict, count in refusals.items()]
+            if len(counts) > REASONS_REPORTED:
+                counts[REASONS_REPORTED:] = [f"{sum(refusals.values())} in all"]
+            text = "; ".join(counts)
+            level = INFO if set(refusals) <= EXPECTED_REFUSALS else WARNING
             self.log(f"commands refused: {text}", level, m.LogEvent.COMMANDS_REFUSED)
             refusals.clear()
 
-    def _mind(self, owned: _Owned) -> None:
-        """Its own cycle, and the silence after which it rests."""
+    def _check_times(self, owned: _Owned) -> None:
+        """Rest a resource after its command timeout; begin its next cycle if it has its own."""
         silent_at = owned.owner.silent_at
         if silent_at is not None and self.now >= silent_at:
             resource = owned.owner.resource
@@ -975,31 +965,29 @@ class DeviceAgent(Agent):
     """An agent that owns a device: bytes in, bytes out."""
 
     address: str = ""
-    """The URL of its device, which the transport of its scheme opens; none: nothing is opened."""
+    """The device's URL, opened by the transport of its scheme; empty: none is opened."""
 
     def on_bytes(self, data: bytes) -> None:
-        """Bytes from the device."""
+        """Called with bytes from the device."""
 
     def on_link(self, up: bool, why: str) -> None:
-        """The device was opened, or is gone."""
+        """Called when the device was opened or lost."""
 
     def write(self, data: bytes) -> None:
-        """Bytes for the device. What a pause of the process holds up for 0.3 s is not sent."""
+        """Write to the device. Bytes that a pause of the process delays by 0.3 s are dropped."""
         if data:
             self.outbox.append(Write(data))
 
-    def take_bytes(self, data: bytes, now: float) -> None:
-        """Called by whoever runs it.
-
-        Who hung for longer than a silence rests what it owns first: the device's bytes may come
-        before the wake-up that is due, and what they cause would be what was asked for before.
-        """
+    def receive_bytes(self, data: bytes, now: float) -> None:
+        """Process bytes from the device; called by the driver."""
         self.now = now
+        # After a hang, the device's bytes may come before the wake-up that is due. A command that
+        # has timed out must not be executed on them.
         for owned in self._owned.values():
-            self._mind(owned)
+            self._check_times(owned)
         self.on_bytes(data)
 
-    def take_link(self, up: bool, why: str, now: float) -> None:
-        """Called by whoever runs it."""
+    def update_link(self, up: bool, why: str, now: float) -> None:
+        """Process that the device was opened or lost; called by the driver."""
         self.now = now
         self.on_link(up, why)

@@ -1,20 +1,20 @@
-"""Which of an agent's parameters may be changed while it is at work, and how that is done.
+"""Parameters that may be changed while their agent runs.
 
-An agent's class names them with their units (`Agent.changeable`). What each may be is read from the
-type that its parameters have anyway, so nothing is said twice.
+An agent's class names them with their units (`Agent.changeable`). The allowed values come from the
+types of the parameters.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
 from msgspec import inspect, structs
 
+from armadico.core.errors import no_such
 from armadico.core.messages import Parameter, Setting
 from armadico.core.parameters import Parameters
 
@@ -23,7 +23,7 @@ P = TypeVar("P", bound=Parameters)
 
 @dataclass(frozen=True)
 class Allowed:
-    """What a parameter may be."""
+    """The allowed values of a parameter."""
 
     wanted: str  # for people
     least: float | None = None
@@ -33,16 +33,16 @@ class Allowed:
 
 
 def allowed(kind: type[Parameters], units: Mapping[str, str]) -> Mapping[str, Allowed]:
-    """What each may be of the parameters that have a unit here, by name, with dots into tables.
+    """Return the allowed values of the parameters in `units`, by name, with dots into tables.
 
-    Raises ValueError for one that there is none of, or that is neither a number, nor a word, nor
-    true or false.
+    Raises ValueError for an unknown parameter, or one that is neither a number, nor a word, nor a
+    truth value.
     """
     return _allowed(kind, tuple(units.items()))
 
 
-def told(now: Parameters, begun: Parameters, units: Mapping[str, str]) -> tuple[Parameter, ...]:
-    """Those that may be changed, with their values now and at the start."""
+def listed(now: Parameters, begun: Parameters, units: Mapping[str, str]) -> tuple[Parameter, ...]:
+    """Return the changeable parameters with their values now and at the start."""
     values, first = msgspec.to_builtins(now), msgspec.to_builtins(begun)
     return tuple(
         Parameter(
@@ -61,9 +61,9 @@ def told(now: Parameters, begun: Parameters, units: Mapping[str, str]) -> tuple[
 
 
 def changed(now: P, units: Mapping[str, str], settings: Sequence[Setting]) -> P:
-    """The parameters with some changed: all of them, or none.
+    """Return the parameters with all of the settings applied.
 
-    Raises ValueError saying which value is wrong, and what is right.
+    Raises ValueError with the wrong value and the allowed ones.
     """
     known = allowed(type(now), units)
     values = msgspec.to_builtins(now)
@@ -81,24 +81,22 @@ def changed(now: P, units: Mapping[str, str], settings: Sequence[Setting]) -> P:
 
 
 def differences(before: Parameters, now: Parameters, names: Sequence[str]) -> list[tuple[str, ...]]:
-    """(name, value before, value now), as JSON, of those of some parameters that differ."""
+    """Return (name, JSON before, JSON now) of those of the named parameters that differ."""
     old, new = msgspec.to_builtins(before), msgspec.to_builtins(now)
     both = [(name, _json(_value(old, name)), _json(_value(new, name))) for name in names]
     return [row for row in both if row[1] != row[2]]
 
 
 def _unknown(name: str, parameters: Parameters, known: Mapping[str, Allowed]) -> str:
-    """Why a parameter cannot be changed: there is none, or not while the agent is at work."""
+    """Return the error for a parameter that does not exist or is not changeable."""
     if not known:
-        return "nothing of it may be changed while it is at work"
-    listed = f"those that may: {', '.join(sorted(known))}"
+        return "no parameter of this agent can be changed while it runs"
     try:
         _field(type(parameters), name)
     except KeyError:
-        near = get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        return f"no parameter {name!r}; {hint}({listed})"
-    return f"{name} is not to be changed while it is at work ({listed})"
+        return no_such("parameter", name, known)
+    listed = f"can be changed: {', '.join(sorted(known))}"
+    return f"{name} cannot be changed while the agent runs ({listed})"
 
 
 @cache
@@ -108,14 +106,14 @@ def _allowed(kind: type[Parameters], units: tuple[tuple[str, str], ...]) -> dict
         try:
             found[name] = _read(_field(kind, name), unit)
         except KeyError:
-            raise ValueError(f"changeable: there is no parameter {name!r}") from None
+            raise ValueError(f"changeable: no parameter {name!r}") from None
         except TypeError as error:
             raise ValueError(f"changeable: {name} is {error}") from None
     return found
 
 
 def _field(kind: type[Parameters], name: str) -> inspect.Type:
-    """The type of a parameter. Raises KeyError if there is none of that name."""
+    """Return the type of a parameter. Raises KeyError if there is none of that name."""
     node: Any = kind
     for part in name.split("."):
         node = _types(node)[part]
@@ -124,7 +122,7 @@ def _field(kind: type[Parameters], name: str) -> inspect.Type:
 
 @cache
 def _types(kind: Any) -> dict[str, Any]:
-    """The types of a struct's fields, none of them looked into; none of what is no struct."""
+    """Return the types of a struct's fields, by name; empty for another type."""
     if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
         return {}
     return {field.encode_name: field.type for field in structs.fields(kind)}
@@ -135,7 +133,7 @@ def _bare(node: inspect.Type) -> inspect.Type:
 
 
 def _read(node: inspect.Type, unit: str) -> Allowed:
-    """Raises TypeError for what has no place in one line."""
+    """Return the allowed values of a type. Raises TypeError if it is no single simple type."""
     options = list(map(_bare, node.types)) if isinstance(node, inspect.UnionType) else [node]
     kinds = [option for option in options if not isinstance(option, inspect.NoneType)]
     optional = len(kinds) < len(options)
@@ -151,8 +149,8 @@ def _read(node: inspect.Type, unit: str) -> Allowed:
             (one.lt, "below"),
             (one.le, "at most"),
         ]
-        told_ = ", ".join(f"{word} {bound:g}" for bound, word in bounds if bound is not None)
-        wanted = " ".join(part for part in (what, told_, unit) if part)
+        limits = ", ".join(f"{word} {bound:g}" for bound, word in bounds if bound is not None)
+        wanted = " ".join(part for part in (what, limits, unit) if part)
         least = one.gt if one.ge is None else one.ge
         most = one.lt if one.le is None else one.le
         return Allowed(f"{wanted}{or_none}", least, most, (), optional)

@@ -1,18 +1,18 @@
-"""Who holds a resource: claims, ballots and winner determination, with nobody in charge.
+"""Which agent holds a resource: claims, ballots and winner determination, with nobody in charge.
 
 Sans-IO: bids, claims, acks and the time go in, messages to publish come out. The holder of a
-resource publishes, each cycle, its command and then its claim. A contender compares bids **of the
-same cycle**. If its own is better it casts a ballot of the next term and takes over at once.
-Whoever is beaten publishes nothing, so the talk of a cycle does not grow with the losers.
+resource publishes its command and then its claim in each cycle. A contender compares bids **of the
+same cycle**. If its own is better it casts a ballot of the next term and takes over immediately.
+Beaten contenders publish nothing, so the traffic of a cycle does not grow with their number.
 
 A **ballot** is a fencing token: (term, rank when cast, instance), totally ordered and fixed for a
-tenure. The owner of the resource refuses whatever carries a smaller ballot than the largest it has
-obeyed or received, and its ack tells everybody. It chooses nobody.
+tenure. The owner of the resource rejects messages with a smaller ballot than the largest that it
+has obeyed or received. It publishes that ballot in its ack. It chooses no holder.
 
 The rules are the two tables `TRANSITIONS` and `Owner.judge`; everything else is bookkeeping. Two
-things do not fit the first table and live in the guards beside it: *listening* (`CycleClock`: who
-starts, or has missed cycles, takes nothing over for as many: who was itself away knows nothing of
-the others), and the *draw* (where many may take over at once, each waits for a moment).
+rules do not fit the first table and are guards beside it. *Listening* (`CycleClock`): an agent that
+starts or has missed cycles does not take over for as many cycles, because it has missed the other
+agents' messages. *Draw*: where several contenders may take over, each waits a random time.
 
 Thesis: 3.3.2, 3.10 and figure 3.30, whose states 1 and 2 are IDLE here, 3 HOLDING, 4 CONTENDING.
 """
@@ -41,35 +41,37 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import Resource
 
+# Claim timeout in cycles. It is shorter than the owner's command timeout and longer than a claim
+# that is a cycle late. With 1.5, an agent that bids every other cycle makes the wheels change
+# hands ten times a second.
 SILENCE: Final = 2.3
-"""Claim timeout, in cycles: before the owner's stop, and after a claim that is a cycle late. With
-1.5 an agent that bids every other cycle makes the wheels change hands ten times a second."""
 
+# Cycles that a tenure may continue without being obeyed. Other contenders wait for one more. With
+# 3, two hops of 0.1 s lock up. With 6 for all, a holder deposed just before its own release does
+# not stand back, and takes over again immediately.
 UNOBEYED: Final = 6
-"""Cycles that a tenure may go on without being obeyed; others wait for one more. With 3, two hops
-of 0.1 s lock up. With 6 for all, who is deposed just before it would let go does not stand back,
-and takes over again at once."""
 
+# Seconds that a holder stands back after a tenure that was not obeyed: the first, the second and
+# any further time in a row. They grow, because otherwise two partitioned networks compete forever.
 STAND_BACK: Final[tuple[float, ...]] = (1.0, 2.0, 4.0)
-"""Seconds that a holder who was not obeyed stays away, the first time, the second, ever after:
-longer each time, or two networks that cannot hear each other fight for ever."""
 
+# Where several contenders may take over, each waits up to this share of a cycle; better bids wait
+# less.
 DRAW: Final = 0.1
-"""Where many may take over at once, each waits up to this share of a cycle, the better the less."""
 
+# Consecutive acks with an implausible largest ballot after which the owner's value is adopted. One
+# ack may be corrupt; but the owner never obeys a ballot that is implausible to it.
 APART: Final = 2
-"""Acks in a row whose largest ballot is out of all proportion to one's own, until the owner's word
-is taken for it. One may be corrupt; but what the owner does not count with, it never obeys."""
 
-REMEMBERED: Final = 4
-"""Cycles whose bids and claims are kept to be compared. A holder that has bid 0 in all of them has
-offered the resource long enough, and lets go of it."""
+# Cycles whose bids and claims are kept for comparison. A holder that has bid 0 in all of them
+# releases the resource.
+KEPT_CYCLES: Final = 4
 
 T = TypeVar("T")
 
 
 class State(Enum):
-    """Where an agent stands with a resource."""
+    """A contender's state for one resource."""
 
     IDLE = "idle"
     CONTENDING = "contending"
@@ -89,7 +91,7 @@ class Event(Enum):
 
 
 class Step(Enum):
-    """What is done on the way."""
+    """The action of a transition."""
 
     NOTHING = "nothing"
     CAST = "cast a ballot of the next term, command, claim"
@@ -108,17 +110,17 @@ TRANSITIONS: Mapping[tuple[State, Event], tuple[State, Step]] = {
     (State.HOLDING, Event.NOT_OBEYED): (State.STANDING_BACK, Step.RELEASE),
     (State.STANDING_BACK, Event.RESTED): (State.CONTENDING, Step.NOTHING),
 }
-"""Every change of state; an event that is not here for a state changes nothing."""
+"""All changes of state. An event without an entry for the state changes nothing."""
 
 
 # Winner determination -----------------------------------------------------------------------------
 
 
 def beats(bid: Bid, claim: Claim, margin: float) -> bool:
-    """Winner determination (3.10.1): better by more than the margin, or as good and critical.
+    """Return whether a bid wins (3.10.1): better by more than the margin, or equal and critical.
 
-    Rank is (utility, critical): goto and gothrough reach 1.0 as avoid does, and about to collide
-    goes first.
+    The rank is (utility, critical), because goto and gothrough reach 1.0 as avoid does, and a bid
+    against an imminent collision goes first.
     """
     assert claim.utility is not None, "a release is not a bid"
     if bid.utility > claim.utility + margin:
@@ -129,36 +131,35 @@ def beats(bid: Bid, claim: Claim, margin: float) -> bool:
 Bids = dict[Cycle, Bid]
 Claims = dict[Cycle, Claim]
 Compare = Callable[[Bids, Claims, float], bool]
-"""Whether one's bids beat the holder's claims, both by cycle, the newest last, by a margin."""
+"""Return whether a contender's bids beat the holder's claims, both by cycle in order, by a
+margin."""
 
 
 def same_cycle(bids: Bids, claims: Claims, margin: float) -> bool:
-    """Compare bids of one cycle, the newest for which both are there.
-
-    A new bid against an old claim makes two rising utilities swap almost every cycle; and what was
-    better in an older cycle may be worse by now.
-    """
+    """Compare a bid and a claim of one cycle, the newest that has both."""
+    # Comparing a new bid with an old claim makes two rising utilities swap almost every cycle. An
+    # older cycle's result may no longer be true.
     for cycle in reversed(bids):
         if cycle in claims:
             return beats(bids[cycle], claims[cycle], margin)
     return False
 
 
-def last_heard(bids: Bids, claims: Claims, margin: float) -> bool:
-    """Compare the newest bid with the newest claim, whatever cycles they answer.
+def by_newest(bids: Bids, claims: Claims, margin: float) -> bool:
+    """Compare the newest bid with the newest claim, of whatever cycles: the thesis's rule.
 
-    The rule as the thesis wrote it, to measure what comparing like with like is worth.
+    It is here to measure the benefit of `same_cycle`.
     """
     return bool(claims) and beats(
         bids[next(reversed(bids))], claims[next(reversed(claims))], margin
     )
 
 
-COMPARISONS: Final[Mapping[str, Compare]] = {"same-cycle": same_cycle, "last-heard": last_heard}
+COMPARISONS: Final[Mapping[str, Compare]] = {"same-cycle": same_cycle, "last-heard": by_newest}
 
 
 def plausible(ballot: Ballot | None, largest: Ballot | None) -> bool:
-    """Whether a ballot is not absurdly far ahead: one corrupt term must not end all others."""
+    """Return whether a term is near enough: one corrupt term must not exclude all others."""
     return ballot is None or ballot.term <= (0 if largest is None else largest.term) + JUMP
 
 
@@ -167,20 +168,20 @@ def plausible(ballot: Ballot | None, largest: Ballot | None) -> bool:
 
 @dataclass
 class Tenure:
-    """What goes with one's own ballot."""
+    """The state of this contender's own tenure."""
 
     ballot: Ballot
     began: Cycle
     handover: Handover
-    commanded: Action  # last; before the first command, what the exchange started from
-    # The loser was about to collide in this cycle, and is gone. Until one's own inputs are newer
-    # than what it knew, one may brake, and not accelerate.
+    commanded: Action  # the last one; at first, the action that the exchange started from
+    # The cycle in which the previous holder, now gone, avoided a collision. Until this contender's
+    # inputs are newer, it may brake but not accelerate.
     careful: Cycle | None = None
 
 
 @dataclass
 class Rival:
-    """The holder, as far as it is known."""
+    """The present holder, as known from its claims and the owner's acks."""
 
     claim: Claim  # its newest
     since: Cycle  # when its tenure was first seen
@@ -189,7 +190,7 @@ class Rival:
 
 
 class Contender:
-    """One agent's side of one resource."""
+    """One agent's contention for one resource."""
 
     def __init__(
         self,
@@ -201,13 +202,13 @@ class Contender:
         margin: float | None = None,
         compare: Compare = same_cycle,
     ) -> None:
-        """Begin idle; `margin` None is the resource's own."""
+        """Begin idle. `margin` None: the resource's margin."""
         self.resource = resource
         self.instance = instance
         self.state = State.IDLE
         self.tenure: Tenure | None = None
         self.rival: Rival | None = None
-        self.largest: Ballot | None = None  # claimed, cast or acknowledged: what there is to beat
+        self.largest: Ballot | None = None  # claimed, cast or acknowledged
         self.ack: Ack | None = None  # the owner's newest
         self.clock = clock
         self._exchange = exchange
@@ -215,20 +216,20 @@ class Contender:
         self._margin = resource.margin if margin is None else margin
         self._compare = compare
         self._bids: dict[Cycle, Bid] = {}
-        self._inputs: Cycle | None = None  # the oldest that the newest bid was made of
-        self._heard_at = float("-inf")  # when the claim timeout last began
-        self._looked_at = float("-inf")
-        self._take_at: float | None = None  # what was drawn
-        self._apart = 0  # acks in a row that are out of all proportion
-        self._failures = 0  # tenures in a row that were not obeyed
+        self._inputs: Cycle | None = None  # the oldest input of the newest bid
+        self._claimed_at = float("-inf")  # when the claim timeout last began
+        self._checked_at = float("-inf")
+        self._cast_at: float | None = None  # the drawn time of a take-over
+        self._apart = 0  # consecutive acks with an implausible largest ballot
+        self._failures = 0  # consecutive tenures that were not obeyed
         self._rest_until = 0.0
 
-    # What comes in -------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def bid(
         self, cycle: Cycle, bid: Bid | None, now: float, inputs: Cycle | None = None
     ) -> list[Message]:
-        """Take this cycle's bid, or the lack of one; `inputs` is the oldest that it rests on."""
+        """Process this cycle's bid, or None; `inputs` is the cycle of its oldest input."""
         if bid is None:
             self._bids.clear()
             return self._do(Event.NO_BID, now)
@@ -242,20 +243,20 @@ class Contender:
         return self._consider(now)
 
     def on_claim(self, claim: Claim, now: float) -> list[Message]:
-        """Take somebody's claim or release."""
+        """Process another contender's claim or release."""
         if claim.ballot.instance == self.instance or not self.clock.fresh(claim.cycle):
             return []
         if not plausible(claim.ballot, self.largest):
             return []
         if self.largest is not None and claim.ballot < self.largest:
-            return []  # beaten already; it will hear so from whoever beat it
+            return []  # beaten already; it receives the winner's claim
         self.largest = claim.ballot
-        said = self._do(Event.OUTBID, now)
+        messages = self._do(Event.OUTBID, now)
         self._follow(claim, now)
-        return said + self._consider(now)
+        return messages + self._consider(now)
 
     def acked(self, ack: Ack, now: float) -> list[Message]:
-        """Take the owner's word: the largest ballot it knows, and the last one it obeyed."""
+        """Process the owner's ack: the largest ballot it knows and the last one it obeyed."""
         self.ack = ack
         self._agree(ack.largest, now)
         largest, tenure, rival = ack.largest, self.tenure, self.rival
@@ -263,107 +264,105 @@ class Contender:
             if self.largest is None or largest > self.largest:
                 self.largest = largest
                 if rival is not None and largest > rival.claim.ballot:
-                    # Its successor's claims did not come here: it is given the time to be obeyed.
-                    self.rival, self._heard_at = None, now
+                    # Its successor's claims were lost here. The claim timeout begins anew, so that
+                    # the successor has time to be obeyed.
+                    self.rival, self._claimed_at = None, now
             if self.state is State.HOLDING and tenure is not None:
                 if largest > tenure.ballot:
                     return self._do(Event.OUTBID, now)
                 if ack.obeyed == tenure.ballot:
                     self._failures = 0
             if rival is not None and rival.claim.ballot == largest and self._released(ack, rival):
-                rival.gone = True  # its release did not come here
+                rival.gone = True  # its release was lost here
             self._follow_ack(ack)
-        # An ack comes at the beginning of a cycle. If the bid for that is still to come, it looks
-        # instead: or there would be a command by the last bid, and a moment later one by this.
+        # An ack begins a cycle. If this cycle's bid is still to come, that bid decides: otherwise
+        # a command by the last bid would be followed at once by another one.
         newest = next(reversed(self._bids), None)
         return [] if newest is not None and newest < ack.cycle else self._consider(now)
 
     def gone(self, instance: str, now: float) -> list[Message]:
-        """Take the news that an instance's liveliness token has gone.
-
-        Only who was just claiming was killed. A token that goes after a second of silence goes by
-        the same cut that hides the claims from me, and may hide nothing from the owner.
-        """
+        """Process the end of an instance's liveliness token."""
         rival = self.rival
         if rival is None or rival.claim.ballot.instance != instance:
             return []
+        # Only a holder that was just claiming has been killed. If its claims stopped before, the
+        # network is partitioned, and the owner may still receive its commands.
         if now < self._silent_at and not self.clock.listening:
             rival.gone = True
         return self._consider(now)
 
     def returned(self, now: float) -> None:
-        """Forget all that answers numbers which its clock no longer counts; the ballot stays.
+        """Discard what belongs to cycles that the clock no longer counts, except the ballot.
 
-        Who holds falls silent as one that is outbid: a tenure that began in a cycle which never was
-        has no age. It contends anew as all do, by silence.
+        A holder stops publishing as if it were outbid, because its tenure's first cycle never
+        existed and the tenure has no age. It contends again after the claim timeout.
         """
         self._do(Event.OUTBID, now)
         self.tenure = self.rival = self.ack = self._inputs = None
         self._bids.clear()
-        self._heard_at = now
+        self._claimed_at = now
 
     def tick(self, now: float) -> list[Message]:
-        """Take the time: silence is noticed by a wake-up, not at the next cycle."""
-        self._looked_at = now
+        """Check for a claim timeout at a wake-up, without waiting for the next cycle."""
+        self._checked_at = now
         return self._consider(now)
 
     @property
     def wakeup(self) -> float | None:
-        """When `tick` should be called, s; None if nothing is waited for.
+        """When `tick` is due, s; None: not at all.
 
-        One look a silence: if the ack shows that the holder is obeyed all the same, the next ack or
-        bid looks again.
+        A timeout is checked once. If the ack shows that the holder is still obeyed, the next ack or
+        bid checks again.
         """
         if self.state is not State.CONTENDING:
             return None
-        if self._take_at is not None:
-            return self._take_at
+        if self._cast_at is not None:
+            return self._cast_at
         due = self._silent_at
-        return due if self.rival is not None and due > self._looked_at else None
+        return due if self.rival is not None and due > self._checked_at else None
 
     @property
     def holding(self) -> bool:
-        """Whether this agent holds the resource, as far as it knows."""
         return self.state is State.HOLDING
 
     @property
     def owned(self) -> bool:
-        """Whether somebody owns the resource: its ack is fresh."""
+        """Whether the resource has an owner: its ack is fresh."""
         return self.ack is not None and self.clock.fresh(self.ack.cycle)
 
     @property
     def measured(self) -> Action:
-        """What the resource does now, by its owner's word, if that is of its shape."""
-        said, resource = self.ack, self.resource
-        return resource.neutral if said is None or resource.fault(said.measured) else said.measured
+        """The resource's measured action by its ack; neutral if that is missing or malformed."""
+        ack, resource = self.ack, self.resource
+        return resource.neutral if ack is None or resource.fault(ack.measured) else ack.measured
 
-    # How it is settled ---------------------------------------------------------------------------
+    # Decisions -----------------------------------------------------------------------------------
 
     def _consider(self, now: float) -> list[Message]:
-        """Take over, if there is a reason to."""
+        """Take over if there is a reason."""
         if self.state is not State.CONTENDING or not self._bids:
             return []
         event = self._reason(now)
         if event is None:
-            self._take_at = None
+            self._cast_at = None
             return []
         if event is not Event.BETTER:
-            if self._take_at is None:
+            if self._cast_at is None:
                 rank = 1.0 - self._bids[next(reversed(self._bids))].utility
                 share = 0.5 * rank + 0.5 * self._rng.random()
-                self._take_at = now + DRAW * self.clock.period * share
-            if now < self._take_at:
+                self._cast_at = now + DRAW * self.clock.period * share
+            if now < self._cast_at:
                 return []
         return self._do(event, now)
 
     def _reason(self, now: float) -> Event | None:
         cycle = next(reversed(self._bids))
         if self._bids[cycle].utility <= 0.0 or not self.clock.fresh(cycle):
-            return None  # an offer takes nothing
+            return None  # a bid of 0 does not take over
         if self.clock.listening or not self.clock.alive(now) or not self.owned:
             return None
         if self.largest is not None and self.largest.term >= LARGEST_COUNT:
-            return None  # there is no next term; everybody must be started anew
+            return None  # there is no next term: the society must be restarted
         rival = self.rival
         if rival is not None and rival.gone:
             return Event.VACANT
@@ -376,28 +375,29 @@ class Contender:
         return Event.BETTER if self._compare(self._bids, rival.claims, self._margin) else None
 
     def _hold(self, cycle: Cycle, bid: Bid, now: float) -> list[Message]:
-        """Speak as the holder, unless it is time to let go."""
+        """Publish as the holder, or release."""
         tenure = self.tenure
-        assert tenure is not None, "who holds has a ballot"
+        assert tenure is not None, "a holder has a tenure"
         if self._cycles_without(tenure.began, tenure.ballot) >= UNOBEYED:
             return self._do(Event.NOT_OBEYED, now)
-        # A bid of 0 offers: anybody takes over. Releasing at once would jerk a robot that another
-        # drives on.
-        if len(self._bids) == REMEMBERED and not any(b.utility > 0 for b in self._bids.values()):
+        # With a bid of 0 the holder offers the resource to any contender. An immediate release
+        # would jerk a robot that another agent drives on.
+        if len(self._bids) == KEPT_CYCLES and not any(b.utility > 0 for b in self._bids.values()):
             return self._do(Event.NO_BID, now)
-        return self._speak(cycle, bid)
+        return self._command(cycle, bid)
 
     def _do(self, event: Event, now: float) -> list[Message]:
-        """Look the event up in the table, and act."""
+        """Make the event's transition; return the messages to publish."""
         found = TRANSITIONS.get((self.state, event))
         if found is None:
             return []
         self.state, step = found
-        self._take_at = None
+        self._cast_at = None
         if step is Step.CAST:
             return self._cast(event, now)
         if step is Step.YIELD:
-            self._heard_at = now  # or the beaten one takes over again before the winner's claim
+            # Otherwise the loser takes over again before it receives the winner's claim.
+            self._claimed_at = now
         elif step is Step.RELEASE:
             if self.state is State.STANDING_BACK:
                 self._rest_until = now + STAND_BACK[min(self._failures, len(STAND_BACK) - 1)]
@@ -414,8 +414,8 @@ class Contender:
         start, weight = self.measured, bid.utility
         if loser is not None and loser.utility is not None:
             weight = loser.utility
-        # What was commanded long ago is not what the resource does now, nor is the rest that goes
-        # with a release, while it still brakes.
+        # An old command is not what the resource does now. Neither is the neutral action of a
+        # release while the robot still brakes.
         within = 1 if loser is not None and loser.utility is None else None
         recent = loser is not None and self.clock.fresh(loser.cycle, within)
         if loser is not None and recent and event is not Event.UNOBEYED:
@@ -425,16 +425,16 @@ class Contender:
             careful = loser.cycle
         handover = self._exchange.begin(self.resource, start, weight, bid, self.clock.period)
         self.tenure = Tenure(ballot, cycle, handover, start, careful)
-        self.rival, self._heard_at = None, now
-        return self._speak(cycle, bid)
+        self.rival, self._claimed_at = None, now
+        return self._command(cycle, bid)
 
-    def _speak(self, cycle: Cycle, bid: Bid) -> list[Message]:
-        """The command, then the claim, with one ballot.
+    def _command(self, cycle: Cycle, bid: Bid) -> list[Message]:
+        """Return the command and the claim of a cycle.
 
-        Whoever receives the claim may answer it, and by then the command is on its way.
+        The command comes first: when a contender answers the claim, the command is on its way.
         """
         tenure, name = self.tenure, self.resource.name
-        assert tenure is not None, "who speaks holds"
+        assert tenure is not None, "only a holder commands"
         began = tenure.began
         t = cycle.number - began.number + 1 if began.epoch == cycle.epoch else 1_000_000
         action = tenure.handover.action(t, bid)
@@ -451,12 +451,12 @@ class Contender:
         ]
 
     def _release(self) -> list[Message]:
-        """Either message releases: the owner refuses what is left of the tenure in the other."""
+        """Return a command and a claim that release.
+
+        Whichever arrives first releases; the owner rejects the tenure's later messages.
+        """
         tenure, cycle, name = self.tenure, self.clock.newest, self.resource.name
-        self.tenure, self._heard_at = (
-            None,
-            float("-inf"),
-        )  # nobody holds it now, as far as one knows
+        self.tenure, self._claimed_at = None, float("-inf")  # there is no holder to wait for
         self._bids.clear()
         if cycle is None or tenure is None:
             return []
@@ -470,57 +470,57 @@ class Contender:
 
     @property
     def _silent_at(self) -> float:
-        """When the claim timeout is over, s: the wake-up and the rule, to the last bit."""
-        return self._heard_at + SILENCE * self.clock.period
+        # The wake-up and the rule must use one value: a difference in the last bit would matter.
+        return self._claimed_at + SILENCE * self.clock.period
 
     def _follow(self, claim: Claim, now: float) -> None:
-        """Remember a holder's claim or release."""
+        """Store a holder's claim or release."""
         rival = self.rival
         if rival is None or rival.claim.ballot != claim.ballot:
             rival = self.rival = Rival(claim, self.clock.newest or claim.cycle)
         elif rival.gone and rival.claim.utility is None:
             return  # a late claim of a tenure that is over
-        rival.claim, rival.gone, self._heard_at = claim, claim.utility is None, now
+        rival.claim, rival.gone, self._claimed_at = claim, claim.utility is None, now
         if claim.utility is None:
             rival.claims.clear()
         else:
             _remember(rival.claims, claim.cycle, claim)
 
     def _follow_ack(self, ack: Ack) -> None:
-        """Who cannot hear the holder still compares, by what the owner obeys of it."""
+        """Use the obeyed bid in an ack as the holder's claim, in case the claim is lost."""
         at, ballot = ack.obeyed_cycle, ack.obeyed
         if at is None or ballot is None or ballot != self.largest or not self.clock.fresh(at):
             return
         if ballot.instance == self.instance:
             return
         rival = self.rival
-        heard = Claim(self.resource.name, ballot, at, ack.utility, ack.critical)
+        claim = Claim(self.resource.name, ballot, at, ack.utility, ack.critical)
         if rival is None or rival.claim.ballot != ballot:
-            rival = self.rival = Rival(heard, self.clock.newest or at)
+            rival = self.rival = Rival(claim, self.clock.newest or at)
         if not rival.gone and at not in rival.claims:
-            _remember(rival.claims, at, heard)
+            _remember(rival.claims, at, claim)
 
     def _agree(self, largest: Ballot | None, now: float) -> None:
-        """Believe the owner, up or down, if both could never agree.
+        """Adopt the owner's largest ballot, larger or smaller, if both are too far apart.
 
-        Some may have believed a term that others refused, a few such terms one after another lead
-        anywhere, and an owner that starts anew knows of none.
+        That happens when some agents accepted a term that others rejected, several times in a row,
+        and when the owner restarts, as it then knows no ballot.
         """
         apart = not (plausible(largest, self.largest) and plausible(self.largest, largest))
         self._apart = self._apart + 1 if apart else 0
         if self._apart >= APART:
             self._apart = 0
-            self.largest, self.rival, self._heard_at = largest, None, now
+            self.largest, self.rival, self._claimed_at = largest, None, now
 
     @staticmethod
     def _released(ack: Ack, rival: Rival) -> bool:
-        """Whether the owner had the rival's release: it obeys nobody, and that after its claim."""
+        """Return whether the owner has the rival's release: it obeys no ballot since its claim."""
         at, claimed = ack.obeyed_cycle, rival.claim.cycle
         over = at is not None and at.epoch == claimed.epoch and at.number >= claimed.number
         return ack.obeyed is None and over
 
     def _obeyed(self) -> bool:
-        """Whether the owner obeyed a ballot as large as any known, within the last cycle."""
+        """Return whether the owner obeyed the largest known ballot within the last cycle."""
         ack = self.ack
         if ack is None or ack.obeyed is None or ack.obeyed_cycle is None or self.largest is None:
             return False
@@ -528,9 +528,9 @@ class Contender:
         return ack.obeyed >= self.largest and age is not None and age <= 1
 
     def _cycles_without(self, since: Cycle, ballot: Ballot | None) -> int:
-        """Cycles since a tenure began or a ballot (None: any) was last obeyed, whichever is later.
+        """Return the cycles since a tenure began or a ballot (None: any) was last obeyed.
 
-        Those that this agent missed itself do not count.
+        The later one counts. Cycles that this agent missed do not.
         """
         newest, resumed = self.clock.newest, self.clock.resumed
         if newest is None or resumed is None:
@@ -545,7 +545,7 @@ class Contender:
 
 
 def braked(action: Action, last: Action, neutral: Action) -> Action:
-    """An action no farther from the neutral one, number by number, than the last one commanded."""
+    """Limit each number of an action to be no farther from neutral than the last command's."""
     if isinstance(action, bytes) or isinstance(last, bytes) or isinstance(neutral, bytes):
         return action
     if not len(action) == len(last) == len(neutral):
@@ -560,13 +560,13 @@ def braked(action: Action, last: Action, neutral: Action) -> Action:
 
 
 class Verdict(StrEnum):
-    """What the owner of a resource says to a command."""
+    """An owner's decision on a command."""
 
     OBEYED = "obeyed"
     RELEASED = "released"
     LISTENING = "its owner has just started and listens for 3 cycles"
     STOPPED = "the robot is stopped"
-    OLD_CYCLE = "it answers a cycle that is too old, or not yet there"
+    OLD_CYCLE = "its cycle is stale, or too far ahead"
     STALE_BALLOT = "its ballot is smaller than the largest obeyed or received"
     OVER = "its tenure has been released"
     IMPLAUSIBLE = "its term is too far above the largest known"
@@ -575,22 +575,25 @@ class Verdict(StrEnum):
 
 
 class Owner:
-    """The side of whoever owns a resource: it refuses, and never chooses."""
+    """The owner's side of a resource: it rejects commands and never chooses a holder."""
 
     def __init__(self, resource: Resource, clock: CycleClock) -> None:
         self.resource = resource
         self.largest: Ballot | None = None
         self.obeyed: Ballot | None = None
         self.obeyed_cycle: Cycle | None = None
-        self.active = False  # it was last told to do something, and has not rested since
-        self.refusals: Counter[str] = Counter()  # since they were last reported, by verdict
+        self.active = False  # it has obeyed a command and not rested since
+        self.refusals: Counter[str] = Counter()  # since the last report, by verdict
         self.clock = clock
         self._over: Ballot | None = None  # the tenure that was released
-        self._rank = (0.0, False)  # utility and critical of what is obeyed
+        self._rank = (0.0, False)  # utility and critical of the obeyed tenure
         self._obeyed_at = float("-inf")
 
     def on_claim(self, claim: Claim) -> bool:
-        """Learn of a ballot: what is smaller is refused from now on. Whether to rest: a release."""
+        """Note a claim's ballot; smaller ones are rejected from now on.
+
+        Returns whether the resource is to be rested: the obeyed tenure was released.
+        """
         if not self.clock.fresh(claim.cycle) or not plausible(claim.ballot, self.largest):
             return False
         self._learn(claim.ballot)
@@ -603,13 +606,13 @@ class Owner:
     def judge(
         self, command: Command, now: float, *, stopped: bool = False, fault: str = ""
     ) -> Verdict:
-        """Obey or refuse a command, by the first reason that holds.
+        """Decide on a command, by the first reason that holds.
 
         Args:
-            command: What is asked for.
+            command: The received command.
             now: The time, s.
             stopped: Whether the robot's stop is latched.
-            fault: What is wrong with the action, if anything.
+            fault: What is wrong with the action; empty if nothing.
         """
         verdict = self._verdict(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.RELEASED:
@@ -627,22 +630,22 @@ class Owner:
         return verdict
 
     def returned(self) -> None:
-        """Forget whom it obeyed in a cycle that its clock no longer counts; the ballots stay."""
+        """Discard the obeyed cycle that the clock no longer counts; the largest ballot stays."""
         self.obeyed, self.obeyed_cycle, self._rank = None, None, (0.0, False)
 
     def rested(self) -> None:
-        """The resource was brought to rest: nothing is left to be silent about."""
+        """End the command timeout: the resource was brought to rest."""
         self.active = False
 
     @property
     def silent_at(self) -> float | None:
-        """When the resource is to be rested, s, if no valid command comes before."""
+        """When the command timeout ends, s; None if the resource rests."""
         if not self.active:
             return None
         return self._obeyed_at + self.resource.silence(self.clock.period)
 
     def ack(self, measured: Action) -> Ack | None:
-        """The acknowledgement of the newest cycle; None before there is one."""
+        """Return the acknowledgement of the newest cycle; None before the first."""
         cycle = self.clock.newest
         if cycle is None:
             return None
@@ -659,7 +662,7 @@ class Owner:
     def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
         clock, ballot, cycle = self.clock, command.ballot, command.cycle
         obeyed, at = self.obeyed, self.obeyed_cycle
-        # A cycle that ended long ago, or the owner hung: what waited meanwhile is old.
+        # The cycle ended long ago, or the owner hung and the command waited meanwhile.
         if not clock.fresh(cycle) or not clock.alive(now):
             return Verdict.OLD_CYCLE
         if not plausible(ballot, self.largest):
@@ -683,7 +686,7 @@ class Owner:
             self.largest = ballot
 
     def _end(self, ballot: Ballot, cycle: Cycle) -> bool:
-        """A tenure is over, by whichever of its two messages comes first."""
+        """Note a release, from the command or the claim; return whether to rest the resource."""
         if ballot == self._over or ballot != self.largest:
             return False
         self._over = ballot
@@ -695,5 +698,5 @@ class Owner:
 
 def _remember(by_cycle: dict[Cycle, T], cycle: Cycle, value: T) -> None:
     by_cycle[cycle] = value
-    while len(by_cycle) > REMEMBERED:
+    while len(by_cycle) > KEPT_CYCLES:
         del by_cycle[next(iter(by_cycle))]

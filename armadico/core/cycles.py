@@ -1,8 +1,8 @@
-"""Cycles: the one clock that every process shares, without comparing any two clocks.
+"""Cycles: a clock that all processes share without comparing their hosts' clocks.
 
-The owner numbers its cycles (the robot agent its status packets), and each message has the one that
-it answers. Whatever took too long, whoever hung, however wrong a host's time: an old cycle is seen
-to be old.
+A resource's owner numbers its cycles (the robot agent: its status packets). Each message has the
+number of the cycle that it answers. So a stale message is detected after any delay or hang, and
+with any error of a host's time.
 """
 
 from __future__ import annotations
@@ -11,46 +11,38 @@ from typing import Final
 
 from armadico.core.messages import Cycle
 
-PERIOD = 0.1
-"""Seconds from one cycle to the next until the robot's description says otherwise (3.7.1)."""
-
-AHEAD = 3
-"""A message more cycles ahead of the newest than this is refused."""
-
+PERIOD = 0.1  # seconds per cycle until the robot's description is received (3.7.1)
+AHEAD = 3  # a message more cycles ahead of the newest is rejected
+# Cycles after a start in which an agent only listens. After missed cycles it listens for as many,
+# at most this.
 LISTEN: Final = 3
-"""Who starts only listens for so many cycles; who missed some, for as many, up to this."""
-
 EPOCHS_REMEMBERED: Final = 64
-
+# A number at most this many cycles behind (a second) may be a late message.
 LATE: Final = 10
-"""Cycles: what is no further behind than this may only have come late. A second, and it is passed.
-"""
-
+# After so many smaller numbers, consecutive and no faster than time, the larger number counts as
+# false. A burst of old messages comes faster.
 STEADY: Final = 3
-"""So many smaller numbers, one after another and no faster than time passes, are the owner's own
-word: the larger one that is silent was never true. A burst of old ones comes faster."""
 
 
 class CycleClock:
-    """The newest cycle, moved only by its owner's own message.
+    """The newest cycle, advanced only by its owner's messages.
 
-    An epoch that was left is returned to, and a new one is believed, only when the present one has
-    been silent for as long as fresh lasts; and a left one only beyond the last number known of it.
-    So one stray message, or a second owner for a while, changes nothing.
+    The clock changes to a new or an earlier epoch only after no message of the present one has
+    arrived for `fresh_cycles`; to an earlier one only beyond its last known number. So one stray
+    message, or a temporary second owner, changes nothing.
 
-    A stray may be believed all the same, if it comes while the owner hangs, or if many climb. No
-    number is lost by that: once the present one has been silent for as long as fresh lasts, smaller
-    ones of an epoch that go on steadily are returned to.
+    A stray message may still be accepted, if it arrives while the owner hangs or if many rise. The
+    clock recovers: if no message of the present epoch arrives for `fresh_cycles`, it returns to
+    smaller numbers that go on steadily.
 
     Attributes:
         newest: The newest cycle; None before the first.
-        first: The first cycle received of this epoch.
-        resumed: The first cycle after some that were missed, or of this epoch.
-        period: From one cycle to the next, s.
-        strays: Messages that would have moved it and were not believed, and those that were and
-            turned out not to be true.
-        stray: Of which epoch the last of them was, and why it does not count; for people.
-        returns: How often it went back to smaller numbers: what answers the larger ones is void.
+        first: The first received cycle of this epoch.
+        resumed: The first cycle after missed ones, or of this epoch.
+        period: Duration of a cycle, s.
+        strays: Number of messages that were rejected, or accepted and found false later.
+        stray: The epoch of the last of them and the reason; for people.
+        returns: How often it returned to smaller numbers; messages of larger ones are void.
     """
 
     def __init__(self, period: float = PERIOD, fresh_cycles: int = 3) -> None:
@@ -64,12 +56,12 @@ class CycleClock:
         self.stray = ""
         self.returns = 0
         self._lead = 0.0  # cycles by which numbers have run ahead of the time
-        self._steady: tuple[Cycle, float, int] | None = None  # the last smaller one, its count
+        self._steady: tuple[Cycle, float, int] | None = None  # last smaller cycle, time, count
         self._listens_until = 0
         self._left: dict[int, int] = {}  # by epoch, the last number known of it
 
     def advance(self, cycle: Cycle, now: float) -> bool:
-        """Take the owner's newest cycle at a time, s; False if it moves nothing."""
+        """Process an owner's cycle received at a time, s; return whether the clock moved."""
         newest = self.newest
         if newest is None:
             self._begin(cycle, now)
@@ -77,26 +69,26 @@ class CycleClock:
         alive, same = self.alive(now), cycle.epoch == newest.epoch
         last = newest.number if same else self._left.get(cycle.epoch, -1)
         if alive and not same:
-            why = f"while epoch {newest.epoch:x} goes on (are two owners at work?)"
+            why = f"while epoch {newest.epoch:x} goes on (two owners may be running)"
             return self._astray(cycle, why)
         if cycle.number <= last:
             if not alive and self._goes_on(cycle, last, now):
                 self._return(cycle, newest, now)
                 return True
-            return False if same else self._astray(cycle, "that is over")
+            return False if same else self._astray(cycle, "that has ended")
         if not same:
             self._leave(newest)
             self._begin(cycle, now)
             return True
-        # The number is a clock, so it cannot run ahead of one's own, whatever that shows, while
-        # cycles keep coming. Twice the time: the owner's clock may be fast. A few more at once, for
-        # packets bunch; but once, and not with each message: then time has to catch up.
+        # While cycles keep coming, numbers cannot advance faster than this process's time. Twice
+        # its rate is allowed, as the owner's clock may be fast. A few more are allowed at once, as
+        # packets bunch; then time has to catch up.
         missed = cycle.number - newest.number - 1
         lead = self._lead_at(missed + 1, (now - self.received_at) / self.period)
-        if not missed:  # an owner that hung numbers what waited one by one, faster than time
+        if not missed:  # after a hang, an owner numbers queued packets faster than time
             lead = min(lead, max(self._lead, 0.0))
         elif alive and lead > AHEAD + 1:
-            return self._astray(cycle, "by a number that runs ahead of the time")
+            return self._astray(cycle, "with a number ahead of the time")
         self._lead = lead if alive else min(lead, 0.0)
         self.newest, self.received_at, self._steady = cycle, now, None
         if missed:
@@ -105,22 +97,23 @@ class CycleClock:
         return True
 
     def _lead_at(self, steps: int, passed: float) -> float:
-        """How far numbers are ahead after so many more, in a time in cycles; or behind, if below 0.
+        """Return the lead of the numbers over time after `steps` in `passed` cycles of time.
 
-        What is behind is caught up with: after a gap all may come at once that was under way.
+        A negative lead is a lag. It may be caught up: after a gap all delayed cycles may come at
+        once.
         """
         lead = self._lead + steps - passed
         return max(lead - passed, 0.0) if lead > 0.0 else max(lead, -float(LATE))
 
     def _goes_on(self, cycle: Cycle, last: int, now: float) -> bool:
-        """Whether a number that is too small is one of some that go on as an owner's do."""
+        """Return whether a smaller number is the last of several that go on as an owner's do."""
         if last - cycle.number <= LATE:
             return False
         before, count = self._steady, 1
         if before is not None and before[0].epoch == cycle.epoch:
             step, passed = cycle.number - before[0].number, now - before[1]
             if step == 0:
-                return False  # the same again
+                return False
             recent = passed <= self.fresh_cycles * self.period
             if recent and 0 < step <= 2 * passed / self.period:
                 count = before[2] + 1
@@ -128,8 +121,8 @@ class CycleClock:
         return count >= STEADY
 
     def _return(self, cycle: Cycle, newest: Cycle, now: float) -> None:
-        """Follow a number that is smaller than one that was believed."""
-        self._astray(newest, "by a number that nobody went on with: back to the one that goes on")
+        """Return to a number smaller than one that was accepted."""
+        self._astray(newest, "with a number that did not continue; returned to the one that does")
         self.returns += 1
         if cycle.epoch != newest.epoch:
             self._leave(newest)
@@ -152,34 +145,34 @@ class CycleClock:
         self._listens_until = cycle.number + LISTEN
 
     def left(self, epoch: int) -> bool:
-        """Whether an epoch was followed before, and another one since."""
+        """Return whether this is an earlier epoch."""
         return epoch in self._left
 
     @property
     def listening(self) -> bool:
-        """Whether it began, or missed cycles, so lately that one only listens yet."""
+        """Whether it began or missed cycles so recently that the agent only listens."""
         return self.newest is None or self.newest.number < self._listens_until
 
     @property
     def begun_lately(self) -> bool:
-        """Whether this epoch is not older than one listens for; an owner obeys nobody meanwhile.
+        """Whether the epoch is younger than `LISTEN`; an owner obeys no command meanwhile.
 
-        An owner that lost some packets of its device's goes on obeying: it knows the ballots.
+        After lost packets of its device, an owner goes on obeying: it knows the ballots.
         """
         newest, first = self.newest, self.first
         return newest is None or first is None or newest.number < first.number + LISTEN
 
     def age(self, cycle: Cycle) -> int | None:
-        """How many cycles behind the newest, negative if ahead; None in another epoch."""
+        """Return the cycles behind the newest, negative if ahead; None in another epoch."""
         newest = self.newest
         if newest is None or cycle.epoch != newest.epoch:
             return None
         return newest.number - cycle.number
 
     def fresh(self, cycle: Cycle, within: int | None = None) -> bool:
-        """Whether something that answers this cycle may still be acted upon.
+        """Return whether a message of this cycle may be acted upon: at most `within` cycles old.
 
-        `within` so many cycles; None: the clock's own number.
+        None: the clock's `fresh_cycles`.
         """
         newest = self.newest
         if newest is None or cycle.epoch != newest.epoch:
@@ -188,12 +181,12 @@ class CycleClock:
         return -AHEAD <= newest.number - cycle.number <= most
 
     def alive(self, now: float) -> bool:
-        """Whether the owner has been received within the cycles that count as fresh."""
+        """Return whether the owner's last message is at most `fresh_cycles` old."""
         return now - self.received_at <= self.fresh_cycles * self.period
 
 
 class CycleCounter:
-    """Numbers an owner's cycles: by one each, and over a gap by the time that it took."""
+    """Numbers an owner's cycles: by one each, over a gap by its duration."""
 
     def __init__(self, epoch: int, period: float) -> None:
         self.epoch = epoch
@@ -202,7 +195,7 @@ class CycleCounter:
         self._at: float | None = None
 
     def next(self, now: float) -> Cycle:
-        """The cycle that begins at a time, s."""
+        """Return the cycle that begins at a time, s."""
         passed = 1 if self._at is None else round((now - self._at) / self.period)
         self.number += min(max(passed, 1), 2**31)
         self._at = now

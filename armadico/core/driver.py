@@ -1,8 +1,8 @@
-"""One agent's life, sans-IO: joining, cards, deliveries, wake-ups, questions, lines for people.
+"""Runs one agent, sans-IO: joining, cards, deliveries, wake-ups, queries, log lines.
 
-Both meshes run agents by this class, so what seeds find on the virtual one is what happens live.
-Whoever runs it hands it what arrives and the time, and sends what it finds in `take()`. It holds no
-socket, thread or clock.
+Both meshes run agents by this class, so faults found on the virtual mesh are faults of the real
+one. The caller passes arriving data and the time, and sends what `drain` returns. The driver holds
+no socket, thread or clock.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from armadico.core.agent import (
     WARNING,
     Agent,
     Answer,
-    AskFor,
     DeviceAgent,
     Publish,
     Question,
     Refused,
+    SendQuery,
     Subscription,
     Write,
 )
@@ -43,23 +43,19 @@ from armadico.core.messages import (
 )
 from armadico.core.services import BIDS, CARD
 
-QUESTIONS: Final = 64
-"""Queries that may wait for their answers; the oldest is let go of."""
-
+OPEN_QUERIES: Final = 64  # queries that may wait for their answers; beyond, the oldest is dropped
+# Log lines that an agent may publish at once, and per second in the long run, so that an agent
+# that is flooded with messages does not flood others.
 LINES: Final = 30
-"""Lines for people that one agent may publish at once,"""
-
 LINES_A_S: Final = 2.0
-"""and for ever, a second: whoever is flooded must not flood."""
+REPORT_S: Final = 5.0  # shortest time between two reports of rejected and dropped messages, s
+MOST_REASONS: Final = 64  # different reasons that are counted between two reports
 
-REPORT_S: Final = 5.0
-"""What was refused or dropped is reported at most so often."""
-
-
+# If an agent is called later than it was due, by more than this (s), only this much time passes for
+# it: the process was paused or the clock was stepped. Timeouts are for what the agent could have
+# observed. The value exceeds every timeout that keeps an agent from acting on messages received
+# before the pause.
 PAUSE_S: Final = 2.0
-"""An agent that was not run for longer than this, although it was to be, counts only this: its
-process was paused, or its clock was stepped. Its limits are for what it could have observed. It is
-longer than any limit that keeps an agent from acting on what it received before the pause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,23 +70,23 @@ class OpenPort:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Answer a query: `call` is whatever `asked` was given."""
+    """Answer a query: `call` is the value given to `asked`."""
 
     call: Any
     key: str
     message: Message
 
 
-Output = Publish | AskFor | Write | Announce | OpenPort | Reply
+Output = Publish | SendQuery | Write | Announce | OpenPort | Reply
 
 
 class Driver:
-    """Runs one agent. Everything is called by one thread; times are s, by any one clock.
+    """Runs one agent. All calls come from one thread; times are s of any one clock.
 
-    The agent's own time is that clock's, less what passed at once beyond `PAUSE_S`.
+    The agent's own time is that clock's, less pauses beyond `PAUSE_S`.
 
     Attributes:
-        now: When the driver was called last, s by the caller's clock.
+        now: Time of the last call, s by the caller's clock.
     """
 
     def __init__(
@@ -101,21 +97,21 @@ class Driver:
         admit: bool = True,
         wall: Callable[[], float] | None = None,
     ) -> None:
-        """Begin to look around.
+        """Begin admission.
 
         Args:
-            agent: Whose life it is.
+            agent: The agent to run.
             now: The time, s.
-            admit: Without, it joins whoever is alive.
-            wall: Wall time for the card, s since 1970: for people only.
+            admit: False: the agent joins without admission.
+            wall: Returns wall time for the card, s since 1970: for people only.
         """
         self.agent = agent
         self.now = now
-        self._paused_s = 0.0  # that did not pass for the agent
+        self._paused_s = 0.0  # time that did not pass for the agent
         self.stage = Stage.LOOKING
         self.refusal = ""  # why it may not join, or stay
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the others
-        self.refused: Counter[str] = Counter()  # since it was last reported, by key and reason
+        self.refused: Counter[str] = Counter()  # by key and reason, since the last report
         self._admission = (
             Admission(
                 agent.name,
@@ -129,40 +125,38 @@ class Driver:
         )
         self._wall = wall
         self._out: list[Output] = []
-        self._look_at: float | None = now  # when the admission looks again
+        self._check_at: float | None = now  # when the admission is checked again
         self._announced = False
         self._calls: OrderedDict[int, tuple[Any, str]] = OrderedDict()
         self._call_ids = 0
-        self._cards: dict[int, str] = {}  # cards asked for: the instance, by the question's id
+        self._cards: dict[int, str] = {}  # queried cards: the instance, by the query's id
         self._lines = float(LINES)
         self._lines_at = now
         self._left_out = 0
-        self._why_refused = ""
         self._reported_at = float("-inf")
 
-    # Its life ------------------------------------------------------------------------------------
+    # Life cycle ----------------------------------------------------------------------------------
 
     def begin(self, now: float) -> None:
-        """Go as far as it may at once."""
-        self._passes(now)
+        """Start the admission, or the agent if there is none."""
+        self._pass(now)
         if self._admission is None:
-            self._look_at = None
+            self._check_at = None
             self._start(now)
         else:
             self._progress(now)
 
     @property
     def started(self) -> bool:
-        """Whether the agent is at work."""
         return self.stage is Stage.JOINED
 
     @property
     def wakeup(self) -> float | None:
-        """When `wake` should be called, s, if nothing comes before."""
+        """When `wake` is due, s; None: not at all."""
         return self._due()
 
     def _due(self) -> float | None:
-        mine = self._look_at
+        mine = self._check_at
         if self.stage is not Stage.JOINED:
             return mine
         due = self.agent.wakeup
@@ -171,8 +165,8 @@ class Driver:
         due += self._paused_s
         return due if mine is None else min(due, mine)
 
-    def _passes(self, now: float) -> float:
-        """Note the time; what it is for the agent, s."""
+    def _pass(self, now: float) -> float:
+        """Note the time; return the agent's own time, s."""
         if now - self.now > PAUSE_S:
             due = self._due()
             until = self.now if due is None else max(self.now, due)
@@ -181,23 +175,23 @@ class Driver:
         return now - self._paused_s
 
     def wake(self, now: float) -> None:
-        own = self._passes(now)
+        own = self._pass(now)
         if self.stage is Stage.JOINED:
             due = self.agent.wakeup
             if due is not None and now >= due + self._paused_s:
                 self.agent.wake(max(own, due))  # the sum above is rounded
-        if self._look_at is not None and now >= self._look_at:
+        if self._check_at is not None and now >= self._check_at:
             self._progress(now)
 
     def leave(self, now: float) -> None:
-        """Let go of what the agent holds, and rest what it owns."""
-        self.agent.outbox.clear()  # half a turn, if there is one, is not sent
-        own = self._passes(now)
+        """Release all held resources and rest all owned ones."""
+        self.agent.outbox.clear()  # an interrupted turn is not sent
+        own = self._pass(now)
         if self.stage is Stage.JOINED:
             self.agent.stop(own)
 
     def drain(self) -> list[Output]:
-        """What is to be sent, each once, in order."""
+        """Return the outputs since the last call, in order."""
         agent = self.agent
         if not agent.outbox:
             if not self._out:
@@ -220,11 +214,11 @@ class Driver:
         sent, self._out = self._out, []
         return sent
 
-    # What arrives --------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def deliver(self, to: Subscription, key: str, payload: bytes | Message, now: float) -> None:
-        """Take what was published on a key, encoded or not."""
-        own = self._passes(now)
+        """Process a publication of a subscribed key, encoded or not."""
+        own = self._pass(now)
         message: Any = payload
         kind = type(message)  # `isinstance` of a message goes through its ABC: slow, and not needed
         if kind is bytes or kind in _ADDRESSED:
@@ -232,39 +226,39 @@ class Driver:
             if message is None:
                 return
         if self.refused:
-            self._report(now)  # what came too soon after the last report
+            self._report(now)  # may be due since
         if self.stage is Stage.JOINED:
             self.agent.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
             self.agent.remember(message, own)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
-        """Take the news of a liveliness token, whichever way."""
-        own = self._passes(now)
-        who = (name, instance)
-        if instance == self.agent.instance or alive == (who in self.alive):
+        """Process that a liveliness token appeared (`alive`) or disappeared."""
+        own = self._pass(now)
+        other = (name, instance)
+        if instance == self.agent.instance or alive == (other in self.alive):
             return
-        (self.alive.add if alive else self.alive.discard)(who)
+        (self.alive.add if alive else self.alive.discard)(other)
         if self._admission is not None:
             if alive:
                 self._admission.appeared(name, instance, now)
             else:
                 self._admission.disappeared(instance, now)
         if self.stage is Stage.JOINED:
-            tell = self.agent.appeared if alive else self.agent.disappeared
-            tell(name, instance, own)
+            notify = self.agent.appeared if alive else self.agent.disappeared
+            notify(name, instance, own)
         self._progress(now)
 
     def router(self, there: bool, now: float) -> None:
-        """Take the news that the robot's router can be reached, or cannot."""
-        own = self._passes(now)
+        """Process that the robot's router became reachable (`there`) or unreachable."""
+        own = self._pass(now)
         if self.stage is Stage.JOINED:
-            self.agent.take_router(there, own)
+            self.agent.router(there, own)
         else:
             self.agent.reachable = there
 
     def answers(self, key: str) -> type[Message] | None:
-        """The kind of query that it answers on a key, if it does."""
+        """Return the type of query that is answered on a key; None if none is."""
         return self._answers(key)
 
     def _answers(self, key: str) -> type[Message] | None:
@@ -279,7 +273,7 @@ class Driver:
 
     @property
     def queries(self) -> dict[str, type[Message]]:
-        """The keys on which it answers, and what it is asked there."""
+        """The keys of answered queries, with the type of each query."""
         return self._queries()
 
     def _queries(self) -> dict[str, type[Message]]:
@@ -290,9 +284,9 @@ class Driver:
         }
         return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
 
-    def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
-        """Take a query; its `Reply`, with this `call`, comes now or later, or never."""
-        own = self._passes(now)
+    def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
+        """Process a query. Its `Reply` with this `call` comes now, later or never."""
+        own = self._pass(now)
         if key == self._card_key:
             if self._announced:
                 self._out.append(Reply(call, key, self._card()))
@@ -307,38 +301,38 @@ class Driver:
                 return
             self._call_ids += 1
             self._calls[self._call_ids] = (call, key)
-            if len(self._calls) > QUESTIONS:
+            if len(self._calls) > OPEN_QUERIES:
                 self._calls.popitem(last=False)
-            self.agent.asked(Question(self._call_ids, request), own)
+            self.agent.on_query(Question(self._call_ids, request), own)
 
-    def replied(self, question: int, reply: Message | None, now: float) -> None:
-        """Take the reply to an `AskFor`; None if none came in time, or no more will come."""
-        own = self._passes(now)
+    def on_reply(self, question: int, reply: Message | None, now: float) -> None:
+        """Process the reply to an `SendQuery`; None after a timeout."""
+        own = self._pass(now)
         if question >= 0:
-            self.agent.replied(question, reply, own)
+            self.agent.on_reply(question, reply, own)
             return
         instance = self._cards.pop(question, None)
         if instance is None or self._admission is None:
             return
-        # A card speaks for its own instance only: nobody takes another's place, or its word away.
+        # A card counts for its own instance only, so that no instance can replace another.
         card = reply if isinstance(reply, Card) and reply.instance == instance else None
-        self._admission.answered(instance, card, now)
+        self._admission.on_card(instance, card, now)
         if card is not None and (card.name, card.instance) in self.alive:
             self.agent.met(card, own)
         self._progress(now)
 
     def received(self, data: bytes, now: float) -> None:
-        """Take bytes from the device."""
+        """Process bytes from the device."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.take_bytes(data, self._passes(now))
+        self.agent.receive_bytes(data, self._pass(now))
 
     def link(self, up: bool, why: str, now: float) -> None:
-        """Take the news that the device was opened, or is gone."""
+        """Process that the device was opened or lost."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.take_link(up, why, self._passes(now))
+        self.agent.update_link(up, why, self._pass(now))
 
     def slow(self, took: float) -> None:
-        """Take how long one delivery or wake-up took, s."""
+        """Log that one delivery or wake-up took `took` s, if that is longer than a cycle."""
         period = self.agent.cycles.period
         if took > period and self.stage is Stage.JOINED:
             self.agent.log(
@@ -348,22 +342,22 @@ class Driver:
             )
 
     def refuse(self, key: str, why: object, now: float) -> None:
-        """Count what was refused, or could not be sent, on a key; and now and then say so."""
-        self._passes(now)
+        """Count a message of a key that was rejected or not sent, for the next report."""
+        self._pass(now)
         self._refuse(key, why, now)
 
     def report(self, dropped: dict[str, int], now: float) -> None:
-        """Say now and then what was dropped or refused."""
-        self._passes(now)
+        """Add dropped messages, by key, to the next report; report if it is due."""
+        self._pass(now)
         for key, count in dropped.items():
             self.refused[f"too busy: dropped on {key}"] += count
         self._report(now)
 
-    # Inside: nothing here calls what is called from outside, which may be overridden -------------
+    # Inside: nothing here calls a public method, which a subclass may override -------------------
 
     def _refuse(self, key: str, why: object, now: float) -> None:
         counted = f"on {key}: {why}"
-        if len(self.refused) < QUESTIONS or counted in self.refused:
+        if len(self.refused) < MOST_REASONS or counted in self.refused:
             self.refused[counted] += 1
         self._report(now)
 
@@ -372,29 +366,29 @@ class Driver:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
-        self.agent.log(f"{self.agent.instance}: refused or dropped: {text}", WARNING)
+        self.agent.log(f"{self.agent.instance}: rejected or dropped: {text}", WARNING)
         self.refused.clear()
 
     def _progress(self, now: float) -> None:
-        """Ask for cards, show the token, begin, or leave, as it may by now."""
+        """Query cards, announce, start or refuse the agent, as the admission decides."""
         admission = self._admission
         if admission is None or self.stage is Stage.REFUSED:
-            self._look_at = None
+            self._check_at = None
             return
         admission.tenure = self.agent.tenure
-        for name, instance in admission.questions(now):
+        for name, instance in admission.queries(now):
             number = -1 - self._call_ids
             self._call_ids += 1
             self._cards[number] = instance
             key = CARD.key_for(name=name, instance=instance)
-            self._out.append(AskFor(number, key, Ask(), Card, CARD_S))
+            self._out.append(SendQuery(number, key, Ask(), Card, CARD_S))
         stage = admission.check(now)
         if stage is Stage.CLAIMING or stage is Stage.JOINED:
             self._announce()
         if stage is Stage.JOINED and self.stage is not Stage.JOINED:
             self._start(now)
         self.stage, self.refusal = stage, admission.refusal
-        self._look_at = admission.wakeup
+        self._check_at = admission.wakeup
 
     def _announce(self) -> None:
         if not self._announced:
@@ -402,7 +396,7 @@ class Driver:
             self._out.append(Announce())
 
     def _start(self, now: float) -> None:
-        """Begin work; who is alive already is told of as if it had come now."""
+        """Start the agent; instances that are alive already appear to it now."""
         self._announce()
         self.stage = Stage.JOINED
         own = now - self._paused_s
@@ -439,7 +433,7 @@ class Driver:
     def _read(
         self, kind: type[Message], key: str, payload: bytes | Message, now: float
     ) -> Message | None:
-        """The message in a payload; None, counted and now and then reported, if there is none."""
+        """Return the message in a payload; None if it is rejected, which is reported."""
         try:
             message = payload if isinstance(payload, Message) else decode(payload, kind)
         except MessageError as error:
@@ -452,7 +446,7 @@ class Driver:
         return None
 
     def _may_log(self) -> bool:
-        """Whether one more line may go out: so many at once, so many a second for ever."""
+        """Return whether the limits `LINES` and `LINES_A_S` allow one more log line."""
         now = self.agent.now
         passed = max(now - self._lines_at, 0.0)
         self._lines = min(self._lines + LINES_A_S * passed, LINES)
@@ -463,20 +457,20 @@ class Driver:
         self._lines -= 1.0
         if self._left_out:
             left_out, self._left_out = self._left_out, 0
-            self.agent.log(f"{left_out} lines were left out", WARNING)
+            self.agent.log(f"{left_out} log lines were dropped", WARNING)
         return True
 
 
+# Messages whose fields repeat the instance or the resource of their keys.
 _ADDRESSED: Final = frozenset({Command, Claim, Ack})
-"""Messages that say whose they are, or what they are about, as their keys do."""
 
 
 def misaddressed(key: str, message: Message) -> str:
-    """What is wrong with a message on a key: nobody commands or claims in another's name."""
-    said: Any = message
+    """Return why a message does not belong on its key; "" if it does."""
+    content: Any = message
     if type(message) is Command:
-        if key.rpartition("/")[2] != said.ballot.instance:
-            return f"a command with the ballot of {said.ballot.instance}"
-    elif type(message) in _ADDRESSED and key.split("/")[1] != said.resource:
-        return f"it is about {said.resource}"
+        if key.rpartition("/")[2] != content.ballot.instance:
+            return f"a command with the ballot of {content.ballot.instance}"
+    elif type(message) in _ADDRESSED and key.split("/")[1] != content.resource:
+        return f"it is about {content.resource}"
     return ""

@@ -1,8 +1,8 @@
-"""How a resource changes hands: at once, smoothly over a fuzzy time window, or by merging (3.10.2).
+"""Exchanges of a resource: abrupt, smooth over a fuzzy time window, or by merging (3.10.2).
 
-The winner performs the exchange. It starts from a snapshot of the loser, its last commanded action
-and its utility, and mixes in its own action with a weight that grows each cycle until, after t_f
-cycles, the action is the winner's alone.
+The winner performs the exchange. It starts from the loser's last commanded action and utility. It
+blends in its own action with a weight that grows each cycle. After t_f cycles the action is the
+winner's alone.
 """
 
 from __future__ import annotations
@@ -15,25 +15,24 @@ from armadico.core.fuzzy import Gaussian, Linear, Rule, Shoulder, Sugeno
 from armadico.core.messages import Action
 from armadico.core.resources import Resource
 
+# A utility up to this counts as 0. The weights of (3.10) are divided by their sum: with very small
+# numbers the sum is zero, or the quotient exceeds 1.
 NOTHING = 1e-9
-"""A utility up to this weighs nothing: the weights of (3.10) are divided by their sum, and the
-smallest numbers that there are make that zero, or the quotient more than 1."""
 
-LONGEST = 10.0
-"""t_f lies in [0, 10] cycles (thesis 3.10.2)."""
+LONGEST = 10.0  # largest t_f, cycles (thesis 3.10.2)
 
 
 @dataclass(frozen=True, slots=True)
 class Bid:
-    """What an agent would do with a resource, and how much that helps.
+    """An agent's proposed action for a resource, with its utility.
 
-    `utility` lies in [0, 1]; 0 offers: anybody rather than me. `action` is in the order of the
-    resource's parameters, or a message of its type. `critical`: about to collide. `within` bounds
-    the hand-over in seconds, for a situation that cannot wait. `reason` is for people.
+    `utility` lies in [0, 1]; 0 offers the resource to any other agent. `action` is in the order of
+    the resource's parameters, or a message of its type. `critical`: a collision is imminent.
+    `within` limits the duration of the exchange, s. `reason` is for people.
     """
 
     utility: float
-    action: Any  # until it is packed (`Resource.pack`): an `Action` from then on
+    action: Any  # an `Action` once packed (`Resource.pack`)
     critical: bool = False
     within: float | None = None
     reason: str = ""
@@ -41,16 +40,16 @@ class Bid:
 
 class Handover(Protocol):
     def action(self, t: int, bid: Bid) -> Action:
-        """The action to command `t` cycles after the exchange began (t is 1 in its first)."""
+        """Return the action to command in cycle `t` of the exchange, from 1."""
 
 
 class Exchange(Protocol):
-    """A way for a resource to change hands: a bumpless transfer, or none."""
+    """A kind of exchange."""
 
     def begin(
         self, resource: Resource, loser: Action, loser_utility: float, bid: Bid, period: float
     ) -> Handover:
-        """Start from the loser's commanded action; `period` is the resource's cycle, s."""
+        """Begin with the loser's commanded action; `period` is the resource's cycle, s."""
 
 
 class _AtOnce:
@@ -63,7 +62,7 @@ AT_ONCE: Handover = _AtOnce()
 
 
 class AbruptExchange:
-    """The winner's action at once: what the smooth exchange is compared with (thesis 5.2.3)."""
+    """The winner's action immediately: the baseline for the smooth exchange (thesis 5.2.3)."""
 
     def begin(
         self,
@@ -85,11 +84,8 @@ class Blend:
     window: float  # t_f, cycles
 
     def action(self, t: int, bid: Bid) -> Action:
-        """The mixed action; the winner's alone from t_f on, or if it weighs nothing.
-
-        That is an offer (utility 0) while the exchange goes on, or weights that sum to zero. By
-        3.10 an offer would bring the loser's action back, of cycles ago.
-        """
+        """Return the blended action; the winner's alone from t_f on, or with a utility of 0."""
+        # By 3.10 a utility of 0 would bring back the loser's action, which is cycles old.
         wanted: Action = bid.action
         if t >= self.window or bid.utility <= NOTHING or isinstance(wanted, bytes):
             return wanted
@@ -102,10 +98,10 @@ class Blend:
         )
 
 
-# Figure 3.39's sets for `diff`, over the largest difference between both actions with each
-# parameter scaled by its maximum, and rules 3.15 to 3.18 for t_f. The figure gives no numbers; the
-# means and deviations are chosen, `big` is open to the right so that no difference is without a
-# rule.
+# The sets of figure 3.39 for `diff` and rules 3.15 to 3.18 for t_f. `diff` is the largest
+# difference between both actions, each parameter scaled by its maximum. The figure gives no
+# numbers: the means and deviations are chosen here. `big` is open to the right, so that every
+# difference has a rule.
 _RULES = (
     Rule(Gaussian(0.0, 0.05), Linear(0.0)),  # equal: nul
     Rule(Gaussian(0.15, 0.08), Linear(3.0)),  # small: short
@@ -116,15 +112,12 @@ fuzzy_window: Callable[[float], float] = Sugeno(_RULES)
 
 
 class SmoothExchange:
-    """The fuzzy exchange. t_f from the Sugeno rules, or what a critical situation leaves."""
+    """The fuzzy exchange: t_f by the Sugeno rules, at most `Bid.within`."""
 
     def begin(
         self, resource: Resource, loser: Action, loser_utility: float, bid: Bid, period: float
     ) -> Handover:
-        """Equation 3.13 over the scaled parameters; a window under one cycle is none.
-
-        Messages are not mixed.
-        """
+        """Begin with equation 3.13; messages, and a window below one cycle, are not blended."""
         if isinstance(loser, bytes) or isinstance(bid.action, bytes) or not resource.scale:
             return AT_ONCE
         sizes = zip(bid.action, loser, resource.scale, strict=True)

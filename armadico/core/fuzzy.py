@@ -1,8 +1,8 @@
 """Fuzzy systems: membership functions and Sugeno rules with linear consequents.
 
-Used where the thesis mixes what simple parts say: goto's controllers (3.1 to 3.3), and how long a
-resource takes to change hands (3.14 to 3.18). Plain floats: a system of four rules costs a few
-microseconds, and several agents evaluate theirs ten times a second.
+Used for goto's controllers (3.1 to 3.3) and the duration of an exchange (3.14 to 3.18). Plain
+floats: a system of four rules takes a few microseconds, and several agents evaluate theirs ten
+times a second.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ class Membership(Protocol):
     """A fuzzy set over one variable."""
 
     def __call__(self, x: float) -> float:
-        """How much `x` belongs to the set, in [0, 1]."""
+        """Return the membership of `x`, in [0, 1]."""
 
     def distance(self, x: float) -> float:
-        """How far `x` is from the set's core, where membership is 1, in the unit of `x`."""
+        """Return the distance of `x` from the set's core, where membership is 1."""
 
 
 class Gaussian(Struct, frozen=True):
@@ -31,30 +31,26 @@ class Gaussian(Struct, frozen=True):
     deviation: float
 
     def __call__(self, x: float) -> float:
-        """Membership of `x`."""
         z = (x - self.mean) / self.deviation
         return math.exp(-0.5 * z * z)
 
     def distance(self, x: float) -> float:
-        """From the mean."""
         return abs(x - self.mean)
 
 
 class Shoulder(Struct, frozen=True):
-    """A bell's rising half, then 1: the outermost set, so that no large value is without a rule."""
+    """A bell's rising half, then 1: the outermost set, so that every large value has a rule."""
 
     mean: float
     deviation: float
 
     def __call__(self, x: float) -> float:
-        """Membership of `x`."""
         if x >= self.mean:
             return 1.0
         z = (x - self.mean) / self.deviation
         return math.exp(-0.5 * z * z)
 
     def distance(self, x: float) -> float:
-        """From the mean, 0 above it."""
         return max(0.0, self.mean - x)
 
 
@@ -65,13 +61,11 @@ class Near(Struct, frozen=True):
     high: float
 
     def __call__(self, x: float) -> float:
-        """Membership of `x`."""
         if x <= self.low:
             return 1.0
         return (self.high - x) / (self.high - self.low) if x < self.high else 0.0
 
     def distance(self, x: float) -> float:
-        """From `low`, 0 below it."""
         return max(0.0, x - self.low)
 
 
@@ -82,13 +76,11 @@ class Far(Struct, frozen=True):
     high: float
 
     def __call__(self, x: float) -> float:
-        """Membership of `x`."""
         if x >= self.high:
             return 1.0
         return (x - self.low) / (self.high - self.low) if x > self.low else 0.0
 
     def distance(self, x: float) -> float:
-        """From `high`, 0 above it."""
         return max(0.0, self.high - x)
 
 
@@ -99,7 +91,6 @@ class Linear(Struct, frozen=True):
     offset: float = 0.0
 
     def __call__(self, x: float) -> float:
-        """The rule's output for `x`."""
         return self.slope * x + self.offset
 
 
@@ -111,9 +102,9 @@ class Rule(Struct, frozen=True):
 
 
 def weights(sets: Sequence[Membership], x: float) -> list[float]:
-    """Memberships of `x`, scaled to sum to 1 (the condition on mu_i under equation 3.1).
+    """Return the memberships of `x`, scaled to sum to 1 (the condition on mu_i of equation 3.1).
 
-    Where all of them underflow, far from every set, the set whose core is nearest has it all.
+    Where all of them underflow, far from every set, the set with the nearest core gets 1.
     """
     raw = [member(x) for member in sets]
     total = sum(raw)
@@ -127,13 +118,12 @@ class Sugeno:
     """Rules over one variable, made crisp by the weighted mean (thesis 3.10.2)."""
 
     def __init__(self, rules: Sequence[Rule]) -> None:
-        """At least one rule; their order does not matter."""
         if not rules:
             raise ValueError("a Sugeno system needs at least one rule")
         self._sets = tuple(rule.when for rule in rules)
         self._consequents = tuple(rule.then for rule in rules)
 
     def __call__(self, x: float) -> float:
-        """The mean of the rules' outputs, each weighted by how much its premise holds."""
+        """Return the mean of the rules' outputs, weighted by the memberships."""
         shares = zip(weights(self._sets, x), self._consequents, strict=True)
         return sum(share * then(x) for share, then in shares if share > 0.0)

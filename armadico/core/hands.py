@@ -1,7 +1,7 @@
-"""By what a robot was stopped that a person has to attend to at the robot, and what has to be done.
+"""Causes of a stop that a person must remove at the robot.
 
 The robot agent latches the stop with one of these as its `by`. Commands that show or release a stop
-tell people from it what comes before `armadico resume`.
+report what to do before `armadico resume`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,11 @@ RESUME = "`armadico resume` releases it"
 
 
 class Hand(StrEnum):
-    """By what the robot agent latches the stop."""
+    """The `by` of a stop that the robot agent latches, with its remedy."""
 
     remedy: str
 
     def __new__(cls, by: str, remedy: str) -> Hand:
-        """Make a member whose value is the stop's `by`."""
         member = str.__new__(cls, by)
         member._value_, member.remedy = by, remedy
         return member
@@ -51,14 +50,14 @@ class Hand(StrEnum):
 
 
 def keeps_motors_off(stop: Stop) -> bool:
-    """Whether a person at the robot switched the motors off, or holds them off."""
+    """Return whether a person at the robot switched the motors off, or keeps them off."""
     return stop.by in (Hand.MOTORS, Hand.BUTTON)
 
 
 def remedy(stop: Stop, *, motors: bool = True) -> str:
-    """What has to be done at the robot before a stop can be released; empty if nothing has.
+    """Return what to do at the robot before a stop can be released; empty if nothing.
 
-    `motors` is whether the motors are on, as far as the robot reports.
+    `motors`: the robot reports that its motors are on.
     """
     hand = next((hand for hand in Hand if hand == stop.by), None)
     if hand is not None and not (keeps_motors_off(stop) and motors):
@@ -67,6 +66,6 @@ def remedy(stop: Stop, *, motors: bool = True) -> str:
 
 
 def release(stop: Stop, *, motors: bool = True) -> str:
-    """What releases a stop, and what has to be done at the robot before, for people."""
+    """Return for people how to release a stop."""
     first = remedy(stop, motors=motors)
     return f"{first}, then `armadico resume`" if first else RESUME

@@ -1,4 +1,4 @@
-"""What is installed by entry points: the groups themselves, and the modules of messages."""
+"""Installed entry points, and the modules of messages among them."""
 
 from __future__ import annotations
 
@@ -8,23 +8,22 @@ from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from typing import Final
 
-GROUP: Final = "armadico.messages"
-"""Modules of messages and resources, each imported for what it registers."""
+GROUP: Final = "armadico.messages"  # modules that register messages and resources on import
 
 
 def entries(group: str) -> EntryPoints:
-    """The entry points of a group, of all that is installed where modules are looked for now."""
+    """Return the installed entry points of a group, by the present `sys.path`."""
     return _entries(*sys.path)(group=group)
 
 
-@cache  # looking through all that is installed takes 20 ms, for one group or for all
+@cache  # a search of the installed packages takes 20 ms, for one group or for all
 def _entries(*_path: str) -> Callable[..., EntryPoints]:
     return entry_points().select
 
 
 @cache
 def load_all() -> None:
-    """Import all modules of messages; one that fails costs only what it would register."""
+    """Import all modules of messages; a failing one only lacks its messages."""
     for point in sorted(entries(GROUP), key=lambda each: each.name):
         try:
             point.load()

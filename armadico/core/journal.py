@@ -1,31 +1,30 @@
-"""An agent's journal: what enters and leaves it, in the order in which it does, sans-IO.
+"""An agent's journal: all its inputs and outputs, in order, sans-IO.
 
-Nobody outside knows when an agent received what, and in which order: deliveries, wake-ups, answers,
-tokens and the bytes of its device come by many ways, and a fault may hold up or spoil them on the
-way to this one agent only. So an agent that is asked to keeps its own journal. It is all that its
-decisions hang on, besides its code and the files that it read: whoever builds the same agent anew
-and does to it what the journal says gets the same out of it (`armadico.observe.replay`).
+Deliveries, wake-ups, replies, tokens and the device's bytes reach an agent by several ways, and a
+fault may delay or corrupt them for this one agent only. Therefore their times and order are known
+only to the agent itself, and it can keep its own journal. The same code and files with the
+journal's inputs give the same outputs (`armadico.observe.replay`).
 
-An *entry* is an array: first one of the numbers below, then the agent's time, s:
+An *entry* is an array: one of the numbers below, then the agent's time, s:
 
-    START, now, admit, head        its driver was made; `head` says who it is
+    START, now, admit, head        the driver was created; `head` is the agent's identity
     BEGIN, now      WAKE, now      LEAVE, now
     TOKEN, now, name, instance, alive
-    DELIVER, now, pattern, key, payload         by the subscription's pattern; as bytes, or the
-                                   message, where one process had read it for several
-    ASKED, now, key, payload, call, clock       `clock` is what its machine's clock showed, s
-    REPLIED, now, question, payload             none: nobody answered in time
+    DELIVER, now, pattern, key, payload         by the subscription's pattern; as bytes, or as the
+                                   message, where one process decoded it for several agents
+    ASKED, now, key, payload, call, clock       `clock` is the host's clock, s
+    REPLIED, now, question, payload             none: timed out
     RECEIVED, now, data            LINK, now, up, why           ROUTER, now, there
     SLOW, now, took                REFUSE, now, key, why       REPORT, now, dropped
-    TAKE, outputs, due             what it gave, encoded: an array of arrays; and when it is to be
-                                   woken, s, or none
+    TAKE, outputs, due             the outputs, encoded: an array of arrays; and the next wake-up,
+                                   s, or none
 
     of outputs:  PUBLISH, key, message   ASK_FOR, id, key, request, timeout   WRITE, data
                  ANNOUNCE   OPEN_PORT   REPLY, call, key, message
 
-Entries are gathered for a while and become a *frame*: their array in MessagePack, compressed
-(zlib), after its length (4 bytes, the highest first). Frames follow one another, cut into
-*pieces* (`messages.JournalPiece`), which are numbered, so that one that was lost is missed.
+Entries are collected for `EVERY_S` and become a *frame*: their array in MessagePack, compressed
+(zlib), after its length (4 bytes, big-endian). The stream of frames is cut into *pieces*
+(`messages.JournalPiece`). These are numbered, so a lost one is detected.
 """
 
 from __future__ import annotations
@@ -37,22 +36,15 @@ from typing import Any, Final
 
 from msgspec import msgpack
 
-from armadico.core.agent import Agent, AskFor, Publish, Subscription, Write
+from armadico.core.agent import Agent, Publish, SendQuery, Subscription, Write
 from armadico.core.driver import Announce, Driver, Output, Reply
 from armadico.core.messages import JournalPiece, JournalRequest, Message, MessageError, decode
 from armadico.core.services import service_of
 
-FORMAT: Final = 3
-"""The version of all this; one more whenever it changes."""
-
-READABLE: Final = (2, FORMAT)
-"""Before 3 there was no `ROUTER`."""
-
-EVERY_S: Final = 0.5
-"""How long entries are gathered, s: of a killed agent's last moments so much is missing."""
-
-PIECE: Final = 60_000
-"""Bytes of a piece at the most: less than a payload may have."""
+FORMAT: Final = 3  # the version of this format
+READABLE: Final = (2, FORMAT)  # format 2 has no `ROUTER`
+EVERY_S: Final = 0.5  # how long entries are collected, s; a killed agent's journal lacks as much
+PIECE: Final = 60_000  # largest piece, bytes: less than `messages.LARGEST_PAYLOAD`
 
 START: Final = 0
 BEGIN: Final = 1
@@ -77,23 +69,17 @@ ANNOUNCE: Final = 3
 OPEN_PORT: Final = 4
 REPLY: Final = 5
 
+# Bytes of the newest pieces (some minutes) that an agent keeps for a recorder that missed one.
 KEPT: Final = 4_000_000
-"""Bytes of the newest pieces that an agent keeps for a recorder which missed one: some minutes."""
 
-NOTHING: Final = b"\x90"
-"""No outputs, encoded."""
+NOTHING: Final = b"\x90"  # no outputs, encoded
 
-
-def _repr(value: Any) -> str:
-    """What an agent put into a message that no message carries: it was never sent."""
-    return repr(value)
-
-
-_ENCODER: Final = msgpack.Encoder(enc_hook=_repr)
+# A value of a type that no message carries was never sent: its `repr` is enough.
+_ENCODER: Final = msgpack.Encoder(enc_hook=repr)
 
 
 def outputs(items: list[Output]) -> bytes:
-    """What a driver gave, encoded: the same bytes for the same outputs."""
+    """Return a driver's outputs, encoded deterministically."""
     if not items:
         return NOTHING
     plain = [_plain(item) for item in items]
@@ -108,7 +94,7 @@ def _plain(item: Output) -> tuple[Any, ...]:
         return (PUBLISH, item.key, item.message)
     if isinstance(item, Write):
         return (WRITE, item.data)
-    if isinstance(item, AskFor):
+    if isinstance(item, SendQuery):
         return (ASK_FOR, item.id, item.key, item.request, item.timeout)
     if isinstance(item, Reply):
         return (REPLY, item.call, item.key, item.message)
@@ -116,12 +102,12 @@ def _plain(item: Output) -> tuple[Any, ...]:
 
 
 def _called(item: Output, of: int) -> Output:
-    """A reply to the number of its call in the journal (0), or to the call (1)."""
+    """Return a reply with the number of its call in the journal (0), or with the call (1)."""
     return Reply(item.call[of], item.key, item.message) if isinstance(item, Reply) else item
 
 
 class Journalled(Driver):
-    """A driver that keeps a journal of its agent; to whoever runs it, it is as any other."""
+    """A driver that also keeps a journal of its agent."""
 
     def __init__(
         self,
@@ -133,45 +119,45 @@ class Journalled(Driver):
         wall: Callable[[], float] | None = None,
         publishes: bool = True,
     ) -> None:
-        """Begin to look around, and the journal.
+        """Begin admission and the journal.
 
         Args:
-            agent: Whose life it is.
+            agent: The agent to run.
             now: The time, s.
-            head: Who the agent is, for `START`.
-            admit: Without, it joins whoever is alive.
-            wall: Wall time for the card, s since 1970.
-            publishes: Its pieces are published as they come; without, `pieces` is asked for them.
+            head: The agent's identity, for `START`.
+            admit: False: the agent joins without admission.
+            wall: Returns wall time for the card, s since 1970.
+            publishes: The pieces are published; False: the caller gets them from `pieces`.
         """
         super().__init__(agent, now, admit=admit, wall=None if wall is None else self._shown)
         self._machine = wall
-        self._clock = 0.0  # what that showed when the agent was last asked for something
+        self._clock = 0.0  # its value at the last query
         self._entries: list[Any] = [(START, now, admit, head)]
-        self._taken = True  # whether `take` was called since anything entered
+        self._drained = True  # `drain` was called since the last input
         self._publishes = publishes
         self._close_at = now + EVERY_S
         self._number = 0  # of the next piece
-        self._calls_asked = 0
+        self._calls_received = 0
         self._ended = False
         self._ready: list[JournalPiece] = []
-        self._kept: deque[JournalPiece] = deque()  # those that may be asked for,
+        self._kept: deque[JournalPiece] = deque()
         self._kept_bytes = 0
-        self._again: list[Output] = []  # and those that were
+        self._again: list[Output] = []  # replies with pieces that were requested again
         self._again_key = service_of(JournalRequest).key_for(instance=agent.instance)
         self._piece_key = service_of(JournalPiece).key_for(instance=agent.instance)
 
     def pieces(self) -> list[JournalPiece]:
-        """All that is in the journal by now and was not taken yet."""
+        """Return the journal's new pieces since the last call."""
         self._close()
         ready, self._ready = self._ready, []
         return ready
 
     @property
     def queries(self) -> dict[str, type[Message]]:
-        """See `Driver`; and a piece again."""
+        """See `Driver`; and the query for a lost piece."""
         return self._queries() | {self._again_key: JournalRequest}
 
-    # What enters ---------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def begin(self, now: float) -> None:
         self._note((BEGIN, now))
@@ -179,7 +165,7 @@ class Journalled(Driver):
 
     @property
     def wakeup(self) -> float | None:
-        """See `Driver`; and when the journal's next pieces are due."""
+        """See `Driver`; or when the journal's next pieces are due, if that is earlier."""
         due = self._due()
         if not (self._publishes and self._entries):
             return due
@@ -207,19 +193,19 @@ class Journalled(Driver):
         self._note((TOKEN, now, name, instance, alive))
         super().token(name, instance, alive, now)
 
-    def asked(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
-        """See `Driver`; a piece that is asked for enters nobody, and is in no journal."""
+    def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
+        """See `Driver`; a query for a lost piece is not an input of the agent."""
         if key == self._again_key:
-            self._give_again(key, payload, call)
+            self._resend(key, payload, call)
             return
         self._clock = 0.0 if self._machine is None else self._machine()
-        self._calls_asked += 1
-        self._note((ASKED, now, key, payload, self._calls_asked, self._clock))
-        super().asked(key, payload, (self._calls_asked, call), now)
+        self._calls_received += 1
+        self._note((ASKED, now, key, payload, self._calls_received, self._clock))
+        super().on_query(key, payload, (self._calls_received, call), now)
 
-    def replied(self, question: int, reply: Message | None, now: float) -> None:
+    def on_reply(self, question: int, reply: Message | None, now: float) -> None:
         self._note((REPLIED, now, question, reply))
-        super().replied(question, reply, now)
+        super().on_reply(question, reply, now)
 
     def received(self, data: bytes, now: float) -> None:
         self._note((RECEIVED, now, data))
@@ -245,36 +231,36 @@ class Journalled(Driver):
         self._note((REPORT, now, dropped))
         super().report(dropped, now)
 
-    # What leaves ---------------------------------------------------------------------------------
+    # Outputs -------------------------------------------------------------------------------------
 
     def drain(self) -> list[Output]:
         """See `Driver`; and the journal's pieces, if they are published."""
-        given, shown = super().drain(), False
-        if given:
-            self._entries.append((TAKE, [_called(item, 0) for item in given], self._due()))
-            # Whoever sees it sees its journal, too, however soon it is killed.
-            shown = any(isinstance(item, Announce) for item in given)
-            given = [_called(item, 1) for item in given]
-        elif not self._taken:
+        items, announced = super().drain(), False
+        if items:
+            self._entries.append((TAKE, [_called(item, 0) for item in items], self._due()))
+            # An announced agent has published its journal so far, however soon it is killed.
+            announced = any(isinstance(item, Announce) for item in items)
+            items = [_called(item, 1) for item in items]
+        elif not self._drained:
             self._entries.append((TAKE, [], self._due()))
-        self._taken = True
+        self._drained = True
         if self._publishes:
-            if self._ended or shown:
+            if self._ended or announced:
                 self._close()
             if self._ready:
-                given += [Publish(self._piece_key, piece) for piece in self._ready]
+                items += [Publish(self._piece_key, piece) for piece in self._ready]
                 self._keep(self._ready)
                 self._ready = []
             if self._again:
-                given += self._again
+                items += self._again
                 self._again = []
-        return given
+        return items
 
     # Inside --------------------------------------------------------------------------------------
 
     def _note(self, entry: tuple[Any, ...]) -> None:
         self._entries.append(entry)
-        self._taken = False
+        self._drained = False
 
     def _keep(self, pieces: list[JournalPiece]) -> None:
         for piece in pieces:
@@ -283,7 +269,7 @@ class Journalled(Driver):
         while self._kept_bytes > KEPT:
             self._kept_bytes -= len(self._kept.popleft().data)
 
-    def _give_again(self, key: str, payload: bytes | Message, call: Any) -> None:
+    def _resend(self, key: str, payload: bytes | Message, call: Any) -> None:
         try:
             request = decode(payload, JournalRequest) if isinstance(payload, bytes) else payload
         except MessageError:
@@ -298,7 +284,7 @@ class Journalled(Driver):
         return self._clock
 
     def _close(self) -> None:
-        """Make a frame of the entries that were gathered, and pieces of it."""
+        """Make a frame of the collected entries, and pieces of it."""
         if not self._entries:
             return
         entries, self._entries = self._entries, []

@@ -1,17 +1,17 @@
-"""Latched states: what the society knows outlives every process, and nobody is in charge of it.
+"""Latched states: shared state that outlives every process, without a server.
 
-A latched state (`messages.Latched`) has a growing counter. Everybody who receives one remembers the
-newest; who publishes an older one, or has just appeared, is given the newer one back, by whoever
-draws the shortest delay. So a process that restarts is told what it forgot: the stop, the mission,
+A latched state (`messages.Latched`) has a growing counter. Every agent stores the newest. If an
+agent publishes an older one, or has just appeared, the newer one is *restored*: the agent with the
+shortest drawn delay publishes it again. So a restarted process receives the stop, the mission and
 the pose's origin. Sans-IO: messages and the time in, messages out.
 
-One bad counter must neither be believed by those who know better nor make the others deaf:
+One corrupt counter must neither replace a known state nor block later ones:
 
-- Who knows nothing believes whatever it is given. A counter that is far from 0 stays in *doubt* for
-  a moment: it is acted upon, but not given back, and yields to one out of all proportion to it.
-- Who knows something refuses a counter far beyond it, and says what it knows. If that is answered
-  by the same again, somebody *insists*, who remembers it: that is believed.
-- Counters go round. After the largest comes 0, so that there is a larger one for every release.
+- An agent without a state accepts any counter. A counter far from 0 is *in doubt* for a moment: it
+  is acted upon, but not restored to others, and a counter of another magnitude replaces it.
+- An agent with a state rejects a counter far beyond it, and publishes its own. If the same far
+  counter comes again after that, its publisher *insists* because it has it stored: it is accepted.
+- Counters wrap around. After the largest comes 0, so there is a larger one for every release.
 """
 
 from __future__ import annotations
@@ -26,80 +26,75 @@ from msgspec.structs import replace
 
 from armadico.core.messages import COUNTS, JUMP, Latched, Stop, counts_beyond, next_count
 
-GIVE_BACK_S: Final = 0.1
-"""Who remembers a newer one gives it back within this, unless somebody else was faster."""
+RESTORE_S: Final = 0.1  # longest drawn delay of a restoration, s
 
+# Later restorations for an agent that has appeared: one may be lost, and the agent cannot request a
+# state that it does not know of.
 AGAIN_S: Final = (0.5, 1.0)
-"""Who has appeared is given it again so much later: once may be lost, and it cannot ask for what it
-does not know of."""
 
+# How long a first counter far from 0 is in doubt, s, unless other messages count on from it.
 DOUBT_S: Final = 1.0
-"""So long a first counter that is far from 0 is in doubt, unless others count on from it."""
 
+# An insisting publisher repeats its state within this, s: a round trip and two restoration delays.
 INSIST_S: Final = 1.0
-"""Who insists says it again within this: the way to and fro, and two delays to give back."""
 
-PRESSES: Final = 16
-"""Stops that are remembered, to tell one that comes late from a new one."""
-
-NO_STOP: Final = Stop()
-"""What a robot agent's state has of a stop before there ever was one."""
+PRESSES: Final = 16  # stored stops, to distinguish a late one from a new one
+NO_STOP: Final = Stop()  # the stop in a robot agent's state before the first one
 
 L = TypeVar("L", bound=Latched)
 
 
 class _Place(Enum):
-    """Where a message stands to what is known."""
+    """How a message compares with the known one."""
 
-    NEWS = "as new as what is known, or newer"
+    NEWS = "as new or newer"
     OLD = "older"
-    FAR = "too far beyond to be believed"
+    FAR = "implausibly far beyond"
 
 
 @dataclass
 class _Far:
-    """A counter that was not believed."""
+    """A rejected counter."""
 
     counter: int
-    at: float  # when it was first heard, s
-    answered: bool = False  # what is known was said since
+    at: float  # when it was first received, s
+    answered: bool = False  # the known state was published since
 
 
 class Memory:
-    """What one process remembers of all latched states."""
+    """All latched states that one process stores."""
 
     def __init__(self, rng: random.Random) -> None:
-        self.refused = 0  # counters too far ahead to be believed
+        self.refused = 0  # rejected counters
         self._rng = rng
         self._known: dict[type[Latched], Latched] = {}
-        self._give_at: dict[type[Latched], float] = {}
-        self._again: deque[float] = deque()  # when all that is known is given again, s
-        self._doubt: dict[type[Latched], float] = {}  # until when what is known is in doubt, s
+        self._restore_at: dict[type[Latched], float] = {}
+        self._again: deque[float] = deque()  # when all states are restored again, s
+        self._doubt: dict[type[Latched], float] = {}  # until when the known state is in doubt, s
         self._far: dict[type[Latched], _Far] = {}
         self._presses: deque[int] = deque(maxlen=PRESSES)
 
     def newest(self, kind: type[L]) -> L | None:
-        """The newest of a kind that is known."""
         return cast("L | None", self._known.get(kind))
 
     def all(self) -> list[Latched]:
         return list(self._known.values())
 
     def update(self, message: Latched, now: float) -> bool:
-        """Take one at a time, s; whether it is news, to be acted upon."""
+        """Process a message received at a time, s; return whether to act upon it."""
         if type(message) is Stop:
-            return self._hear_stop(message, now)
+            return self._update_stop(message, now)
         if self._place(message, now) is not _Place.NEWS:
-            self._give_back(type(message), now)
+            self._restore(type(message), now)
             return False
         self._store(message)
         return True
 
-    def _hear_stop(self, stop: Stop, now: float) -> bool:
+    def _update_stop(self, stop: Stop, now: float) -> bool:
         known = self.newest(Stop)
-        if stop == NO_STOP:  # nobody has ever said one
+        if stop == NO_STOP:
             if known is not None:
-                self._give_back(Stop, now)
+                self._restore(Stop, now)
             return False
         seen = stop.press in self._presses
         place = self._place(stop, now)
@@ -108,47 +103,47 @@ class Memory:
         if not seen and (stop.stopped or newer):
             self._presses.append(stop.press)
         if place is _Place.NEWS and not stop.stopped and self._pressed_since(stop, was):
-            # Of two that counted apart: it ends nothing that was pressed after what it releases.
+            # Two sides counted separately. A release does not end a stop that was pressed after
+            # the released one.
             self._known[Stop] = replace(was, counter=next_count(stop.counter))
-            self._give_back(Stop, now)
+            self._restore(Stop, now)
             return False
         if place is _Place.NEWS:
             self._store(stop)
             return stop.stopped != was.stopped
-        if seen or not stop.stopped:  # an old stop, long released, or a release come too late
-            self._give_back(Stop, now)
+        if seen or not stop.stopped:  # a stop that was released already, or a late release
+            self._restore(Stop, now)
             return False
-        # A stop always stops. Who pressed it did not know how far others have counted: the robot
-        # agent's state tells. Who counts far beyond may remember it, and is told at once.
+        # A new stop always stops, even if its publisher did not know the current counter: the robot
+        # agent's state then has it. A publisher far beyond may have it stored: answer it.
         if place is _Place.FAR:
-            self._give_back(Stop, now)
+            self._restore(Stop, now)
         self._known[Stop] = replace(stop, counter=next_count(was.counter))
         return not was.stopped
 
     def _pressed_since(self, release: Stop, known: Stop) -> bool:
-        """Whether the stop that is known was first heard after the one that is released."""
+        """Return whether the known stop was first received after the released one."""
         presses = [each for each in self._presses if each in (release.press, known.press)]
         return known.stopped and presses == [release.press, known.press]
 
     def _place(self, message: Latched, now: float) -> _Place:
-        """Where it stands to what is known."""
+        """Return how a message compares with the known state."""
         kind, (counter, rank) = type(message), message.order
         known = self._known.get(kind)
         if known is None:
-            self._wonder(kind, counter, now)
+            self._note_doubt(kind, counter, now)
             return _Place.NEWS
         at, other = known.order
         ahead = (counter - at) % COUNTS
         if ahead <= JUMP or ahead >= COUNTS - JUMP:
-            self._doubt.pop(kind, None)  # somebody counts so, too
+            self._doubt.pop(kind, None)  # another message confirms the magnitude
             if counts_beyond(counter, at) or (counter == at and rank >= other):
                 return _Place.NEWS
             return _Place.OLD
-        # They are out of all proportion.
         releases = isinstance(known, Stop) and known.stopped and rank == 0
         if now < self._doubt.get(kind, now) and not releases:
             self._doubt.pop(kind)
-            self._wonder(kind, counter, now)
+            self._note_doubt(kind, counter, now)
             return _Place.NEWS
         if counter > at and self._insists(kind, counter, now):
             return _Place.NEWS
@@ -157,13 +152,12 @@ class Memory:
         self.refused += 1
         return _Place.FAR
 
-    def _wonder(self, kind: type[Latched], counter: int, now: float) -> None:
-        """A counter that nobody reaches by counting is in doubt for a while."""
-        if counter > JUMP:
+    def _note_doubt(self, kind: type[Latched], counter: int, now: float) -> None:
+        if counter > JUMP:  # not reached by counting
             self._doubt[kind] = now + DOUBT_S
 
     def _insists(self, kind: type[Latched], counter: int, now: float) -> bool:
-        """Whether a counter far beyond was said again, after what is known was said to it."""
+        """Return whether a far counter is received again after it was answered."""
         far = self._far.get(kind)
         if far is None or now - far.at > INSIST_S or abs(counter - far.counter) > JUMP:
             self._far[kind] = _Far(counter, now)
@@ -173,51 +167,50 @@ class Memory:
         return far.answered
 
     def _store(self, message: Latched) -> None:
-        """Remember it; whoever said it was faster than this one."""
         kind = type(message)
         self._known[kind] = message
-        self._said(kind)
+        self._note_published(kind)
 
-    def _said(self, kind: type[Latched]) -> None:
-        """What is known has been said, by whomever."""
-        self._give_at.pop(kind, None)
+    def _note_published(self, kind: type[Latched]) -> None:
+        """Note that the known state was published, by this or another process."""
+        self._restore_at.pop(kind, None)
         if (far := self._far.get(kind)) is not None:
             far.answered = True
 
     def note(self, message: Latched) -> None:
-        """Remember what this process publishes itself."""
+        """Store a state that this process publishes."""
         self._store(message)
         self._doubt.pop(type(message), None)
         if isinstance(message, Stop) and message.press not in self._presses:
             self._presses.append(message.press)
 
     def met(self, now: float) -> None:
-        """Somebody has appeared at a time, s: it is given all that is known."""
+        """Restore all states, because another agent appeared at this time, s."""
         for kind in self._known:
-            self._give_back(kind, now)
+            self._restore(kind, now)
         if self._known:
             self._again = deque(now + later for later in AGAIN_S)
 
-    def _give_back(self, kind: type[Latched], now: float) -> None:
+    def _restore(self, kind: type[Latched], now: float) -> None:
         at = max(now, self._doubt.get(kind, now))
-        self._give_at.setdefault(kind, at + self._rng.uniform(0.0, GIVE_BACK_S))
+        self._restore_at.setdefault(kind, at + self._rng.uniform(0.0, RESTORE_S))
 
     def due(self, now: float) -> list[Latched]:
-        """What is to be published now, each once."""
+        """Return the states to publish now, each once."""
         while self._again and self._again[0] <= now:
             self._again.popleft()
             for kind in self._known:
-                self._give_back(kind, now)
-        kinds = [kind for kind, at in self._give_at.items() if at <= now]
+                self._restore(kind, now)
+        kinds = [kind for kind, at in self._restore_at.items() if at <= now]
         for kind in kinds:
-            self._said(kind)
+            self._note_published(kind)
         return [self._known[kind] for kind in kinds]
 
     @property
     def wakeup(self) -> float | None:
-        """When something is due next, s."""
+        """When `due` has something next, s; None: not at all."""
         again = self._again[0] if self._again else None
-        if not self._give_at:  # as nearly always, and every delivery asks
+        if not self._restore_at:  # nearly always, and this runs at every delivery
             return again
-        soonest = min(self._give_at.values())
+        soonest = min(self._restore_at.values())
         return soonest if again is None or soonest < again else again

@@ -1,9 +1,9 @@
-"""What waits for an agent while it is busy or hung: bounded, and honest about what was dropped.
+"""A bounded queue of an agent's deliveries, which counts what it drops.
 
-One lane a key, so that no flood on one key pushes out what came on another: a stop, the news of a
-token, a reply, the device's bytes. A lane of states keeps the latest, in the place of the first, so
-that what waited longest is seen first and is up to date; a lane of events keeps the newest of them
-in order. Commands have a key for each publisher, so they keep the newest of each.
+Each key has its own lane, so a flood on one key displaces nothing on another: a stop, a token, a
+reply, the device's bytes. A lane of states keeps the latest at the position of the first, so the
+longest waiting key comes first and is up to date. A lane of events keeps the newest, in order.
+Commands have a key per publisher, so the newest of each are kept.
 """
 
 from __future__ import annotations
@@ -11,17 +11,16 @@ from __future__ import annotations
 from collections import Counter, deque
 from typing import Final, Generic, TypeVar
 
-EVENTS: Final = 64
-"""Events kept on one key; the oldest goes first."""
+EVENTS: Final = 64  # events kept per key; beyond, the oldest is dropped
 
+# Keys with waiting items that differ in their last part only. Items of further such keys are
+# dropped, items of other keys are not: a thousand publishers of commands do not displace a stop.
 LANES: Final = 1024
-"""Keys that differ in their last part only, on which something waits at once; what comes on more of
-them is dropped. What comes on others is not: a thousand publishers of commands cost no stop."""
 
+# How long deliveries are processed before a due wake-up is, s, so that a flood cannot delay the
+# order to stop. The longest delivery does not count: it may have been a hang, and the deliveries
+# that wait after a hang must be processed before any timeout.
 BURST_S: Final = 0.05
-"""So long is taken from it before a due wake-up comes in between: a flood cannot starve the order
-to stop. The longest delivery does not count, for it may have been a hang, and what has piled up
-meanwhile is seen before a time-out is believed."""
 
 T = TypeVar("T")
 
@@ -30,13 +29,13 @@ class Mailbox(Generic[T]):
     """Deliveries in order of arrival, by key."""
 
     def __init__(self) -> None:
-        self.dropped: Counter[str] = Counter()  # by key, since they were last reported
+        self.dropped: Counter[str] = Counter()  # by key, since the last report
         self._lanes: dict[str, deque[tuple[int, T]]] = {}
         self._alike: Counter[str] = Counter()  # lanes, by all but the last part of their keys
         self._arrivals = 0
 
     def put(self, key: str, item: T, keep: int = EVENTS) -> None:
-        """Queue an item on a key; of more than `keep` the oldest is dropped, of states silently."""
+        """Queue an item on a key; of more than `keep` the oldest is dropped, uncounted if 1."""
         lane = self._lanes.get(key)
         if lane is None:
             kin = key.rpartition("/")[0]
@@ -56,7 +55,7 @@ class Mailbox(Generic[T]):
         lane.append((self._arrivals, item))
 
     def get(self) -> T | None:
-        """The oldest item; None if there is none."""
+        """Return the oldest item; None if there is none."""
         lanes = self._lanes
         if not lanes:
             return None
@@ -69,7 +68,7 @@ class Mailbox(Generic[T]):
         return item
 
     def take_dropped(self) -> dict[str, int]:
-        """How many events were lost, by key, since this was last asked."""
+        """Return the dropped events, by key, since the last call."""
         if not self.dropped:
             return {}
         dropped = dict(self.dropped)

@@ -1,16 +1,16 @@
-"""Whether a new instance may join: not among agents of another protocol, and some not as a second.
+"""Admission: whether a new instance may join, and stay.
 
-Sans-IO: tokens, cards and the time go in; whose card to ask for, and a verdict, come out. An
-instance looks around and joins if nobody is in its way. If its agent must be alone, or owns a
-resource, it then shows its token and looks around once more before it does anything.
+Sans-IO: tokens, cards and the time go in; cards to query and a verdict come out. An instance
+observes the tokens of others and joins if none conflicts with it. If its agent must be alone, or
+owns a resource, it then announces its own token and observes once more before it works.
 
-Who is at work stays and a newcomer goes: a card tells for how many cycles somebody has been. Of two
-newcomers that begin in the same instant the one with the smaller id stays. Of two that are both at
-work, because a network was cut, the one that has been for longer; about the same, the one with the
-smaller id. Who does not give its card keeps a newcomer out, and drives nobody out.
+The instance that works stays and a newcomer leaves; a card has the number of cycles worked. Of two
+newcomers at the same time the one with the smaller id stays. Two instances that both work, after
+a partitioned network, compare their cycles: the longer one stays, or of about equal ones the
+smaller id. An instance that does not reply with its card keeps a newcomer out and displaces none.
 
-Among agents of two protocols those stay who speak the owner's; without one, the newcomers go. The
-owner's token may come last of all, so a newcomer waits for it before it goes.
+Of agents with two protocols those with the owner's protocol stay; without an owner, the newcomers
+leave. The owner's token may come last, so a newcomer waits for it before it leaves.
 """
 
 from __future__ import annotations
@@ -21,55 +21,42 @@ from typing import Final
 
 from armadico.core.messages import PROTOCOL, Card
 
-QUIET_S: Final = 0.1
-"""No news of tokens for so long, and everybody who can be seen is taken to be known."""
-
-RESTLESS_S: Final = 0.2
-"""So long after the first news it is enough, however many others are coming and going."""
-
-ALONE_S: Final = 0.2
-"""Without any news, links may still be coming up for so long."""
-
-TOLD_S: Final = 0.15
-"""For so long at least it shows its token before it begins: it is told latched states meanwhile."""
-
-CARD_S: Final = 0.5
-"""What somebody may take to give its card; one that hangs keeps nobody waiting for longer."""
-
-AGAIN_S: Final = 5.0
-"""Who does not give its card, or is in the way, is asked again after this."""
-
+QUIET_S: Final = 0.1  # all tokens count as known after no change of a token for this time
+RESTLESS_S: Final = 0.2  # or after this time since the first change, however many follow
+ALONE_S: Final = 0.2  # without any token, links may still be coming up for this time
+# How long at least an instance announces its token before it starts. It receives the latched states
+# meanwhile.
+ANNOUNCED_S: Final = 0.15
+CARD_S: Final = 0.5  # timeout of a query for a card
+AGAIN_S: Final = 5.0  # when a card is queried again after a timeout, or if it conflicts
+# For so long after it has joined, an instance counts as the newcomer, as slow links come up. For as
+# long it waits for an owner of its own protocol before it leaves.
 GRACE_S: Final = 2.0
-"""For so long after it has joined it is the newcomer: links that are slow come up meanwhile. Before
-it goes for others of another protocol it looks for an owner of its own for as long."""
+LEASE_S: Final = 1.0  # when the token of a disconnected instance disappears
+GOING_S: Final = 2.0 * LEASE_S  # timeout for the token of a conflicting instance to disappear
 
-LEASE_S: Final = 1.0
-"""After so long is an instance taken for gone whose machine fell silent."""
-
-GOING_S: Final = 2.0 * LEASE_S
-"""What the token of one that is in the way may take to go."""
-
+# Two instances have worked for about as long if they differ by at most this many cycles, or by an
+# eighth of the longer one's.
 LITTLE: Final = 10
-"""Cycles, and with an eighth of the longer one's: two within this have been at work for as long."""
 
+# Beyond this multiple of that difference one has worked for longer. In between both query the cards
+# again: they must reach the same verdict, although they query at different times and the counts
+# grow. They reach it at the latest at eight times the age; otherwise two instances that differ by
+# 1.5 s would never separate.
 MUCH: Final = 2
-"""By more than so many times that has one been for longer. Both must come to one verdict by cards
-that they ask for at different times, and the count goes on meanwhile; in between both ask again.
-What is in between stays no longer than until they have been at work for eight times as long, or two
-that differ by a second and a half would never part."""
 
 
 class Stage(Enum):
-    """How far it has come."""
+    """The progress of an admission."""
 
-    LOOKING = "looks around"
-    CLAIMING = "its token can be seen, and it looks around again"
+    LOOKING = "observes the tokens of others"
+    CLAIMING = "announces its token and observes again"
     JOINED = "has joined"
     REFUSED = "may not join, or stay"
 
 
 class Admission:
-    """One instance's way into a namespace."""
+    """One instance's admission to a namespace."""
 
     def __init__(
         self,
@@ -80,68 +67,68 @@ class Admission:
         alone: bool = False,
         owns: Sequence[str] = (),
     ) -> None:
-        """Look around.
+        """Begin to observe.
 
         Args:
             name: The agent's name.
             instance: The instance's id.
             now: The time, s.
             alone: Whether no second instance of the agent may be alive.
-            owns: Resources that nobody else may own.
+            owns: Resources that no other instance may own.
         """
         self.stage = Stage.LOOKING
         self.refusal = ""
-        self.tenure = 0  # cycles for which it has been at work: kept up to date from outside
+        self.tenure = 0  # cycles for which it has worked: updated by the driver
         self._name, self._instance = name, instance
         self._alone, self._owns = alone, frozenset(owns)
         self._since = now
-        self._looked_at = float("-inf")
+        self._checked_at = float("-inf")
         self._grace_until: float | None = None
-        self._first_at: float | None = None  # when the first news of a token came,
-        self._news_at = now  # and the latest
-        self._alive: dict[str, tuple[str, float]] = {}  # by instance: its name, and since when
-        self._asked: dict[str, float] = {}  # cards that are waited for, since when
-        self._ask_at: dict[str, float] = {}
+        self._first_at: float | None = None  # time of the first change of a token,
+        self._changed_at = now  # and of the latest
+        self._alive: dict[str, tuple[str, float]] = {}  # by instance: name, time of appearance
+        self._queried: dict[str, float] = {}  # by instance: when its card was queried
+        self._query_at: dict[str, float] = {}  # by instance: when its card is to be queried
         self._cards: dict[str, Card] = {}
 
-    # What comes in -------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def appeared(self, name: str, instance: str, now: float) -> None:
         if instance == self._instance or instance in self._alive:
             return
         self._alive[instance] = (name, now)
-        self._heard(now)
-        self._ask_at[instance] = now
+        self._note_change(now)
+        self._query_at[instance] = now
 
     def disappeared(self, instance: str, now: float) -> None:
         if self._alive.pop(instance, None) is not None:
-            self._heard(now)
-        for about in (self._asked, self._ask_at, self._cards):
-            about.pop(instance, None)
+            self._note_change(now)
+        for by_instance in (self._queried, self._query_at, self._cards):
+            by_instance.pop(instance, None)
 
-    def answered(self, instance: str, card: Card | None, now: float) -> None:
-        """Somebody gave its own card; None: it has not, and is asked again later."""
-        self._asked.pop(instance, None)
+    def on_card(self, instance: str, card: Card | None, now: float) -> None:
+        """Process an instance's own card; None: timed out, and queried again later."""
+        self._queried.pop(instance, None)
         if instance not in self._alive:
             return
         if card is not None:
             self._cards[instance] = card
         if card is None or self._is_rival(instance):
-            self._ask_at[instance] = now + AGAIN_S
+            self._query_at[instance] = now + AGAIN_S
 
-    # What comes out ------------------------------------------------------------------------------
+    # Outputs -------------------------------------------------------------------------------------
 
-    def questions(self, now: float) -> list[tuple[str, str]]:
-        """Whose cards to ask for now, as (name, instance)."""
-        due = [instance for instance, at in self._ask_at.items() if at <= now]
+    def queries(self, now: float) -> list[tuple[str, str]]:
+        """Return the (name, instance) whose cards are to be queried now."""
+        due = [instance for instance, at in self._query_at.items() if at <= now]
         for instance in due:
-            del self._ask_at[instance]
-            self._asked[instance] = now
+            del self._query_at[instance]
+            self._queried[instance] = now
         return [(self._alive[instance][0], instance) for instance in due]
 
     def check(self, now: float) -> Stage:
-        """How far it is now; `refusal` says why, if it may not join or stay."""
-        self._looked_at = now
+        """Return the stage now; `refusal` has the reason if it may not join or stay."""
+        self._checked_at = now
         if self.stage is Stage.LOOKING:
             self._check(now)
         elif self.stage is Stage.CLAIMING:
@@ -149,30 +136,28 @@ class Admission:
         elif self.stage is Stage.JOINED:
             self._stay()
             if self._grace_until is not None and now >= self._grace_until and not self._waits(now):
-                self._grace_until = None  # whoever comes later is the newcomer
+                self._grace_until = None  # later instances are the newcomers
                 foreign = self._foreign()
-                if foreign is not None and not self._owns:  # the others go, where it is the owner
+                if foreign is not None and not self._owns:  # agents of the owner's protocol stay
                     self._refuse_among(foreign)
         return self.stage
 
     @property
     def wakeup(self) -> float | None:
-        """When to look again, or to ask, if nothing comes before, s.
-
-        What was over at the last look is not waited for: who waits for more than one thing would be
-        woken at once, again and again.
-        """
+        """When `check` or `queries` is due next, s; None: not at all."""
         waits: list[float] = []
-        answered = [at + CARD_S for at in self._asked.values()]
+        timeouts = [at + CARD_S for at in self._queried.values()]
         if self._grace_until is not None:
-            waits += [max(at, self._grace_until) for at in (*answered, self._grace_until)]
+            waits += [max(at, self._grace_until) for at in (*timeouts, self._grace_until)]
         if self.stage in (Stage.LOOKING, Stage.CLAIMING):
-            waits += [self._settled_at, *answered]
+            waits += [self._settled_at, *timeouts]
             if self._foreign() is not None:
                 waits.append(self._since + GRACE_S)
             waits += [self._alive[rival][1] + GOING_S for rival in self._rivals()]
-        due = [at for at in waits if at > self._looked_at]
-        return min([*due, *self._ask_at.values()], default=None)
+        # A time before the last check is over. Otherwise an instance that waits for several
+        # conditions would be woken at once, again and again.
+        due = [at for at in waits if at > self._checked_at]
+        return min([*due, *self._query_at.values()], default=None)
 
     # The rules -----------------------------------------------------------------------------------
 
@@ -189,7 +174,7 @@ class Admission:
             return
         self._since = now
         if self._first_at is not None:  # the links are up
-            self._first_at = self._news_at = now
+            self._first_at = self._changed_at = now
         if self._alone or self._owns:
             self.stage = Stage.CLAIMING
         else:
@@ -209,7 +194,7 @@ class Admission:
         self.stage, self._grace_until = Stage.JOINED, now + GRACE_S
 
     def _stay(self) -> None:
-        """Of two that are both at work one goes; a newcomer goes by itself."""
+        """Refuse to stay beside a rival that has worked for longer; a newcomer leaves by itself."""
         for rival in self._rivals():
             card = self._cards.get(rival)
             if card is None or not card.tenure:
@@ -222,7 +207,7 @@ class Admission:
                 return
 
     def _in_place(self, now: float) -> bool:
-        """Refuse, if somebody is at work already, or is in the way and does not go or answer."""
+        """Refuse if a rival works already, or neither replies nor disappears; return whether."""
         for rival in self._rivals():
             card = self._cards.get(rival)
             at_work = card is not None and card.tenure > 0
@@ -232,22 +217,22 @@ class Admission:
         return False
 
     def _waits(self, now: float) -> bool:
-        """Whether a card may still come."""
-        return any(now < at + CARD_S for at in self._asked.values())
+        """Return whether a card may still arrive."""
+        return any(now < at + CARD_S for at in self._queried.values())
 
     @property
     def _settled_at(self) -> float:
-        told = self._since + (TOLD_S if self.stage is Stage.CLAIMING else 0.0)
+        announced = self._since + (ANNOUNCED_S if self.stage is Stage.CLAIMING else 0.0)
         if self._first_at is None:
             return self._since + ALONE_S
-        return max(told, min(self._news_at + QUIET_S, self._first_at + RESTLESS_S))
+        return max(announced, min(self._changed_at + QUIET_S, self._first_at + RESTLESS_S))
 
-    def _heard(self, now: float) -> None:
-        self._news_at = now
+    def _note_change(self, now: float) -> None:
+        self._changed_at = now
         self._first_at = now if self._first_at is None else self._first_at
 
     def _is_rival(self, instance: str) -> bool:
-        """Whether only one of both may stay."""
+        """Return whether only one of both may stay."""
         if self._alone and self._alive[instance][0] == self._name:
             return True
         card = self._cards.get(instance)
@@ -259,7 +244,7 @@ class Admission:
         return [instance for instance in sorted(self._alive) if self._is_rival(instance)]
 
     def _foreign(self) -> Card | None:
-        """Somebody who speaks another protocol, where no owner of a resource speaks this."""
+        """Return a card of another protocol, if no owner of a resource has this protocol."""
         cards = self._cards.values()
         if any(card.owns and card.protocol == PROTOCOL for card in cards):
             return None
@@ -267,24 +252,24 @@ class Admission:
 
     def _refuse_among(self, foreign: Card) -> None:
         self._refuse(
-            f"{_who(foreign)} speaks protocol {foreign.protocol}, this one {PROTOCOL}; install"
-            " the same armadico on every machine, or name another namespace: --namespace"
+            f"{_shown(foreign)} uses protocol {foreign.protocol}, this agent {PROTOCOL}; install"
+            " the same armadico on every machine, or use another namespace: --namespace"
         )
 
     def _refuse_for(self, rival: str) -> None:
         card = self._cards.get(rival)
         if card is not None and card.name != self._name:
             both = ", ".join(sorted(self._owns.intersection(card.owns)))
-            self._refuse(f"{both} has an owner already: {_who(card)}; end that one first")
+            self._refuse(f"{both} has an owner already: {_shown(card)}; end that one first")
             return
         self._refuse(
-            f"another {self._name} agent is alive already: {_who(card) if card else rival};"
-            " end that one, or name another namespace: --namespace"
+            f"another {self._name} agent is alive already: {_shown(card) if card else rival};"
+            " end that one, or use another namespace: --namespace"
         )
 
     def _refuse(self, why: str) -> None:
         self.stage, self.refusal = Stage.REFUSED, why
 
 
-def _who(card: Card) -> str:
+def _shown(card: Card) -> str:
     return f"{card.instance} (host {card.host}, pid {card.pid}, version {card.version})"

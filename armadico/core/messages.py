@@ -1,9 +1,9 @@
-"""Every message, one frozen type each: what is published on the mesh, and nothing else.
+"""The framework's messages, one frozen type each.
 
-A message travels as a CBOR array of its fields in the order written here, so a field is appended,
-never moved, and `PROTOCOL` grows when one changes its meaning. Units are SI, angles are radians,
-frames of reference are REP-103: x forward, y left, counter-clockwise positive. `decode` refuses
-what is not finite, out of range or of another shape; nobody downstream checks again.
+A message is a CBOR array of its fields in the order written here. So a field is appended, never
+moved, and `PROTOCOL` grows when one changes its meaning. Units are SI, angles are radians, frames
+are REP-103: x forward, y left, counter-clockwise positive. `decode` rejects numbers that are not
+finite or out of range, and other shapes; receivers need not check again.
 """
 
 from __future__ import annotations
@@ -15,40 +15,32 @@ import cbor2
 import msgspec
 from msgspec import Meta, Struct
 
-PROTOCOL = 2
-"""The version of this file, on every card."""
-
-LARGEST = 1e6
-"""The size of the largest number that a message carries."""
-
+PROTOCOL = 2  # the version of this file, on every card
+LARGEST = 1e6  # the largest absolute value of a number in a message
+# Bytes. A larger payload is rejected before it is decoded: decoding blocks everything else.
 LARGEST_PAYLOAD: Final = 65_536
-"""Bytes. A larger payload is refused before it is decoded: decoding holds up everything else."""
+LARGEST_COUNT: Final = 2**52  # the largest term and counter; JSON and doubles represent it
 
-LARGEST_COUNT: Final = 2**52
-"""No term and no counter goes beyond this; JSON and every language's doubles carry it."""
-
+# A term or counter is rejected if it exceeds the largest known one by more than this, because one
+# corrupt number must not exclude all others: there is room for a million such jumps up to
+# `LARGEST_COUNT`. An agent without knowledge counts terms from 0, so the jump must exceed what a
+# society counts in its life: at ten exchanges a second it is thirteen years. A resource's owner may
+# insist on a farther term, and a process that has a latched state stored on a farther counter.
 JUMP: Final = 2**32
-"""A term or counter that is so much larger than the largest known is refused.
 
-One corrupt number must not end all others: what is adopted leaves a million such jumps to
-`LARGEST_COUNT`. Who knows nothing yet counts terms from 0, so the jump must be larger than what a
-society counts in its whole life: at ten exchanges a second this is thirteen years. Of terms the
-owner may insist, of latched states whoever remembers them.
-"""
-
+# Largest number of worked cycles on a card, beyond any real one. A card with more is rejected, so
+# that it displaces no instance.
 LONGEST_TENURE: Final = JUMP
-"""Cycles for which nobody has been at work yet: a card that says more is none, and drives nobody
-out. Who should ever get there says no more than this."""
 
+# Counters of latched states wrap around: after the largest comes 0, so there is always a next one.
 COUNTS: Final = LARGEST_COUNT + 1
-"""Counters of latched states go round: after the largest comes 0, so there is always a next one."""
 
-Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also refuses NaN and the infinities
+Real = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # also rejects NaN and the infinities
 Share = Annotated[float, Meta(ge=0, le=1)]
 Deflection = Annotated[float, Meta(ge=-1, le=1)]
 
-# What no robot on wheels is or does, whoever says so. Others work by these numbers, each cycle: so
-# much ahead, so often, for so long. All that a P2OS packet can say lies within.
+# Limits of any wheeled robot. Agents compute with these numbers each cycle, such as look-ahead
+# distances, rates and durations. All values of a P2OS packet lie within.
 Speed = Annotated[float, Meta(ge=-100, le=100)]  # m/s
 Turn = Annotated[float, Meta(ge=-1000, le=1000)]  # rad/s
 TopSpeed = Annotated[float, Meta(gt=0, le=100)]  # m/s
@@ -59,12 +51,12 @@ Place = Annotated[float, Meta(ge=-10, le=10)]  # m, on a body
 Period = Annotated[float, Meta(ge=0.001, le=1)]  # s, of a robot's status packets
 Patience = Annotated[float, Meta(gt=0, le=60)]  # s
 Volts = Annotated[float, Meta(ge=0, le=1e4)]
-# What is remembered must never make who remembers it unable to speak: a robot agent that starts
-# near the odometry of an origin can say its own, and any origin with any odometry makes a pose.
+# A stored state must not prevent its agent from publishing: a robot agent that starts near the
+# odometry of a stored origin can publish its own, and any origin with any odometry gives a pose.
 Odometer = Annotated[float, Meta(ge=-2e5, le=2e5)]  # m
 Counter = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Bits64 = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-# No control characters, nor those that turn the direction of writing: texts go to terminals.
+# No control characters and no bidirectional controls: texts are printed on terminals.
 _PRINTED = r"^[^\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]*\Z"
 LABEL: Final = 128
 Name = Annotated[str, Meta(min_length=1, max_length=LABEL, pattern=_PRINTED)]
@@ -74,11 +66,11 @@ Numbers = Annotated[tuple[Real, ...], Meta(max_length=64)]
 Encoded = Annotated[bytes, Meta(max_length=LARGEST_PAYLOAD)]
 TomlValue = bool | float | str | tuple[float, ...]
 Action = Numbers | Encoded
-"""What a resource is to do: the numbers of its parameters, or a message of its own, encoded."""
+"""An action for a resource: the numbers of its parameters, or an encoded message."""
 
 
 class Message(Struct, frozen=True, array_like=True):
-    """What every message is: immutable, compared by value, an array on the wire."""
+    """Base of all messages: immutable, compared by value, an array on the wire."""
 
     appended: ClassVar[int] = 0
     """Trailing fields that are omitted on the wire and in `repr` while each has its default, so
@@ -92,14 +84,14 @@ class Message(Struct, frozen=True, array_like=True):
 
 
 class MessageError(ValueError):
-    """Bytes that are not the message they were taken for, or a message that cannot be sent."""
+    """Bytes that are not the expected message, or a message that cannot be sent."""
 
 
 M = TypeVar("M", bound=Message)
 
 
 def checked(message: M) -> M:
-    """The message as whoever receives it would have it. Raises `MessageError` if nobody could."""
+    """Return the message as a receiver decodes it. Raises `MessageError` if it cannot be sent."""
     plain, received = _both(message)
     try:  # MessagePack is encoded much faster, and CBOR takes at most twice as much
         small = 2 * len(_PACKED.encode(plain)) <= LARGEST_PAYLOAD
@@ -111,13 +103,13 @@ def checked(message: M) -> M:
 
 
 def encode(message: Message) -> bytes:
-    """The message as CBOR. Raises `MessageError` if it could not be decoded again."""
+    """Return the message as CBOR. Raises `MessageError` if it could not be decoded again."""
     plain, _ = _both(message)
     return _encoded(message, plain)
 
 
 def encoded(message: M) -> tuple[bytes, M]:
-    """The message as CBOR, and as whoever receives it would have it; both from one reading."""
+    """Return the message as CBOR and as a receiver decodes it, at the cost of one conversion."""
     plain, received = _both(message)
     return _encoded(message, plain), received
 
@@ -145,7 +137,7 @@ _PACKED: Final = msgspec.msgpack.Encoder()
 
 
 def _both(message: M) -> tuple[Any, M]:
-    """A message's plain values, and what comes of them at the other end."""
+    """Return a message's plain values, and the message that is decoded from them."""
     try:
         plain = msgspec.to_builtins(message, builtin_types=(bytes,))
         received = msgspec.convert(plain, type(message))
@@ -155,7 +147,7 @@ def _both(message: M) -> tuple[Any, M]:
 
 
 def decode(data: bytes, kind: type[M]) -> M:
-    """Read one message of a kind. Raises `MessageError` saying what is wrong with it."""
+    """Decode a message of a kind. Raises `MessageError` with the fault."""
     try:
         return msgspec.convert(plain_of(data), kind)
     except (msgspec.ValidationError, MessageError) as error:
@@ -163,7 +155,7 @@ def decode(data: bytes, kind: type[M]) -> M:
 
 
 def plain_of(data: bytes) -> Any:
-    """The plain values in a payload, of whatever message. Raises `MessageError`."""
+    """Return the plain values in a payload of any message. Raises `MessageError`."""
     if len(data) > LARGEST_PAYLOAD:
         raise MessageError(f"{len(data)} bytes, at most {LARGEST_PAYLOAD}")
     try:
@@ -179,7 +171,7 @@ def plain_of(data: bytes) -> Any:
 
 
 def line(text: str) -> str:
-    """A text as one line that a message may carry: no control characters, cut at 2,000."""
+    """Return a text as one line for a message: no control characters, at most 2,000 long."""
     if not text.isprintable():
         text = "".join(c if c.isprintable() else " " for c in text)
     return text[:2000]
@@ -189,8 +181,8 @@ def _no_tags(*_: object) -> NoReturn:
     raise ValueError("CBOR tags are refused")
 
 
-# Tags that the decoder reads by itself, unless told otherwise. No message has one, and some cost
-# time out of all proportion: a decimal fraction of 100 kB takes a second.
+# Tags that the decoder would decode by default. No message has one, and some are very slow: a
+# decimal fraction of 100 kB takes a second.
 _TAGS: Final = dict.fromkeys(
     (
         *(0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100),
@@ -198,7 +190,7 @@ _TAGS: Final = dict.fromkeys(
     ),
     _no_tags,
 )
-_DEEPEST: Final = 16  # a message within a message within a list, and some to spare
+_DEEPEST: Final = 16  # levels; a message within a message within a list needs fewer
 
 
 # Cycles and ballots -------------------------------------------------------------------------------
@@ -207,8 +199,8 @@ _DEEPEST: Final = 16  # a message within a message within a list, and some to sp
 class Cycle(Message, frozen=True, order=True):
     """One status packet of the robot, or one period of another resource: (epoch, number).
 
-    The epoch is drawn at random by each start of the owner. The number is a clock: it jumps over
-    what was missed.
+    The owner draws the epoch at random at each start. The number is a clock: it skips missed
+    cycles.
     """
 
     epoch: Bits64
@@ -218,7 +210,7 @@ class Cycle(Message, frozen=True, order=True):
 class Ballot(Message, frozen=True, order=True):
     """The right to a resource for one tenure, totally ordered: (term, rank when cast, instance).
 
-    A fencing token: the owner refuses what carries a smaller one than the largest it knows.
+    A fencing token: the owner rejects a smaller one than the largest it knows.
     """
 
     term: Counter
@@ -228,9 +220,9 @@ class Ballot(Message, frozen=True, order=True):
 
 
 class Claim(Message, frozen=True):
-    """A bid made public on ``resource/<resource>/utility``; a release has no utility.
+    """The holder's bid, on ``resource/<resource>/utility``; a release has no utility.
 
-    `wanted` is the bid's action, `commanded` what was commanded after blending.
+    `wanted` is the bid's action, `commanded` the action after blending.
     """
 
     resource: Name
@@ -245,7 +237,7 @@ class Claim(Message, frozen=True):
 class Command(Message, frozen=True):
     """The holder's action, to the resource's owner; a release has none.
 
-    It travels on the key that the resource declares: ``robot/cmd/<instance>`` for the wheels,
+    Its key is declared by the resource: ``robot/cmd/<instance>`` for the wheels,
     ``resource/<resource>/cmd/<instance>`` for others. `action` is in the order of the resource's
     parameters: (v, w) in m/s and rad/s for the wheels.
     """
@@ -257,12 +249,12 @@ class Command(Message, frozen=True):
 
 
 class Ack(Message, frozen=True):
-    """The owner's acknowledgement on ``resource/<resource>/ack``, one a cycle of the resource.
+    """The owner's acknowledgement on ``resource/<resource>/ack``, one per cycle of the resource.
 
-    `largest` is the largest ballot obeyed or received: smaller ones are refused. `obeyed` is that
-    of the last command obeyed, none since a release; `obeyed_cycle` what that command answered,
-    `utility` and `critical` the holder's newest. `measured` is what the resource does now; of
-    another shape than the resource's it is as if it had not been said.
+    `largest` is the largest ballot obeyed or received: smaller ones are rejected. `obeyed` is the
+    ballot of the last obeyed command, none after a release, and `obeyed_cycle` that command's
+    cycle. `utility` and `critical` are the holder's newest. `measured` is what the resource does
+    now; it is ignored if it has another shape than the resource's actions.
     """
 
     resource: Name
@@ -279,38 +271,37 @@ class Ack(Message, frozen=True):
 
 
 class Latched(Message, frozen=True):
-    """A state that outlives every process: whoever receives it remembers the newest.
+    """A state that outlives every process: each receiver stores the newest.
 
-    Who publishes an older one is given the newer one back (`armadico.core.latched`). Of two with
-    one counter the greater `rank` stands.
+    An older one is answered with the newer one (`armadico.core.latched`). Of two with the same
+    counter the one with the greater rank counts.
     """
 
     @property
     def order(self) -> tuple[int, int]:
-        """What is newer is greater."""
+        """(counter, rank): the newer state is greater."""
         raise NotImplementedError
 
 
 def next_count(counter: int) -> int:
-    """The counter of a latched state that comes after one."""
+    """Return the next counter of a latched state."""
     return (counter + 1) % COUNTS
 
 
 def counts_beyond(counter: int, other: int) -> bool:
-    """Whether a latched state's counter is the newer: of two near each other by going round."""
+    """Return whether a latched state's counter is newer, also across the wrap-around."""
     ahead = (counter - other) % COUNTS
     return 0 < ahead <= JUMP or (counter > other and ahead < COUNTS - JUMP)
 
 
-_SPELT: Final = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
-"""Digits of codes (Crockford's): none that are taken for one another."""
+_SPELT: Final = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"  # Crockford's digits: none alike
 
 
 class Stop(Latched, frozen=True):
     """The latch that stops the robot. A stop always latches; a release needs a larger counter.
 
-    `press` is drawn at random for each stop; a release has that of the stop that it releases. So a
-    stop that comes late, or from somebody's memory, is told from a new one.
+    `press` is drawn at random for each stop; a release has that of the stop that it releases. This
+    distinguishes a late or restored stop from a new one.
     """
 
     counter: Counter = 0
@@ -320,39 +311,38 @@ class Stop(Latched, frozen=True):
 
     @property
     def order(self) -> tuple[int, int]:
-        """At equal counters the stop stands."""
+        """At equal counters the stop counts."""
         return self.counter, int(self.stopped)
 
     @property
-    def who(self) -> str:
-        """By whom, for people."""
+    def requester(self) -> str:
         return self.by or "somebody"
 
     @property
     def code(self) -> str:
-        """What people type to release this stop and no other: six letters and digits."""
+        """Six letters and digits that a person types to release this stop and no other."""
         return "".join(_SPELT[self.press >> 5 * place & 31] for place in range(6))
 
 
 class Setting(Message, frozen=True):
-    """A parameter and what it is to be: a value of JSON; `null` clears an optional one."""
+    """A parameter and its new value as JSON; `null` clears an optional one."""
 
     name: Name  # with dots into tables, as in a file: `safety.margin_m`
     json: Text
 
 
 class AgentSetting(Message, frozen=True):
-    """What a parameter of an agent was set to while it was at work."""
+    """A setting of an agent, made while it ran."""
 
     agent: Name
     setting: Setting
 
 
 class Tuning(Latched, frozen=True):
-    """All that was set live, remembered by everybody: who is started again is told.
+    """All settings made while agents ran, restored to agents that restart.
 
-    It is the agent's, not the instance's: all instances of one follow. Each agent looks after its
-    own, and says again what somebody has left out who did not know of it.
+    A setting is the agent's, not the instance's: all its instances apply it. Each agent is
+    responsible for its own settings, and publishes again those that another publisher left out.
     """
 
     counter: Counter
@@ -361,7 +351,6 @@ class Tuning(Latched, frozen=True):
 
     @property
     def order(self) -> tuple[int, int]:
-        """Counted with each change."""
         return self.counter, self.by
 
 
@@ -369,18 +358,18 @@ class Tuning(Latched, frozen=True):
 
 
 class Line(Message, frozen=True):
-    """What was wrong with what the controller sent, counted since the robot agent started."""
+    """Faults of the connection to the controller, counted since the robot agent started."""
 
-    dropped: Counter = 0  # bytes that belonged to no good packet
+    dropped: Counter = 0  # bytes outside good packets
     mangled: Counter = 0  # packets with a bad checksum
-    malformed: Counter = 0  # packets with a good one, and bad contents
-    absurd: Counter = 0  # status packets of wheels faster than any
-    surplus: Counter = 0  # status packets too many to be looked at
+    malformed: Counter = 0  # packets with a good checksum and bad contents
+    absurd: Counter = 0  # status packets with impossible wheel speeds
+    surplus: Counter = 0  # status packets that were too many to process
     resets: Counter = 0  # steps of the odometry that the speeds do not explain
 
     @property
-    def told(self) -> str:
-        """For people; empty: nothing was wrong."""
+    def summary(self) -> str:
+        """The counts for people; empty if there are none."""
         counts = zip(msgspec.structs.astuple(self), _WRONG, strict=True)
         return ", ".join(f"{count} {what}" for count, what in counts if count)
 
@@ -396,12 +385,12 @@ _WRONG: Final = (
 
 
 class RobotState(Message, frozen=True):
-    """What the robot's controller says each cycle.
+    """The robot's state, one per cycle.
 
-    Odometry (x, y, theta) is the controller's own, unwrapped: it goes on over restarts of the robot
-    agent for as long as the controller counts on. `stop` is the latch as the robot agent has it:
-    the acknowledgement of a stop. `stalled` is that something holds the robot: by the controller's
-    stall bits, its bumpers, or wheels that do not turn as ordered; `touch` is where on its edge.
+    Odometry (x, y, theta) is the controller's own, unwrapped. It continues when the robot agent
+    restarts, as long as the controller runs. `stop` is the robot agent's latch: the acknowledgement
+    of a stop. `stalled`: something blocks the robot, by the controller's stall bits, its bumpers,
+    or wheels that do not turn as ordered; `touch` is the place on the footprint's edge.
     """
 
     cycle: Cycle
@@ -414,17 +403,17 @@ class RobotState(Message, frozen=True):
     motors: bool
     stalled: bool
     stop: Stop = Stop()
-    touch: Point | None = None  # in the body frame; None: nowhere, or nobody knows
+    touch: Point | None = None  # in the body frame; None: nowhere, or unknown
     line: Line = Line()
-    charging: bool = False  # a charger gives power
+    charging: bool = False  # a charger supplies power
 
 
 class Description(Message, frozen=True):
-    """The robot's body and limits; nothing about the body stands anywhere else on the mesh.
+    """The robot's footprint and limits, the only source of them on the mesh.
 
-    The outline is a rectangle around the middle of the wheel axle, in the body frame. `v_accel` to
-    `w_decel` are the ramps that the controller drives; `silence_s` is how long it goes on without a
-    valid command until a stop is ordered, `watchdog_s` until its controller stops by itself.
+    The footprint is a rectangle around the middle of the wheel axle, in the body frame. `v_accel`
+    to `w_decel` are the controller's ramps. Without a valid command the robot agent orders a stop
+    after `silence_s`, and the controller stops by itself after `watchdog_s`.
     """
 
     robot: Name  # the profile's name
@@ -440,12 +429,12 @@ class Description(Message, frozen=True):
     w_decel: Ramp
     silence_s: Patience
     watchdog_s: Patience
-    controller: Label = ""  # as the controller names itself; a simulator's `Truth` has the same
+    controller: Label = ""  # the controller's own name; a simulator's `Truth` has the same
     sensors: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=8)] = ("sonar",)
-    """The robot's sensors of obstacles. There is an `Obstacles` for each, whose `sensor` has its
-    name, and behaviours need fresh ones of all."""
-    cone: Annotated[float, Meta(ge=0, le=7)] = 0.0  # rad, that a sonar hears; 0: nobody says
-    nearest: Annotated[float, Meta(ge=0, le=100)] = 0.0  # m, the shortest range that it does
+    """The robot's obstacle sensors. Each has an `Obstacles` message with its name in `sensor`, and
+    behaviours need fresh ones of all."""
+    cone: Annotated[float, Meta(ge=0, le=7)] = 0.0  # rad, a sonar's field of view; 0: unknown
+    nearest: Annotated[float, Meta(ge=0, le=100)] = 0.0  # m, a sonar's shortest range
 
 
 class Point(Message, frozen=True):
@@ -455,11 +444,11 @@ class Point(Message, frozen=True):
     y: Real
 
 
-# Who is alive, and what they offer ----------------------------------------------------------------
+# Instances and what they offer --------------------------------------------------------------------
 
 
 class Card(Message, frozen=True):
-    """What an agent offers, needs and shares (thesis table 3.1), asked for by query."""
+    """What an agent offers, needs and shares (thesis table 3.1); the reply to a query."""
 
     name: Name
     instance: Name
@@ -468,32 +457,31 @@ class Card(Message, frozen=True):
     version: Text  # its program's, for people
     protocol: Counter  # the version of this page
     provides: tuple[Text, ...]
-    """Keys that it publishes or answers queries on, as in the table of keys; not those that come
-    with a resource, nor those that everybody has."""
+    """Keys that it publishes or answers queries on, as in the table of keys, without those of a
+    resource and those that every agent has."""
     requests: tuple[Text, ...]
-    """Key expressions that it subscribes to for itself, those of its resources too (`robot/state`,
-    `resource/wheels/utility`), and keys of queries that it asks."""
-    resources: tuple[Text, ...]  # the names of those that it competes for
+    """Key expressions of its own subscriptions, also of its resources (`robot/state`,
+    `resource/wheels/utility`), and keys of the queries that it sends."""
+    resources: tuple[Text, ...]  # names of the resources that it competes for
     holds: tuple[Text, ...] = ()  # and of those that it holds now
     clock: Annotated[float, Meta(ge=0, le=1e11)] = 0.0
-    """What its machine's clock shows, s since 1970; 0: not given. Only people compare it."""
+    """Its machine's clock, s since 1970; 0: not given. Only people compare it."""
     owns: tuple[Text, ...] = ()
-    """The resources that it obeys for, once it does."""
+    """The resources that it owns, once it obeys commands for them."""
     declares: tuple[Text, ...] = ()
-    """The signatures of the resources that it owns or competes for: what it means by them."""
+    """The signatures of the resources that it owns or competes for."""
     tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)] = 0
-    """Cycles for which it has been at work, 0 before; of two that may not both stay the longer
-    stays."""
-    fault: Text = ""  # for people: why it cannot do its work at all, until that is mended,
-    doubts: Text = ""  # what it works by that may be wrong,
-    learnt: Text = ""  # and what it has estimated of the robot while it drove
-    world: Text = ""  # the map that it was launched with, by its name; empty: none
+    """Cycles for which it has worked, 0 before. Of two conflicting instances the longer stays."""
+    fault: Text = ""  # for people: why it cannot work at all until that is repaired
+    doubts: Text = ""  # for people: which of its inputs may be wrong
+    learnt: Text = ""  # for people: what it has estimated of the robot while driving
+    world: Text = ""  # the name of the map that it was launched with; empty: none
     plans: tuple[Text, ...] = ()
     """The kinds of surprise that it plans for, if it is a planner agent."""
 
 
 class BidRecord(Message, frozen=True):
-    """One bid, or the reason for none, kept by whoever made it."""
+    """One bid, or the reason for none, kept by its agent."""
 
     cycle: Cycle
     resource: Name
@@ -502,42 +490,42 @@ class BidRecord(Message, frozen=True):
     wanted: Action
     reason: Text  # for people
     inputs: tuple[Text, ...] = ()  # the messages that it was made of
-    lacks: Text = ""  # without a bid: the key of what is not fresh, or too unsure to act upon
-    unsound: bool = False  # what was proposed is none that can be sent
+    lacks: Text = ""  # without a bid: the key of the input that is stale or too uncertain
+    unsound: bool = False  # the proposed bid could not be sent
 
 
 class BidHistory(Message, frozen=True):
-    """An agent's recent bids, oldest first: losers are silent on the mesh, not secretive."""
+    """An agent's recent bids, oldest first, as losing bids are not published."""
 
     instance: Name
     bids: tuple[BidRecord, ...]
 
 
 class Parameter(Message, frozen=True):
-    """A parameter that may be changed while its agent is at work."""
+    """A parameter that may be changed while its agent runs."""
 
     name: Name
     json: Text  # its value now,
-    begun: Text  # and the one that the agent was started with
-    unit: Label  # empty: it has none
-    wanted: Text  # what it may be, for people: `a number above 0, at most 10, or none`
-    least: Real | None = None  # None: no bound, or no number
+    begun: Text  # and at the agent's start
+    unit: Label  # empty: none
+    wanted: Text  # allowed values, for people: `a number above 0, at most 10, or none`
+    least: Real | None = None  # None: no bound, or not a number
     most: Real | None = None
-    words: Annotated[tuple[Label, ...], Meta(max_length=32)] = ()  # those that it may be, if so
+    words: Annotated[tuple[Label, ...], Meta(max_length=32)] = ()  # allowed words, if any
     optional: bool = False  # it may be null
 
 
 class ParametersRequest(Message, frozen=True):
-    """Asks an agent for its parameters, and to change some before: all of them, or none."""
+    """Requests an agent's parameters, and changes some before: all of them, or none."""
 
     change: Annotated[tuple[Setting, ...], Meta(max_length=64)] = ()
     by: Label = ""
 
 
 class ParametersReply(Message, frozen=True):
-    """Those of an agent's parameters that may be changed, as they are now.
+    """An agent's changeable parameters.
 
-    With a refusal nothing was changed: it says which value is wrong, and what is right.
+    With a refusal nothing was changed: it has the wrong value and the allowed ones.
     """
 
     instance: Name
@@ -551,25 +539,25 @@ class ParameterChange(Message, frozen=True):
     agent: Name
     instance: Name
     name: Name
-    before: Text  # as JSON,
-    json: Text  # and what it is now
+    before: Text  # the old value as JSON,
+    json: Text  # and the new one
     by: Label = ""
 
 
 class Ask(Message, frozen=True):
-    """An empty question, for a card or the bids: an array of nothing. No payload will do."""
+    """An empty query for a card or the bids: an empty array, or no payload."""
 
 
 class LogEvent(StrEnum):
-    """What a line of the log tells of that programs go by, too."""
+    """Events of log lines that programs use, too."""
 
     COMMANDS_REFUSED = "commands refused"  # by the owner of a resource
-    SLOWED = "slowed"  # the robot, for what its own sensors hear ahead
+    SLOWED = "slowed"  # the robot, for an obstacle that its own sensors detect ahead
     UNFIT = "unfit"  # the controller is not of the profile's type
 
 
 class Log(Message, frozen=True):
-    """A line for people; what happened programs read from `event`, whatever the sentence."""
+    """A log line for people; programs use its `event`, not its text."""
 
     level: Annotated[int, Meta(ge=0, le=50)]
     text: Text
@@ -577,20 +565,20 @@ class Log(Message, frozen=True):
 
 
 class MonitorReport(Message, frozen=True):
-    """What a monitor sees of the society, and whether it is the one that acts (thesis 3.8.2)."""
+    """A monitor's report on the society, and whether it is the one that acts (thesis 3.8.2)."""
 
     instance: Name
     tenure: Annotated[int, Meta(ge=0, le=LONGEST_TENURE)]  # as on its card
     acts: bool
-    missing: tuple[Name, ...] = ()  # essential agents of which no instance is well
-    note: Text = ""  # what it has done last, or what the society lacks
+    missing: tuple[Name, ...] = ()  # essential agents without a working instance
+    note: Text = ""  # its last action, or what the society lacks
 
 
 class JournalPiece(Message, frozen=True):
-    """A piece of an agent's journal: what entered and left it, in order (`core.journal`).
+    """A piece of an agent's journal: its inputs and outputs, in order (`core.journal`).
 
     For recorders. The pieces of an instance, in the order of their numbers, are one stream of
-    bytes; a number that is missing is a gap, beyond which the stream cannot be read.
+    bytes. A missing number is a gap, beyond which the stream cannot be read.
     """
 
     instance: Name
@@ -599,13 +587,13 @@ class JournalPiece(Message, frozen=True):
 
 
 class JournalRequest(Message, frozen=True):
-    """Asks an agent for a piece of its journal that was lost on the way to the recorder."""
+    """Requests a piece of an agent's journal that was lost on the way to the recorder."""
 
     number: Counter
 
 
 def plain(message: Message) -> Any:
-    """The message as a dictionary by field names, for people and JSON."""
+    """Return the message as a dictionary by field names, for people and JSON."""
     return {
         name: plain(value) if isinstance(value, Message) else msgspec.to_builtins(value)
         for name, value in ((f, getattr(message, f)) for f in message.__struct_fields__)

@@ -1,4 +1,4 @@
-"""What of an agent a file or ``--set KEY=VALUE`` may change."""
+"""The parameters of agents that a file or ``--set KEY=VALUE`` may change."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-TURN_MARGIN_M = 0.02
-"""Kept by a robot that is slow, or turns on the spot, where no parameters say it."""
+TURN_MARGIN_M = 0.02  # default margin of a robot that is slow or turns in place
 
 
 class Social(Struct, frozen=True, forbid_unknown_fields=True):
@@ -19,16 +18,16 @@ class Social(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Safety(Struct, frozen=True, forbid_unknown_fields=True):
-    """Margins around the body. How it brakes is the robot's own, and comes with its description."""
+    """Margins around the footprint. The braking ramps come with the robot's description."""
 
     margin_m: Annotated[float, Meta(ge=0, le=1)] = 0.08
-    slow: Annotated[float, Meta(ge=0, le=1)] = 0.0  # m/s: at no more than this
-    close_m: Annotated[float, Meta(ge=0, le=1)] = TURN_MARGIN_M  # so small a margin will do
-    turn_room: Annotated[float, Meta(ge=0, le=3.2)] = 0.12  # rad free, or it tries the other side
-    unmapped: bool = False  # by sonars without a map: stops within the way to the nearest point
+    slow: Annotated[float, Meta(ge=0, le=1)] = 0.0  # m/s: up to this speed, `close_m` is the margin
+    close_m: Annotated[float, Meta(ge=0, le=1)] = TURN_MARGIN_M
+    turn_room: Annotated[float, Meta(ge=0, le=3.2)] = 0.12  # rad free, else the other side is tried
+    unmapped: bool = False  # sonars without a map: it stops within the nearest point's distance
 
 
 class Parameters(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a file or ``--set KEY=VALUE`` may change; subclasses add their own."""
+    """An agent's parameters; subclasses add their own."""
 
     social: Social = Social()

@@ -10,29 +10,27 @@ from typing import Any, Final
 from armadico.core.installed import load_all
 from armadico.core.messages import LARGEST, Action, Message, MessageError, decode, encode
 
-LEAST_SILENCE_S: Final = 0.3
-"""Without a valid command for so long the owner rests a resource, unless that says otherwise."""
+LEAST_SILENCE_S: Final = 0.3  # the shortest default of the owner's command timeout, s
 
 
 @dataclass(frozen=True)
 class Resource:
-    """Something that one agent at a time may use.
+    """A resource that one agent at a time may use.
 
     An action is either numbers, named by `parameters`, or one `message` of the resource's own.
 
     Attributes:
-        name: What it is called in keys and messages.
-        parameters: The numbers of an action, in their order.
+        name: Its name in keys and messages.
+        parameters: The names of an action's numbers, in order.
         scale: The size of each number that counts as big in an exchange (3.13).
-        neutral: The action that does nothing; an empty one for a resource of messages.
-        message: The type of an action that is no numbers.
-        margin: By how much a contender's utility must exceed the holder's; 0 is the thesis.
-        exchange: How it changes hands by default, one of `armadico.core.exchange.EXCHANGES`.
-        period_s: From one of its cycles to the next, counted by its owner; None: the robot's cycle.
-        silence_s: How long its owner goes on without a valid command; None: 0.3 s, or three of its
-            cycles if that is longer.
-        stops: Whether the robot's stop rests it; so it is for all that moves.
-        command_key: The key that its commands travel on.
+        neutral: The action that does nothing; empty for a resource of messages.
+        message: The type of an action that is a message.
+        margin: By how much a contender's utility must exceed the holder's; 0 in the thesis.
+        exchange: The default exchange, one of `armadico.core.exchange.EXCHANGES`.
+        period_s: Duration of its cycles, counted by its owner, s; None: the robot's cycle.
+        silence_s: The owner's command timeout, s; None: 0.3 s, or three of its cycles if longer.
+        stops: Whether the robot's stop rests it: true for all that moves.
+        command_key: The key of its commands.
     """
 
     name: str
@@ -48,7 +46,7 @@ class Resource:
     command_key: str = "resource/{resource}/cmd/{instance}"
 
     def __post_init__(self) -> None:
-        """Raise ValueError, with the resource's name, for what cannot be meant."""
+        """Raise ValueError, with the resource's name, for inconsistent attributes."""
         fault = self._fault()
         if fault:
             raise ValueError(f"resource {self.name!r}: {fault}")
@@ -74,36 +72,32 @@ class Resource:
 
     @property
     def signature(self) -> str:
-        """What all who share it must mean by it."""
+        """The declaration that all agents sharing the resource must agree on."""
         what = ", ".join(self.parameters) if self.message is None else self.message.__name__
         rate = "" if self.period_s is None else f" each {self.period_s:g} s"
         return f"{self.name}({what}){rate}"
 
     @property
     def utility_key(self) -> str:
-        """The key of its claims."""
         return f"resource/{self.name}/utility"
 
     @property
     def ack_key(self) -> str:
-        """The key of its owner's acknowledgements."""
         return f"resource/{self.name}/ack"
 
     def command_key_of(self, instance: str) -> str:
-        """The key of one instance's commands."""
         return self.command_key.format(resource=self.name, instance=instance)
 
     @property
     def command_pattern(self) -> str:
-        """The key expression of everybody's commands."""
         return self.command_key_of("*")
 
     def silence(self, period: float) -> float:
-        """How long, s, its owner goes on without a valid command, at a period in s."""
+        """Return the owner's command timeout, s, at a cycle of `period` s."""
         return max(LEAST_SILENCE_S, 3 * period) if self.silence_s is None else self.silence_s
 
     def pack(self, action: Any) -> Action:
-        """A bid's action as it travels. Raises ValueError saying what is wrong with it."""
+        """Return a bid's action as it is sent. Raises ValueError if it is not of this resource."""
         if self.message is not None:
             if type(action) is not self.message:
                 raise ValueError(f"{self.name} takes a {self.message.__name__}, not {action!r}")
@@ -120,14 +114,14 @@ class Resource:
         return numbers
 
     def unpack(self, action: Action) -> Any:
-        """The numbers, or the message, of an action that `fault` finds nothing wrong with."""
+        """Return the numbers or the message of an action without a `fault`."""
         if self.message is None:
             return action
         assert isinstance(action, bytes), "an action of messages is encoded"
         return decode(action, self.message) if action else None
 
     def fault(self, action: Action) -> str:
-        """What is wrong with an action's shape; nothing if it is one of this resource."""
+        """Return what is wrong with an action's shape; "" if it is one of this resource."""
         if self.message is not None:
             if not isinstance(action, bytes):
                 return f"{self.name} takes a {self.message.__name__}, not numbers"
@@ -147,7 +141,7 @@ _declared: dict[str, Resource] = {}
 
 
 def declare(resource: Resource) -> Resource:
-    """Note a resource; whoever contests or owns it does. Raises ValueError if two differ."""
+    """Register a resource. Raises ValueError if it is declared already and differently."""
     known = _declared.setdefault(resource.name, resource)
     if known != resource:
         raise ValueError(
@@ -157,14 +151,14 @@ def declare(resource: Resource) -> Resource:
 
 
 def differently(theirs: Iterable[str], ours: Iterable[str]) -> tuple[str, str] | None:
-    """Of a resource that two sides declare differently both signatures; None: of none."""
+    """Return both signatures of a resource that two sides declare differently; None: of none."""
     own = {each.partition("(")[0]: each for each in ours}
     pairs = ((each, own.get(each.partition("(")[0], each)) for each in theirs)
     return next((pair for pair in pairs if pair[0] != pair[1]), None)
 
 
 def declared(name: str) -> Resource | None:
-    """The resource of a name, if it is declared by what is installed or has been imported."""
+    """Return a resource that is declared by an installed or imported module, else None."""
     load_all()
     return _declared.get(name)
 
@@ -178,4 +172,4 @@ WHEELS = declare(
         command_key="robot/cmd/{instance}",
     )
 )
-"""The robot's motion. The robot agent owns the port and obeys whoever holds this."""
+"""The robot's motion. The robot agent owns it and obeys its holder."""

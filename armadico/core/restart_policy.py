@@ -1,4 +1,4 @@
-"""A budget of restarts, as Erlang's supervisors have, and what a loaded machine makes of limits."""
+"""A budget of restarts, as in Erlang's supervisors, and the scaling of timeouts with load."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
+# Exit code of a process with wrong arguments, or with a conflicting instance: a restart would fail
+# again. If the process has worked before, its arguments were right and the conflict may end.
 MISUSED: Final = 2
-"""The exit code of a process that was called wrongly, or that another one is in the way of: it
-would be again. A process that has worked as it was called was called rightly, and what is in its
-way may go."""
 
+# The largest scaling of timeouts on a loaded machine. A hanging process must be detected there too,
+# and light processes are scheduled soon even where many wait.
 SLOWEST: Final = 2.5
-"""A loaded machine multiplies limits by this at most: a process that hangs must be found there
-too, and light processes are scheduled soon even where many wait."""
 
 
 def slower(load: float) -> float:
-    """How many times as long everything takes on a machine of this load (runnable per core)."""
+    """Return the factor for timeouts at a load (runnable processes per core)."""
     return min(max(1.0, load), SLOWEST)
 
 
@@ -29,7 +28,7 @@ class Budget:
     within_s: float = 30.0
 
     def left(self, spent: deque[float], now: float) -> int:
-        """How many are left, by when the others were; those that count no more are dropped."""
+        """Return how many restarts are left; old times are removed from `spent` (s)."""
         while spent and spent[0] <= now - self.within_s:
             spent.popleft()
         return self.restarts - len(spent)

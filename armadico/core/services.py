@@ -1,11 +1,10 @@
-"""The table of services: which message goes by which key, how often, and how long it is fresh.
+"""The table of services: each message's key, rate and freshness.
 
-Freshness checks and the protocol page are drawn from it. Here are the framework's own rows; every
-other message has its row beside it, added when its module is imported. The modules of a package
-that has messages are named by its entry points in the group `armadico.messages`, and the whole
-table (`services`) reads all that are installed. Which agents provide and request a service is
-not here: that is in their classes and on their cards. A resource needs no row: its keys come from
-its declaration (`armadico.core.resources.Resource`).
+Freshness checks and the protocol page use it. The framework's own rows are here; every other
+message has its row beside it, added when its module is imported. A package names its modules of
+messages by entry points in the group `armadico.messages`; the whole table (`services`) imports all
+that are installed. Agents' classes and cards have which of them provide and request a service. A
+resource needs no row: its keys come from its declaration (`armadico.core.resources.Resource`).
 """
 
 from __future__ import annotations
@@ -23,8 +22,7 @@ from armadico.core.cycles import PERIOD
 from armadico.core.installed import load_all
 from armadico.core.resources import declared
 
-QUIET_S: Final = 0.5
-"""Who looks on, from a machine that may be busy, takes nobody for silent sooner."""
+QUIET_S: Final = 0.5  # shortest timeout of an observer, whose machine may be busy, s
 
 
 class Kind(Enum):
@@ -32,27 +30,27 @@ class Kind(Enum):
 
     STATE = "state"  # the latest value replaces the one before
     EVENT = "event"  # each one counts: queued, bounded, never merged
-    LATCHED = "latched"  # everybody remembers the newest, by its counter (armadico.core.latched)
-    QUERY = "query"  # answered when asked
+    LATCHED = "latched"  # every agent stores the newest, by its counter (armadico.core.latched)
+    QUERY = "query"  # a request and its reply
 
 
 class Gathering(Protocol):
-    """Makes one message of the newest messages of several publishers."""
+    """Combines the newest messages of several publishers into one message."""
 
     def describe(self, description: m.Description) -> None:
-        """Take which publishers the robot has."""
+        """Set the expected publishers by the robot's description."""
 
     def counts(self, message: Any) -> bool:
-        """Whether its publisher is one of them."""
+        """Return whether the message's publisher is expected."""
 
     def newest(self, message: Any) -> m.Message | None:
-        """The newest message by the publisher of this one."""
+        """Return the newest message of this message's publisher."""
 
     def update(self, message: Any) -> m.Message | None:
-        """Take one that is newer than its publisher's last; all in one, None if any is missing."""
+        """Add a newer message; return the combined one, or None if a publisher is missing."""
 
     def missing(self, fresh: Callable[[m.Cycle], bool]) -> str:
-        """The name of the first publisher without a fresh message; empty if there is none."""
+        """Return the name of the first publisher without a fresh message; "" if there is none."""
 
 
 @dataclass(frozen=True)
@@ -62,37 +60,37 @@ class Service:
     message: type[m.Message]
     key: str
     kind: Kind
-    rate_hz: float | None  # as promised by whoever provides it; None: as it happens
+    rate_hz: float | None  # of each publisher; None: irregular
     fresh_cycles: int | None  # older than this in cycles is stale; None: no cycle, never stale
     meaning: str
     reply: type[m.Message] | None = None
     watchers_only: bool = False
     gather: Callable[[], Gathering] | None = None
-    """Makes one message of those of several publishers: an agent is given that one."""
+    """Combines the messages of several publishers into one, which agents receive."""
 
     @property
     def pattern(self) -> str:
-        """The key expression that catches every publisher's key."""
+        """The key expression that matches every publisher's key."""
         return "/".join("*" if "{" in chunk else chunk for chunk in self.key.split("/"))
 
     @property
     def deadline_s(self) -> float | None:
-        """The longest silence that the row allows, s; None: it may be silent for ever.
+        """The longest time between two messages, s; None: unlimited.
 
-        Only what is published all the time has one: claims and commands end with a tenure. Where no
-        freshness is promised it is two periods.
+        Only periodic states have one, as claims and commands end with a tenure. Without
+        `fresh_cycles` it is two periods.
         """
         if self.kind is not Kind.STATE or self.rate_hz is None:
             return None
         return max((self.fresh_cycles or 0) * PERIOD, 2.0 / self.rate_hz)
 
     @property
-    def tells_s(self) -> float:
-        """A message older than this tells whoever looks on nothing of now, s."""
+    def stale_after_s(self) -> float:
+        """The age from which a message is stale for an observer, s."""
         return inf if self.deadline_s is None else max(self.deadline_s, QUIET_S)
 
     def key_for(self, **names: str) -> str:
-        """The key of one publisher. Raises KeyError if a name is missing."""
+        """Return the key of one publisher. Raises KeyError if a name is missing."""
         return self.key.format(**names)
 
 
@@ -101,12 +99,12 @@ _S, _E, _L, _Q = Kind.STATE, Kind.EVENT, Kind.LATCHED, Kind.QUERY
 _rows: list[Service] = [
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
-    Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; anyone may"),
-    Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid, made public"),
-    Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "what the owner obeys and refuses by"),
+    Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; any process may"),
+    Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid"),
+    Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "the obeyed and the largest ballot"),
     Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
     Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "the same, for the wheels"),
-    Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "who, where, what", m.Card),
+    Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "identity, offers", m.Card),
     Service(m.Ask, "agent/{name}/{instance}/bids", _Q, None, None, "recent bids", m.BidHistory),
     Service(
         m.ParametersRequest,
@@ -114,20 +112,22 @@ _rows: list[Service] = [
         _Q,
         None,
         None,
-        "what may be changed live; change it",
+        "the parameters that may be changed live; change them",
         reply=m.ParametersReply,
     ),
-    Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "it was changed"),
-    Service(m.Tuning, "tuning", _L, None, None, "all that was changed so, remembered"),
-    Service(m.MonitorReport, "monitor/{instance}", _S, 1, None, "who is missing, and who acts"),
-    Service(m.Log, "log/{instance}", _E, None, None, "lines for people"),
+    Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "a changed one"),
+    Service(m.Tuning, "tuning", _L, None, None, "all parameters that were changed live"),
+    Service(
+        m.MonitorReport, "monitor/{instance}", _S, 1, None, "missing agents; which monitor acts"
+    ),
+    Service(m.Log, "log/{instance}", _E, None, None, "log lines for people"),
     Service(
         m.JournalPiece,
         "journal/{instance}",
         _E,
         None,
         None,
-        "what enters and leaves an agent, if it was asked to keep it",
+        "an agent's inputs and outputs, if it keeps a journal",
         watchers_only=True,
     ),
     Service(
@@ -136,7 +136,7 @@ _rows: list[Service] = [
         _Q,
         None,
         None,
-        "a piece of it again, while it is kept",
+        "a piece of it, while the agent keeps it",
         reply=m.JournalPiece,
     ),
 ]
@@ -147,12 +147,11 @@ _by_message: dict[type[m.Message], Service] = {
 
 CARD = next(s for s in _rows if s.key.endswith("/card"))
 BIDS = next(s for s in _rows if s.key.endswith("/bids"))
-TOKEN = "agent/{name}/{instance}"
-"""The liveliness token's key: who is alive."""
+TOKEN = "agent/{name}/{instance}"  # the key of a live instance's liveliness token
 
 
 def register(service: Service) -> Service:
-    """Add a row for a message of one's own. Raises ValueError if the message or the key has one."""
+    """Add a row. Raises ValueError if the message or the key has another one."""
     known = _by_message.get(service.message)
     if known is not None and known != service:
         raise ValueError(f"{service.message.__name__} already travels on {known.key}")
@@ -170,10 +169,7 @@ def register(service: Service) -> Service:
 
 
 def services() -> tuple[Service, ...]:
-    """The whole table: the rows of all messages that are installed or have been imported.
-
-    The framework's first, then by module: in whatever order they were imported.
-    """
+    """Return the rows of all installed or imported messages: the framework's, then by module."""
     load_all()
     own = m.__name__
     return tuple(
@@ -191,7 +187,7 @@ def state(
     watchers_only: bool = False,
     gather: Callable[[], Gathering] | None = None,
 ) -> Service:
-    """Add a row of which the newest replaces the one before."""
+    """Add a row of a state."""
     return register(
         Service(
             message,
@@ -214,24 +210,24 @@ def event(
     rate_hz: float | None = None,
     fresh_cycles: int | None = None,
 ) -> Service:
-    """Add a row of which each message counts."""
+    """Add a row of an event."""
     return register(Service(message, key, Kind.EVENT, rate_hz, fresh_cycles, meaning))
 
 
 def latch(
     message: type[m.Latched], key: str, meaning: str, *, rate_hz: float | None = None
 ) -> Service:
-    """Add a row of which every agent keeps the newest (`armadico.core.latched`)."""
+    """Add a row of a latched state (`armadico.core.latched`)."""
     return register(Service(message, key, Kind.LATCHED, rate_hz, None, meaning))
 
 
 def query(message: type[m.Message], key: str, reply: type[m.Message], meaning: str) -> Service:
-    """Add a row of a request that is answered."""
+    """Add a row of a query."""
     return register(Service(message, key, Kind.QUERY, None, None, meaning, reply=reply))
 
 
 def service_of(message: type[m.Message]) -> Service:
-    """The row of a message type. Raises KeyError with advice if there is none."""
+    """Return the row of a message type. Raises KeyError if there is none."""
     try:
         return _by_message[message]
     except KeyError:
@@ -243,9 +239,10 @@ def service_of(message: type[m.Message]) -> Service:
 
 @cache
 def derived(kind: type[m.Message]) -> tuple[type[m.Message], ...]:
-    """What a type stands for in an agent's `hears`: itself, or all installed that derive from it.
+    """Return the message types that a type in an agent's `receives` means.
 
-    A base has neither a row nor fields of its own. If none derives from it, it stands for nothing.
+    A type with a row or fields means itself. Another one is a base: it means all installed types
+    that derive from it, which may be none.
     """
     if kind in _by_message or kind.__struct_fields__:
         return (kind,)
@@ -253,18 +250,18 @@ def derived(kind: type[m.Message]) -> tuple[type[m.Message], ...]:
 
 
 def rows_of(message: type[m.Message]) -> tuple[Service, ...]:
-    """All rows of a message type; most have one. Raises KeyError if there is none."""
+    """Return all rows of a message type; most have one. Raises KeyError if there is none."""
     rows = tuple(service for service in _rows if service.message is message)
     return rows or (service_of(message),)
 
 
 def service_at(key: str) -> Service | None:
-    """The row of the table that a key belongs to, at its resource's own rate; None: of no row."""
+    """Return the row of a key, with its resource's own rate; None if there is none."""
     service = _row_at(key)
     if service is None or "{resource}" not in service.key:
         return service
     resource = declared(key.split("/")[1])
-    if resource is None:  # somebody else's, who alone knows how long its cycles are
+    if resource is None:  # not installed here: the duration of its cycles is unknown
         return replace(service, rate_hz=None)
     return service if resource.period_s is None else replace(service, rate_hz=1 / resource.period_s)
 
@@ -275,12 +272,11 @@ def _row_at(key: str) -> Service | None:
 
 
 def latched() -> tuple[Service, ...]:
-    """The rows of all latched states that are known."""
     return tuple(s for s in services() if s.kind is Kind.LATCHED)
 
 
 def message_types() -> list[type[m.Message]]:
-    """Every type of message that is installed, in the order of their modules; no base of others."""
+    """Return all installed message types in the order of their modules, without bases."""
     modules = dict.fromkeys([m.__name__, *(row.message.__module__ for row in services())])
     return [
         kind
@@ -294,7 +290,7 @@ def message_types() -> list[type[m.Message]]:
 
 
 def matches(pattern: str, key: str) -> bool:
-    """Whether a key expression of whole chunks, `*` and `**` catches a key, or one of another's."""
+    """Return whether a key expression of chunks, `*` and `**` intersects a key or another one."""
     return _meet(pattern.split("/"), key.split("/"))
 
 

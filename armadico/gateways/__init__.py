@@ -1,1 +1,1 @@
-"""What shows a society to other tools: a web page, Foxglove, ROS 2."""
+"""Gateways from a society to other tools: a web page, Foxglove, ROS 2."""

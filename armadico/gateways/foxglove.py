@@ -1,7 +1,7 @@
-"""A society served to Foxglove, by its WebSocket protocol: every robot's samples on one server.
+"""The Foxglove gateway: samples of all robots on one WebSocket server.
 
-The samples are those of the translators that are installed; Foxglove's SDK carries them. Who looks
-has no effect on anybody: a client that is slow loses samples, its own alone.
+The samples are those of the installed translators, sent with Foxglove's SDK. A slow client loses
+samples, without effect on agents and other clients.
 """
 
 from __future__ import annotations
@@ -12,40 +12,37 @@ from typing import TYPE_CHECKING, Final
 import foxglove
 from foxglove.websocket import Capability, ServerListener
 
-from armadico.gateways.gateway import Asked
+from armadico.gateways.gateway import ReceivedGoal
 from armadico.observe.translators import Channel, Sample
 
 if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client, ClientChannel
 
-ENCODINGS: Final = ("cdr", "json")
-"""In which goals are taken."""
-
-WAITING: Final = 64
-"""Goals that may wait for their gateway; what a client sends beyond them is dropped."""
+ENCODINGS: Final = ("cdr", "json")  # of goals
+WAITING: Final = 64  # goals that may wait for their gateway; further ones are dropped
 
 
 class ServerError(Exception):
-    """It cannot be served; the message says why, and what to do."""
+    """The server cannot start; the message has the reason and what to do."""
 
 
 class Server(ServerListener):
-    """A WebSocket server; callbacks come on threads of the SDK's."""
+    """A WebSocket server; its callbacks run on threads of the SDK."""
 
     def __init__(self, name: str, address: str, port: int, goals: Sequence[str]) -> None:
-        """Listen at once. Raises ServerError.
+        """Start to listen. Raises ServerError.
 
         Args:
-            name: What viewers call it.
-            address: Where it listens; 127.0.0.1 is for programs of this machine only.
-            port: A port, 0: one that is free.
+            name: Shown by viewers.
+            address: To listen on; 127.0.0.1 is for programs on this machine only.
+            port: A port; 0 selects a free one.
             goals: The topics that clients may publish on.
         """
         self._context = foxglove.Context()
         self._goals = frozenset(goals)
         self._channels: dict[str, foxglove.Channel] = {}
         self._advertised: dict[tuple[int, int], ClientChannel] = {}
-        self._asked: list[Asked] = []
+        self._pending: list[ReceivedGoal] = []
         self._watched: list[set[str]] = []
         try:
             self._server = foxglove.start_server(
@@ -58,7 +55,7 @@ class Server(ServerListener):
                 context=self._context,
             )
         except (RuntimeError, OverflowError, ValueError) as error:
-            hint = "; --port 0 takes one that is free" if "in use" in str(error) else ""
+            hint = "; --port 0 selects a free one" if "in use" in str(error) else ""
             raise ServerError(f"cannot listen on {address}, port {port}: {error}{hint}") from None
 
     @property
@@ -66,31 +63,30 @@ class Server(ServerListener):
         return self._server.port
 
     def close(self) -> None:
-        """Stop listening, and let everybody go."""
+        """Stop listening, and disconnect all clients."""
         self._server.stop()
 
     def publish(self, sample: Sample, at: int) -> None:
-        """Send a sample to whoever has subscribed to its topic."""
         self._channels[sample.channel.topic].log(sample.data, log_time=at)
 
     def offer(self, channel: Channel) -> None:
-        """Show a topic, once."""
+        """Advertise a topic, once."""
         if channel.topic not in self._channels:
-            self._channels[channel.topic] = self._made(channel)
+            self._channels[channel.topic] = self._make_channel(channel)
 
     def watched(self) -> set[str]:
-        """A set to which the topics are added that somebody subscribes to."""
+        """A new set, to which each topic is added when a client subscribes to it."""
         self._watched.append(set())
         return self._watched[-1]
 
-    def asked(self, topic: str) -> list[Asked]:
-        """Goals for a topic that have come since this was last asked."""
-        found = [each for each in self._asked if each.topic == topic]
+    def goals(self, topic: str) -> list[ReceivedGoal]:
+        """The goals received on a topic since the last call."""
+        found = [each for each in self._pending if each.topic == topic]
         for each in found:
-            self._asked.remove(each)
+            self._pending.remove(each)
         return found
 
-    def _made(self, what: Channel) -> foxglove.Channel:
+    def _make_channel(self, what: Channel) -> foxglove.Channel:
         schema = foxglove.Schema(
             name=what.schema, encoding=what.schema_encoding, data=what.definition.encode()
         )
@@ -118,15 +114,17 @@ class Server(ServerListener):
 
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
         channel = self._advertised.get((client.id, client_channel_id))
-        if channel is not None and len(self._asked) < WAITING:
-            self._asked.append(Asked(channel.topic, data, channel.encoding, channel.schema_name))
+        if channel is not None and len(self._pending) < WAITING:
+            self._pending.append(
+                ReceivedGoal(channel.topic, data, channel.encoding, channel.schema_name)
+            )
 
 
 class Served:
-    """One robot's outside: its samples, the latched ones again for whoever comes."""
+    """One robot's `Outside`; a new subscriber receives the latched samples again."""
 
     def __init__(self, server: Server, channels: Iterable[Channel], goals: Iterable[str]) -> None:
-        """`channels` are shown though nothing is said yet; `goals` are the robot's topics."""
+        """`channels` are advertised at once; `goals` are the robot's topics."""
         self._server = server
         self._goals = tuple(goals)
         self._kept: dict[str, tuple[Sample, int]] = {}
@@ -139,9 +137,9 @@ class Served:
             self._kept[sample.channel.topic] = sample, at
         self._server.publish(sample, at)
 
-    def asked(self) -> list[Asked]:
+    def goals(self) -> list[ReceivedGoal]:
         while self._watched:
             kept = self._kept.get(self._watched.pop())
             if kept is not None:
                 self._server.publish(*kept)
-        return [goal for topic in self._goals for goal in self._server.asked(topic)]
+        return [goal for topic in self._goals for goal in self._server.goals(topic)]

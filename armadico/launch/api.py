@@ -1,4 +1,4 @@
-"""A run from Python, for notebooks and tests: `armadico.run` and what it gives back."""
+"""Runs from Python, for notebooks and tests: `armadico.run` and its result."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 
 class Holding(NamedTuple):
-    """For how long one agent was obeyed without a break, in s since the run began.
+    """An interval in which one agent drove, s since the run began.
 
     Attributes:
-        agent: Who drove.
-        start: When it began to.
-        end: When another took over, or nobody drove.
+        agent: The name of the agent.
+        start: The first command that was obeyed.
+        end: The first moment when another agent or no agent drove.
     """
 
     agent: str
@@ -43,16 +43,16 @@ class Holding(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """One run that is over.
+    """One finished run.
 
     Attributes:
-        scenario: What was driven.
-        measures: The measures of thesis 5.1, and whether the goal was reached and what was touched.
-        marks: Each cycle: when, where (the true pose if it is known), and who was obeyed.
+        scenario: The scenario.
+        measures: The measures of thesis 5.1, whether the goal was reached, and collisions.
+        marks: For each cycle the time, the pose (the true one if known) and the obeyed agent.
         waypoints: The trajectory, the goal last: x, y in m and a heading in rad.
-        echoes: Where the sonars heard something, m, in the world.
-        warnings: What went wrong meanwhile, in lines for people.
-        grid: The map made by driving, if a mapping agent took part.
+        echoes: The points of sonar echoes in the world, m.
+        warnings: Warnings of the run, one line each.
+        grid: The map of the mapping agent, if it took part.
     """
 
     scenario: Scenario
@@ -65,27 +65,26 @@ class Run:
 
     @classmethod
     def of(cls, scenario: Scenario, watch: RunWatch, warnings: Sequence[str] = ()) -> Run:
-        """What a watch has seen."""
-        seen = (tuple(watch.path), watch.waypoints, tuple(watch.echoes))
-        return cls(scenario, watch.result(), *seen, tuple(warnings), watch.grid)
+        watched = (tuple(watch.path), watch.waypoints, tuple(watch.echoes))
+        return cls(scenario, watch.result(), *watched, tuple(warnings), watch.grid)
 
     @cached_property
     def times(self) -> NDArray[np.float64]:
-        """When each pose of `path` was, in s since the run began."""
+        """The time of each pose of `path`, s since the run began."""
         import numpy as np
 
         return np.array([mark.t - self.marks[0].t for mark in self.marks])
 
     @cached_property
     def path(self) -> NDArray[np.float64]:
-        """The poses, a row each: x and y in m, the heading in rad, in the world."""
+        """The poses in the world, (n, 3): x and y in m, the heading in rad."""
         import numpy as np
 
         return np.array([(m.x, m.y, m.theta) for m in self.marks]).reshape(-1, 3)
 
     @cached_property
     def holders(self) -> tuple[Holding, ...]:
-        """Who drove when, in order; between two holdings nobody may have been obeyed."""
+        """The driving agents in order; between two holdings there may be a gap."""
         found: list[Holding] = []
         before: str | None = None
         for mark in self.marks:
@@ -98,7 +97,7 @@ class Run:
         return tuple(found)
 
     def plot(self, file: str | Path) -> Path:
-        """Draw the world and the path in it, coloured by who drove, as a PNG; returns its path.
+        """Draw the world and the path, coloured by driving agent, as a PNG; returns the file.
 
         Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
         """
@@ -106,16 +105,16 @@ class Run:
         return Path(file)
 
     def animate(self, file: str | Path, *, speed: float | None = None) -> Path:
-        """Film the run: the robot drives again, and leaves its path behind it; returns its path.
+        """Write a film of the robot and its path; returns the file.
 
         Args:
-            file: A .gif, or an .mp4 where ffmpeg is on the path.
-            speed: How many times as fast as it happened; by default a film takes 12 s.
+            file: A .gif, or an .mp4 if ffmpeg is on the path.
+            speed: Factor to real time; by default the film takes 12 s.
 
         Raises:
-            ValueError: A file of another kind, or a speed that is none.
-            OSError: The file cannot be written; of an .mp4, there is no ffmpeg.
-            ImportError: There is no matplotlib (`pip install 'armadico[plot]'`).
+            ValueError: A file of another kind, or an invalid speed.
+            OSError: The file cannot be written, or ffmpeg is missing.
+            ImportError: matplotlib is missing (`pip install 'armadico[plot]'`).
         """
         from armadico.config.worlds import load_world
         from armadico.observe.films import film_run
@@ -136,7 +135,7 @@ class Run:
 
         mapped = None
         if self.grid is not None:
-            with suppress(ValueError):  # what came on the mesh may be no map
+            with suppress(ValueError):  # the published map may be invalid
                 mapped = cells_of(self.grid)
         goal = self.scenario.goal
         first = self.marks[0] if self.marks else None
@@ -145,7 +144,7 @@ class Run:
             start=self.scenario.start if first is None else (first.x, first.y, first.theta),
             goal=goal,
             body=load_profile(self.scenario.robot).body,
-            waypoints=self.waypoints[:-1] if self.grid is None else (),  # else the last of many
+            waypoints=self.waypoints[:-1] if self.grid is None else (),  # exploring has many
             echoes=self.echoes,
             title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
             caption=(self.measures.verdict,),
@@ -176,63 +175,62 @@ def run(
     progress: Callable[[RunWatch], None] | None = None,
     show: bool = False,
 ) -> Run:
-    """Drive one scenario from start to goal; what `armadico run` does, without a word.
+    """Drive one scenario from start to goal, as `armadico run` does, without output.
 
         done = armadico.run("sc4", virtual=True, seed=7)
         done.measures.reached, done.measures.tt_s      # True, and the time it took in s
         done.path                                      # x, y, theta: m, m, rad; a row a cycle
         [(h.agent, h.end - h.start) for h in done.holders]
 
-    Virtual, the whole society is in this process under a virtual clock, and the same seed gives the
-    same run. Otherwise simulator, robot agent and every agent are processes of their own on this
-    machine; it takes as long as it takes, and however it ends they are taken down.
+    A virtual run has the whole society in this process under a virtual clock, and the same seed
+    gives the same run. Otherwise the simulator and every agent are processes on this machine. They
+    are ended at the end of the run, also after an error.
 
-    A goal that is not reached is no error: `measures.reached` says so.
+    A goal that is not reached is not an error: `measures.reached` is False.
 
     Args:
         scenario: A shipped scenario's name, a TOML file, or a `Scenario`.
         virtual: Under a virtual clock, or as processes.
-        seed: Of all that is random; by default the scenario's.
-        start: Pose to start from (x, y, theta) in m, m, rad; by default the scenario's.
-        goal: Pose to drive to, likewise; without any, the robot is sent nowhere.
-        limit: How long it may take, s; by default 5 times the way over 0.3 m/s, at least 60 s.
-        without: Agents that take no part: a name, or several.
-        besides: Agents that take part, too, likewise; installed.
-        sensors: How well the simulated robot senses, real or ideal (by default as the scenario
-            says). With ideal ones the localization agents take no part.
-        redundant: Two of each behaviour, whatever the scenario says.
-        joins: Classes of yours that take part too, installed or not; in virtual runs.
+        seed: Seed of random numbers; by default the scenario's.
+        start: Start pose (x, y, theta) in m, m, rad; by default the scenario's.
+        goal: Goal pose, likewise.
+        limit: Time limit, s; by default 5 times the path length at 0.3 m/s, at least 60 s.
+        without: Agents to leave out: a name, or several.
+        besides: Installed agents to add, likewise.
+        sensors: Sensors of the simulated robot, real or ideal; by default the scenario's. With
+            ideal sensors the localization agents are left out.
+        redundant: Two of each behaviour.
+        joins: Agent classes that take part in a virtual run, installed or not.
         controller: Goto's: fast, precise, collaborative or brisk.
         exchange: How resources change hands: smooth or abrupt.
         parameters: A set of agents' parameters: thesis, brisk, or a TOML file.
-        profile: The make of robot: a shipped profile's name, or a TOML file.
-        robot: The URL of a robot that is there already, serial:// or tcp://; none: a simulator.
+        profile: The robot's profile: a shipped name, or a TOML file.
+        robot: The address of a real robot, serial:// or tcp://; None: a simulator.
         namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.
-        connect: Endpoints by which the processes find one another; by default this machine's own.
-        progress: Called now and then with what has been seen so far.
-        show: Draw it below the cell of a notebook, when it is over.
+        connect: Endpoints by which the processes connect; by default this machine's own.
+        progress: Called regularly with the state of the run.
+        show: Draw the run below the cell of a notebook at the end.
 
     Raises:
-        ConfigError: The scenario, or something in it, cannot be used; the text has file and line.
-            Also a pose that has not three numbers, or whose heading is not in rad.
-        UnknownNameError: No such agent is installed.
-        AgentFailedError: An agent's own code raised, in a virtual run; with file and line.
-        MissionRefusedError: There is no way, or the robot's pose is not known.
-        AbsentError: No agent that takes missions is alive.
+        ConfigError: The scenario cannot be used, with file and line; or a pose is invalid, or its
+            heading is not in rad.
+        UnknownNameError: An agent is not installed.
+        AgentFailedError: An agent's own code raised in a virtual run; with file and line.
+        MissionRefusedError: There is no path, or the robot's pose is not known.
+        AbsentError: No agent that accepts missions is alive.
         RunFailedError: A process did not start, or the robot is silent; with its last log lines.
         MeshError: The mesh cannot be joined.
-        TopologyError: A namespace or an endpoint that cannot be one.
-        ValueError: A limit that is none; `robot`, `namespace` or `connect` for a virtual run;
-            `joins` for another, where an agent is a process, found by its entry point; `show`
-            elsewhere than in a notebook.
+        TopologyError: An invalid namespace or endpoint.
+        ValueError: An invalid limit; `robot`, `namespace` or `connect` in a virtual run; `joins`
+            in another one; `show` outside a notebook.
         ImportError: `show` without matplotlib (`pip install 'armadico[plot]'`).
     """
     if virtual and (robot or namespace or connect):
-        raise ValueError("robot, namespace and connect are for what is really there, not virtual")
+        raise ValueError("robot, namespace and connect are for live runs; leave out virtual=True")
     if joins and not virtual:
         raise ValueError("joins is for virtual runs; processes are found by their entry points")
     if limit is not None and not 0.0 < limit < inf:
-        raise ValueError(f"limit {limit:g}: expected seconds, more than none")
+        raise ValueError(f"limit {limit:g}: expected more than 0 seconds")
     display = _display() if show else None
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     options = Options(
@@ -276,14 +274,14 @@ def run(
 
 
 def _display() -> Callable[..., Any]:
-    """What draws below a notebook's cell; it is asked for before the robot moves.
+    """IPython's function that displays below a cell; checked before the robot moves.
 
-    Raises ValueError where there is no notebook, and ImportError where nothing can draw.
+    Raises ValueError outside a notebook, and ImportError without matplotlib.
     """
-    # A terminal's IPython has no kernel, and shows no pictures.
+    # IPython in a terminal has no kernel and shows no pictures.
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     if not hasattr(shell, "kernel"):
-        raise ValueError("show draws in a notebook; elsewhere: plot('run.png') of what run returns")
+        raise ValueError("show needs a notebook; elsewhere call plot('run.png') of the result")
     import matplotlib as _  # noqa: F401 - an extra
     from IPython.display import display
 

@@ -1,4 +1,4 @@
-"""A run of a society that others have started, on whatever machines: nobody is started or ended."""
+"""A run with a society that is already running, on any machines; it starts and ends no agent."""
 
 from __future__ import annotations
 
@@ -21,34 +21,33 @@ if TYPE_CHECKING:
     from armadico.mesh.base import Mesh
 
 COME_S: Final = 30.0
-"""What the agents may take to be there."""
+"""Time for all agents to be alive."""
 
-SAY_S: Final = 1.0
-"""Agents that are not alive by then are named as waited for."""
+REPORT_S: Final = 1.0
+"""After this time missing agents are reported."""
 
 STOP_S: Final = 3.0
-"""What the robot agent may take to confirm the stop."""
+"""Time for the robot agent to confirm the stop."""
 
 EMPTY: Final = "empty"
-"""The world of agents that were launched without any."""
+"""The world of agents that were launched without one."""
 
 AWAY_M: Final = 0.5
-"""A robot farther than this from the scenario's start is reported as elsewhere."""
+"""Distance from the scenario's start above which a warning is printed."""
 
 
 class AttachedRun(LiveRun):
-    """Watches a society that is up. Unless the goal is reached, it leaves the robot stopped.
+    """Drives with a running society. Unless the goal is reached, it leaves the robot stopped.
 
-    A robot that has been sent elsewhere meanwhile drives on.
-
-    A mission of several tasks that is over, cancelled say, leaves the robot to those after it.
+    It does not stop the robot if another mission has replaced its own, or if a mission of several
+    tasks has ended, for example because it was cancelled.
     """
 
     mode = ATTACHED
     come_s: float = COME_S
 
     def __init__(self, scenario: Scenario, options: Options, mesh: Mesh, **more: float) -> None:
-        """Prepare; of a mission those are waited for whom `armadico up MISSION` starts."""
+        """A mission needs only the agents that `armadico up MISSION` starts."""
         taking = scenario if scenario.mission is None else least(scenario)
         super().__init__(taking, options, mesh, **more)
 
@@ -58,10 +57,10 @@ class AttachedRun(LiveRun):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop the robot, by the latch, if its mission was begun and not ended."""
+        """Stop the robot by the latched stop, if its mission has begun and not ended."""
         watch = self.watch
-        if watch.replaced:  # the robot drives for another
-            self._warn("the robot drives on: its mission is another one")
+        if watch.replaced:
+            self._warn("the robot continues: another mission has replaced this one")
             return
         if not watch.mission or (watch.done and (not watch.failed or watch.tasks is not None)):
             return
@@ -72,21 +71,21 @@ class AttachedRun(LiveRun):
                 self._warn(f"{failure}; `armadico stop` tries again")
             else:
                 self._warn("the robot is stopped; `armadico resume` releases it")
-        if self.scenario.mission is not None:  # on the board, which outlives who ordered it
+        if self.scenario.mission is not None:  # it stays on the board
             self._warn(
-                "its mission goes on then, unless it is cancelled: `armadico mission cancel"
+                "its mission continues then, unless you cancel it: `armadico mission cancel"
                 f" {watch.mission}`"
             )
 
     def start(self) -> None:
-        """Wait until all agents are alive. Raises RunFailedError if one does not come."""
+        """Wait until all agents are alive. Raises RunFailedError at the timeout."""
         began = self.client.mesh.now()
-        if not self.client.wait_for(self._complete, SAY_S):
-            self._check_world()  # an agent of another world's scenario is waited for in vain
+        if not self.client.wait_for(self._complete, REPORT_S):
+            self._check_world()  # in the society of another world some agents will never come
             self._warn(f"waiting for {self._lacking()}")
-        if not self.client.wait_for(self._complete, self.come_s - SAY_S):
+        if not self.client.wait_for(self._complete, self.come_s - REPORT_S):
             raise RunFailedError(
-                f"not there within {self.client.mesh.now() - began:.0f} s: {self._lacking()};"
+                f"missing after {self.client.mesh.now() - began:.0f} s: {self._lacking()};"
                 " `armadico up` on its machine starts an agent, `armadico ps` lists alive agents"
             )
         self._check_world()
@@ -98,33 +97,33 @@ class AttachedRun(LiveRun):
     def _lacking(self) -> str:
         if missing := self._missing():
             return ", ".join(missing)
-        cards = (self.client.card(*who) for who in self._robots())
+        cards = (self.client.card(*robot) for robot in self._robots())
         faults = [card.fault for card in cards if card is not None and card.fault]
-        return f"the robot: {faults[0] if faults else 'its agent is there, and says nothing'}"
+        return f"the robot: {faults[0] if faults else 'its agent is alive but publishes nothing'}"
 
     def _check_world(self) -> None:
-        """Raise RunFailedError if agents were launched with the map of another world."""
+        """Raises RunFailedError if agents were launched with the map of another world."""
         mine = Path(self.scenario.world).stem
         known = {card.world for card in self.client.cards().values() if card is not None}
         others = sorted(known - {"", EMPTY, mine})
         if others:
             raise RunFailedError(
-                f"the society is up in the world {others[0]!r}, and {self.scenario.name} is in"
+                f"the society runs in the world {others[0]!r}, but {self.scenario.name} is in"
                 f" {mine!r}; drive a scenario of {others[0]!r}, or end the society"
-                f" (`armadico down`) and start it anew (`armadico up {self.scenario.name}`)"
+                f" (`armadico down`) and start it again (`armadico up {self.scenario.name}`)"
             )
 
     def _check_robot(self) -> None:
         robots = [instance for _, instance in self._robots()]
         if len(robots) > 1:
             raise RunFailedError(
-                f"{len(robots)} robot agents are in the namespace: {', '.join(robots)}; end one,"
-                " or name another namespace: --namespace NAME"
+                f"{len(robots)} robot agents in the namespace: {', '.join(robots)}; end one, or"
+                " use --namespace NAME"
             )
         state = self.client.latest(RobotState)
         if state is not None and state.stop.stopped:
             how = release(state.stop, motors=state.motors)
-            raise RunFailedError(f"the robot is stopped by {state.stop.who}; {how}")
+            raise RunFailedError(f"the robot is stopped by {state.stop.requester}; {how}")
         here = self.watch.here
         if here is None:
             return
@@ -132,5 +131,5 @@ class AttachedRun(LiveRun):
         if hypot(here[0] - x, here[1] - y) > AWAY_M:
             self._warn(
                 f"the robot is at ({here[0]:.2f}, {here[1]:.2f}), not at the scenario's start"
-                f" ({x:g}, {y:g}): it is measured from there"
+                f" ({x:g}, {y:g}); the measures begin there"
             )

@@ -1,7 +1,6 @@
-"""A run as real processes on this machine: simulator, robot agent and every agent, on Zenoh.
+"""A run as real processes on this machine: the simulator and every agent, on Zenoh.
 
-The launcher starts them, hands the mission over, watches, and takes everything down again, whatever
-happens.
+The launcher starts them, sends the mission, watches, and ends everything, also after an error.
 """
 
 from __future__ import annotations
@@ -24,21 +23,21 @@ if TYPE_CHECKING:
     from armadico.mesh.base import Mesh
 
 ANSWER_S = 10.0
-"""What the robot may take to answer once its agent is alive."""
+"""Time for the robot to answer once its agent is alive."""
 
 ALONE_S = 5.0
-"""What the agents of one of two runs may take to leave."""
+"""Time for the agents of a second run to leave."""
 
 NAMES_S = 3.0
-"""What the name of another society's robot agent may take to be received."""
+"""Time to receive the name of another society's robot agent."""
 
-LOOK_S = 0.1
+POLL_S = 0.1
 
 INSTEAD = (
-    "--attach drives with it, --namespace NAME without; `armadico down` ends what a killed run"
-    " has left"
+    "--attach drives with it, --namespace NAME starts another one; `armadico down` ends the rest"
+    " of a killed run"
 )
-"""What to do about somebody else's society."""
+"""What to do about another society in the namespace."""
 
 
 class Launcher(LiveRun):
@@ -47,7 +46,7 @@ class Launcher(LiveRun):
     Attributes:
         members: The agents that were started.
         table: Their processes, with the simulator's.
-        ended: Those that ended before they were asked to.
+        ended: Processes that ended during the run.
     """
 
     def __init__(
@@ -63,18 +62,9 @@ class Launcher(LiveRun):
         tied: bool = False,
         logs: Path | None = None,
     ) -> None:
-        """Prepare.
+        """`scenario` to `idle_s` are as in `LiveRun`, the others as in `ProcessTable`.
 
-        Args:
-            scenario: As in `LiveRun`, and so are `options`, `mesh`, `silent_s` and `idle_s`.
-            options: What else was chosen for the run.
-            mesh: Where the launcher listens.
-            namespace: The robot's subtree of keys.
-            silent_s: When a silent robot ends the run.
-            idle_s: When unclaimed wheels do.
-            joining: As in `ProcessTable`, and so are `tied` and `logs`.
-            tied: The processes leave when this one is killed.
-            logs: The folder of the logs, shared with other robots; None: one of its own.
+        `logs` is a folder shared with other robots; None: its own.
         """
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
         self.members: tuple[Member, ...] = ()
@@ -103,7 +93,7 @@ class Launcher(LiveRun):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take everything down; the logs stay unless the run passed or a person ended it."""
+        """End everything; the logs stay unless the run passed or Ctrl-C ended it."""
         began = bool(self.processes)
         self.stop()
         well = isinstance(error, KeyboardInterrupt)
@@ -116,15 +106,15 @@ class Launcher(LiveRun):
         progress: Callable[[RunWatch], None] | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> Result:
-        """See `Run`. Wait for the end of another mission that takes the place of this run's.
+        """See `Run`. If another mission replaces this run's, wait until that one ends.
 
-        The processes end with the run, and the mission would with them.
+        Otherwise it would lose its processes, which end with the run.
         """
         result = super().run(progress, warn)
         if self.watch.replaced:
             self._warn(
-                "another mission has taken this run's place; all that the run has started stays"
-                " until that one is over, or until Ctrl-C"
+                "another mission has replaced this run's; the processes stay until it ends, or"
+                " until Ctrl-C"
             )
             while self._under_way():
                 self.wait_on()
@@ -137,7 +127,7 @@ class Launcher(LiveRun):
     # Starting ------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start everything. Raises RunFailedError if others are alive, or one does not start."""
+        """Start everything. Raises RunFailedError if another robot is there, or a start fails."""
         self._refuse_company()
         port = self.options.robot or self.start_simulator()
         self.members = members(self.scenario, self.options, port)
@@ -151,52 +141,51 @@ class Launcher(LiveRun):
         self._refuse_a_second_run()
         if not self._comes(self._ready_to_drive, ANSWER_S):
             raise RunFailedError(
-                f"the robot on {port} did not answer within {ANSWER_S:.0f} s;"
-                f" {self.words_of_the_robot()}"
+                f"the robot on {port} did not answer within {ANSWER_S:.0f} s; {self.robot_advice()}"
             )
 
     def _refuse_company(self) -> None:
-        """A robot that is in the namespace already is not ours to drive."""
+        """Raises RunFailedError if a robot is in the namespace already."""
         self.client.settle()
-        there = self._robots()
-        if there:
+        robots = self._robots()
+        if robots:
             raise RunFailedError(
-                f"a robot is in the namespace {self._namespace!r} already: {there[0][1]}"
-                f" (armadico ps shows whose); {INSTEAD}"
+                f"a robot agent is already in the namespace {self._namespace!r}: {robots[0][1]}"
+                f" (see armadico ps); {INSTEAD}"
             )
 
     def _refuse_a_second_run(self) -> None:
-        """Of two runs that begin together one drives at most, and only with its own agents."""
+        """Raises RunFailedError if another run has started agents at the same time."""
         end = self.now() + ALONE_S
-        seen: set[str] = set()  # a card that came once may be late the next time
-        while strangers := self._others(who for who in self.client.alive if who[0] in self.names):
+        seen: set[str] = set()  # kept, since a card may be late the next time
+        while strangers := self._others(one for one in self.client.alive if one[0] in self.names):
             seen.update(strangers)
-            self._check_alive()  # an encoder agent that finds another leaves
+            self._check_alive()  # an encoder agent that finds another one ends
             if self.now() >= end:
                 raise RunFailedError(
-                    f"others came into the namespace {self._namespace!r} meanwhile:"
-                    f" {', '.join(sorted(seen))}; use another one: --namespace NAME"
+                    f"other agents joined the namespace {self._namespace!r} during the start:"
+                    f" {', '.join(sorted(seen))}; use --namespace NAME"
                 )
-            self.client.wait_for(lambda: None, LOOK_S)
+            self.client.wait_for(lambda: None, POLL_S)
 
     def _others(self, agents: Iterable[tuple[str, str]]) -> list[str]:
-        """Instances of agents, by their names and instances, that somebody else has started."""
+        """The instances among (name, instance) that this launcher has not started."""
         ours = {process.popen.pid for process in self.processes}
-        cards = [self.client.card(*who) for who in sorted(agents)]
+        cards = [self.client.card(*agent) for agent in sorted(agents)]
         return [card.instance for card in cards if card is not None and card.pid not in ours]
 
     def start_simulator(self, port: int = 0) -> str:
-        """Start a simulator on a TCP port, 0: one that is free; returns its URL."""
+        """Start a simulator on a TCP port (0: a free one); returns its address."""
         return self.table.start_simulator(self.scenario, self.options.seed, port).announced()[0]
 
     def start_agent(self, *group: Member, name: str = "") -> Process:
-        """Start an agent as a process, or several as one; by default it is called as the first."""
+        """Start agents as one process, by default with the name of the first."""
         return self.table.start_agents(name or group[0].name, group)
 
     def _comes(self, condition: Callable[[], bool], within: float) -> bool:
-        """Whether something becomes so; without a robot agent nothing arrives, and it is polled.
+        """Whether a condition becomes true in time. Raises RunFailedError if a process has ended.
 
-        Raises RunFailedError if a process has ended.
+        It is polled, since nothing arrives without a robot agent.
         """
 
         def comes() -> bool:
@@ -204,7 +193,7 @@ class Launcher(LiveRun):
             return condition()
 
         end = self.now() + within
-        while not self.client.wait_for(comes, LOOK_S):
+        while not self.client.wait_for(comes, POLL_S):
             if self.now() >= end:
                 return False
         return True
@@ -214,46 +203,46 @@ class Launcher(LiveRun):
     def _check_alive(self) -> None:
         for process in self.processes:
             if process.ended():
-                said = f"{ending(process.popen.returncode)}:\n{process.last_words()}"
+                why = f"{ending(process.popen.returncode)}:\n{process.last_lines()}"
                 if process.popen.returncode == MISUSED:
-                    said += self._company(process.name)
-                raise RunFailedError(f"{process.name} ended with {said}")
+                    why += self._company(process.name)
+                raise RunFailedError(f"{process.name} ended with {why}")
 
     def _company(self, name: str) -> str:
-        """What to say of the society in whose way an agent was; empty if there is none.
+        """A line about another society because of which an agent ended; "" without one.
 
-        The agent may have received tokens and cards that have not come here yet: they are waited
-        for, `NAMES_S` at most.
+        That agent may have received tokens and cards that have not arrived here yet, so this waits
+        up to `NAMES_S` for them.
         """
         found = self.client.wait_for(lambda: self._others(self._robots()), NAMES_S)
         if not found and not any(other == name for other, _ in self.client.alive):
             return ""
-        whose = f", with the robot agent {found[0]}" if found else ""
-        return f"\nA society is up in the namespace {self._namespace!r}{whose}: {INSTEAD}"
+        robot = f", with the robot agent {found[0]}" if found else ""
+        return f"\nA society runs in the namespace {self._namespace!r}{robot}: {INSTEAD}"
 
     def poll(self) -> None:
-        """Say once who has gone.
+        """Report each ended process once.
 
-        Raises RunFailedError if another's agent has taken the place of one.
+        Raises RunFailedError if another society's agent has replaced one.
         """
         for process in self.processes:
             if process.ended() and process not in self.ended:
                 self.ended.add(process)
-                if process.popen.returncode == MISUSED:  # another's of its kind is there
+                if process.popen.returncode == MISUSED:  # another agent of its name is alive
                     self._check_alive()
                 self._warn(
-                    f"{process.name} is gone ({ending(process.popen.returncode)});"
-                    f" its last words, of {process.log}:\n{process.last_words()}"
+                    f"{process.name} has ended ({ending(process.popen.returncode)}); the end of"
+                    f" {process.log}:\n{process.last_lines()}"
                 )
         super().poll()
 
-    def words_of_the_robot(self) -> str:
-        """The last words of the newest robot agent."""
-        words = [process.last_words() for process in self.processes if process.has_robot]
-        return f"the robot agent says:\n{words[-1] if words else '    nothing'}"
+    def robot_advice(self) -> str:
+        """The end of the newest robot agent's log."""
+        words = [process.last_lines() for process in self.processes if process.has_robot]
+        return f"the log of the robot agent:\n{words[-1] if words else '    (empty)'}"
 
     # Leaving -------------------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Take everything down: the behaviours let go, the robot stops, the simulator ends last."""
+        """End everything: the behaviours first, then the robot agent, then the simulator."""
         self.table.end()

@@ -1,7 +1,7 @@
-"""Which process has a host's share up on this machine: a file that it keeps locked while it lives.
+"""The process that runs a host's share of a society: a file that it locks while it is alive.
 
-The lock is what counts: a file that nobody has locked is left over from a process that was killed,
-and whoever locks it owns it. So no process is ever taken for another that has its number.
+Only the lock counts. An unlocked file is left over from a killed process and may be locked by the
+next one. A reused process number is therefore never mistaken for the process.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from armadico.mesh.sockets import folder, is_held, stem
 
 @dataclass(frozen=True)
 class Share:
-    """What is up: which host's share of which namespace, by which process, since when."""
+    """A running share: process, host, namespace, agents and log folder."""
 
     pid: int
     host: str
@@ -29,22 +29,22 @@ class Share:
 
 
 class TakenError(RuntimeError):
-    """The share is up already; `share` says by whom, if that could be read."""
+    """The share is running already; `share` is None if its file cannot be read yet."""
 
     def __init__(self, share: Share | None) -> None:
-        super().__init__("the share is up already")
+        super().__init__("the share is running already")
         self.share = share
 
 
 class PidFile:
-    """A context manager that holds the lock; the file goes with it."""
+    """A context manager that holds the lock and removes the file at the end."""
 
     def __init__(self, namespace: str, host: str) -> None:
         self.path = folder() / f"{stem(namespace)}@{stem(host)}.json"
         self._file: IO[str] | None = None
 
     def __enter__(self) -> PidFile:
-        """Take the lock. Raises TakenError if somebody has it, OSError if there is no place."""
+        """Lock the file. Raises TakenError if it is locked, OSError if it cannot be written."""
         file = _locked(self.path)
         if file is None:
             raise TakenError(read(self.path))
@@ -53,7 +53,7 @@ class PidFile:
 
     def __exit__(self, *_: object) -> None:
         if self._file is not None:
-            self.path.unlink(missing_ok=True)  # while it is locked: no other has it open as its own
+            self.path.unlink(missing_ok=True)  # before unlocking, so that no other process locks it
             self._file.close()
 
     def write(self, share: Share) -> None:
@@ -65,14 +65,14 @@ class PidFile:
 
 
 def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
-    """What is up on this machine in a namespace, of one host or of all."""
+    """The running shares of a namespace on this machine, of one host or of all."""
     for path in sorted(folder().glob(f"{stem(namespace)}@{stem(host) if host else '*'}.json")):
         if is_held(path) and (share := read(path)) is not None:
             yield share
 
 
 def read(path: Path) -> Share | None:
-    """What a file says; None if it says nothing, as in its first moment."""
+    """The share in a file; None if it is empty or damaged."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         return Share(**(found | {"agents": tuple(found["agents"])}))
@@ -81,7 +81,7 @@ def read(path: Path) -> Share | None:
 
 
 def _locked(path: Path) -> IO[str] | None:
-    """The file, locked; None if somebody else has it."""
+    """The locked file; None if another process has the lock."""
     while True:
         file = path.open("a+", encoding="utf-8")
         try:
@@ -91,4 +91,4 @@ def _locked(path: Path) -> IO[str] | None:
             return None
         if path.exists() and os.fstat(file.fileno()).st_ino == path.stat().st_ino:
             return file
-        file.close()  # it was taken away between opening and locking
+        file.close()  # it was removed between opening and locking

@@ -1,4 +1,4 @@
-"""Processes of this machine: started, listened to, and ended in order."""
+"""Processes on this machine: starting, logs, and ending in order."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ if TYPE_CHECKING:
     from armadico.mobile.geometry import Pose2
 
 START_S: Final = 20.0
-"""What the processes may take to start."""
+"""Time for the processes to start."""
 
 SIMULATOR: Final = "simulator"
 
 TIED: Final = "armadico.child"
-"""The program of a process that is to leave when its launcher is gone."""
+"""The program of a process that ends with its launcher."""
 
 _ANNOUNCED = re.compile(r" at (tcp://[^;,\s]+)")
-"""Where the simulator's first line on standard output says that it listens."""
+"""An address in the simulator's first line of output."""
 
 
 class Process(Program):
@@ -57,24 +57,24 @@ class Process(Program):
         listen: bool = False,
         tied: bool = False,
     ) -> None:
-        """Start it; `tied`: it is to leave when this process is gone, however that ends."""
+        """Start it; a `tied` process ends with this one, even if this one is killed."""
         super().__init__(name, command_line(command, tied=tied), log, listen=listen)
 
     @property
     def has_robot(self) -> bool:
-        """Whether the robot agent is one of this process's."""
+        """Whether the robot agent runs in this process."""
         return owns_wheels(self.name)
 
     def announced(self) -> list[str]:
-        """The addresses of its robots, which a simulator says first. Raises RunFailedError."""
+        """The addresses of its robots, from a simulator's first line. Raises RunFailedError."""
         found: list[str] = _ANNOUNCED.findall(self.line(START_S))
         if not found:
-            raise RunFailedError(f"the {self.name} did not start:\n{self.last_words()}")
+            raise RunFailedError(f"the {self.name} did not start:\n{self.last_lines()}")
         return found
 
 
 def logs_folder() -> Path:
-    """A new folder for the logs of a run or a host."""
+    """Create a folder for the logs of a run or a host."""
     return Path(tempfile.mkdtemp(prefix="armadico-"))
 
 
@@ -85,11 +85,11 @@ class ProcessTable:
     Attributes:
         namespace: The robot's subtree of keys.
         joining: Options by which the processes find the mesh, if it is not the default one.
-        tied: They are to leave when this process is killed, instead of driving on.
-        journal: The agents publish what enters and leaves them.
+        tied: They end with this process, instead of driving on.
+        journal: The agents publish their inputs and outputs.
         logs: The folder.
-        prefix: What the names of the logs begin with, where several societies share the folder.
-        processes: In the order of their start; those that have ended stay until they are taken out.
+        prefix: The prefix of the log names, if several societies share the folder.
+        processes: In the order of their start; ended ones stay until `take_ended`.
     """
 
     namespace: str
@@ -114,7 +114,7 @@ class ProcessTable:
     def start_simulator(
         self, scenario: Scenario, seed: int, port: int = 0, also: Sequence[str] = ()
     ) -> Process:
-        """Start a simulator on a TCP port, 0: one that is free; it has `announced` its robots."""
+        """Start a simulator on a TCP port (0: a free one); `announced` has its addresses."""
         words = simulator_words(scenario, seed, self.namespace, port, also)
         return self.start(SIMULATOR, words, listen=True)
 
@@ -123,7 +123,7 @@ class ProcessTable:
         return next((p for p in reversed(self.processes) if p.name == name), None)
 
     def take_ended(self) -> list[Process]:
-        """Take out the processes that have ended."""
+        """Remove and return the processes that have ended."""
         ended = [process for process in self.processes if process.ended()]
         for process in ended:
             self.processes.remove(process)
@@ -136,25 +136,24 @@ class ProcessTable:
         self.processes.clear()
 
     def remove_logs(self) -> None:
-        """Nothing went wrong: there is nothing to read."""
         shutil.rmtree(self.logs, ignore_errors=True)
 
 
 def command_line(words: Sequence[str], *, tied: bool = False) -> list[str]:
-    """`armadico WORDS...` by this Python; `tied`: it leaves when this process is gone."""
+    """`armadico WORDS...` with this Python; `tied`: it ends with this process."""
     if tied:
         return bound(["armadico", *words], signal.SIGTERM)
     return [sys.executable, "-P", "-m", "armadico", *words]
 
 
 def bound(program: Sequence[str], number: signal.Signals) -> list[str]:
-    """A program that is sent a signal when the thread that starts it is gone."""
+    """A program that receives a signal when the thread that started it ends."""
     child = [sys.executable, "-P", "-m", TIED]
     return [*child, str(os.getpid()), str(number.value), *program]
 
 
 def ending(code: int) -> str:
-    """How a process ended, for people: `status 1`, or the signal's name."""
+    """An exit code as text: `status 1`, or the signal's name."""
     if code >= 0:
         return f"status {code}"
     with suppress(ValueError):
@@ -165,9 +164,9 @@ def ending(code: int) -> str:
 def simulator_words(
     scenario: Scenario, seed: int, namespace: str, port: int = 0, also: Sequence[str] = ()
 ) -> list[str]:
-    """The command that simulates a scenario's robot; `port` 0: one that is free.
+    """The command that simulates a scenario's robot; `port` 0: a free one.
 
-    `also` are the namespaces of the scenario's other robots, those that take part.
+    `also` has the namespaces of the scenario's other robots that take part.
     """
     others = [
         word
@@ -191,22 +190,22 @@ def simulator_words(
 
 
 def _pose_words(pose: Pose2) -> list[str]:
-    """A pose, m, m, rad, as commands take it: with the heading in degrees."""
+    """A pose, m, m, rad, as words of a command, with the heading in degrees."""
     x, y, theta = pose
     return [str(x), str(y), str(round(degrees(theta), 9))]
 
 
 def agent_words(members: Sequence[Member], namespace: str, *, journal: bool = False) -> list[str]:
-    """The command that runs the agents of one process; `journal`: they keep one."""
-    whose = [f"{member.name}." if len(members) > 1 else "" for member in members]
+    """The command that runs the agents of one process."""
+    prefixes = [f"{member.name}." if len(members) > 1 else "" for member in members]
     settings = [
         word
-        for of, member in zip(whose, members, strict=True)
+        for prefix, member in zip(prefixes, members, strict=True)
         for value in member.sets
-        for word in ("--set", f"{of}{value}")
+        for word in ("--set", f"{prefix}{value}")
     ]
-    kept = ["--journal"] if journal else []
-    return ["agent", *(m.name for m in members), "--namespace", namespace, *kept, *settings]
+    flags = ["--journal"] if journal else []
+    return ["agent", *(m.name for m in members), "--namespace", namespace, *flags, *settings]
 
 
 def owns_wheels(label: str) -> bool:
@@ -215,10 +214,10 @@ def owns_wheels(label: str) -> bool:
 
 
 def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
-    """Processes of this user that a launcher started in a namespace, and that have survived it.
+    """(label, process) of this user's processes in a namespace that have outlived their launcher.
 
-    Each has its launcher's id in its environment, and by now another parent. What was started by
-    hand has none. Of those that were tied to it one may be left that hangs. Each with its label.
+    Such a process has its launcher's id in its environment, and another parent. Processes started
+    by hand have no such id. A tied process can be among them if it hangs.
     """
     import psutil
 
@@ -244,9 +243,9 @@ def orphans(namespace: str) -> list[tuple[str, psutil.Process]]:
 
 
 def end_in_order(processes: Sequence[Process]) -> None:
-    """The behaviours let go, the robot stops, the simulator ends last.
+    """End the behaviours first, then the robot agent, then the simulator.
 
-    A second Ctrl-C does not interrupt it: it is bounded, and nothing may be left behind.
+    A second Ctrl-C does not interrupt this, so that no process is left; the time is bounded.
     """
     simulators = [p for p in processes if p.name == SIMULATOR]
     robots = [p for p in processes if p.has_robot]
@@ -258,7 +257,7 @@ def end_in_order(processes: Sequence[Process]) -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Without the signals that end a process; only the main thread could be disturbed by them."""
+    """Ignore the signals that end a process; only the main thread receives them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -272,13 +271,13 @@ def undisturbed() -> Iterator[None]:
 
 
 def kill_trees(*popens: subprocess.Popen[Any]) -> None:
-    """SIGKILL processes and all that they started, as if the plug was pulled."""
+    """SIGKILL processes and all their children, as by a power failure."""
     import psutil
 
     for popen in popens:
         with suppress(psutil.NoSuchProcess):
             if popen.poll() is None:
-                popen.send_signal(signal.SIGSTOP)  # or it might start somebody meanwhile
+                popen.send_signal(signal.SIGSTOP)  # otherwise it might start another child
                 for child in psutil.Process(popen.pid).children(recursive=True):
                     with suppress(psutil.NoSuchProcess):
                         child.kill()

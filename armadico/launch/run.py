@@ -1,10 +1,10 @@
-"""One run: societies start, their errand is handed over, and it is watched to its end.
+"""Runs: start a society, send its mission, and watch it until the end.
 
-`Run` is the life of every run, over one robot or over several. `RobotRun` is one robot's; what
-starts its society is `launch.virtual` (in this process, under a virtual clock), `launch.local`
-(processes on this machine) or `launch.attached` (somebody else). A run of several robots is made of
-such runs, by a capability whose entry point is in the group `armadico.runs`. A run decides nothing:
-kill it and the societies drive on.
+`Run` is the life cycle of every run, of one or several robots. `RobotRun` is one robot's run. Its
+society is started by `launch.virtual` (in this process under a virtual clock) or `launch.local`
+(processes on this machine), or is already running (`launch.attached`). A run of several robots
+consists of such runs; its entry point is in the group `armadico.runs`. A run decides nothing: if it
+is killed, the society continues.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from armadico.observe.measures import Result, RunWatch, watched
 from armadico.runtime.client import Client
 from armadico.runtime.errors import RunFailedError
 
-HEAR_S = 5.0
-"""What the interface agent may take to be found; its plan may take longer."""
+FIND_S = 5.0
+"""Time to find the interface agent; its plan may take longer."""
 
 LINKS_S = 2.0
-"""A refusal stands after this: among processes that have just started, links are coming up."""
+"""A mission is sent again for so long if it is rejected: links between new processes come up."""
 
 SILENT_S = 10.0
-"""A run whose robot has published nothing for so long is over."""
+"""A run ends if its robot publishes nothing for so long."""
 
 IDLE_S = 15.0
-"""A run without a claim for the wheels for so long is over, if an agent is missing."""
+"""A run ends without a claim for the wheels for so long, if an agent is missing."""
 
 R_co = TypeVar("R_co", covariant=True)
 
 
 class Watch(Protocol[R_co]):
-    """What a run comes to, by the messages of its robots."""
+    """The measures of a run, from the messages of its robots."""
 
     def end(self, limit: float) -> None:
-        """The time that it may take (s) is over."""
+        """Called when the time limit, s, is over."""
 
     def result(self) -> R_co:
-        """The row, as far as it has come."""
+        """The present result."""
 
 
 R = TypeVar("R")
@@ -59,25 +59,25 @@ W = TypeVar("W", bound=Watch[Any])
 
 
 def _drives(name: str) -> bool:
-    """Whether an agent contends for the wheels of a robot that knows where it is."""
+    """Whether an agent competes for the wheels of a localized robot."""
     kind = agent_class(name)
     return WHEELS in kind.competes_for and not (issubclass(kind, Behaviour) and kind.seeks)
 
 
 class Run(Generic[W, R]):
-    """The life of a run; a context manager, since whoever leaves it has something to leave.
+    """The life cycle of a run, as a context manager.
 
     Attributes:
-        scenario: What is driven, and who takes part.
-        options: What else was chosen for the run.
-        watch: What it comes to.
-        limit: How long it may take, s, once it has begun.
+        scenario: The scenario and its agents.
+        options: The other options of the run.
+        watch: Its measures.
+        limit: Its time limit, s, from `begin` on.
     """
 
     watch: W
 
     step_s = 0.2
-    """How often progress is reported and the societies are checked."""
+    """Period of progress reports and checks, s."""
 
     def __init__(self, scenario: Scenario, options: Options) -> None:
         self.scenario = scenario
@@ -94,38 +94,41 @@ class Run(Generic[W, R]):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave things as they should be left, whatever happened."""
+        """Clean up, also after an error."""
 
     @property
     def over(self) -> bool:
-        """Whether nothing is left to be done."""
+        """Whether the run is done."""
         raise NotImplementedError
 
     def now(self) -> float:
-        """The time by which it is limited, s."""
+        """The clock of the time limit, s."""
         raise NotImplementedError
 
     def report_to(self, warn: Callable[[str], None]) -> None:
-        """Have what goes wrong, and who is gone, passed to a function."""
+        """Set the function that receives warnings."""
         self._warn = warn
 
     def start(self) -> None:
-        """See that all agents are alive. Raises RunFailedError if one is not."""
+        """Start the agents, or wait for them. Raises RunFailedError if one is missing."""
         raise NotImplementedError
 
     def begin(self) -> float:
-        """Hand the errand over, if there is one; returns since when the time counts, s.
+        """Send the mission, if there is one; returns the time when the run begins, s.
 
         Raises MissionRefusedError or AbsentError.
         """
         raise NotImplementedError
 
     def wait(self, seconds: float) -> None:
-        """Let it drive for so long, or until it is over."""
+        """Wait for so long, or until the run is over."""
         raise NotImplementedError
 
     def goes_on(self, elapsed: float) -> bool:
-        """Called at each step, s after the beginning. Raises RunFailedError if it cannot go on."""
+        """Whether to continue; called at each step, s after the beginning.
+
+        Raises RunFailedError if the run cannot continue.
+        """
         raise NotImplementedError
 
     def run(
@@ -133,12 +136,12 @@ class Run(Generic[W, R]):
         progress: Callable[[W], None] | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> R:
-        """Drive until it is over or its time is up; `warn` is told what goes wrong meanwhile."""
+        """Drive until the run is over or its time is up; `warn` receives warnings."""
         if warn is not None:
             self.report_to(warn)
         self.start()
         begun = self.begin()
-        end = begun + self.limit  # and not what is left of it: that may be too little to be added
+        end = begun + self.limit  # an end time, since a small remainder may vanish in rounding
         while not self.over and self.now() < end:
             self.wait(min(self.step_s, end - self.now()))
             if progress is not None:
@@ -152,16 +155,16 @@ class Run(Generic[W, R]):
 
 
 class RobotRun(Run[RunWatch, Result]):
-    """One robot's run of a scenario; what differs between societies is in its subclasses."""
+    """The run of one robot; subclasses start or find its society."""
 
     mode: str
-    """How it is driven, as its conditions name it."""
+    """The mode in the conditions of the result."""
 
     again_s = 0.0
-    """A mission that is refused is asked for again for so long."""
+    """A rejected mission is sent again for so long, s."""
 
     def __init__(self, scenario: Scenario, options: Options, client: Client) -> None:
-        """Prepare; `client` is the guest that hands the mission over."""
+        """`client` sends the mission."""
         super().__init__(scenario, options)
         self.names = names(scenario, options.without)
         self.client = client
@@ -181,7 +184,7 @@ class RobotRun(Run[RunWatch, Result]):
         if request is None:
             self.watch.begin()
             return self.now()
-        reply = self.client.hand_over(request, find=HEAR_S, again=self.again_s)
+        reply = self.client.request_mission(request, find=FIND_S, again=self.again_s)
         self.limit = time_limit(reply.length, self.options, mission_of(self.scenario))
         self.watch.begin(reply.mission)
         return self.now()
@@ -191,51 +194,48 @@ class RobotRun(Run[RunWatch, Result]):
         progress: Callable[[RunWatch], None] | None = None,
         warn: Callable[[str], None] | None = None,
     ) -> Result:
-        """See `Run`; said before is what will keep it from driving, and after it what misled it."""
+        """See `Run`. Warns before if the robot will not drive, and after if its pose was wrong."""
         if warn is not None:
             self.report_to(warn)
         if warning := bare(self.scenario.world):
             self._warn(warning)
         if not any(map(_drives, self.names)):
-            self._warn(
-                "nobody contends for the wheels: no agent that would drive takes part, so the robot"
-                " will stand"
-            )
+            self._warn("no agent competes for the wheels, so the robot will not drive")
         result = super().run(progress)
         if self.watch.astray is not None:
             metres, turned = self.watch.astray
             self._warn(
-                "by its pose the robot is at the goal, and in truth it is not: the pose is"
-                f" {metres:.2f} m and {turned:.1f} degrees off{self._unaided()}"
+                "goal reached by the estimated pose, but not in truth: the estimate is off by"
+                f" {metres:.2f} m and {turned:.1f} degrees{self._unaided()}"
             )
         return result
 
     def _unaided(self) -> str:
-        """Why nothing corrects the pose, in a half sentence; empty if somebody might."""
+        """The reason why nothing corrects the pose, or ""."""
         if not any(Correction in agent_class(name).provides for name in self.names):
-            return ", since nobody localizes"
+            return " (no agent localizes)"
         walls = load_world(self.scenario.world).outlines
         if walls:
             return ""
-        return ", since there is no wall to localize against; with `--sensors ideal` nothing drifts"
+        return " (no walls to localize against; `--sensors ideal` has no drift)"
 
     def wait(self, seconds: float) -> None:
         self.client.wait_for(lambda: self.watch.done, seconds)
 
     def goes_on(self, elapsed: float) -> bool:
-        """See `Run`: those who take part besides agents have their turn."""
+        """See `Run`. Publishes the messages of guests, such as alarms."""
         for guest in self._guests:
             for message in guest.due(elapsed, self.watch.errand):
                 self.client.publish(message)
         return True
 
     def pass_on(self, key: str, message: Message) -> None:
-        """Pass on what an agent logs of faults, with whose it is; nothing twice running."""
+        """Report an agent's warning with the agent's name, unless it repeats the last one."""
         if isinstance(message, Log) and message.level >= WARNING and message.text != self._warned:
             self._warned = message.text
             name = key.rpartition("/")[2].rpartition("-")[0]
-            said = message.text.startswith(name)
-            self._warn(message.text if said else f"{name}: {message.text}")
+            named = message.text.startswith(name)
+            self._warn(message.text if named else f"{name}: {message.text}")
 
 
 class LiveRun(RobotRun):
@@ -253,75 +253,63 @@ class LiveRun(RobotRun):
         silent_s: float = SILENT_S,
         idle_s: float = IDLE_S,
     ) -> None:
-        """Prepare.
-
-        Args:
-            scenario: What is driven, and who takes part.
-            options: What else was chosen for the run.
-            mesh: Where to listen.
-            silent_s: A run whose robot has published nothing for so long is over.
-            idle_s: So is one in which nobody has claimed the wheels for so long, if somebody who
-                takes part is missing.
-        """
+        """`silent_s` and `idle_s` are timeouts as `SILENT_S` and `IDLE_S`."""
         super().__init__(scenario, options, Client(mesh))
         self._silent_s = silent_s
         self._idle_s = idle_s
         self._strangers: set[str] = set()
         self.client.listen(*watched(), then=self.watch.update)
         self._unfit = ""
-        self.client.listen(Log, then=lambda log, _: self._hear_log(log))
+        self.client.listen(Log, then=lambda log, _: self._on_log(log))
 
     def goes_on(self, elapsed: float) -> bool:
         self.poll()
-        return super().goes_on(elapsed) and not self._nobody_can(elapsed)
+        return super().goes_on(elapsed) and not self._abandoned(elapsed)
 
     def poll(self) -> None:
-        """Called now and then while it runs.
-
-        Raises RunFailedError if the robot is silent, or another one has come in its place.
-        """
+        """Check the society. Raises RunFailedError if the robot is silent or has changed."""
         if self._unfit:
             raise RunFailedError(self._unfit)
         if self.watch.mixed:
             raise RunFailedError(
                 f"the robot's controller is {self.watch.mixed} now, and was another one when the"
-                " run began: what was measured is of two robots"
+                " run began: the measures are of two robots"
             )
         for name in self.watch.view.strangers(self.client.mesh.now()):
             if name not in self._strangers:
                 self._strangers.add(name)
                 self._warn(
-                    f"another simulator speaks in the namespace {self.client.mesh.namespace!r}:"
-                    f" {name or 'of an older version'}; it is not this run's, and nothing of it is"
-                    " counted"
+                    "another simulator publishes in the namespace"
+                    f" {self.client.mesh.namespace!r}: {name or 'of an older version'}; it is"
+                    " ignored"
                 )
         if self.client.age(RobotState) > self._silent_s:
             raise RunFailedError(
-                f"the robot has said nothing for {self._silent_s:g} s; {self.words_of_the_robot()}"
+                f"no message from the robot for {self._silent_s:g} s; {self.robot_advice()}"
             )
 
     def wait_on(self) -> None:
-        """Let the society be for a step. Raises RunFailedError if the robot is silent."""
+        """Wait for one step. Raises RunFailedError as `poll`."""
         self.client.wait_for(lambda: None, self.step_s)
         self.poll()
 
-    def words_of_the_robot(self) -> str:
-        """What is known of a robot that does not answer."""
-        return "`armadico ps` shows whether its agent is there, `armadico logs -f` what it says"
+    def robot_advice(self) -> str:
+        """What to do about a robot that does not answer."""
+        return "`armadico ps` lists alive agents, `armadico logs -f` shows their logs"
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _hear_log(self, message: Message) -> None:
-        """A robot that the profile does not fit ends the run, with the reason."""
+    def _on_log(self, message: Message) -> None:
+        """Report a warning; a robot that does not fit the profile ends the run."""
         if isinstance(message, Log) and message.event == LogEvent.UNFIT:
             self._unfit = message.text
         else:
             self.pass_on(self.client.key, message)
 
     def _ready_to_drive(self) -> bool:
-        """Whether the robot talks and obeys, and whoever provides its pose knows where it is.
+        """Whether the robot reports and obeys, and its pose is published.
 
-        Raises RunFailedError if it is another robot than the profile's.
+        Raises RunFailedError if the robot does not fit the profile.
         """
         kinds: list[type[Message]] = [RobotState]
         if any(Pose in agent_class(name).provides for name in self.names):
@@ -329,31 +317,31 @@ class LiveRun(RobotRun):
         if self._unfit:
             raise RunFailedError(self._unfit)
         state = self.client.latest(RobotState)
-        listens = state is None or state.cycle.number <= LISTEN  # and refuses, meanwhile
-        described = self.watch.view.description is not None  # and whose truth is the robot's
+        listens = state is None or state.cycle.number <= LISTEN  # it refuses commands until then
+        described = self.watch.view.description is not None  # which names its simulator
         return described and not listens and all(self.client.age(kind) < 1.0 for kind in kinds)
 
     def _missing(self) -> list[str]:
-        """Who takes part and has no token; twice, if both of two are gone."""
+        """The participating agents that are not alive; a redundant one may be listed twice."""
         alive = Counter(name for name, _ in self.client.alive)
         return sorted((Counter(self.names) - alive).elements())
 
     def _robots(self) -> list[tuple[str, str]]:
-        """The robot agents in the namespace, whoever started them: name and instance."""
+        """(name, instance) of all robot agents in the namespace."""
         robots = {*owners({name for name, _ in self.client.alive}, WHEELS)}
-        return sorted(who for who in self.client.alive if who[0] in robots)
+        return sorted(agent for agent in self.client.alive if agent[0] in robots)
 
-    def _nobody_can(self, elapsed: float) -> bool:
-        """Whether the wheels are not claimed any more, and an agent that takes part is missing."""
+    def _abandoned(self, elapsed: float) -> bool:
+        """Whether no agent claims the wheels any more, and a participating agent is missing."""
         state = self.watch.view.state
-        # One of two that is left can, so far as its kind is needed.
+        # One of two redundant agents is enough.
         missing = sorted({*self._missing()} - {name for name, _ in self.client.alive})
         if state is None or state.stop.stopped or not missing:
             return False
         if min(self.client.age(Claim), elapsed) < self._idle_s:
             return False
         self._warn(
-            f"nobody has claimed the wheels for {self._idle_s:g} s, and {', '.join(missing)}"
-            f" {'is' if len(missing) == 1 else 'are'} gone: the run is over"
+            f"no agent has claimed the wheels for {self._idle_s:g} s, and {', '.join(missing)}"
+            f" {'is' if len(missing) == 1 else 'are'} missing: the run is over"
         )
         return True

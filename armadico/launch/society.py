@@ -1,7 +1,7 @@
-"""A scenario as a list of processes: who takes part, and with what parameters.
+"""A scenario as a list of agents with their parameters.
 
-The same list is launched as real processes (`armadico.launch.local`) or put on the virtual mesh
-(`armadico.launch.virtual`), so that both are the same society.
+The same list is launched as real processes (`armadico.launch.local`) or on the virtual mesh
+(`armadico.launch.virtual`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from armadico.config.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
 from armadico.config.errands import Mission
-from armadico.config.errors import ConfigError, advice
+from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.needs import minimum, needs, tasks
@@ -50,43 +50,43 @@ from armadico.observe.conditions import Conditions, digest, packages, software
 from armadico.observe.measures import RunWatch
 
 VIRTUAL, LIVE, ATTACHED = "virtual", "live", "attached"
-"""How a run is driven."""
+"""The modes of a run."""
 
 NOWHERE = Scenario(world="empty", start=(0, 0, 0), plan="seen")
-"""Where no scenario is named, nobody knows the world."""
+"""The default scenario, without a map."""
 
 LIMIT_SPEED = 0.3
 LIMIT_FACTOR = 5.0
 LIMIT_LEAST = 60.0
 MISSION_S = 3600.0
-"""What a mission of several tasks may take that says nothing of it."""
+"""Default time limit of a mission of several tasks, s."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line may change about a scenario."""
+    """Options that change a scenario."""
 
     seed: int = 0
     controller: str | None = None
     exchange: str | None = None
-    parameters: str | None = None  # a set of them, by name or path
+    parameters: str | None = None  # a set of parameters, by name or path
     without: tuple[str, ...] = ()
-    besides: tuple[str, ...] = ()  # agents that take part, too
-    sensors: str | None = None  # how well the simulated robot senses; None: the scenario's
-    redundant: bool = False  # two of each behaviour, whatever the scenario says
-    robot: str | None = None  # the URL of something that is already there
+    besides: tuple[str, ...] = ()  # agents to add
+    sensors: str | None = None  # of the simulated robot; None: the scenario's
+    redundant: bool = False  # two of each behaviour
+    robot: str | None = None  # the address of a real robot
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
-    resume: str | None = None  # a saved map that the mapping agent goes on with
-    limit: float | None = None  # s that the run may take; None: as `time_limit` says
+    resume: str | None = None  # a saved map with which the mapping agent continues
+    limit: float | None = None  # s; None: `time_limit`
     namespace: str = DEFAULT_NAMESPACE  # the robot's
     priority: float | None = None  # of a mission of several tasks; None: its own
-    journal: bool = False  # live: the agents publish what enters and leaves them
-    margin: float | None = None  # by how much a bid must be better; None: the resource's own
+    journal: bool = False  # live: the agents publish their inputs and outputs
+    margin: float | None = None  # by which a bid must be better; None: the resource's own
 
 
 @dataclass(frozen=True)
 class Member:
-    """One agent of the society, and what is set on its command line."""
+    """One agent of the society, with its settings (`--set`)."""
 
     name: str
     sets: tuple[str, ...] = ()
@@ -101,9 +101,9 @@ def prepared(
     profile: str | None = None,
     mission: str | None = None,
 ) -> Scenario:
-    """The scenario with what was chosen for it: poses (m, m, rad), and the make of robot.
+    """The scenario with the options, poses (m, m, rad), profile and mission applied.
 
-    Raises ConfigError for what cannot be driven, UnknownNameError for an agent that nobody has.
+    Raises ConfigError if it cannot be driven, UnknownNameError for an agent that is not installed.
     """
     check_poses({"start": start, "goal": goal})
     check_poses(poses(scenario))
@@ -131,21 +131,21 @@ def prepared(
     for name in options.without:
         if name not in others:
             taking = ", ".join(others)
-            raise ConfigError(f"without {name}: only {taking} can be left out of {scenario.name}")
+            raise ConfigError(f"without {name}: {scenario.name} can be without {taking}")
     if options.controller or options.parameters:
         check(members(scenario, options, ""))
     return scenario
 
 
 def profile_of(name: str | None) -> str | None:
-    """The make of robot that is named on the command line, a path from here."""
+    """The profile given on the command line; a path is relative to the current folder."""
     return None if name is None else counted_from(Path.cwd() / "command line", name)
 
 
 def names(scenario: Scenario, without: Sequence[str] = ()) -> tuple[str, ...]:
-    """Everybody who takes part, the robot agent first: whoever owns the wheels.
+    """The participating agents; the robot agent, which owns the wheels, comes first.
 
-    In a redundant society whoever competes for them is there twice.
+    In a redundant society each agent that competes for the wheels is listed twice.
     """
     robot = next(owners(scenario.agents, WHEELS), society().robot)
     agents = sensing(scenario.agents, scenario.robot)
@@ -160,8 +160,8 @@ def _competes_for(name: str) -> Collection[Resource]:
 
 
 def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ...]:
-    """The agents of a run, the robot agent first; `port` is the URL of the robot's controller."""
-    known = options.robot is None  # the simulator puts it there
+    """The agents of a run, the robot agent first; `port` is the address of the controller."""
+    known = options.robot is None  # the simulator sets the start pose
     told = facts(scenario, options, port, placed=known)
     return _launched(names(scenario, options.without), told, options)
 
@@ -169,10 +169,9 @@ def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ..
 def share(
     scenario: Scenario | None, options: Options, host: Host, more: Sequence[str] = ()
 ) -> tuple[Member, ...]:
-    """The agents of one host: those of its entry that take part, and `more` beside them.
+    """The agents of one host: those of its entry that take part, and `more`.
 
-    Without a scenario all of the entry take part, with parameters of their own. So does whoever
-    watches the others.
+    Without a scenario all agents of the entry take part. The monitoring agents always do.
     """
     taken = host.agents if scenario is None else (*names(scenario), *society().watch)
     taking = Counter(name for name in taken if name not in options.without)
@@ -185,9 +184,9 @@ def share(
 def spare(
     scenario: Scenario | None, options: Options, host: Host, table: HostTable
 ) -> tuple[Member, ...]:
-    """The agents that one host would start in place of another that is gone, or for a hand.
+    """The agents that a host can start in place of a failed host, or for driving by hand.
 
-    Whoever owns a device is where the device is, and nowhere else.
+    Device agents are not among them, since their device is on one host.
     """
     by_hand = society().by_hand
     placed = dict.fromkeys(name for other in table.hosts.values() for name in other.agents)
@@ -206,7 +205,7 @@ def spare(
 
 
 def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tuple[str, ...]:
-    """The agents of all hosts that a scenario cannot do without, of those that take part."""
+    """The participating agents of all hosts that a scenario needs."""
     placed = {name for other in table.hosts.values() for name in other.agents}
     if scenario is None:
         return tuple(name for name in needs(tasks(None)) if name in placed)
@@ -217,7 +216,7 @@ def needed(scenario: Scenario | None, options: Options, table: HostTable) -> tup
 
 
 def least(scenario: Scenario) -> Scenario:
-    """The scenario with nobody taking part but those whom its tasks need, and who helps them."""
+    """The scenario with only the agents that its tasks need or use."""
     robot, *_ = names(scenario)
     taking = sensing(_mapped(scenario, minimum(tasks(scenario))[1:]), scenario.robot)
     return replace(scenario, agents=(robot, *(name for name in taking if name != robot)))
@@ -230,17 +229,17 @@ def _mapped(scenario: Scenario, needed: Sequence[str]) -> Sequence[str]:
 
 
 PLACED_M, PLACED_RAD = 0.05, radians(2.0)
-"""Standard deviations of a start pose at which a simulator has put the robot; a person who puts a
-robot down is less exact, and the agents' own defaults count."""
+"""Standard deviations of a simulator's start pose. A person places a robot less exactly; then the
+agents' defaults apply."""
 
 
 def facts(
     scenario: Scenario, options: Options, port: str = "", *, placed: bool = False
 ) -> dict[str, object]:
-    """What an agent may be launched with, by the names of parameters; None: nothing is said.
+    """The facts of a run by the names of parameters; None: not known.
 
-    `social.` is for whoever competes for the wheels; the rest for whoever declares it
-    (`Agent.launched_with`), whoever wrote it.
+    An agent that competes for the wheels receives those of `social.`; of the others each agent
+    receives those in its `Agent.launched_with`.
     """
     x, y, theta = scenario.start
     return {
@@ -252,7 +251,7 @@ def facts(
         "theta": theta,
         "start_m": PLACED_M if placed else None,
         "start_rad": PLACED_RAD if placed else None,
-        "world": None if unmapped(scenario) else scenario.world,  # they are to find out
+        "world": None if unmapped(scenario) else scenario.world,
         "v_max": scenario.v_max,
         "safety.unmapped": "true" if _unmapped_by_sonar(scenario) else None,
         "capacity_ah": scenario.battery.capacity_ah,
@@ -264,7 +263,7 @@ def facts(
 
 
 def _unmapped_by_sonar(scenario: Scenario) -> bool:
-    """Whether a robot drives by sonars through a world that it has no map of."""
+    """Whether a robot without a laser drives in a world without a map."""
     return scenario.plan == "seen" and load_profile(scenario.robot).laser is None
 
 
@@ -275,7 +274,7 @@ def _launched(
     *,
     together: bool = True,
 ) -> tuple[Member, ...]:
-    """The agents, set as the options' set of parameters and then the facts say."""
+    """The agents with the settings of the set of parameters and of the facts."""
     if together:
         check_rivals(names)
     given = load_set(options.parameters) if options.parameters else {}
@@ -287,7 +286,8 @@ def _settings(name: str, known: Mapping[str, object]) -> tuple[str, ...]:
     wanted = [*kind.launched_with]
     for fact in wanted:
         if fact not in known:
-            raise ConfigError(f"{kind.__name__}.launched_with: {fact!r}; {advice(fact, known)}")
+            message = f"{kind.__name__}.launched_with: {fact!r}; {advice(fact, known)}"
+            raise ConfigNameError("fact", fact, known, message=message)
     if WHEELS in kind.competes_for:
         wanted += [fact for fact in known if fact.startswith("social.")]
     return tuple(f"{fact}={known[fact]}" for fact in wanted if known[fact] is not None)
@@ -307,35 +307,35 @@ def check_rivals(names: Sequence[str]) -> None:
 
 
 def check(members: Sequence[Member]) -> None:
-    """Raises ConfigError if an agent would refuse what is set of it."""
+    """Raises ConfigError if an agent would reject its settings."""
     for member in members:
         try:
             load_parameters(agent_class(member.name).parameters, None, member.sets)
         except ConfigError as error:
-            raise ConfigError(f"{member.name}: {error}") from None
+            raise error.at(None, before=f"{member.name}: {error.file}: ") from None
 
 
 def processes(
     members: Sequence[Member], together: Sequence[Sequence[str]]
 ) -> dict[str, tuple[Member, ...]]:
-    """The members of each process by its name: one alone, or those of a group that take part.
+    """The members of each process by its label: one agent, or the members of a group.
 
-    Who is there twice has two processes: avoid, and avoid-2.
+    A redundant agent has two processes: avoid and avoid-2.
     """
     group_of = {name: "+".join(group) for group in together for name in group}
     found: dict[str, tuple[Member, ...]] = {}
-    often: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for member in members:
-        often[member.name] += 1
+        counts[member.name] += 1
         label = group_of.get(member.name, member.name)
-        if often[member.name] > 1:
-            label += f"-{often[member.name]}"
+        if counts[member.name] > 1:
+            label += f"-{counts[member.name]}"
         found[label] = (*found.get(label, ()), member)
     return found
 
 
 def errand(scenario: Scenario, options: Options) -> Order | None:
-    """What the robot is sent off for; None: it is not."""
+    """The order of a run, or None if the robot is not sent anywhere."""
     tasks = mission_of(scenario)
     if tasks is not None:
         return tasks.order(options.priority, "armadico mission run")
@@ -347,7 +347,7 @@ def errand(scenario: Scenario, options: Options) -> Order | None:
 
 
 def mission(scenario: Scenario) -> MissionRequest | None:
-    """What the interface agent is asked for; None: nobody is sent anywhere."""
+    """The request to the interface agent, or None without a goal."""
     if scenario.goal is None:
         return None
     return MissionRequest(
@@ -367,7 +367,7 @@ def watch(
 def conditions(
     scenario: Scenario, options: Options, mode: str, namespace: str | None = None
 ) -> Conditions:
-    """What the run's result depends on besides its seed."""
+    """All that the result depends on besides the seed."""
     taking = names(scenario, options.without)
     driven = {**to_builtins(scenario), "agents": taking}
     unnamed = replace(
@@ -389,9 +389,9 @@ def conditions(
 
 
 def time_limit(length: float, options: Options, tasks: Mission | None = None) -> float:
-    """Seconds that a run may take: as asked, or 5 times the way over 0.3 m/s, at least 60 s.
+    """The time limit, s: the option, or 5 times the path length at 0.3 m/s, at least 60 s.
 
-    A mission of several tasks may take as long as it says itself.
+    A mission of several tasks has its own.
     """
     if options.limit is None and tasks is not None:
         return MISSION_S if tasks.timeout_s is None else tasks.timeout_s + LIMIT_LEAST

@@ -1,4 +1,4 @@
-"""A run on the virtual mesh: the whole society and the simulator, in one thread, from one seed."""
+"""A run on the virtual mesh: the whole society and the simulator in one thread, from one seed."""
 
 from __future__ import annotations
 
@@ -35,23 +35,23 @@ from armadico.mesh.virtual import Device, Node, VirtualMesh, address
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import Result, RunWatch, watched
-from armadico.runtime.blame import blaming
+from armadico.runtime.blame import attributed
 from armadico.runtime.client import Client
 
 SETTLE_S = 1.0
-"""What the handshake with the controller and the first cycles take, on the virtual clock."""
+"""Time of the handshake with the controller and the first cycles, on the virtual clock."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """What one host of a table is to start, and may start.
+    """The agents that one host of a table starts, and those that it can start.
 
     Attributes:
-        host: What the host is called.
-        processes: The agents of each process, by its label.
-        can: Agents that it could start in place of another host.
-        needs: Agents that the society cannot do without.
-        router: The robot agent, if it is to be up on this host; empty: it is not.
+        host: The name of the host.
+        processes: The agents of each process by its label.
+        can: Agents that it can start in place of another host.
+        needs: Agents that the society needs.
+        router: The robot agent if this host runs it, else "".
     """
 
     host: str
@@ -62,24 +62,24 @@ class Share:
 
 
 class Machine(Device, Protocol):
-    """A host on the virtual mesh that starts its share, and again what has ended.
+    """A host on the virtual mesh that starts its share and restarts ended agents.
 
-    What does that is found by its entry point in the group `armadico.machines`.
+    It is found by its entry point in the group `armadico.machines`.
     """
 
     wakeup: Node
     notes: list[str]
-    """What its agent has reported, for people."""
+    """The reports of its agent, one line each."""
 
     def lose(self) -> None:
-        """All of it is gone in one moment."""
+        """Fail, with all its agents, at once."""
 
     def leave(self) -> None:
-        """It goes down in order."""
+        """Shut down in order."""
 
 
 class Rehearsal(RobotRun):
-    """One scenario on a virtual mesh. `run` drives it to its end; faults may be put in between."""
+    """One scenario on a virtual mesh. `run` drives it to its end; tests may inject faults."""
 
     mode = VIRTUAL
 
@@ -92,21 +92,21 @@ class Rehearsal(RobotRun):
         mesh: VirtualMesh | None = None,
         hosts: HostTable | None = None,
     ) -> None:
-        """Everybody starts.
+        """Start all agents.
 
         Args:
-            scenario: What is driven.
-            options: What is otherwise than in the scenario's file.
-            clock: Gives each process a clock of its own, by its agent's name.
-            mesh: A network that is otherwise; None: the usual one of the options' seed.
-            hosts: Machines with a wakeup agent each, which start their share and keep it up as
-                `armadico up` does; None: nobody starts anybody again.
+            scenario: The scenario.
+            options: Its options.
+            clock: Returns a clock for each process, by its agent's name.
+            mesh: The network; None: the default one with the options' seed.
+            hosts: Machines with a wakeup agent each, which start their share and keep it running
+                as `armadico up` does; None: no agent is restarted.
         """
         self.mesh = VirtualMesh(options.seed) if mesh is None else mesh
         self.namespace = options.namespace
         session = VirtualSession(self.mesh, self.namespace)
         super().__init__(scenario, options, Client(session, self._stream("client")))
-        # At the moment of publication: what is measured has been nowhere on the way.
+        # At the moment of publication, so the measures contain no network delay.
         where = self.namespace
         self.mesh.watch(self._on_message, *watched(), namespace=where)
         self.mesh.watch(lambda key, message, _: self.pass_on(key, message), Log, namespace=where)
@@ -126,7 +126,7 @@ class Rehearsal(RobotRun):
             self.start_host(name)
 
     def enter(self, name: str, *sets: str, host: str = "virtual") -> Node:
-        """A member of the society joins, now, or joins again; `sets` are set besides its own."""
+        """Let a member of the society join now, again if needed; `sets` are further settings."""
         member = self._members[name]
         kind = agent_class(name)
         parameters = load_parameters(kind.parameters, None, [*member.sets, *sets])
@@ -142,15 +142,15 @@ class Rehearsal(RobotRun):
         device: Device | None = None,
         waits: bool = True,
     ) -> Node:
-        """An agent joins, now, as the `start`-th instance or the next one.
+        """Let an agent join now, as the `start`-th instance or the next one.
 
-        A device agent's device is the robot's line unless it is given.
+        The default device of a device agent is the robot's line.
         """
         start = self._starts[kind.name] if start is None else start
         identity = self.mesh.identity(kind.name, start, self.namespace)
-        who = alike(identity, host=host, pid=next(self._pids))
-        with blaming(kind):
-            agent = kind(who, parameters)
+        identity = alike(identity, host=host, pid=next(self._pids))
+        with attributed(kind):
+            agent = kind(identity, parameters)
         self._starts[kind.name] = max(self._starts[kind.name], start + 1)
         clock = None if self._clock is None else self._clock(kind.name)
         line = device or (self.robot if isinstance(agent, DeviceAgent) else None)
@@ -160,18 +160,18 @@ class Rehearsal(RobotRun):
         self.watch.update(message, now)
 
     def _stream(self, name: str) -> Random:
-        """One of the robot's own."""
+        """A random stream of the robot's namespace."""
         return self.mesh.stream(address(self.namespace, name))
 
     def _publish(self, message: Message) -> None:
         self.mesh.publish(message, namespace=self.namespace)
 
     def start_host(self, name: str) -> Machine:
-        """One machine of the host table is switched on: its share joins, and its wakeup agent."""
+        """Switch on one machine of the host table: its share and its wakeup agent join."""
         table = self._table
         assert table is not None, "it is one of its hosts"
         entry, scenario, options = table.host(name), self.scenario, self.options
-        # The robot's line is in memory, as in every rehearsal.
+        # The robot's line is in memory, as in every virtual run.
         taking = share(scenario, options, replace(entry, robot="memory:"))
         lent = spare(scenario, options, entry, table)
         self._members |= {member.name: member for member in (*taking, *lent)}
@@ -187,7 +187,7 @@ class Rehearsal(RobotRun):
         return machine
 
     def start(self) -> None:
-        """See `Run`: all have joined, the handshake and the first cycles are left."""
+        """See `Run`. All agents have joined; wait for the handshake and the first cycles."""
         self.mesh.run(SETTLE_S)
 
     def run(
@@ -196,9 +196,9 @@ class Rehearsal(RobotRun):
         warn: Callable[[str], None] | None = None,
     ) -> Result:
         """See `Run`. Raises AgentFailedError if an agent's own code raises."""
-        with blaming():
+        with attributed():
             return super().run(progress, warn)
 
     def wait(self, seconds: float) -> None:
-        """See `Run`. It is done at once: the guest hears of it later, over the network."""
+        """See `Run`. It ends with the watch, before the client has received the end."""
         self.mesh.run(self.mesh.now + seconds, lambda: self.watch.done)

@@ -1,1 +1,1 @@
-"""Two meshes: `zenoh` between processes, `virtual` in one thread under a virtual clock."""
+"""The meshes: `zenoh` between processes, `virtual` in one thread under a virtual clock."""

@@ -1,8 +1,7 @@
-"""What a mesh is to whoever is on it: clients and hosts of agents take either of the two.
+"""The interface of a mesh for clients and hosts of agents.
 
-`zenoh` is between processes, `virtual_session` in one thread under a virtual clock. The time is
-part of it, because under a virtual clock it is waiting that moves it. The tests of what a mesh
-promises run on both.
+`zenoh` connects processes; `virtual_session` works in one thread under a virtual clock. The
+interface includes the time, because waiting advances a virtual clock. The same tests run on both.
 """
 
 from __future__ import annotations
@@ -20,68 +19,63 @@ logger = logging.getLogger("armadico.mesh")
 M = TypeVar("M", bound=Message)
 
 Receiver = Callable[[str, bytes], None]
-"""Takes a key and a payload, on a thread of the mesh's, and returns soon."""
+"""Called with a key and a payload on a thread of the mesh; must return soon."""
 
-REPORT_S: Final = 5.0
-"""What is refused is reported at most so often."""
-
-REFUSED_KEYS: Final = 1000
-"""Keys on which refusals are counted one by one."""
+REPORT_S: Final = 5.0  # shortest time between two reports of rejected payloads, s
+REFUSED_KEYS: Final = 1000  # keys whose rejected payloads are counted separately
 
 
 class Bell(Protocol):
-    """A lock that is open while it rings: whoever waits for it acquires it."""
+    """A lock that is open while it rings; waiting for it acquires it."""
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        """Whether it rang in time."""
+        """Return whether it rang before the timeout, s."""
 
     def locked(self) -> bool:
-        """Whether it is silent."""
+        """Return whether it is not ringing."""
 
 
 class Time(Protocol):
-    """What passes while one waits."""
-
     def now(self) -> float:
-        """The time, s from anywhere; it never goes back."""
+        """Return a monotonic time, s."""
 
     def wait(self, bell: Bell, timeout: float) -> bool:
-        """Let time pass until a bell rings; False if it has not in time, s. Below 0 is for ever."""
+        """Wait until a bell rings; False after the timeout, s. Below 0: without a timeout."""
 
 
 class Call(Protocol):
-    """A query that waits for its answer; one that is let go of unanswered is simply over."""
+    """A received query. It may stay unanswered."""
 
     key: str
     payload: bytes
 
     def reply(self, key: str, message: Message) -> None:
-        """Answer, from a key that the query's covers, and be done with it."""
+        """Send the only reply, from a key that the query's key matches."""
 
 
 class Mesh(Time, Protocol):
-    """One process's place on a mesh, within one robot's namespace."""
+    """One process's session on a mesh, within one robot's namespace."""
 
     namespace: str
     refused: Counter[str]
-    """What was no message, or came by a wildcard, by its key."""
+    """Payloads that were no message or were published by a wildcard, counted by key."""
 
     def wait_joined(self, timeout: float) -> bool:
-        """Whether it has been linked to its router, within `timeout` (s)."""
+        """Return whether it was linked to its router within `timeout` (s)."""
 
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
-        """Publish a message, by its `data` if it is encoded already; one's own do not receive it.
+        """Publish a message, as `data` if it is encoded already; not to one's own subscriptions.
 
-        Raises MessageError for what could not be decoded. What one publishes arrives in order.
+        Messages of one process arrive in order. Raises MessageError if it could not be decoded.
         """
 
-    def has_said(self, key: str) -> bool:
-        """Whether publishing on a key asks nothing of the mesh but to pass it on."""
+    def is_declared(self, key: str) -> bool:
+        """Return whether publishing on a key only sends, without a declaration before."""
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
-        """Have what is published on the keys of a pattern handed over."""
+        """Call the receiver with publications on the keys of a pattern."""
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,
@@ -89,26 +83,26 @@ class Mesh(Time, Protocol):
         each: Receiver,
         done: Callable[[], None],
     ) -> None:
-        """Put a query: `each` takes every reply as it comes, then `done` is called, once.
+        """Send a query.
 
         Args:
-            key: May be a pattern; everybody who answers on it is asked.
-            request: The question.
+            key: May be a pattern; the query goes to all that answer on its keys.
+            request: The request.
             timeout: When to stop waiting, s.
-            each: Takes a reply.
-            done: Told that there will be no more: all have replied, nobody could, or time is up.
+            each: Called with each reply.
+            done: Called once after the last reply: all have replied, none could, or timeout.
         """
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
-        """Have the queries on a key handed over."""
+        """Call the receiver with the queries on a key."""
 
     def declare_alive(self, name: str, instance: str) -> None:
-        """Show the liveliness token of an agent until the mesh is left."""
+        """Declare an agent's liveliness token until the mesh is left."""
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
-        """Subscribe to others' liveliness tokens, as (name, instance, alive): those of now, too.
+        """Subscribe to others' liveliness tokens, as (name, instance, alive), with present ones.
 
-        The same news may come twice: treat it as a set. Nobody is reported as gone while the
+        A token may be reported twice: treat them as a set. No agent is reported as gone while the
         robot's router cannot be reached (`presence`).
         """
 
@@ -117,18 +111,16 @@ class Mesh(Time, Protocol):
         """Whether the robot's router can be reached."""
 
     def watch_router(self, changed: Callable[[bool], None]) -> None:
-        """Have it said whether the robot's router can be reached, now and whenever that changes."""
+        """Report whether the robot's router can be reached, now and at each change."""
 
     def read(self, kind: type[M], key: str, data: bytes) -> M | None:
-        """The message in a payload; None, counted and now and then reported, if there is none."""
+        """Return the message in a payload; None if it is rejected, which is counted and logged."""
 
     def close(self) -> bool:
-        """Leave; False if that goes on by itself. What was published before is still received."""
+        """Leave; False if that continues in the background. Earlier publications still arrive."""
 
 
 class Monotonic:
-    """The time of this machine."""
-
     def now(self) -> float:
         return time.monotonic()
 
@@ -137,7 +129,7 @@ class Monotonic:
 
 
 class Reader:
-    """Reads payloads, and counts what it refuses."""
+    """Decodes payloads and counts the rejected ones."""
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
@@ -151,7 +143,7 @@ class Reader:
             return None
 
     def refuse(self, key: str, why: str) -> None:
-        """Count what was refused, and now and then report it."""
+        """Count a rejected payload; log it at intervals."""
         if len(self.refused) < REFUSED_KEYS or key in self.refused:
             self.refused[key] += 1
         now = time.monotonic()

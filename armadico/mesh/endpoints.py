@@ -1,7 +1,6 @@
-"""Where the mesh of a robot is, and where this process is: what was asked for, resolved once.
+"""Resolves where a robot's mesh and this process are, from the command line and the host table.
 
-What the host table and the command line say must agree; where they do not, an error has what was
-tried and what would be right.
+Both must agree; otherwise an error has the contradiction and the remedy.
 """
 
 from __future__ import annotations
@@ -27,18 +26,17 @@ if TYPE_CHECKING:
     from armadico.config.hosts import Host, HostTable
     from armadico.mesh.zenoh import ZenohMesh
 
-DEFAULT: Final = "localhost"
-"""The shipped host table that is meant by a host alone."""
+DEFAULT: Final = "localhost"  # the shipped host table, used with --host alone
 
 
 @dataclass(frozen=True, kw_only=True)
 class Endpoints:
-    """Where one robot's mesh is, as seen from this machine.
+    """The location of one robot's mesh, as seen from this machine.
 
     Attributes:
-        namespace: The robot's.
-        connect: Where its router is, if that was named; only these are tried.
-        table: The host table that was asked for, if one was; without a file, one made up here.
+        namespace: The robot's namespace.
+        connect: Given endpoints of its router; only these are tried.
+        table: The host table, if one is used; one without a file was created in memory.
         name: This machine's name in it, if it has one.
     """
 
@@ -54,7 +52,7 @@ class Endpoints:
         return self.table.host(str(self.name))
 
     def topology(self, *, router: bool = False) -> Topology:
-        """How a process of this machine joins the mesh. Raises TopologyError."""
+        """Return how a process of this machine joins the mesh. Raises TopologyError."""
         if self.table is None:
             return topology(router=router, connect=self.connect)
         return topology(
@@ -66,7 +64,7 @@ class Endpoints:
         )
 
     def mesh(self, *, router: bool = False, starts: bool = False) -> ZenohMesh:
-        """The mesh, not opened yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
+        """Return the mesh, not opened yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
         chosen, namespace = self.topology(router=router), checked_namespace(self.namespace)
         from armadico.mesh.zenoh import ZenohMesh  # heavy
 
@@ -74,10 +72,7 @@ class Endpoints:
 
     @property
     def words(self) -> list[str]:
-        """The options by which another process of this machine finds the same mesh.
-
-        Which robot is said apart.
-        """
+        """The options with which another process of this machine finds the mesh, no namespace."""
         words = [word for endpoint in self.connect for word in ("--connect", endpoint)]
         if self.table is not None and self.table.file:
             words += ["--hosts", str(Path(self.table.file).resolve())]
@@ -93,16 +88,16 @@ def endpoints(
     connect: str | Sequence[str] = (),
     passing: bool = True,
 ) -> Endpoints:
-    """Where a robot's mesh is.
+    """Return where a robot's mesh is.
 
     Raises ConfigError if table, options and this machine contradict each other.
 
     Args:
-        namespace: The robot's; by default $ARMADICO_NAMESPACE, or robot1.
-        hosts: A host table, its path or a shipped one's name; see `table_of`.
-        host: This machine's name in it; by default it is found by its addresses.
-        connect: Where the robot's router is; by default the table's, else this machine's.
-        passing: Whether it is for a tool, which need not be on a host of the table. Agents are.
+        namespace: The robot's namespace; by default $ARMADICO_NAMESPACE, or robot1.
+        hosts: A host table: a path or a shipped one's name; see `table_of`.
+        host: This machine's name in it; by default found by its addresses.
+        connect: Endpoints of the robot's router; by default the table's, else this machine's.
+        passing: True for a tool, which may be on a machine outside the table; False for agents.
     """
     namespace, connect = namespace or default_namespace(), several(connect)
     named = table_of(hosts, host, connect)
@@ -128,10 +123,10 @@ def endpoints(
 def table_of(
     hosts: str | Path | None, host: str | None = None, connect: Sequence[str] = ()
 ) -> str | Path | None:
-    """The host table that is meant, by path or name; None: none.
+    """Return the host table to use, by path or name; None: none.
 
-    What is named comes first, then $ARMADICO_HOSTS unless `connect` says where to look, then, with
-    a host alone, the shipped table.
+    In this order: `hosts`; $ARMADICO_HOSTS, unless `connect` is given without a host; the shipped
+    table, if only a host is given.
     """
     if hosts is not None:
         return hosts
@@ -142,7 +137,7 @@ def table_of(
 
 
 def entry(table: HostTable, name: str) -> Host:
-    """One machine of a table. Raises ConfigError, which of the shipped one says how to name one."""
+    """Return one machine of a table. Raises ConfigError."""
     from armadico.config.hosts import table_path
 
     if name not in table.hosts and table.file == str(table_path(DEFAULT)):
@@ -155,7 +150,7 @@ def entry(table: HostTable, name: str) -> Host:
 
 
 def _check_here(name: str, host: Host, table: HostTable) -> None:
-    """Raises ConfigError if a host of the table is not this machine."""
+    """Raise ConfigError if a host of the table is not this machine."""
     faults = [fault for address in host.addresses if (fault := _fault(address))]
     if faults and len(faults) == len(host.addresses):
         here = [other for other in table.hosts if other != name and _is_here(table.hosts[other])]
@@ -166,12 +161,11 @@ def _check_here(name: str, host: Host, table: HostTable) -> None:
 
 
 def _is_here(host: Host) -> bool:
-    """Whether one of a host's addresses is this machine's."""
     return any(_fault(address) is None for address in host.addresses)
 
 
 def _fault(address: str) -> str | None:
-    """Why an address is not this machine's; None if it is."""
+    """Return why an address is not this machine's; None if it is."""
     try:
         found = socket.getaddrinfo(address, 0, type=socket.SOCK_STREAM)
     except OSError:
@@ -199,10 +193,10 @@ def _own_addresses() -> str:
 
 
 def _by_address(table: HostTable, *, passing: bool) -> str | None:
-    """The host that this machine is. Raises ConfigError if an agent could not know where it is."""
+    """Return this machine's name in a table. Raises ConfigError if an agent needs one."""
     hosts = table.hosts.items()
     found = [name for name, host in hosts if _is_here(host)]
-    found = found or [name for name, host in hosts if not host.addresses]  # nothing says it is not
+    found = found or [name for name, host in hosts if not host.addresses]  # may be this machine
     if passing:
         return found[0] if found else None
     if len(found) == 1:

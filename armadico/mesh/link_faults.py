@@ -1,4 +1,4 @@
-"""What is wrong with a link between two processes or hosts: one description for every network."""
+"""Faults of a link between two processes or hosts, for all simulated networks."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class LinkFaults:
-    """What is wrong with one direction of a link; by default nothing.
+    """Faults of one direction of a link; by default none.
 
-    Times are s, shares of what is sent from 0 to 1. What is sent keeps its order but for the share
-    `reorder`.
+    Times are s; shares are 0 to 1. Order is kept except for the share `reorder`.
 
-    The virtual network carries messages: `jitter` comes on top of `delay`, what is duplicated or
-    reordered is late by up to `behind`, and `garble` is the share of pieces of bytes that arrive
-    spoilt. The laboratory's switch carries Ethernet frames: it cuts, loses and delays them, by
-    `delay` give or take up to `jitter`.
+    On the virtual network, which carries messages, `jitter` is added to `delay`. Duplicates and
+    reordered messages are late by up to `behind`; `garble` is the share of byte chunks that arrive
+    corrupted. The laboratory's switch, which carries Ethernet frames, cuts, loses and delays them,
+    by `delay` plus or minus up to `jitter`.
     """
 
     cut: bool = False

@@ -1,7 +1,6 @@
-"""TCP ports for those who have to name one before it is bound: test beds, benchmarks, viewers.
+"""Free TCP ports for programs that name a port before it is bound: test beds, benchmarks, viewers.
 
-A port that the system gives out by itself is no such port: by the time it is bound anybody may have
-been given it.
+The system's ephemeral ports do not suit: another process may get one before it is bound.
 """
 
 from __future__ import annotations
@@ -15,22 +14,20 @@ LOOPBACK: Final = "127.0.0.1"
 
 FIRST: Final = 10_000
 SLICE: Final = 100
-SLICES: Final = 200
-"""From 10,000 to 29,999: below what Linux (32,768) and others (49,152) give out by themselves."""
+SLICES: Final = 200  # up to 29,999: below the ephemeral ports of Linux (32,768) and others (49,152)
 
-
-_asked = itertools.count()
+_tried = itertools.count()
 
 
 def free_ports(count: int, address: str = LOOPBACK) -> list[int]:
-    """Ports that nobody has now, and that the system gives to nobody.
+    """Return ports that are free now and not ephemeral. Raises OSError if there are too few.
 
-    Each process has a slice of its own, by its id, and goes round in it. So two that look at the
-    same time (workers of one test run, say) do not find the same. OSError if there are not as many.
+    Each process has its own slice of ports, by its id, and cycles through it. So simultaneous
+    processes, such as the workers of a test run, find different ports.
     """
     first, found = FIRST + os.getpid() % SLICES * SLICE, list[int]()
     for _ in range(SLICE):
-        port = first + next(_asked) % SLICE
+        port = first + next(_tried) % SLICE
         try:
             socket.create_server((address, port)).close()
         except OSError:

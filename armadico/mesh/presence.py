@@ -1,9 +1,8 @@
-"""Which other agents are there, for one that may itself be cut off: sans-IO.
+"""Which other agents are alive, for a process that may itself be disconnected: sans-IO.
 
-When the link to the robot's router is lost, the tokens of all others go at once. That says nothing
-about them: *cut off* and *all others have ended* are two things, and only the second is news. So
-while a process is cut off no agent is reported as gone; those that are not back `GRACE_S` after it
-is linked again are.
+When the link to the robot's router is lost, the tokens of all other agents disappear at once. That
+does not mean that they have ended. So while a process is disconnected no agent is reported as gone.
+Agents that have not returned `GRACE_S` after it is linked again are.
 """
 
 from __future__ import annotations
@@ -12,74 +11,73 @@ from collections.abc import Callable
 from math import inf
 from typing import Final
 
-GRACE_S: Final = 1.5
-"""The others find a router that has come back within 0.5 s, or after a lease (1 s)."""
+GRACE_S: Final = 1.5  # others find a returned router within 0.5 s, or after a lease (1 s)
 
 Changed = Callable[[str, str, bool], None]
-"""Told of an agent: its name, its instance, and whether it is there."""
+"""Called with an agent's name, its instance, and whether it is alive."""
 
 
 class Presence:
-    """Filters the news of liveliness tokens.
+    """Filters changes of liveliness tokens.
 
     Attributes:
-        reachable: Whether this process is linked to the robot's router, or is that.
-        told: The agents that are there, as far as it was reported: name and instance.
+        reachable: Whether this process is linked to the robot's router, or is the router.
+        reported: The agents that were reported as alive: name and instance.
     """
 
     def __init__(
         self, changed: Changed, router_changed: Callable[[bool], None], *, reachable: bool = False
     ) -> None:
-        """Begin with no agent there.
+        """Begin without agents.
 
         Args:
-            changed: Told which agent comes, and which goes.
-            router_changed: Told when the robot's router can be reached, and when not any more.
-            reachable: Whether it can be reached from the beginning: that is no news.
+            changed: Called when an agent appears or disappears.
+            router_changed: Called when the robot's router becomes reachable or unreachable.
+            reachable: Whether the router is reachable at the beginning; this is not reported.
         """
         self.reachable = reachable
         self._changed, self._router_changed = changed, router_changed
         self._there: set[tuple[str, str]] = set()
-        self.told: set[tuple[str, str]] = set()
-        self._look_at = inf
+        self.reported: set[tuple[str, str]] = set()
+        self._poll_at = inf
 
     @property
     def due(self) -> float:
-        """When `look` is to be called, s; infinite if there is nothing to wait for."""
-        return self._look_at
+        """When `poll` is due, s; infinite: not at all."""
+        return self._poll_at
 
     def link(self, up: bool, now: float) -> None:
-        """The link to the router is there, or lost.
+        """Process that the link to the router is up, or lost.
 
-        Without one nothing is known any more; all that is there comes again with the next link.
+        Without a link no token is known; all present ones arrive again with the next link.
         """
         if up == self.reachable:
             return
         self.reachable = up
         if not up:
             self._there.clear()
-        self._look_at = now + GRACE_S if up and self.told else inf
+        self._poll_at = now + GRACE_S if up and self.reported else inf
         self._router_changed(up)
 
     def token(self, name: str, instance: str, there: bool) -> None:
-        """The token of an agent has come, or gone."""
-        who = (name, instance)
+        """Process that an agent's token appeared (`there`) or disappeared."""
+        agent = (name, instance)
         if there:
-            self._there.add(who)
-            self._tell(who, True)
+            self._there.add(agent)
+            self._report(agent, True)
             return
-        self._there.discard(who)
-        if self.reachable and self._look_at == inf:  # else the others have time to come back
-            self._tell(who, False)
+        self._there.discard(agent)
+        if self.reachable and self._poll_at == inf:  # else others have `GRACE_S` to return
+            self._report(agent, False)
 
     def poll(self, now: float) -> None:
-        """Report who has gone, once it is due."""
-        if now >= self._look_at:
-            self._look_at = inf
-            for who in sorted(self.told - self._there):
-                self._tell(who, False)
+        """Report the agents that have not returned, once it is due."""
+        if now >= self._poll_at:
+            self._poll_at = inf
+            for agent in sorted(self.reported - self._there):
+                self._report(agent, False)
 
-    def _tell(self, who: tuple[str, str], there: bool) -> None:
-        if there != (who in self.told):
-            (self.told.add if there else self.told.discard)(who)
-            self._changed(*who, there)
+    def _report(self, agent: tuple[str, str], there: bool) -> None:
+        if there != (agent in self.reported):
+            (self.reported.add if there else self.reported.discard)(agent)
+            self._changed(*agent, there)

@@ -1,8 +1,8 @@
-"""The sockets of routers: on one computer a Unix socket for each robot, else an endpoint.
+"""The Unix sockets of robots' routers on one computer.
 
-Unix sockets lie in a folder that is this user's alone, named after the robots' namespaces. A router
-that listens on one holds a lock beside it, so there is one router to a namespace, and a socket that
-a killed process has left behind is in nobody's way.
+They are in a folder that only this user may write to, named after the robots' namespaces. A router
+holds a lock beside its socket, so a namespace has one router, and the socket of a killed process
+does not block the next one.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from armadico.mesh.topology import TopologyError
 
 RUNTIME_VARIABLE: Final = "XDG_RUNTIME_DIR"
 
-LONGEST: Final = 100
-"""Bytes of a path: the system takes 107, and the lock beside it has five more."""
+LONGEST: Final = 100  # bytes of a path: the system allows 107, and the lock's name has five more
 
 _ANSWER_S: Final = 0.5
 
@@ -40,7 +39,7 @@ class Holder:
 
 
 def folder() -> Path:
-    """Where the sockets are: this user's own. Raises TopologyError if it cannot be used."""
+    """Return the user's folder of sockets. Raises TopologyError if it cannot be used."""
     base = os.environ.get(RUNTIME_VARIABLE)
     if base and os.access(base, os.W_OK):
         path = Path(base) / "armadico"
@@ -64,7 +63,7 @@ def folder() -> Path:
 
 
 def socket_of(namespace: str) -> Path:
-    """The socket of a robot's router. Raises TopologyError if there is no room for its name."""
+    """Return the path of a router's socket. Raises TopologyError if it is too long."""
     where = folder()
     for name in (stem(namespace), _short(namespace)):
         path = where / f"{name}.sock"
@@ -77,17 +76,17 @@ def socket_of(namespace: str) -> Path:
 
 
 def stem(name: str) -> str:
-    """A name as a part of a file's name; different names stay different."""
+    """Return a name escaped for a file's name; different names stay different."""
     return re.sub(r"[^A-Za-z0-9_.-]", lambda found: f"%{ord(found[0]):02x}", name)
 
 
 def endpoint(path: Path) -> str:
-    """A socket as Zenoh has it."""
+    """Return Zenoh's endpoint of a socket."""
     return f"unixsock-stream/{path}"
 
 
 def holder(path: Path) -> Holder | None:
-    """Which process listens on a socket; None if none does."""
+    """Return the process that listens on a socket; None if none does."""
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
             probe.settimeout(_ANSWER_S)
@@ -100,7 +99,7 @@ def holder(path: Path) -> Holder | None:
 
 
 def is_held(path: Path) -> bool:
-    """Whether a process that lives has a file locked."""
+    """Return whether a live process has a file locked."""
     try:
         with path.open() as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -112,14 +111,14 @@ def is_held(path: Path) -> bool:
 
 
 def is_deleted(path: Path) -> bool:
-    """Whether a router listens on a socket whose file has been deleted: nobody can connect."""
+    """Return whether a router listens on a deleted socket, to which no process can connect."""
     return not path.exists() and is_held(path.with_name(f"{path.name}.lock"))
 
 
 def answers(endpoint: str, within: float) -> bool:
-    """Whether a router's port accepts connections, within so many s.
+    """Return whether a router's port accepts connections, within a timeout in s.
 
-    Only protocols over TCP tell; of others it is assumed.
+    It is assumed of protocols that are not over TCP.
     """
     protocol, _, place = endpoint.partition("#")[0].partition("/")
     address, _, port = place.rpartition(":")
@@ -136,12 +135,12 @@ def answers(endpoint: str, within: float) -> bool:
 
 
 def fleet_here(namespace: str) -> tuple[str, ...]:
-    """Where the routers of a robot's fleet listen on this computer now, its own too: endpoints."""
+    """Return the endpoints of the fleet's routers on this computer, the robot's own too."""
     return tuple(endpoint(path) for path in fleet_sockets(namespace) if holder(path) is not None)
 
 
 def fleet_sockets(namespace: str) -> list[Path]:
-    """The sockets of the robots that share what lies beside this one's namespace, in use or not."""
+    """Return the sockets of all robots of this robot's fleet, in use or not."""
     fleet, slash, _ = namespace.rpartition("/")
     begins = stem(fleet + slash), _short(namespace).rpartition(_SLASH)[0] + _SLASH
 
@@ -152,6 +151,6 @@ def fleet_sockets(namespace: str) -> list[Path]:
 
 
 def _short(namespace: str) -> str:
-    """A namespace as a short name, of which the first part is the fleet's."""
+    """Return a namespace as a short name, whose first part is the fleet's."""
     fleet, _, robot = namespace.rpartition("/")
     return _SLASH.join(hashlib.sha256(part.encode()).hexdigest()[:10] for part in (fleet, robot))

@@ -1,8 +1,8 @@
 """How a process joins the mesh: as the robot's router, or as its client.
 
-The process of the robot agent is the router of its society, because nothing works without it
-anyway; all others are its clients. On the robot's computer they connect by a Unix socket, which is
-named after the namespace; from other computers to the one endpoint that the host table gives.
+The robot agent's process is the router of its society, because nothing works without it anyway. All
+other processes are its clients. On the robot's computer they connect by a Unix socket named after
+the namespace, on other computers by the endpoint in the host table.
 """
 
 from __future__ import annotations
@@ -12,21 +12,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"
-"""The robot that is meant when none is named."""
+NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"  # the default namespace
+DEFAULT_NAMESPACE = "robot1"  # without that variable
+HOSTS_VARIABLE = "ARMADICO_HOSTS"  # the default host table: a file, or a shipped one's name
 
-DEFAULT_NAMESPACE = "robot1"
-"""The robot without either."""
-
-HOSTS_VARIABLE = "ARMADICO_HOSTS"
-"""The host table that is meant when none is named: a file, or the name of a shipped one."""
-
+# The first part of keys that several robots share: `fleet/...` is beside a robot's namespace, not
+# in it. Robots `lab/r1` and `lab/r2` share `lab/fleet/...`, and are the fleet `lab`.
 FLEET = "fleet"
-"""The first part of keys that several robots share: `fleet/...` lies beside a robot's namespace,
-not in it. Robots `lab/r1` and `lab/r2` share `lab/fleet/...`, and are the fleet `lab`."""
 
-LONGEST_NAMESPACE = 100
-"""Characters: files are named by it."""
+LONGEST_NAMESPACE = 100  # characters, as it is part of file names
 
 _NAMESPACE = re.compile(r"[\w.-]+(/[\w.-]+)*", re.ASCII)
 
@@ -47,10 +41,10 @@ class Topology:
 
     Attributes:
         router: Whether it is the robot's router.
-        listen: Endpoints at which a router listens, besides the namespace's socket.
-        connect: Where a client's router may be, besides the socket; beginning with the nearest.
+        listen: Endpoints of a router, besides the namespace's socket.
+        connect: Endpoints that a client tries besides the socket, in order.
         socket: Whether the namespace's socket on this computer is the robot's.
-        fleet: Endpoints of the routers of other robots, on other computers, that share a fleet.
+        fleet: Endpoints of the routers of the fleet's robots on other computers.
     """
 
     router: bool = False
@@ -61,7 +55,7 @@ class Topology:
 
 
 def several(names: str | Sequence[str]) -> tuple[str, ...]:
-    """Return names as a tuple; a single string is one name, and not its letters."""
+    """Return names as a tuple; a single string is one name."""
     return (names,) if isinstance(names, str) else tuple(names)
 
 
@@ -73,10 +67,10 @@ def topology(
     here: bool = True,
     fleet: Sequence[str] = (),
 ) -> Topology:
-    """Choose. Raises TopologyError for what is no endpoint.
+    """Return how a process joins. Raises TopologyError for an invalid endpoint.
 
     Args:
-        router: Whether the process is the robot's.
+        router: Whether the process is the robot agent's.
         connect: Endpoints of the robot's router, from the command line: only these are tried.
         robot: The endpoint of the robot's router, from the host table.
         here: Whether the robot may be on this computer.
@@ -86,17 +80,16 @@ def topology(
     if router:
         others = checked_endpoints([endpoint for endpoint in fleet if endpoint != robot])
         return Topology(router=True, listen=known, fleet=others)
-    asked = checked_endpoints(several(connect))
-    return Topology(connect=asked or known, socket=here and not asked)
+    requested = checked_endpoints(several(connect))
+    return Topology(connect=requested or known, socket=here and not requested)
 
 
 def default_namespace(environ: Mapping[str, str] = os.environ) -> str:
-    """The robot that is meant when none is named."""
     return environ.get(NAMESPACE_VARIABLE, DEFAULT_NAMESPACE)
 
 
 def checked_namespace(name: str) -> str:
-    """The namespace, if it can be one. Raises `TopologyError` saying why not."""
+    """Return a valid namespace unchanged. Raises TopologyError for another one."""
     if len(name) > LONGEST_NAMESPACE or _NAMESPACE.fullmatch(name) is None:
         shown = name if len(name) <= LONGEST_NAMESPACE else f"{name[:20]}..."
         raise TopologyError(
@@ -111,7 +104,7 @@ def checked_namespace(name: str) -> str:
 
 
 def rooted(namespace: str, key: str) -> str:
-    """A key, or a pattern, of one robot's as the network has it."""
+    """Return the full key of a robot's key or pattern."""
     if key.startswith(FLEET + "/"):
         beside = namespace.rpartition("/")[0]
         return f"{beside}/{key}" if beside else key
@@ -119,7 +112,7 @@ def rooted(namespace: str, key: str) -> str:
 
 
 def checked_endpoints(endpoints: Sequence[str]) -> tuple[str, ...]:
-    """Endpoints, if they can be ones. Raises TopologyError."""
+    """Return valid endpoints as a tuple. Raises TopologyError for an invalid one."""
     for endpoint in endpoints:
         protocol, slash, rest = endpoint.partition("/")
         address, colon, port = rest.rpartition(":")

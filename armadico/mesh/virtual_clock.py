@@ -1,4 +1,4 @@
-"""The clock of the virtual mesh: what happens at which time, in one order for each seed."""
+"""The clock and the event queue of the virtual mesh, deterministic for each seed."""
 
 from __future__ import annotations
 
@@ -8,22 +8,19 @@ from collections.abc import Callable
 from math import inf
 from typing import Any
 
-Step = Callable[[Any, Any], None]
-"""What happens at a time."""
+Step = Callable[[Any, Any], None]  # a scheduled call, with its two arguments
 
 
 class Scheduler:
-    """Virtual time, what happens in it, and the random streams of a seed.
-
-    Equal instants run in order of a sequence number.
+    """Virtual time, scheduled events, and the random streams of a seed.
 
     Attributes:
-        now: s.
-        events: How many have happened.
+        now: The time, s.
+        events: Number of events so far.
     """
 
     def __init__(self, seed: int, ties: random.Random | None) -> None:
-        """At time 0. `ties` draws the order of equal instants; None: as they were put in."""
+        """Begin at time 0. `ties` draws the order of equal times; None: as scheduled."""
         self.seed = seed
         self.now = 0.0
         self.events = 0
@@ -32,11 +29,11 @@ class Scheduler:
         self._sequence = 0
 
     def stream(self, name: str) -> random.Random:
-        """A stream of random numbers of one's own."""
+        """Return the random stream of a name."""
         return random.Random(f"{self.seed}/{name}")
 
     def run(self, until: float, stop: Callable[[], bool] | None = None) -> None:
-        """Let time pass up to `until`, or until `stop` says so (asked after each event)."""
+        """Run events up to `until`, s, or until `stop` returns true (checked after each event)."""
         heap, pop = self._heap, heapq.heappop
         while heap and heap[0][0] <= until:
             self.now, _, call, a, b = pop(heap)
@@ -48,11 +45,11 @@ class Scheduler:
             self.now = max(self.now, until)
 
     def call_at(self, when: float, call: Step, a: Any = None, b: Any = None) -> None:
-        """Have something called at a time."""
+        """Schedule a call at a time, s."""
         heapq.heappush(self._heap, (when, self._next(), call, a, b))
 
     def _next(self) -> int:
-        """What orders equal instants."""
+        """Return the next sequence number, which orders events at equal times."""
         self._sequence += 1
         if self._ties is None:
             return self._sequence

@@ -1,4 +1,4 @@
-"""Devices on the virtual mesh: what stands behind a device agent's port."""
+"""Devices on the virtual mesh, behind device agents' ports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armadico.mesh.virtual_place import DEVICE, Device, Network, address
 
 @dataclass
 class Port:
-    """A device, and the node that has it open: the newest one that came with it."""
+    """A device and the node that opened it last."""
 
     device: Device
     node: Node
@@ -25,7 +25,7 @@ class Ports:
         self._ports: list[Port] = []
 
     def plug(self, device: Device, node: Node) -> None:
-        """A node opens a device."""
+        """Open a device for a node."""
         for port in self._ports:
             if port.device is device:
                 port.node = node
@@ -35,7 +35,7 @@ class Ports:
         self._mesh.call_at(self._mesh.now, self._device_due, port)
 
     def write(self, node: Node, data: bytes) -> None:
-        """Bytes for a node's device."""
+        """Send bytes to a node's device."""
         link = self._mesh.link(node.address, address(node.namespace, DEVICE))
         at = link.arrival(self._mesh.now)
         if at is not None:

@@ -7,19 +7,19 @@ from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from armadico.mesh.virtual_network import Way
-from armadico.mesh.virtual_node import LOOK_AGAIN, Node
+from armadico.mesh.virtual_node import RETRY_S, Node
 from armadico.mesh.virtual_place import Network, Place
 
+# After a process is killed its socket closes immediately. Others detect it after this time, s.
 LIVELINESS: Final = 0.003
-"""How long after a process is killed the others hear of it, s: the socket closes at once."""
 
 
 class Liveliness:
-    """Who is alive, as each sees it: tokens, leases, cuts and hangs, as Zenoh has them.
+    """Tokens, leases, cuts and hangs, as in Zenoh: which processes each process sees as alive.
 
-    A process that is killed is missed at once: its socket closes. One that is cut off or hangs is
-    missed when its lease runs out; to itself it is cut off from then on. Some time after the cut
-    has healed, or it has woken, it is linked again.
+    A killed process disappears at once, as its socket closes. A disconnected or hanging process
+    disappears when its lease expires; to itself it is disconnected from then on. Some time after
+    the cut has healed, or the process continues, it is linked again.
     """
 
     def __init__(self, mesh: Network, lease: float, reconnect: tuple[float, float]) -> None:
@@ -31,19 +31,19 @@ class Liveliness:
         self._parted: set[frozenset[str]] = set()  # names whose connection's lease ran out
 
     def introduce(self, place: Place) -> None:
-        """A process has joined: it is told who is alive."""
+        """Send the tokens of all live processes to a process that has joined."""
         for other in self._mesh.others(place):
             if not other.lost:
                 self._announce(other, place)
 
     def join(self, place: Place, name: str, instance: str) -> None:
-        """A process declares its token: the others are told."""
+        """Send a process's new token to all others."""
         for other in self._mesh.others(place):
             if not other.lost:
-                self._tell_of(place, other, name, instance)
+                self._send_token(place, other, name, instance)
 
     def killed(self, place: Place) -> None:
-        """A process is gone: who reached it sees its socket close, the others its lease end."""
+        """Report a killed process: at once where it was reachable, else after its lease."""
         star = self._mesh.star
         router = star.router(place.namespace)
         if router is place:
@@ -59,13 +59,13 @@ class Liveliness:
     # Hangs ---------------------------------------------------------------------------------------
 
     def hung(self, node: Node) -> None:
-        """A node hangs from now on."""
+        """Note that a node hangs from now on."""
         node.hangs += 1
         self._mesh.star.troubled = True
         self._mesh.call_at(self._mesh.now + self._lease, self._hung_for_long, node, node.hangs)
 
     def woken(self, node: Node) -> None:
-        """It is back, and has dealt with what waited for it; tell it what it has lost meanwhile."""
+        """Report to a node what it lost during a hang, after its mailbox is empty."""
         if not node.lost:
             return
         router = self._mesh.star.router(node.namespace)
@@ -90,7 +90,7 @@ class Liveliness:
                 self._missed(other, node)
 
     def _found(self, node: Node, hang: int) -> None:
-        """It is linked again, where there is no router."""
+        """Link a node again, in a namespace without a router."""
         if node.alive and not node.hung and node.hangs == hang:
             node.lost = False
             self.introduce(node)
@@ -100,11 +100,11 @@ class Liveliness:
     # Cuts ----------------------------------------------------------------------------------------
 
     def cut(self, sources: Iterable[str], targets: Iterable[str], *, lease: bool) -> None:
-        """What sources publish no longer reaches targets, by names.
+        """Cut the links from sources to targets, by name.
 
-        With a `lease` the connection ends both ways when it runs out, as TCP's does; without,
-        nobody ever notices but by the silence. A cut between two that have no link, because a
-        router is between them, does nothing.
+        With `lease` the connection ends in both directions when the lease expires, as TCP's does.
+        Without, the cut is noticed by missing messages only. A cut between two processes without a
+        link, because a router is between them, has no effect.
         """
         self._mesh.star.troubled = True
         for way in _ways(sources, targets):
@@ -129,7 +129,7 @@ class Liveliness:
                     self._catch_up(place, other)
 
     def _catch_up(self, place: Place, other: Place) -> None:
-        """A link was cut for less than the lease: tokens that came meanwhile come now."""
+        """Send the tokens of the time of a cut that was shorter than the lease."""
         router = self._mesh.star.router(place.namespace)
         if router is None and not (place.lost or other.lost):
             self._announce(other, place)
@@ -139,7 +139,7 @@ class Liveliness:
                 self.join(place, name, instance)
 
     def _cut_for_long(self, way: Way, _: Any) -> None:
-        """Part them, if they are still cut; one that was cut anew meanwhile is parted early."""
+        """Part two processes that are still cut; one that was cut again is parted early."""
         pair = frozenset(way)
         if not self._cuts[way] or pair in self._parted:
             return
@@ -152,11 +152,11 @@ class Liveliness:
                 self.gone(place, other)
             elif other is router and place.uplink is router:
                 self._mesh.star.cut_off(place)
-                # Those that are cut off at this instant, too, do not miss each other.
+                # Processes that are disconnected at this same time do not see each other go.
                 self._mesh.call_at(self._mesh.now + LIVELINESS, self._parted_from, place)
 
     def _parted_from(self, place: Place, _: Any) -> None:
-        """A place is cut off: those that are still linked to the router miss it."""
+        """Report a disconnected place to the places that are still linked to the router."""
         for other in self._mesh.others(place):
             self._missed(other, place)
 
@@ -174,7 +174,7 @@ class Liveliness:
                 self._mesh.star.reach(place)
 
     def _pairs(self, pair: frozenset[str]) -> Iterator[tuple[Place, Place]]:
-        """Places that are alive and others, by the addresses of both, either way round."""
+        """Yield all (live place, other place) with these two addresses, in either order."""
         for place in self._mesh.places:
             for other in self._mesh.places:
                 if place.alive and place is not other and {place.address, other.address} == pair:
@@ -183,35 +183,35 @@ class Liveliness:
     def _both_ways(self, way: Way, *, up: bool) -> None:
         self._mesh.link(way[0], way[1]).up = self._mesh.link(way[1], way[0]).up = up
 
-    # Telling -------------------------------------------------------------------------------------
+    # Reporting -----------------------------------------------------------------------------------
 
     def _announce(self, place: Place, other: Place) -> None:
-        """One's tokens come to another; those of another robot's nobody looks for."""
+        """Send a place's tokens to another place of its namespace."""
         if place.namespace != other.namespace:
             return
         for name, instance in place.tokens:
-            self._tell_of(place, other, name, instance)
+            self._send_token(place, other, name, instance)
 
-    def _tell_of(self, place: Place, other: Place, name: str, instance: str) -> None:
+    def _send_token(self, place: Place, other: Place, name: str, instance: str) -> None:
         self._mesh.later(place, other, self._appear, other, (name, instance))
 
     def _appear(self, place: Place, what: tuple[str, str]) -> None:
         if place.alive:
-            place.see(*what, True)
+            place.update_token(*what, True)
 
     def _missed(self, place: Place, other: Place) -> None:
-        """The tokens of another go; a router that hangs between the two reports it afterwards."""
+        """Report another place as gone; later if a router between the two hangs."""
         if self._mesh.star.delays(other, place):
-            self._mesh.call_at(self._mesh.now + LOOK_AGAIN, self._missed, place, other)
+            self._mesh.call_at(self._mesh.now + RETRY_S, self._missed, place, other)
         else:
             self.gone(place, other)
 
     def gone(self, place: Place, other: Place) -> None:
-        """One sees the tokens of another go."""
+        """Report all tokens of another place as gone."""
         if place.namespace != other.namespace:
             return
         for name, instance in other.tokens:
-            place.see(name, instance, False)
+            place.update_token(name, instance, False)
 
 
 def _ways(sources: Iterable[str], targets: Iterable[str]) -> list[Way]:

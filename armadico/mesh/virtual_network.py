@@ -1,7 +1,7 @@
-"""What lies between the nodes of the virtual mesh, and what each of them takes for the time.
+"""Links and process clocks of the virtual mesh.
 
-A link is one direction between two processes; it delays, loses, doubles and reorders, and on the
-way to a device it spoils bytes. A clock is one process's own: processes never compare theirs.
+A link is one direction between two processes. It delays, loses, duplicates and reorders messages,
+and corrupts bytes on the way to a device. Each process has its own clock; they are never compared.
 """
 
 from __future__ import annotations
@@ -14,22 +14,20 @@ from typing import Final
 
 from armadico.mesh.link_faults import WHOLE
 
+# Delays are log-normal: median in s and sigma, measured between processes on one machine at 10 Hz.
 DELAY_MEDIAN = 0.0006
 DELAY_SPREAD = 0.45
-"""Log-normal: median in s and sigma, as measured between processes on one machine at 10 Hz."""
 
+# Quantiles of that distribution, s. Drawing one is the largest part of a delivery's cost.
 DELAYS: Final = tuple(
     DELAY_MEDIAN * exp(DELAY_SPREAD * NormalDist().inv_cdf((n + 0.5) / 1024)) for n in range(1024)
 )
-"""Quantiles of that, s: one is drawn for each delivery, which is most of what a delivery costs."""
 
-
-Way = tuple[str, str]
-"""From one agent's address to another's."""
+Way = tuple[str, str]  # from one agent's address to another's
 
 
 class Link:
-    """One direction between two processes, and what is wrong with it."""
+    """One direction between two processes, with its faults."""
 
     __slots__ = ("faults", "last", "rng")
 
@@ -40,17 +38,16 @@ class Link:
 
     @property
     def up(self) -> bool:
-        """Whether it is not cut."""
+        """Whether it is not cut; other faults stay as they are."""
         return not self.faults.cut
 
     @up.setter
     def up(self, up: bool) -> None:
-        """Cut it, or mend the cut; what else is wrong with it stays."""
         faults = replace(self.faults, cut=not up)
         self.faults = WHOLE if faults == WHOLE else faults
 
     def arrival(self, now: float) -> float | None:
-        """When something sent now arrives, s; None if it is lost."""
+        """Return when a message sent now arrives, s; None if it is lost."""
         faults = self.faults
         if faults.cut or (faults.loss and self.rng.random() < faults.loss):
             return None
@@ -59,19 +56,19 @@ class Link:
             if faults.jitter:
                 at += self.rng.uniform(0.0, faults.jitter)
             if faults.reorder and self.rng.random() < faults.reorder:
-                return at + self.rng.uniform(0.0, faults.behind)  # and what follows overtakes it
+                return at + self.rng.uniform(0.0, faults.behind)  # later messages overtake it
         self.last = max(at, self.last)
         return self.last
 
     def again(self, arrival: float) -> float | None:
-        """When a second copy of something arrives, s; None if there is none."""
+        """Return when a duplicate arrives, s; None if there is none."""
         faults = self.faults
         if not faults.duplicate or self.rng.random() >= faults.duplicate:
             return None
         return arrival + self.rng.uniform(0.0, max(faults.behind, DELAY_MEDIAN))
 
     def spoil(self, data: bytes) -> bytes:
-        """Bytes as they come out: some changed, left out or put in, if it is their turn."""
+        """Return bytes as they arrive: some changed, removed or inserted, at random."""
         rng = self.rng
         if not self.faults.garble or rng.random() >= self.faults.garble:
             return data
@@ -89,10 +86,7 @@ class Link:
 
 
 class Clock:
-    """A process's own clock: it starts anywhere, may run fast or slow, and may jump ahead.
-
-    It never goes back: `time.monotonic` does not.
-    """
+    """A process's monotonic clock: it starts anywhere, may run fast or slow, and may jump ahead."""
 
     def __init__(self, shows: float = 0.0, rate: float = 1.0) -> None:
         self._at = 0.0
@@ -100,21 +94,21 @@ class Clock:
         self._rate = rate
 
     def read(self, now: float) -> float:
-        """What it shows at a time of the mesh, s."""
+        """Return the clock's time at a time of the mesh, s."""
         return self._shows + (now - self._at) * self._rate
 
     def when(self, shows: float) -> float:
-        """The time of the mesh at which it shows this, s."""
+        """Return the mesh's time at a time of the clock, s."""
         return self._at + (shows - self._shows) / self._rate
 
     def drift(self, now: float, rate: float) -> None:
-        """From now on it runs so many times as fast as it should. Raises ValueError below 0."""
+        """Set the rate from now on; 1 is exact. Raises ValueError if it is not above 0."""
         if rate <= 0.0:
             raise ValueError(f"a clock's rate is above 0, not {rate}")
         self._at, self._shows, self._rate = now, self.read(now), rate
 
     def jump(self, ahead: float) -> None:
-        """It shows so much more at once, s. Raises ValueError if that is back."""
+        """Advance the clock at once, s. Raises ValueError if that is backwards."""
         if ahead < 0.0:
             raise ValueError(f"a monotonic clock does not go back, by {-ahead} s")
         self._shows += ahead

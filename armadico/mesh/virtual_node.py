@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from armadico.core.agent import Agent, AskFor, Publish, Subscription, Write
+from armadico.core.agent import Agent, Publish, SendQuery, Subscription, Write
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
@@ -16,17 +16,14 @@ from armadico.mesh.virtual_clock import Step
 from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_place import Device, Network, Place
 
-LOOK_AGAIN: Final = 0.02
-"""How often a wake-up tries whether a process that hangs or is busy can take it, s."""
-
-ROUNDING: Final = 1e-9
-"""A wake-up this little before its time, s, by a clock of its own, is in time."""
+RETRY_S: Final = 0.02  # pause before a wake-up of a hanging or busy process is tried again, s
+ROUNDING: Final = 1e-9  # by a process's own clock, a wake-up this much too early is in time, s
 
 
 class Node(Place):
-    """An agent's process: its driver, and what makes it hang, slow or wrong about the time.
+    """An agent's process: its driver, and its faults (hanging, slow, wrong clock).
 
-    Without a clock of its own it takes the mesh's time for its own.
+    Without its own clock it uses the mesh's time.
     """
 
     def __init__(
@@ -45,9 +42,9 @@ class Node(Place):
         self.mailbox: Mailbox[Callable[[], None]] = Mailbox()
         self.waits = True  # for a router, before its agent begins
         self.hangs = 0
-        self.work_s = 0.0  # for each delivery: what else it would have been through at once
+        self.work_s = 0.0  # processing time of each delivery, s
         self._busy = False
-        self._worked = 0  # deliveries since its last wake-up, or since nothing waited
+        self._worked = 0  # deliveries since the last wake-up, or since the mailbox was empty
         self._wake_due: float | None = None
         self._admit = admit
         self.begun = False
@@ -59,21 +56,20 @@ class Node(Place):
         return WHEELS in self.agent.owns
 
     def keep_journal(self) -> None:
-        """From its beginning, if it has not begun and the mesh has somebody read it."""
+        """Begin a journal, if the mesh keeps journals and the agent has not begun."""
         head = self.mesh.head
         if head is not None and not self.begun:
-            told = head(self.agent)
             self.driver = Journalled(
-                self.agent, self.time, told, admit=self._admit, publishes=False
+                self.agent, self.time, head(self.agent), admit=self._admit, publishes=False
             )
 
     def pieces(self) -> list[JournalPiece]:
-        """What its journal has come to since this was last asked; nothing if it keeps none."""
+        """Return the journal's new pieces since the last call; none if it keeps no journal."""
         return self.driver.pieces() if isinstance(self.driver, Journalled) else []
 
     @property
     def time(self) -> float:
-        """What it takes for the time, s."""
+        """The process's own time, s."""
         now = self.mesh.now
         return now if self.clock is None else self.clock.read(now)
 
@@ -85,46 +81,46 @@ class Node(Place):
     # Faults --------------------------------------------------------------------------------------
 
     def leave(self) -> None:
-        """SIGTERM: it lets go of what it holds, and ends."""
+        """SIGTERM: it releases what it holds, and ends."""
         self.driver.leave(self.time)
         self._send(self.driver.drain())
         self.kill()
 
     def hang(self) -> None:
-        """SIGSTOP: what arrives waits, its token stays for the lease."""
+        """SIGSTOP: deliveries wait, its token stays for the lease."""
         if not self.hung:
             self.hung = True
             self.mesh.liveliness.hung(self)
 
     def resume(self) -> None:
-        """SIGCONT: everything that waited arrives in a burst."""
+        """SIGCONT: all waiting deliveries arrive in a burst."""
         self.hung = False
         self._flush()
         self.mesh.liveliness.woken(self)
         self.mesh.star.woken(self)
 
     def slow_down(self, work_s: float) -> None:
-        """It needs so long for each delivery from now on, s; 0 is as fast as ever."""
+        """Set the processing time of each delivery, s."""
         self.work_s = work_s
         if not work_s and not self._busy:
             self._flush()
 
     def jump(self, ahead: float) -> None:
-        """Its clock shows so much more at once, s."""
+        """Advance its clock at once, s."""
         self._own_clock().jump(ahead)
-        self._mind_wakeup(anew=True)
+        self._schedule_wakeup(anew=True)
 
     def drift(self, rate: float) -> None:
-        """Its clock runs so many times as fast as it should from now on."""
+        """Set the rate of its clock from now on; 1 is exact."""
         self._own_clock().drift(self.mesh.now, rate)
-        self._mind_wakeup(anew=True)
+        self._schedule_wakeup(anew=True)
 
     def _own_clock(self) -> Clock:
         if self.clock is None:
             self.clock = Clock()
         return self.clock
 
-    # What arrives --------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
         return [(to.pattern, self._deliver, to) for to in self.agent.subscriptions()]
@@ -135,7 +131,7 @@ class Node(Place):
         key, message = what
         if self._waits():
             keep = 1 if to.kind is Kind.STATE else EVENTS
-            self._hand(lambda: self.driver.deliver(to, key, message, self.time), key, keep)
+            self._accept(lambda: self.driver.deliver(to, key, message, self.time), key, keep)
             return
         driver = self.driver
         driver.deliver(to, key, message, self.mesh.now if self.clock is None else self.time)
@@ -144,48 +140,51 @@ class Node(Place):
             self._send(out)
         wanted, due = driver.wakeup, self._wake_due
         if wanted is not None and (due is None or self.clock is not None or wanted < due):
-            self._mind_wakeup()
+            self._schedule_wakeup()
 
-    def queried(self, pattern: str) -> list[Any]:
+    def queryables(self, pattern: str) -> list[Any]:
         return [key for key in self.driver.queries if matches(pattern, key)]
 
-    def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
+    def on_query(self, queryable: Any, what: tuple[str, Message, int]) -> None:
         _, request, number = what
-        self._hand(lambda: self.driver.asked(one, request, number, self.time), f"query/{one}")
+        self._accept(
+            lambda: self.driver.on_query(queryable, request, number, self.time),
+            f"query/{queryable}",
+        )
 
-    def tell(self, name: str, instance: str, alive: bool) -> None:
-        self._hand(
+    def on_token(self, name: str, instance: str, alive: bool) -> None:
+        self._accept(
             lambda: self.driver.token(name, instance, alive, self.time), f"token/{instance}", 1
         )
 
-    def tell_router(self, there: bool) -> None:
+    def on_router(self, there: bool) -> None:
         if self.begun:
-            self._hand(lambda: self.driver.router(there, self.time), "router", 1)
+            self._accept(lambda: self.driver.router(there, self.time), "router", 1)
         else:
             self.driver.router(there, self.time)
 
     def received(self, data: bytes, _: Any) -> None:
-        """Take bytes from the device."""
-        self._hand(lambda: self.driver.received(data, self.time), "device")
+        """Process bytes from the device."""
+        self._accept(lambda: self.driver.received(data, self.time), "device")
 
     def _replied(self, number: int, message: Message | None) -> None:
-        self._hand(lambda: self.driver.replied(number, message, self.time), f"reply/{number}")
+        self._accept(lambda: self.driver.on_reply(number, message, self.time), f"reply/{number}")
 
-    def _hand(self, deliver: Callable[[], None], lane: str, keep: int = EVENTS) -> None:
-        """Deliver something, or keep it in a lane while it hangs or is busy."""
+    def _accept(self, deliver: Callable[[], None], lane: str, keep: int = EVENTS) -> None:
+        """Deliver now, or queue in a lane while the process hangs or is busy."""
         if not self.alive:
             return
         if self._waits():
-            self.mailbox.put(lane, lambda: self._through(deliver), keep)
+            self.mailbox.put(lane, lambda: self._process(deliver), keep)
             self._work()
         else:
-            self._through(deliver)
+            self._process(deliver)
 
     def _waits(self) -> bool:
-        """Whether what arrives must wait: nothing overtakes what waits already."""
+        """Return whether deliveries must wait, also behind waiting ones."""
         return self.hung or bool(self.work_s) or self._busy or bool(self.mailbox)
 
-    def _through(self, deliver: Callable[[], None]) -> None:
+    def _process(self, deliver: Callable[[], None]) -> None:
         if self.alive:
             deliver()
             self._drain()
@@ -193,19 +192,18 @@ class Node(Place):
     def _flush(self) -> None:
         while not self.hung and not self._busy and (item := self.mailbox.get()):
             item()
-        self._own_up()
+        self._report_dropped()
 
     def _work(self) -> None:
-        """A slow process takes one thing after another; what it sends comes at the end of each."""
+        """Process deliveries one by one, as a slow process; outputs follow at the end of each."""
         while not (self._busy or self.hung) and (item := self.mailbox.get()):
             self._worked += 1
             item()
         if not self._busy:
             self._worked = 0
-        self._own_up()
+        self._report_dropped()
 
-    def _own_up(self) -> None:
-        """Have the agent report what its mailbox had no room for, as a process does."""
+    def _report_dropped(self) -> None:
         if self.hung or self._busy or not self.alive:
             return
         if dropped := self.mailbox.take_dropped():
@@ -214,7 +212,7 @@ class Node(Place):
 
     def _has_worked(self, out: list[Output], _: Any) -> None:
         self._busy = False
-        if self.hung:  # it goes on where it was
+        if self.hung:  # it continues later where it was
             self.mailbox.put("worked", lambda: self._send(out))
         elif self.alive:
             self._send(out)
@@ -226,12 +224,12 @@ class Node(Place):
                 self._work()
             else:
                 self._flush()
-            self._mind_wakeup()
+            self._schedule_wakeup()
 
-    # What is sent --------------------------------------------------------------------------------
+    # Outputs -------------------------------------------------------------------------------------
 
     def _drain(self) -> None:
-        """Send what the agent has put into its outbox, at once or when its work is done."""
+        """Send the agent's outputs, now or at the end of the processing time."""
         out = self.driver.drain()
         if self.work_s and self.alive:
             self._busy = True
@@ -239,7 +237,7 @@ class Node(Place):
             return
         if out:
             self._send(out)
-        self._mind_wakeup()
+        self._schedule_wakeup()
         if self.driver.refusal and self.alive:
             if self.mesh.refused is not None:
                 self.mesh.refused(self)
@@ -253,7 +251,7 @@ class Node(Place):
                     self.unsent(item.key, why)
             elif isinstance(item, Write):
                 self.mesh.ports.write(self, item.data)
-            elif isinstance(item, AskFor):
+            elif isinstance(item, SendQuery):
                 self._ask(item)
             elif isinstance(item, Reply):
                 self.mesh.queries.reply(self, item.call, item.key, item.message)
@@ -264,18 +262,17 @@ class Node(Place):
                 self.driver.link(True, "", self.time)
                 self._drain()
 
-    def _ask(self, item: AskFor) -> None:
+    def _ask(self, item: SendQuery) -> None:
         self.mesh.queries.put_first(self, item, lambda message: self._replied(item.id, message))
 
     def unsent(self, key: str, why: str) -> None:
-        """See `Place`: the agent says so."""
         self.driver.refuse(key, why, self.time)
         self._send(self.driver.drain())
 
     # Wake-ups ------------------------------------------------------------------------------------
 
-    def _mind_wakeup(self, *, anew: bool = False) -> None:
-        """See that it is woken when the agent wants it; `anew`: its clock has changed."""
+    def _schedule_wakeup(self, *, anew: bool = False) -> None:
+        """Schedule the agent's next wake-up; `anew`: its clock has changed."""
         if anew:
             self._wake_due = None
         wanted = self.driver.wakeup
@@ -288,12 +285,12 @@ class Node(Place):
 
     def _wake(self, due: float, _: Any) -> None:
         if self._wake_due != due:
-            return  # an earlier one took its place
+            return  # an earlier one replaced it
         self._wake_due = None
         if not self.alive:
             return
         if self.hung or self._busy:
-            self._wake_due = self.mesh.now + LOOK_AGAIN
+            self._wake_due = self.mesh.now + RETRY_S
             self.mesh.call_at(self._wake_due, self._wake, self._wake_due)
             return
         now, wanted = self.time, self.driver.wakeup

@@ -14,30 +14,27 @@ from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual_clock import Scheduler, Step
 from armadico.mesh.virtual_network import Link, Way
 
-DEVICE: Final = "device"
-"""The name of what is behind a device agent's port, as links have it."""
-
-CLIENT: Final = "client"
-"""The name of those who publish or query from outside the society."""
+DEVICE: Final = "device"  # a device's name, for its links
+CLIENT: Final = "client"  # the name of publishers and clients outside the society
 
 
 def address(namespace: str, name: str) -> str:
-    """What a process is called among all robots': by its name alone where there is one robot."""
+    """Return a process's address among those of all robots; of the default robot its name."""
     return name if namespace == DEFAULT_NAMESPACE else f"{namespace}/{name}"
 
 
 class Device(Protocol):
-    """What stands behind a device agent's port in memory: bytes and the time in, bytes out."""
+    """A device in memory behind a device agent's port: bytes and the time in, bytes out."""
 
     def receive(self, data: bytes, now: float) -> None:
-        """Bytes from the agent."""
+        """Process bytes from the agent."""
 
     def advance(self, now: float) -> bytes:
-        """Live up to this time; what it says meanwhile."""
+        """Simulate up to this time, s; return the bytes sent meanwhile."""
 
     @property
     def due(self) -> float:
-        """When it next has something to say, s."""
+        """When it sends next, s."""
 
 
 class Place:
@@ -50,88 +47,86 @@ class Place:
         self.alive = True
         self.hung = False
         self.lost = False  # hung for longer than the lease, and not found again yet
-        self.tokens: list[tuple[str, str]] = []  # (name, instance) of those that can be seen
+        self.tokens: list[tuple[str, str]] = []  # declared ones: (name, instance)
         self.mesh = mesh
-        self.uplink: object = None  # what it is linked to: who has the same reaches it
-        self.presence = Presence(self.tell, self.tell_router, reachable=True)
-        self._look_at = inf
+        self.uplink: object = None  # its router; places with the same uplink reach each other
+        self.presence = Presence(self.on_token, self.on_router, reachable=True)
+        self._poll_at = inf
 
     @property
     def is_router(self) -> bool:
         """Whether it is a robot's process."""
         return False
 
-    def see(self, name: str, instance: str, there: bool) -> None:
-        """A token has come, or gone."""
+    def update_token(self, name: str, instance: str, there: bool) -> None:
+        """Process that a token appeared (`there`) or disappeared."""
         self.presence.token(name, instance, there)
-        self.mind_presence()
+        self.schedule_poll()
 
-    def mind_presence(self) -> None:
-        """See that it looks again when that is due."""
+    def schedule_poll(self) -> None:
+        """Schedule the next poll of `presence`."""
         due = self.presence.due
-        if due < self._look_at:
-            self._look_at = due
-            self.mesh.call_at(due, self._introduce, due)
+        if due < self._poll_at:
+            self._poll_at = due
+            self.mesh.call_at(due, self._poll, due)
 
-    def _introduce(self, due: float, _: Any) -> None:
-        if due == self._look_at:
-            self._look_at = inf
+    def _poll(self, due: float, _: Any) -> None:
+        if due == self._poll_at:
+            self._poll_at = inf
             if self.alive:
                 self.presence.poll(self.mesh.now)
-                self.mind_presence()
+                self.schedule_poll()
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
-        """The patterns that it listens to, what takes a delivery, and as what."""
+        """Return its subscriptions: the pattern, the call for a delivery, its first argument."""
         raise NotImplementedError
 
-    def queried(self, pattern: str) -> list[Any]:
-        """What of it answers queries on the keys of a pattern."""
+    def queryables(self, pattern: str) -> list[Any]:
+        """Return the first arguments of `on_query` for the keys of a pattern."""
         raise NotImplementedError
 
-    def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
-        """One of them takes a query: the key asked for, the request, and the query's number."""
+    def on_query(self, queryable: Any, what: tuple[str, Message, int]) -> None:
+        """Process a query: its key, the request, and the query's number."""
         raise NotImplementedError
 
-    def tell(self, name: str, instance: str, alive: bool) -> None:
-        """Take the news of a token."""
+    def on_token(self, name: str, instance: str, alive: bool) -> None:
+        """Process the filtered change of a token."""
         raise NotImplementedError
 
-    def tell_router(self, there: bool) -> None:
-        """Take the news that the robot's router can be reached, or cannot."""
+    def on_router(self, there: bool) -> None:
+        """Process that the robot's router became reachable (`there`) or unreachable."""
         raise NotImplementedError
 
     def unsent(self, key: str, why: str) -> None:
-        """Something was not sent."""
+        """Process that a message could not be sent."""
 
     def refuse(self, _: Any, what: tuple[str, Message]) -> None:
-        """Something was published by a wildcard: nobody takes it."""
+        """Reject a publication by a wildcard."""
 
     def announce(self, name: str, instance: str) -> None:
         self.tokens.append((name, instance))
         self.mesh.liveliness.join(self, name, instance)
 
     def kill(self) -> None:
-        """SIGKILL: it publishes nothing more, and its tokens go."""
+        """SIGKILL: it publishes nothing more, and its tokens disappear."""
         self.alive = False
         self.mesh.forget_routes()
         self.mesh.liveliness.killed(self)
 
 
-Route = tuple[Place, Step, Any]
-"""Who receives, what takes it, and as what."""
+Route = tuple[Place, Step, Any]  # the receiver, the call for a delivery, its first argument
 
 
 class Network(Scheduler):
-    """The places and the links between them: what the parts of a mesh know of it.
+    """The places and the links between them: the mesh as its parts see it.
 
     Attributes:
         places: The processes of agents, and the guests.
-        refused: Told of a node that may not join, or stay.
-        head: Begins the journals, if any are kept.
+        refused: Called with a node that may not join, or stay.
+        head: Returns the head of an agent's journal, if journals are kept.
     """
 
-    # The other parts, in modules of their own. They know the mesh by this class alone, and each
-    # other by these names.
+    # The other parts, in modules of their own. They use only this class and these names.
     star: Any
     liveliness: Any
     queries: Any
@@ -146,7 +141,7 @@ class Network(Scheduler):
         self._routes: dict[Way, list[Route]] = {}  # by namespace and key; made when needed
 
     def start(self, node: Any, _: Any = None) -> None:
-        """Have an agent begin, if it has not yet and its node is linked to a router."""
+        """Begin a node's agent if it is linked to a router and has not begun."""
         raise NotImplementedError
 
     def spread(
@@ -154,14 +149,14 @@ class Network(Scheduler):
         sender: str,
         key: str,
         message: Message,
-        speaker: Place | None,
+        publisher: Place | None,
         namespace: str = DEFAULT_NAMESPACE,
     ) -> str:
-        """Send to all but the speaker; why it could not be received, or an empty text."""
+        """Send to all except the publisher; return why it could not be received, or ""."""
         raise NotImplementedError
 
     def later(self, source: Place | str, target: Place, call: Step, a: Any, b: Any = None) -> None:
-        """Have something called once it has come over the network, if it does."""
+        """Schedule a call for when it has passed the network, unless it is lost."""
         sender = source if isinstance(source, str) else source.address
         if not isinstance(source, str) and not self.star.passes(source, target, (call, a, b)):
             return
@@ -170,7 +165,7 @@ class Network(Scheduler):
             self.call_at(at, call, a, b)
 
     def others(self, place: Place | None, namespace: str = DEFAULT_NAMESPACE) -> list[Place]:
-        """All others of a place's namespace who are alive, or of the one that is named."""
+        """Return all other live places of a place's namespace, or of the given one."""
         namespace = namespace if place is None else place.namespace
         return [
             other
@@ -179,7 +174,7 @@ class Network(Scheduler):
         ]
 
     def link(self, source: str, target: str) -> Link:
-        """The network from one agent to another, to be cut, slowed or made to lose."""
+        """Return the link from one address to another, whose faults may be set."""
         link = self._links.get((source, target))
         if link is None:
             link = self._links[source, target] = Link(self.stream(f"link/{source}/{target}"))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from armadico.core.agent import AskFor
+from armadico.core.agent import SendQuery
 from armadico.core.messages import Message, MessageError, checked
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual_place import CLIENT, Network, Place
@@ -14,10 +14,10 @@ from armadico.mesh.virtual_place import CLIENT, Network, Place
 
 @dataclass
 class Query:
-    asker: Place | None  # none: somebody outside the society
+    client: Place | None  # None: outside the society
     waits: int  # how many may still reply
-    each: Callable[[str, Message], bool]  # takes a reply; whether that is enough
-    over: Callable[[], None]  # told that there will be no more
+    each: Callable[[str, Message], bool]  # called with a reply; returns whether that is enough
+    over: Callable[[], None]  # called after the last reply
 
 
 class Queries:
@@ -26,28 +26,29 @@ class Queries:
     def __init__(self, mesh: Network) -> None:
         self._mesh = mesh
         self._waiting: dict[int, Query] = {}
-        self._asked = 0
+        self._last = 0
 
     def put_first(
         self,
-        asker: Place | None,
-        ask: AskFor,
+        client: Place | None,
+        query: SendQuery,
         then: Callable[[Message | None], None],
         namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
-        """Put a query of which the first reply counts."""
+        """Send a query of which only the first reply counts."""
 
         def each(_: str, message: Message) -> bool:
-            if not isinstance(message, ask.reply):
+            if not isinstance(message, query.reply):
                 return False
             then(message)
             return True
 
-        self.put(asker, ask.key, ask.request, ask.timeout, each, lambda: then(None), namespace)
+        key, request, timeout = query.key, query.request, query.timeout
+        self.put(client, key, request, timeout, each, lambda: then(None), namespace)
 
     def put(
         self,
-        asker: Place | None,
+        client: Place | None,
         key: str,
         request: Message,
         timeout: float,
@@ -55,20 +56,20 @@ class Queries:
         over: Callable[[], None],
         namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
-        """Ask everybody who answers on a key, or on the keys of a pattern."""
-        self._asked += 1
-        number, name, waits = self._asked, CLIENT if asker is None else asker, 0
+        """Send a query to all that answer on a key, or on the keys of a pattern."""
+        self._last += 1
+        number, source, waits = self._last, CLIENT if client is None else client, 0
         shared = sendable(request)
         if isinstance(shared, str):
-            if asker is not None:
-                asker.unsent(key, shared)
-        elif asker is None or not asker.lost:
-            for place in self._mesh.others(asker, namespace):
-                unknown = asker is not None and not self._mesh.star.knows(asker, place)
-                for one in () if place.lost or unknown else place.queried(key):
+            if client is not None:
+                client.unsent(key, shared)
+        elif client is None or not client.lost:
+            for place in self._mesh.others(client, namespace):
+                unknown = client is not None and not self._mesh.star.knows(client, place)
+                for one in () if place.lost or unknown else place.queryables(key):
                     waits += 1
-                    self._mesh.later(name, place, place.asked, one, (key, shared, number))
-        self._waiting[number] = Query(asker, waits, each, over)
+                    self._mesh.later(source, place, place.on_query, one, (key, shared, number))
+        self._waiting[number] = Query(client, waits, each, over)
         self._mesh.call_at(self._mesh.now + (timeout if waits else 0.0), self._over, number)
 
     def reply(self, place: Place, number: int, key: str, message: Message) -> None:
@@ -77,8 +78,8 @@ class Queries:
         if isinstance(shared, str):
             place.unsent(key, shared)
         elif query is not None and not place.lost:
-            if query.asker is not None:
-                self._mesh.later(place, query.asker, self._replied, number, (key, shared))
+            if query.client is not None:
+                self._mesh.later(place, query.client, self._replied, number, (key, shared))
                 return
             at = self._mesh.link(place.address, CLIENT).arrival(self._mesh.now)
             if at is not None:
@@ -101,7 +102,7 @@ class Queries:
 
 
 def sendable(message: Message) -> Message | str:
-    """The message as the others receive it, or why they cannot."""
+    """Return the message as receivers decode it, or why it cannot be sent."""
     try:
         return checked(message)
     except MessageError as error:

@@ -1,4 +1,4 @@
-"""A guest on the virtual mesh: what a process's session is on the real one."""
+"""A guest's session on the virtual mesh."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from armadico.mesh.virtual_place import CLIENT, Place
 
 
 class VirtualSession(Place):
-    """A guest's place on a virtual mesh: a `Mesh`. Whoever waits on one moves the clock."""
+    """A guest's session on a virtual mesh: a `Mesh`. Waiting on it advances the clock."""
 
     def __init__(
         self, mesh: VirtualMesh, namespace: str = DEFAULT_NAMESPACE, name: str = CLIENT
     ) -> None:
-        """Join; by its name its links are told from others'."""
+        """Join; the name identifies its links."""
         super().__init__(mesh, namespace, name)
         self._reader = Reader()
         self.refused: Counter[str] = self._reader.refused
@@ -30,7 +30,7 @@ class VirtualSession(Place):
         self._answers: list[tuple[str, Callable[[Call], None]]] = []
         self._changed: list[Callable[[str, str, bool], None]] = []
         self._router_changed: list[Callable[[bool], None]] = []
-        mesh.take_in(self)
+        mesh.add_place(self)
 
     def __enter__(self) -> Self:
         return self
@@ -44,7 +44,7 @@ class VirtualSession(Place):
         return self.mesh.now
 
     def wait(self, bell: Bell, timeout: float) -> bool:
-        """See `Mesh`. Raises `MeshError` if it would be for ever."""
+        """See `Mesh`. Raises `MeshError` if it would wait forever."""
         if bell.locked():
             until = inf if timeout < 0.0 else self.mesh.now + timeout
             self.mesh.run(until, lambda: not bell.locked())
@@ -57,8 +57,7 @@ class VirtualSession(Place):
         encode(message)
         self.mesh.spread(self.address, key, message, self)
 
-    def has_said(self, key: str) -> bool:  # noqa: ARG002
-        """See `Mesh`: nothing has to be declared."""
+    def is_declared(self, key: str) -> bool:  # noqa: ARG002
         return True
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
@@ -66,7 +65,7 @@ class VirtualSession(Place):
         self._listeners.append((pattern, self._deliver, receiver))
         self.mesh.forget_routes()
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,
@@ -77,13 +76,13 @@ class VirtualSession(Place):
         self._joined()
         encode(request)
 
-        def replied(where: str, message: Message) -> bool:
+        def on_reply(where: str, message: Message) -> bool:
             if self.alive:
                 each(where, encode(message))
             return False
 
         self.mesh.queries.put(
-            self, key, request, timeout, replied, lambda: done() if self.alive else None
+            self, key, request, timeout, on_reply, lambda: done() if self.alive else None
         )
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
@@ -108,7 +107,6 @@ class VirtualSession(Place):
         changed(self.reachable)
 
     def wait_joined(self, timeout: float) -> bool:  # noqa: ARG002
-        """See `Mesh`: it has joined."""
         return True
 
     def read(self, kind: type[M], key: str, data: bytes) -> M | None:
@@ -136,23 +134,23 @@ class VirtualSession(Place):
     def refuse(self, _: Any, what: tuple[str, Message]) -> None:
         self._reader.refuse(what[0], "published by wildcard")
 
-    def queried(self, pattern: str) -> list[Any]:
+    def queryables(self, pattern: str) -> list[Any]:
         return [receiver for key, receiver in self._answers if matches(pattern, key)]
 
-    def asked(self, one: Any, what: tuple[str, Message, int]) -> None:
+    def on_query(self, queryable: Any, what: tuple[str, Message, int]) -> None:
         if self.alive:
-            one(Asked(self, what[0], encode(what[1]), what[2]))
+            queryable(VirtualCall(self, what[0], encode(what[1]), what[2]))
 
-    def tell(self, name: str, instance: str, alive: bool) -> None:
+    def on_token(self, name: str, instance: str, alive: bool) -> None:
         for changed in self._changed:
             changed(name, instance, alive)
 
-    def tell_router(self, there: bool) -> None:
+    def on_router(self, there: bool) -> None:
         for changed in self._router_changed:
             changed(there)
 
 
-class Asked:
+class VirtualCall:
     """A `Call` on a guest."""
 
     def __init__(self, session: VirtualSession, key: str, payload: bytes, number: int) -> None:

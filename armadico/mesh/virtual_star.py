@@ -1,4 +1,4 @@
-"""The routers of the virtual mesh: what passes them, and what happens without one."""
+"""The routers of the virtual mesh, and their loss."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ from armadico.mesh.virtual_place import DEVICE, Network, Place
 
 
 class Star:
-    """Who is linked to which router: what two say to each other passes it.
+    """The routers, and which processes are linked to them; messages between two processes pass one.
 
-    The router is the process of the newest robot agent whose predecessor is gone. While it hangs
-    what others say waits in it; when it is gone they are cut off, from each other too, and look for
-    the next one again and again.
+    The router is the process of the newest robot agent whose predecessor is gone. While it hangs,
+    messages wait in it. When it is gone, the others are disconnected, from each other too, and try
+    again and again to link to the next one.
     """
 
     def __init__(self, mesh: Network, reconnect: tuple[float, float]) -> None:
-        self.troubled = False  # whether anything has gone wrong yet: before, all reach all
+        self.troubled = False  # whether there was a fault; before, all places reach each other
         self._mesh = mesh
         self._reconnects = reconnect
         self._rng = mesh.stream("star")
         self._routers: dict[str, Node] = {}  # by namespace
         self._held: dict[Node, list[tuple[Place, Place, tuple[Step, Any, Any]]]] = {}
-        self._seeking: set[Place] = set()  # that will try to link
+        self._seeking: set[Place] = set()  # places that will try to link
 
     def router(self, namespace: str) -> Node | None:
-        """The router of a namespace, alive or not; None if there never was one."""
+        """Return the router of a namespace, alive or not; None if there never was one."""
         return self._routers.get(namespace)
 
     def has_router(self, place: Place) -> bool:
-        """Whether a place is linked to a router, is one, or needs none."""
+        """Return whether a place is linked to a router, is one, or needs none."""
         return place.uplink is not place or self._routers.get(place.namespace) is place
 
     def knows(self, place: Place, other: Place) -> bool:
-        """Whether a place knows of another of its namespace, as far as routers tell it."""
+        """Return whether a place sees another of its namespace by their routers."""
         return not self.troubled or place.uplink is other.uplink
 
     def is_link(self, way: Way) -> bool:
-        """Whether there is a link between two addresses, and not only a way by routers."""
+        """Return whether two addresses are linked directly, and not only by routers."""
         if any(each.rpartition("/")[2] == DEVICE for each in way):
             return True
         ends = [self._routers.get(_namespace(each)) for each in way]
@@ -51,12 +51,12 @@ class Star:
         return all(end is None or end.address == each for end, each in zip(ends, way, strict=True))
 
     def join(self, place: Place) -> None:
-        """Somebody starts: with whom it is linked."""
+        """Link a starting place to its router, or make it one."""
         router = self._routers.get(place.namespace)
         if _can_route(place) and (router is None or not router.alive):
             self._lead(place)
         elif router is None:
-            pass  # everybody reaches everybody
+            pass  # all places reach each other
         elif self._reaches(place, router):
             place.uplink = router
         else:
@@ -65,10 +65,10 @@ class Star:
             place.presence.link(False, self._mesh.now)
             self._seek(place)
 
-    # What passes ---------------------------------------------------------------------------------
+    # Passing messages ----------------------------------------------------------------------------
 
     def passes(self, source: Place, target: Place, what: tuple[Step, Any, Any]) -> bool:
-        """Whether something passes now; it waits if a router between the two hangs."""
+        """Return whether a delivery passes now; it waits if a router between the two hangs."""
         if not self.troubled:
             return True
         routers = self._between(source, target)
@@ -78,11 +78,11 @@ class Star:
         return routers is not None and hung is None
 
     def delays(self, source: Place, target: Place) -> bool:
-        """Whether a router between the two hangs, so that news of one's end comes later."""
+        """Return whether a router between the two hangs, which delays the report of an end."""
         return any(router.hung for router in self._between(source, target) or ())
 
     def _between(self, source: Place, target: Place) -> list[Node] | None:
-        """The routers by which one reaches another; None if it does not."""
+        """Return the routers by which one place reaches another; None if it does not."""
         if source.namespace == target.namespace:
             router = source.uplink
             if router is not target.uplink:
@@ -104,10 +104,10 @@ class Star:
         between = [router for router in routers if router is not source and router is not target]
         return between if all(router.alive for router in between) else None
 
-    # Losing a router, and finding it -------------------------------------------------------------
+    # Losing and finding a router -----------------------------------------------------------------
 
     def lose(self, router: Node, _: Any = None) -> None:
-        """A router is gone, or hangs for longer than the lease: all are cut off."""
+        """Disconnect all places of a router that is gone, or hangs for longer than the lease."""
         self.troubled = True
         self._held.pop(router, None)
         others = self._mesh.others(router)
@@ -120,18 +120,18 @@ class Star:
             self._mesh.liveliness.gone(place, router)
         if self._routers[router.namespace] is router:
             second = next((place for place in others if _can_route(place)), None)
-            if second is not None:  # its process would not have come up, and is started anew
+            if second is not None:  # in reality its process could not start, and is restarted
                 self._lead(second)
 
     def cut_off(self, place: Place) -> None:
-        """A place has lost its router: it reaches only itself."""
+        """Disconnect a place that has lost its router."""
         self.troubled = True
         place.uplink = place
         place.presence.link(False, self._mesh.now)
         self._seek(place)
 
     def woken(self, node: Node) -> None:
-        """A process goes on: so does what has waited in it, and those find it that it has lost."""
+        """Release the messages that waited in a continued router; its lost places link again."""
         router = self._routers.get(node.namespace)
         if router is not node:
             if router is not None and node.uplink is not router:
@@ -144,7 +144,7 @@ class Star:
                 self._seek(place)
 
     def reach(self, place: Place) -> None:
-        """A place links to its router again, at once if it can."""
+        """Link a place to its router again, now if possible."""
         router = self._routers.get(place.namespace)
         if router is None or place.uplink is router or not place.alive:
             return
@@ -154,7 +154,7 @@ class Star:
             self._seek(place)
 
     def _lead(self, router: Node) -> None:
-        """A process is the router of its namespace from now on."""
+        """Make a process the router of its namespace."""
         self._routers[router.namespace] = router.uplink = router
         for place in self._mesh.others(router):
             if place.uplink is None:
@@ -172,12 +172,12 @@ class Star:
     def _try(self, place: Place, _: Any) -> None:
         self._seeking.discard(place)
         if self._works(self._routers[place.namespace]) and not place.hung:
-            self.reach(place)  # else it is woken, or replaced
+            self.reach(place)  # else the router is woken, or replaced
 
     def _link(self, place: Place, router: Node) -> None:
         place.uplink = router
         place.presence.link(True, self._mesh.now)
-        place.mind_presence()
+        place.schedule_poll()
         liveliness = self._mesh.liveliness
         liveliness.introduce(place)
         for name, instance in place.tokens:
@@ -202,5 +202,4 @@ def _can_route(place: Place) -> TypeGuard[Node]:
 
 
 def _namespace(address: str) -> str:
-    """The namespace of a process, by its address."""
     return address.rpartition("/")[0] or DEFAULT_NAMESPACE

@@ -1,14 +1,14 @@
-"""The mesh between processes: the only module that knows Zenoh.
+"""The mesh between processes: the only module that imports Zenoh.
 
-Callbacks run on Zenoh's own reception thread and must return soon: a slow one stops reception for
-the whole process. Most put what they are given into a queue. They are handed bytes; the owner of
-the queue reads them with `ZenohMesh.read`, so a value that is overtaken there is never decoded.
+Callbacks run on Zenoh's reception thread and must return soon: a slow one stops reception for the
+whole process. Most put their bytes into a queue. The queue's owner decodes them with
+`ZenohMesh.read`, so a value that is replaced in the queue is never decoded.
 
-A client may be used while its router is not there: what it declares is declared once it is linked,
-what it publishes goes nowhere, and nobody answers what it asks. When the link is lost it opens a
-new session. Zenoh would link the old one again by itself, but a router that had hung then forwards
-what has waited in it under wrong keys: it still numbers them as before (measured with 1.10.2:
-some hundred messages after each hang of more than the lease).
+A client may be used before it is linked to its router. Its declarations are made once it is linked,
+its publications are dropped, and its queries get no reply. When the link is lost it opens a new
+session. Zenoh would link the old session again, but a router that had hung then forwards the
+waiting messages under wrong keys, because it uses the old key numbers (measured with 1.10.2: some
+hundred messages after each hang of more than the lease).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
-# One worker of Zenoh's for everything, where there would be five: what they do for a message of
-# ours is little, and handing it on woke each process 20 times a cycle. Read on loading Zenoh.
+# One worker of Zenoh for everything instead of five: they have little work per message, and handing
+# it over woke each process 20 times a cycle. Zenoh reads this variable when it is loaded.
 os.environ.setdefault(
     "ZENOH_RUNTIME",
     "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx),"
@@ -45,61 +45,43 @@ from armadico.mesh.topology import FLEET, MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
 
-CLOSE_S: Final = 1.0
-"""A session that does not close within this is left behind (closing may block for 10 s)."""
+CLOSE_S: Final = 1.0  # timeout of closing a session, which may block for 10 s
+POLL_S: Final = 0.1  # how often a client checks whether its router is there, s
+WARN_S: Final = 1.5  # after how long without a router a client logs that it waits, s
+PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
+TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
+ANSWER_S: Final = 0.5  # timeout of querying whether an endpoint leads to the robot's router
+FLEET_S: Final = 1.0  # how often a router checks for other robots of its fleet on this computer, s
+PASSED_ON: Final = b"fleet"  # marks another robot's publication, which is not passed on again
+ROUTER: Final = "router/{id}"  # the liveliness token of a robot's router
 
-LOOK_S: Final = 0.1
-"""How often a client looks whether its router is there,"""
-
-SAY_S: Final = 1.5
-"""and after how long it says that it waits."""
-
-PROBE_S: Final = 1.0
-"""What a router on another computer may take to accept a connection."""
-
-TRY_S: Final = 1.0
-"""How long opening waits until a router has been joined, or none is there."""
-
-ANSWER_S: Final = 0.5
-"""How long a router may take to tell whether it leads to the robot's."""
-
-FLEET_S: Final = 1.0
-"""How often a router looks for other robots of its fleet on this computer."""
-
-PASSED_ON: Final = b"fleet"
-"""Marks what another robot of the fleet has published: it is not passed on again."""
-
-ROUTER: Final = "router/{id}"
-"""The liveliness token of a robot's router."""
-
+# Zenoh's settings in every process. Times in ms.
 SETTINGS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
-    "scouting/delay": 0,  # opening would wait for so long for others that are not looked for
-    # The lease is what the *others* wait before they take this process for gone.
+    "scouting/delay": 0,  # otherwise opening waits for scouting, which is disabled
+    # How long *others* wait before this process counts as gone.
     "transport/link/tx/lease": 1000,
     "transport/link/tx/keep_alive": 4,
-    "connect/timeout_ms": 2500,  # of one attempt; one to join a router that hangs takes as long
+    "connect/timeout_ms": 2500,  # of one attempt; joining a hanging router takes as long
     "connect/retry": {
         "period_init_ms": 200,
         "period_max_ms": 500,
         "period_increase_factor": 1.5,
     },
-    # Or an attempt that began while a cable was out goes on for 10 s, less and less often.
+    # By default an attempt that began while a cable was out goes on for 10 s.
     "transport/unicast/open_timeout": 2000,
     "transport/shared_memory/enabled": False,
     "timestamping/enabled": False,
     "open/return_conditions/connect_scouted": False,
     "open/return_conditions/declares": False,
 }
-"""Set on every process. Times in ms, as Zenoh has them."""
 
-Declare = Callable[[zenoh.Session], None]
-"""Declares something in a session."""
+Declare = Callable[[zenoh.Session], None]  # makes a declaration in a session
 
 
 class Call:
-    """A query that waits for its answer; one that is let go of unanswered is simply over."""
+    """A received query: a `base.Call`."""
 
     __slots__ = ("_namespace", "_query", "key", "payload")
 
@@ -110,7 +92,6 @@ class Call:
         self.payload = b"" if query.payload is None else query.payload.to_bytes()
 
     def reply(self, key: str, message: Message) -> None:
-        """Answer, from a key that the query's covers, and be done with it."""
         data = encode(message)
         try:
             self._query.reply(rooted(self._namespace, key), data)
@@ -121,7 +102,7 @@ class Call:
 
 @dataclass
 class Declared:
-    """What is declared in a session: it lasts as long as it is held here."""
+    """A session's declarations. They exist as long as they are referenced here."""
 
     publishers: dict[str, zenoh.Publisher] = field(default_factory=dict)
     tokens: dict[str, zenoh.LivelinessToken] = field(default_factory=dict)
@@ -135,16 +116,16 @@ class Declared:
 
 @dataclass
 class Watchers:
-    """Those who are told of agents, and of the robot's router."""
+    """The callbacks for changes of agents and of the robot's router."""
 
     agents: list[Changed] = field(default_factory=list)
     router: list[Callable[[bool], None]] = field(default_factory=list)
 
-    def tell_agent(self, name: str, instance: str, there: bool) -> None:
+    def notify_agent(self, name: str, instance: str, there: bool) -> None:
         for changed in self.agents:
             changed(name, instance, there)
 
-    def tell_router(self, reachable: bool) -> None:
+    def notify_router(self, reachable: bool) -> None:
         for changed in self.router:
             changed(reachable)
 
@@ -152,36 +133,37 @@ class Watchers:
 class ZenohMesh(Reader, Monotonic):
     """One process's session, within one robot's namespace: a `Mesh`.
 
-    Zenoh's own namespace would hold what robots share, too (`rooted`): keys are placed here.
+    Zenoh's own namespaces are not used, because they would also prefix the keys that robots share
+    (`rooted`).
     """
 
     def __init__(self, namespace: str, where: Topology, *, starts: bool = False) -> None:
-        """Prepare.
+        """Prepare without joining.
 
         Args:
-            namespace: Which robot.
+            namespace: The robot's namespace.
             where: How to join.
-            starts: That there is no robot agent yet is nothing to warn of: it is being started.
+            starts: The robot agent is being started: log a missing one as information only.
         """
         super().__init__()
         self.namespace = namespace
-        self.router = ""  # the id of the router that it is linked to, or is; empty without one
+        self.router = ""  # the id of the router that it is linked to, or is; else empty
         self._level = logging.INFO if starts else logging.WARNING
         self._where = where
         self._lock = threading.RLock()
         self._session: zenoh.Session | None = None
-        self._declarations: list[Declare] = []  # of each session that it has
+        self._declarations: list[Declare] = []  # to be made in each session
         self._opened = False
         self._joined = threading.Event()
-        self._tried = threading.Event()  # whether a router is there, for the first time
-        self._joining = ""  # the router that is being joined: it may hang
+        self._tried = threading.Event()  # after the first attempt to join
+        self._joining = ""  # the router that is being joined, which may hang
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
-        self._closing: threading.Thread | None = None  # ends a session whose link is lost
+        self._closing: threading.Thread | None = None  # closes a session whose link is lost
         self._declared = Declared()
         self._watchers = Watchers()
-        told = self._watchers.tell_agent, self._watchers.tell_router
-        self._presence = Presence(*told, reachable=where.router)
+        notify = self._watchers.notify_agent, self._watchers.notify_router
+        self._presence = Presence(*notify, reachable=where.router)
         self._fleet: FleetLinks | None = None
         self._timer: threading.Timer | None = None
 
@@ -201,12 +183,12 @@ class ZenohMesh(Reader, Monotonic):
 
     @property
     def hung(self) -> str:
-        """The router that accepts connections and has not answered; empty if none does so."""
+        """The router that accepted a connection and has not answered yet; "" if none."""
         return self._joining
 
     @property
     def missing(self) -> str:
-        """Why it has not been joined, and what to do: for people."""
+        """Why the mesh has not been joined, and what to do: for people."""
         if self.hung:
             return f"the router at {self.hung} does not answer; continue its process, or restart it"
         own = [str(self._socket())] if self._where.socket else []
@@ -219,11 +201,12 @@ class ZenohMesh(Reader, Monotonic):
         return f"no robot agent at {places}; start one with `armadico up`"
 
     def open(self) -> None:
-        """Join; a client that finds no router yet goes on looking, and can be used meanwhile.
+        """Join. A client without a router yet goes on trying, and can be used meanwhile.
 
         Raises:
-            MeshError: A router cannot listen: another one is there, or it is no address of its own.
-            TopologyError: There is no place for the socket.
+            MeshError: A router cannot listen: another one exists, or the address is not this
+                machine's.
+            TopologyError: The socket cannot be created.
         """
         atexit.register(self._end)
         if self._where.router:
@@ -231,19 +214,18 @@ class ZenohMesh(Reader, Monotonic):
             return
         self._opened = True
         if self._where.socket:
-            self._socket()  # what is wrong with it is said here
+            self._socket()  # raises its errors here, not in the thread
         self._start_seeking()
-        self._tried.wait(TRY_S)  # a router that hangs accepts a connection, and no more
+        self._tried.wait(TRY_S)  # limited, as a hanging router accepts a connection and no more
 
     def wait_joined(self, timeout: float) -> bool:
-        """Whether it has been linked to its router, within `timeout` (s)."""
         return self._joined.wait(timeout)
 
     def _socket(self) -> Path:
         return sockets.socket_of(self.namespace)
 
     def _listen(self) -> None:
-        """Be the router: one to a namespace and computer."""
+        """Open the session of a router: one per namespace and computer."""
         path = self._socket()
         listen = (sockets.endpoint(path), *self._where.listen)
         try:
@@ -264,22 +246,22 @@ class ZenohMesh(Reader, Monotonic):
         self._seeking = seeking
 
     def _seek(self) -> None:
-        """Wait for the router, which may come after its clients."""
-        speaking = threading.Timer(SAY_S, self._say_missing)
-        speaking.daemon = True
-        speaking.start()
+        """Wait for the router, which may start after its clients."""
+        warning = threading.Timer(WARN_S, self._log_missing)
+        warning.daemon = True
+        warning.start()
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
-            self._left.wait(LOOK_S)
+            self._left.wait(POLL_S)
         self._tried.set()
-        speaking.cancel()
+        warning.cancel()
 
-    def _say_missing(self) -> None:
+    def _log_missing(self) -> None:
         if not (self._joined.is_set() or self._left.is_set()):
             logger.log(self._level, "%s; waiting for it", self.missing)
 
     def _seek_once(self) -> bool:
-        """Join, if a router is there now."""
+        """Join a router that is there now; return whether there was one."""
         path = self._socket() if self._where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
@@ -289,7 +271,7 @@ class ZenohMesh(Reader, Monotonic):
         return any(self._join(there, there) for there in answering)
 
     def _join(self, there: str, shown: str) -> bool:
-        """Join by the router at an endpoint; `shown` is what people call it."""
+        """Join by the router at an endpoint, `shown` for people; return whether it succeeded."""
         self._joining = shown
         try:
             session = zenoh.open(self._config((), (there,)))
@@ -304,20 +286,20 @@ class ZenohMesh(Reader, Monotonic):
         return True
 
     def _leads_to_robot(self, session: zenoh.Session) -> bool:
-        """Whether the robot's router can be reached: of several endpoints some are other robots'.
+        """Return whether the session's router is the robot's.
 
-        A router forwards nothing of another robot's.
+        Of several endpoints some are other robots', whose routers forward nothing of this robot.
         """
         tokens: list[zenoh.Reply] = []
         over = threading.Event()
-        replied = zenoh.handlers.Callback(tokens.append, over.set, indirect=False)
+        on_reply = zenoh.handlers.Callback(tokens.append, over.set, indirect=False)
         key = self._rooted(ROUTER.format(id="*"))
-        session.liveliness().get(key, replied, timeout=ANSWER_S)
+        session.liveliness().get(key, on_reply, timeout=ANSWER_S)
         over.wait(2 * ANSWER_S)
         return any(token.ok is not None for token in tokens)
 
     def _begin(self, session: zenoh.Session) -> None:
-        """Declare all that is to be declared, now that there is a session."""
+        """Use a new session and make all declarations in it; close it if the mesh was left."""
         with self._lock:
             left = self._left.is_set()
             if not left:
@@ -326,7 +308,7 @@ class ZenohMesh(Reader, Monotonic):
             _close(session)
 
     def _declare_all(self, session: zenoh.Session) -> None:
-        """Declare it in a session, which is this mesh's from now on; the lock is held."""
+        """Make all declarations in a session, the mesh's from now on; the lock is held."""
         self._opened, self._session = True, session
         linked = _direct(lambda event: self._linked(session, event))
         self._keep(session.info.declare_link_events_listener(linked, history=True))
@@ -342,7 +324,7 @@ class ZenohMesh(Reader, Monotonic):
         self._joined.set()
 
     def _lose(self, session: zenoh.Session) -> None:
-        """The link to the router is lost: open another session in place of this one."""
+        """Replace a session whose link to the router is lost by a new one."""
         if self._session is not session or self._left.is_set():
             return
         self._session = None
@@ -350,25 +332,26 @@ class ZenohMesh(Reader, Monotonic):
         self._joined.clear()
         ending = self._ending(session)
         self._presence.link(False, self.now())
-        # The end of a program waits for it, as in `close`; Zenoh's threads would pass on `daemon`.
+        # The end of the program waits for it, as in `close`. Without `daemon=False` the thread
+        # would inherit `daemon` from Zenoh's thread.
         self._closing = threading.Thread(target=ending, name="closing", daemon=False)
         self._closing.start()
         self._start_seeking()
 
     def close(self, deadline: float = CLOSE_S) -> bool:
-        """Leave; False if that took longer than `deadline` (s), and goes on by itself."""
-        session = self._taken()
+        """Leave; False if that takes longer than `deadline` (s) and continues in the background."""
+        session = self._detach()
         if session is None:
             return True
-        # Closing may block for long, and there is no time-out to give it. The end of a program
-        # waits for it: a thread that comes back to an interpreter that has ended aborts it.
+        # Closing may block for long and has no timeout. The end of the program waits for it,
+        # because a thread that returns to an ended interpreter aborts the process.
         closing = threading.Thread(target=self._ending(session), name="closing")
         closing.start()
         closing.join(deadline)
         return not closing.is_alive()
 
-    def _taken(self) -> zenoh.Session | None:
-        """The session to be closed, without its tokens; none if it has been closed."""
+    def _detach(self) -> zenoh.Session | None:
+        """Return the session to close, without its tokens; None if there is none."""
         self._left.set()
         if self._fleet is not None:
             self._fleet.close()
@@ -378,19 +361,18 @@ class ZenohMesh(Reader, Monotonic):
                 self._timer.cancel()
         if self._seeking is not None:
             self._seeking.join(ANSWER_S)
-            if self._seeking.is_alive():  # within Zenoh: the end of a program waits for it, too
+            if self._seeking.is_alive():  # within Zenoh: the end of the program waits for it, too
                 threading.Thread(target=self._seeking.join, name="joining ends").start()
-        for token in reversed(
-            self._declared.tokens.values()
-        ):  # a router's own last, and before its links
+        # A router's own token goes last, and before its links.
+        for token in reversed(self._declared.tokens.values()):
             token.undeclare()  # type: ignore[no-untyped-call]
         self._declared.tokens.clear()
         atexit.unregister(self._end)
         return session
 
     def _end(self) -> None:
-        """Close what a program has left open: Zenoh's threads would never let its process end."""
-        session = self._taken()
+        """Close a mesh that the program left open: Zenoh's threads would keep the process alive."""
+        session = self._detach()
         for thread in (self._seeking, self._closing):
             if thread is not None:
                 thread.join()
@@ -398,10 +380,10 @@ class ZenohMesh(Reader, Monotonic):
             self._ending(session)()
 
     def _ending(self, session: zenoh.Session) -> Callable[[], None]:
-        """What closes a session, and then frees all that was declared in it.
+        """Return a function that closes a session and then frees its declarations.
 
-        Left to the garbage collector, an object of Zenoh's is freed by whatever thread allocates
-        next, and waits for Zenoh's own thread, which may be waiting for a lock of that thread.
+        The garbage collector must not free them: it would do so in any thread that allocates, and
+        wait for Zenoh's own thread, which may wait for a lock of that thread.
         """
         declared, self._declared = self._declared, Declared()
 
@@ -411,10 +393,9 @@ class ZenohMesh(Reader, Monotonic):
 
         return end
 
-    # Talking -------------------------------------------------------------------------------------
+    # Messages ------------------------------------------------------------------------------------
 
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
-        """See `Mesh`. One priority for all: or a stop and a speed could change places."""
         data = encode(message) if data is None else data
         publisher = self._declared.publishers.get(key) or self._publisher(key)
         if publisher is None:
@@ -422,16 +403,15 @@ class ZenohMesh(Reader, Monotonic):
         try:
             publisher.put(data)
         except zenoh.ZError:
-            if (
-                self._declared.publishers.get(key) is publisher
-            ):  # else the link was lost this moment
+            if self._declared.publishers.get(key) is publisher:  # else the link was just lost
                 raise
 
     def _publisher(self, key: str) -> zenoh.Publisher | None:
-        """A new one; None while it looks for its router."""
+        """Return a new publisher; None while there is no router."""
         with self._lock:
             if self._waits:
                 return None
+            # All have the default priority: otherwise a stop and a speed could change order.
             publisher = self._declared.publishers[key] = self._open.declare_publisher(
                 self._rooted(key),
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -439,12 +419,11 @@ class ZenohMesh(Reader, Monotonic):
             )
             return publisher
 
-    def has_said(self, key: str) -> bool:
-        """See `Mesh`: the first time a key has to be declared."""
+    def is_declared(self, key: str) -> bool:
         return key in self._declared.publishers or self._waits
 
     def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = True) -> None:
-        """See `Mesh`; `passed_on`: also what comes from another robot of the fleet."""
+        """See `Mesh`; `passed_on`: include publications of other robots of the fleet."""
         where, root = self._placed(pattern)
 
         def declare(session: zenoh.Session) -> None:
@@ -465,7 +444,7 @@ class ZenohMesh(Reader, Monotonic):
         self._declare(declare)
 
     def pass_on(self, key: str, data: bytes) -> None:
-        """Publish what another robot of the fleet has published, marked as that."""
+        """Publish another robot's publication, marked as such."""
         session = self._session
         if session is not None:
             session.put(
@@ -475,7 +454,7 @@ class ZenohMesh(Reader, Monotonic):
                 attachment=PASSED_ON,
             )
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,
@@ -486,7 +465,7 @@ class ZenohMesh(Reader, Monotonic):
         """See `Mesh`; both are called on Zenoh's thread."""
         where, root = self._placed(key)
 
-        def replied(reply: zenoh.Reply) -> None:
+        def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 each(str(reply.ok.key_expr)[root:], reply.ok.payload.to_bytes())
 
@@ -495,11 +474,11 @@ class ZenohMesh(Reader, Monotonic):
             if not self._waits:
                 self._open.get(
                     where,
-                    zenoh.handlers.Callback(replied, done, indirect=False),
+                    zenoh.handlers.Callback(on_reply, done, indirect=False),
                     payload=payload,
                     timeout=timeout,
                     target=zenoh.QueryTarget.ALL,
-                    congestion_control=zenoh.CongestionControl.DROP,  # wait for none that hangs
+                    congestion_control=zenoh.CongestionControl.DROP,  # never wait for a hanging one
                     consolidation=zenoh.ConsolidationMode.NONE,
                 )
                 return
@@ -508,10 +487,10 @@ class ZenohMesh(Reader, Monotonic):
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         where, root = self._placed(key)
 
-        def asked(query: zenoh.Query) -> None:
+        def on_query(query: zenoh.Query) -> None:
             receiver(Call(query, self.namespace, str(query.key_expr)[root:]))
 
-        self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(asked))))
+        self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(on_query))))
 
     # Liveliness ----------------------------------------------------------------------------------
 
@@ -528,15 +507,14 @@ class ZenohMesh(Reader, Monotonic):
         with self._lock:
             first = not self._watchers.agents
             self._watchers.agents.append(changed)
-            for who in sorted(self._presence.told):
-                changed(*who, True)
+            for agent in sorted(self._presence.reported):
+                changed(*agent, True)
         if first:
             where, root = self._placed(TOKEN.format(name="*", instance="*"))
             self._declare(lambda s: self._watch_tokens(s, where, root, self._agent_token))
 
     @property
     def reachable(self) -> bool:
-        """Whether the robot's router can be reached."""
         return self._presence.reachable
 
     def watch_router(self, changed: Callable[[bool], None]) -> None:
@@ -544,7 +522,7 @@ class ZenohMesh(Reader, Monotonic):
             self._watchers.router.append(changed)
             changed(self._presence.reachable)
 
-    # What is heard of others, on Zenoh's threads and the timer's ----------------------------------
+    # Changes of others, on Zenoh's threads and the timer's ----------------------------------------
 
     def _watch_tokens(
         self, session: zenoh.Session, where: str, root: int, then: Callable[[list[str], bool], None]
@@ -561,7 +539,7 @@ class ZenohMesh(Reader, Monotonic):
         self._keep(found)
 
     def _router_token(self, _: list[str], there: bool) -> None:
-        """A router that ends closes one link after another: the tokens of those go before ours."""
+        # A router that ends closes one link after another: other agents' tokens go before ours.
         if not there:
             self._presence.link(False, self.now())
 
@@ -572,7 +550,7 @@ class ZenohMesh(Reader, Monotonic):
     def _linked(self, session: zenoh.Session, event: zenoh.LinkEvent) -> None:
         there = event.kind == zenoh.SampleKind.PUT
         if not self._where.router:
-            with self._lock:  # before the tokens that go with a link
+            with self._lock:  # before the tokens of the link are processed
                 if self._session is session:
                     if there:
                         self.router = str(event.link.zid)
@@ -580,7 +558,7 @@ class ZenohMesh(Reader, Monotonic):
                         self._wait_for_due()
                     else:
                         self._lose(session)
-        if there:  # one that is lost may be the end of the program: nothing must wait then
+        if there:  # not for a lost link, which may be the end of the program: nothing may wait then
             release_links()
 
     def _wait_for_due(self) -> None:
@@ -601,7 +579,7 @@ class ZenohMesh(Reader, Monotonic):
 
     @property
     def _waits(self) -> bool:
-        """Whether its router is still looked for."""
+        """Whether it has no router yet."""
         return self._session is None and self._opened and not self._left.is_set()
 
     @property
@@ -611,7 +589,7 @@ class ZenohMesh(Reader, Monotonic):
         return self._session
 
     def _declare(self, declare: Declare) -> None:
-        """Declare something, in this session and in those after it."""
+        """Make a declaration in this session and in later ones."""
         with self._lock:
             begun = self._opened or self._left.is_set()
             if begun and not self._waits:
@@ -622,7 +600,7 @@ class ZenohMesh(Reader, Monotonic):
         return rooted(self.namespace, key)
 
     def _placed(self, key: str) -> tuple[str, int]:
-        """A key or pattern as the network has it, and how much longer that is: cut off again."""
+        """Return the full key or pattern, and the length of the prefix that it adds."""
         where = self._rooted(key)
         return where, len(where) - len(key)
 
@@ -642,18 +620,18 @@ class ZenohMesh(Reader, Monotonic):
 
 
 class FleetLinks:
-    """Brings to a robot's society what the other robots of its fleet publish for all.
+    """Passes on to a robot's society what the other robots of its fleet publish for all.
 
-    It is a client of each other robot's router and passes on `fleet/**`, in one direction; so
-    nothing else crosses between robots. Routers are not linked to one another: Zenoh's own (1.10.2)
-    stops working for good in a process whose link to another router comes back after a hang.
+    It is a client of each other robot's router and passes on `fleet/**`, in one direction, so
+    nothing else crosses between robots. Routers are not linked to each other: a link between
+    Zenoh's routers (1.10.2) that returns after a hang stops forwarding for good.
     """
 
     def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str]) -> None:
-        """Begin to look.
+        """Begin.
 
         Args:
-            mesh: The robot's own.
+            mesh: The robot's own mesh.
             elsewhere: Endpoints of robots on other computers.
         """
         self._mesh = mesh
@@ -670,7 +648,7 @@ class FleetLinks:
             link.close()
 
     def _keep(self) -> None:
-        """Link to robots that come, and forget those that have gone."""
+        """Link to robots that appear, and close the links to those that have gone."""
         own = sockets.socket_of(self._mesh.namespace)
         for endpoint in self._elsewhere:
             self._link(endpoint)
@@ -698,7 +676,7 @@ class FleetLinks:
         link.open()
 
     def _is_needed(self, link: ZenohMesh) -> bool:
-        """Whether a link leads to another robot, and no other one to the same: by two endpoints."""
+        """Return whether this is the first link to its router; two endpoints may lead to one."""
         routers = [self._mesh.router]
         for other in tuple(self._links.values()):
             if other is link:
@@ -715,21 +693,21 @@ def _close(session: zenoh.Session) -> None:
 
 
 def _direct(callback: Callable[[Any], None]) -> Any:
-    """Call on the thread that received it: one hop less than through a thread of its own."""
+    """Return a callback on the receiving thread, which saves a hop to another one."""
     return zenoh.handlers.Callback(callback, indirect=False)
 
 
+# Explanations of the system's errors when a router cannot listen.
 REASONS: Final = {
-    "address already in use": "another process has that port; name one that is free, or none",
-    "cannot assign requested address": "that is no address of this machine",
-    "permission denied": "ports below 1024 are not for everybody",
+    "address already in use": "another process uses that port; name a free one, or none",
+    "cannot assign requested address": "that is not an address of this machine",
+    "permission denied": "ports below 1024 need privileges",
 }
-"""The system's error when it cannot listen, in words that help."""
 
 
 def _reason(error: Exception) -> str:
-    said = str(error)
+    text = str(error)
     for system, words in REASONS.items():
-        if system in said.lower():
+        if system in text.lower():
             return words
-    return said.partition(" at /")[0].partition("\n")[0]
+    return text.partition(" at /")[0].partition("\n")[0]

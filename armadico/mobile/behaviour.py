@@ -1,4 +1,4 @@
-"""What the behaviours have in common: they drive a mission's trajectory, and know where on it."""
+"""The base class of behaviours, which drive along a mission's trajectory."""
 
 from __future__ import annotations
 
@@ -17,44 +17,42 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
 from armadico.mobile.safety import Limited, Scene, limit
 
-MARGINS = Safety()
-"""Kept by a behaviour that has none of its own."""
+MARGINS = Safety()  # the default of behaviours without their own margins
 
-
+# Standard deviations of the pose, m. Beyond the first a behaviour slows down; beyond the second the
+# robot is lost and no mission is driven.
 UNSURE_M, LOST_M = 0.15, 0.5
-"""Standard deviations of the pose, m: beyond the first a behaviour slows down, beyond the second
-the robot is lost and no mission is driven."""
 
+# The largest uncritical bid of a behaviour while a person drives by hand. Many behaviours reach
+# 1.0, the largest bid there is: teleop could not take the wheels from them.
 BY_HAND: Final = 0.9
-"""What a behaviour bids at the most while a hand is on the stick, unless it is critical. With 1.0,
-which many reach, the hand would get the wheels from nobody who has them: it can bid no more."""
 
+# The speed limit, m/s, when the deviation is just above `UNSURE_M` (or the top speed, if less), and
+# the share of it at `LOST_M`. A share of the top speed alone would not be enough: 0.3 of a Jackal's
+# 2 m/s is fast.
 SURE_M_S, SLOWEST = 1.0, 0.3
-"""Cap on the speed of a robot whose pose is just no longer sure, m/s (or its top speed, if that is
-less), and the share of it that is left just before it is lost. Not a share of the top speed alone:
-0.3 of a Jackal's 2 m/s would be no caution."""
 
 
 def driven_by(agent: Agent) -> str:
-    """Who drives by hand, of the agents that an agent hears (`ByHand`); empty: no person does."""
+    """Return the person who drives by hand, by an agent's messages (`ByHand`); "" if none does."""
     return next((each.driven_by for each in agent.each_fresh(ByHand) if each.driven_by), "")
 
 
 class Behaviour(Agent):
     """An agent that competes for the wheels while there is a trajectory to follow.
 
-    A subclass says in `propose` what it would do. `route` knows the way and how far the robot has
-    come on it, `body` what the robot is and can: `robot/description` says it, and no setting does.
-    Nobody bids without a goal, unless it says that it needs none, nor before the robot has been
-    described; nor while it is lost, but who `seeks`.
+    A subclass returns its bid in `propose`. `route` has the trajectory and the robot's progress,
+    `body` the robot's footprint and limits by `robot/description`. A behaviour does not bid without
+    a goal (unless `needs_goal` is false), before the robot's description, or while the robot is
+    lost (unless it `seeks`).
     """
 
     needs_goal: ClassVar[bool] = True
     seeks: ClassVar[bool] = False
-    """Whether it drives a robot that is lost, and only then: to find out where it is."""
+    """Whether it drives a lost robot, and only that, to localize it."""
 
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (
+    receives: ClassVar[tuple[type[Message], ...]] = (
         Trajectory,
         Description,
         Leading,
@@ -72,27 +70,27 @@ class Behaviour(Agent):
 
     @property
     def body(self) -> Body:
-        """The robot's outline and limits."""
-        assert self._body is not None, "nobody proposes before the robot is described"
+        """The robot's footprint and limits."""
+        assert self._body is not None, "`propose` is called after the robot's description"
         return self._body
 
     @property
     def measured(self) -> Speeds:
-        """(v, w) by the wheels, m/s and rad/s."""
+        """The measured (v, w), m/s and rad/s."""
         state = self.latest(RobotState)
-        assert state is not None, "nobody bids without robot/state"
+        assert state is not None, "`propose` is called after robot/state"
         return state.v, state.w
 
     @property
     def led(self) -> bool:
-        """Whether another agent leads the robot, as into a dock: no trajectory is driven then."""
+        """Whether another agent leads the robot, such as into a dock: no trajectory is driven."""
         return any(each.leads for each in self.each_fresh(Leading))
 
     def scene(self, obstacles: Obstacles) -> Scene:
-        """What a wish is held against: the body, how it moves, and what is known around it.
+        """Return the scene in which wanted speeds are limited.
 
-        The cycles that the obstacles are old count, and so do those that a contender's bid may wait
-        until it is cast: as long as fresh lasts. A holder's is commanded at once.
+        It includes the age of the obstacles, and how long the bid may wait before it is commanded:
+        up to `fresh_cycles` for a contender, 0 for the holder.
         """
         age = max(self.cycles.age(obstacles.cycle) or 0, 0)
         waits = 0 if self.holds(WHEELS) else self.cycles.fresh_cycles
@@ -101,59 +99,51 @@ class Behaviour(Agent):
         return Scene(self.body, going, obstacles.points, age * cycle_s, waits * cycle_s)
 
     def limited(self, v: float, w: float, obstacles: Obstacles, safety: Safety = MARGINS) -> Speeds:
-        """The wish (m/s, rad/s), as fast as the obstacles and the pose's uncertainty admit."""
+        """Return wanted speeds (m/s, rad/s), limited by obstacles and the pose's uncertainty."""
         return self.limited_in(self.scene(obstacles), v, w, safety)[:2]
 
     def limited_in(self, scene: Scene, v: float, w: float, safety: Safety = MARGINS) -> Limited:
-        """The same for a scene that is known already, with the free way of the wish.
-
-        The uncertainty is a cap, not a factor. A behaviour ramps up from what it commanded last, so
-        a factor would apply again in each cycle until the robot stands.
-        """
-        if (sure := self.sureness) < 1.0:
+        """Do the same for a given scene; the result has the free path of the wanted speeds."""
+        # The uncertainty is a limit, not a factor. A behaviour ramps up from its last command, so a
+        # factor would apply again in each cycle until the robot stands.
+        if (sure := self.pose_confidence) < 1.0:
             most = min(self.body.v_max, SURE_M_S) * sure
             v = min(max(v, -most), most)
         return limit(v, w, scene, safety)
 
     @property
-    def sureness(self) -> float:
-        """1 with a sure pose; else the share of `SURE_M_S` that the robot may drive."""
+    def pose_confidence(self) -> float:
+        """1 with a certain pose; else the share of `SURE_M_S` that the robot may drive."""
         pose = self.latest(Pose)
         off = 0.0 if pose is None or self.seeks else pose.deviation
         return min(max((LOST_M - off) / (LOST_M - UNSURE_M), SLOWEST), 1.0)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        """What it would do now, and how much that helps; None, and `why`, if nothing."""
-        raise NotImplementedError("propose(self, pose, obstacles) says what it would do")
+        """Return the bid; None without one, with the reason in `why`."""
+        raise NotImplementedError("propose(self, pose, obstacles) returns the bid")
 
     def on_mission(self) -> None:
-        """A new mission has begun, or the old one has ended."""
+        """Called when a mission begins or ends."""
 
     def on_body(self) -> None:
-        """The robot was described for the first time, or differently; or parameters changed."""
+        """Called when the robot's description or the parameters have changed."""
 
     def on_parameters(self, before: Any) -> None:  # noqa: ARG002
-        """What is worked out from the body and the parameters is worked out again."""
         if self._body is not None:
             self.on_body()
 
     def on_robot_state(self, state: RobotState) -> None:
-        """How the wheels turn, and how they did."""
         self._speeds = self._speeds[1], (state.v, state.w)
 
-    def on_description(self, said: Description) -> None:
-        """What the robot is and can."""
-        body = Body.of(said)
+    def on_description(self, description: Description) -> None:
+        body = Body.of(description)
         if body != self._body:
             self._body = body
             self.on_body()
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
-        """A new mission, or the old one said again: with how far the run has come since.
-
-        Whoever hung, or was cut off from the poses, has not seen the waypoints passed meanwhile. It
-        would lead back to them for ever, straight through what is between.
-        """
+        # An agent that hung, or did not receive the poses, has not seen the robot pass waypoints.
+        # Without the published leg it would drive back to them, through anything between.
         if trajectory.order != self._known:
             self._known = trajectory.order
             self.route = Route.of(trajectory)
@@ -163,7 +153,7 @@ class Behaviour(Agent):
             self.route.catch_up(trajectory.leg)
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
-        """Follow the route, and propose; a hand on the stick goes first, if nothing is critical."""
+        """Advance on the route and propose; the bid is limited while a person drives by hand."""
         bid = self._proposed()
         if not driven_by(self) or bid is None or bid.critical or bid.utility <= BY_HAND:
             return bid
@@ -183,8 +173,8 @@ class Behaviour(Agent):
             self.why = "no robot/description"
             return None
         pose, obstacles = self.fresh(Pose), self.fresh(Obstacles)
-        assert pose is not None, "the pattern lets nobody bid without what it needs"
-        assert obstacles is not None, "nor without that"
+        assert pose is not None, "all needs are fresh"
+        assert obstacles is not None, "all needs are fresh"
         if (pose.deviation > LOST_M) != self.seeks:
             if self.seeks:
                 self.why = "the pose is known"

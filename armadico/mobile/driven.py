@@ -1,8 +1,8 @@
-"""How far an agent has come that has the robot driven to a place: one table for all of them.
+"""The stages of driving the robot to a goal, in one table for all agents.
 
 An agent either contends for the planner and the trajectory itself (an errand of the missions), or
-asks the interface agent to drive the robot (`Ordered`). Both go through the stages of
-`TRANSITIONS`; an event that the table does not list for a stage changes nothing.
+requests the drive from the interface agent (`Ordered`). Both follow `TRANSITIONS`; an event without
+an entry for the stage changes nothing.
 """
 
 from __future__ import annotations
@@ -13,41 +13,40 @@ from typing import Final
 
 from armadico.mobile.messages import MissionReply, MissionState, MissionStatus
 
-NEARER_M: Final = 0.1
-"""A robot that is nearer by this has made progress."""
+NEARER_M: Final = 0.1  # a robot that is nearer by this has made progress
 
 
 class Stage(StrEnum):
-    """How far an errand has come."""
+    """The progress of an errand."""
 
     NONE = "none"
-    PLANNING = "planning"  # a way was asked for
-    WITHDRAWN = "withdrawn"  # it is wanted no more, and the answer is still to come
-    WAITING = "waiting"  # there is a way, which is not driven now
+    PLANNING = "planning"  # a path was requested
+    WITHDRAWN = "withdrawn"  # cancelled while the reply is pending
+    WAITING = "waiting"  # there is a path, which is not driven now
     DRIVING = "driving"
     REACHED = "reached"
     FAILED = "failed"
 
 
 class Event(StrEnum):
-    """What happens to an errand."""
+    """The events of an errand."""
 
-    ASKED = "a way is asked for"
-    WITHDRAWN = "it ends, and what it asked for will be answered"
+    ASKED = "a path is requested"
+    WITHDRAWN = "it ends, and a reply is pending"
     ENDED = "it ends"
-    TAKEN = "there is a way"
-    REFUSED = "there is no way"
-    DRIVEN = "its way is driven"
-    INTERRUPTED = "another way is driven"
+    TAKEN = "there is a path"
+    REFUSED = "there is no path"
+    DRIVEN = "its path is driven"
+    INTERRUPTED = "another path is driven"
     REACHED = "the robot has reached the goal"
-    FAILED = "its way was given up"
+    FAILED = "its path was abandoned"
 
 
 UNDER_WAY: Final = frozenset({Stage.PLANNING, Stage.WAITING, Stage.DRIVING})
 
 TRANSITIONS: Final[dict[tuple[Stage, Event], Stage]] = {
     (Stage.NONE, Event.ASKED): Stage.PLANNING,
-    (Stage.NONE, Event.TAKEN): Stage.WAITING,  # a way that was there before
+    (Stage.NONE, Event.TAKEN): Stage.WAITING,  # a path from before
     (Stage.PLANNING, Event.TAKEN): Stage.WAITING,
     (Stage.PLANNING, Event.REFUSED): Stage.FAILED,
     (Stage.PLANNING, Event.WITHDRAWN): Stage.WITHDRAWN,
@@ -70,27 +69,26 @@ _REPORTED: Final = {
 
 
 def event_of(status: MissionStatus, mission: int) -> Event:
-    """What the status that the interface agent publishes means for the errand of a mission."""
+    """Return the event that a status of the interface agent is for the errand of a mission."""
     if status.mission != mission:
         return Event.INTERRUPTED
     return _REPORTED.get(status.state, Event.INTERRUPTED)
 
 
 def following(stage: Stage, event: Event) -> Stage:
-    """The stage after an event."""
     return TRANSITIONS.get((stage, event), stage)
 
 
 class Ordered:
-    """A goal that the interface agent drives the robot to, by order of the agent that keeps this.
+    """A goal that an agent requests from the interface agent.
 
     Attributes:
-        stage: How far it has come.
-        mission: Its number; 0: it has none yet.
-        leg: The leg of its way that the robot is on.
-        to_go: What is left of its way, m.
+        stage: The progress.
+        mission: Its number; 0: none yet.
+        leg: The leg of its path that the robot is on.
+        to_go: The remaining length of its path, m.
         nearer_at: When the robot last came nearer to the goal, s.
-        own: The numbers of all missions that were ordered so.
+        own: The numbers of all missions requested by this object.
     """
 
     def __init__(self) -> None:
@@ -102,25 +100,25 @@ class Ordered:
 
     @property
     def pending(self) -> bool:
-        """Whether an answer is still to come."""
+        """Whether a reply is still to come."""
         return self.stage in (Stage.PLANNING, Stage.WITHDRAWN)
 
-    def ask(self, now: float) -> None:
-        """Note that it is asked for; only after `drop`, and while nothing is pending."""
+    def request(self, now: float) -> None:
+        """Note that it is requested; only after `drop`, and while no reply is pending."""
         self._on(Event.ASKED)
         self.to_go = self._nearest = inf
         self.nearer_at = now
 
     def drop(self) -> None:
-        """End it. An answer that is pending is still to be given to `answered`."""
+        """End it. A pending reply must still be passed to `answered`."""
         self._on(Event.WITHDRAWN if self.pending else Event.ENDED)
         self.mission = self.leg = 0
 
     def answered(self, reply: MissionReply | None, now: float) -> str:
-        """Take the answer; return why it was refused, "" if it was not."""
+        """Process the reply; return why it was refused, "" if it was not."""
         if reply is None or reply.refusal:
             self._on(Event.REFUSED)
-            return "nobody takes missions" if reply is None else reply.refusal
+            return "no interface agent answers" if reply is None else reply.refusal
         self.own.add(reply.mission)
         withdrawn = self.stage is Stage.WITHDRAWN
         self._on(Event.TAKEN)
@@ -130,7 +128,7 @@ class Ordered:
         return ""
 
     def update(self, status: MissionStatus, now: float) -> Event | None:
-        """Take a status; return what that means for it, None if nothing has changed."""
+        """Process a status; return its event, None if nothing has changed."""
         if not self.mission or (status.mission != self.mission and status.mission in self.own):
             return None
         event = event_of(status, self.mission)

@@ -1,8 +1,8 @@
-"""What a robot can be sent off to do, whichever agent does it: a goal, a mission, an exploration.
+"""Errands: goals, missions and explorations, by whichever agent.
 
-An agent that takes errands answers a query that derives from `Order` with a `MissionReply`, and
-publishes how they stand in a message that derives from `Errands`. Runs, commands and programs
-hand over, watch and report errands by these two alone.
+An agent that accepts errands answers a query derived from `Order` with a `MissionReply`, and
+publishes their progress in a message derived from `Errands`. Runs, commands and programs request
+and report errands by these two bases alone.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from armadico.core.messages import Message
 
 
 class StepDone(NamedTuple):
-    """What came of one step of an errand."""
+    """The end of one step of an errand."""
 
     step: str
-    end: str  # how it ended: "done", "failed", "passed over"
+    end: str  # "done", "failed", "passed over"
     note: str
-    at: float  # s that the errand was at work by then
+    at: float  # the errand's working time by then, s
 
     def __str__(self) -> str:
         return f"{self.step} {self.end}" + (f": {self.note}" if self.note else "")
@@ -27,23 +27,23 @@ class StepDone(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far an errand has come.
+    """The progress of an errand.
 
     Attributes:
-        number: Which errand, as its order was answered.
+        number: Its number, as in the reply to its order.
         over: Whether it has ended.
-        failed: Why it has ended otherwise than asked; empty: it has not.
-        note: Why it does not go on now, or what else there is to say.
+        failed: Why it failed; empty: it has not.
+        note: Why it does not proceed now, or other information.
         summary: All of it in a line, for people.
-        name: What it is called; empty: it has no name.
-        state: Where it stands, in a word.
+        name: Its name; empty: none.
+        state: Its state, in a word.
         priority: From 0 to 1; None: it has none.
-        by: Who ordered it; empty: that is not known.
-        active: Whether it is done now.
-        doing: The step that is done now; empty: none is.
-        room: Where that is; empty: in no room.
-        ahead: The steps to come, the first ones.
-        steps: What came of each step so far; None: it has no steps.
+        by: The person or program that ordered it; empty: unknown.
+        active: Whether it is being done now.
+        doing: The step that is being done now; empty: none.
+        room: The room of that step; empty: none.
+        ahead: The next steps, the first ones.
+        steps: The steps that have ended; None: it has no steps.
     """
 
     number: int
@@ -68,26 +68,25 @@ class Progress:
 
 
 class Errands(Message, frozen=True):
-    """Base of a message that tells how errands stand."""
+    """Base of a message with the progress of errands."""
 
     @property
     def errands(self) -> tuple[Progress, ...]:
-        """All that it tells of."""
         raise NotImplementedError
 
 
 class Order(Message, frozen=True):
-    """Base of a query that sends the robot off; it is answered by a `MissionReply`."""
+    """Base of a query that orders an errand; the reply is a `MissionReply`."""
 
     @property
-    def asks_for(self) -> str:
-        """What its kind is called: "missions", "explorations"."""
+    def kind_name(self) -> str:
+        """The name of its kind, for people: "missions", "explorations"."""
         return "missions"
 
     def numbered(self, number: int) -> Self:  # noqa: ARG002
-        """The order with a number of its own, if whoever orders chooses one."""
+        """Return the order with a number, if its kind has one that the client chooses."""
         return self
 
     def withdrawal(self) -> Message | None:
-        """What to send if it was not answered: an agent that hangs would take it on later."""
+        """Return the query that cancels an unanswered order, which a hanging agent may accept."""
         return None

@@ -1,4 +1,4 @@
-"""Plane geometry that every agent needs: angles, and frames of reference (REP-103)."""
+"""Plane geometry: angles and frames of reference (REP-103)."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ from typing import Final
 
 TWO_PI = 2.0 * pi
 
-Pose2 = tuple[float, float, float]
-"""x, y in m and a heading in rad."""
-
-STOOD: Final[Pose2] = (0.0, 0.0, 0.0)
-"""No motion; also the origin of a frame, in that frame."""
+Pose2 = tuple[float, float, float]  # x, y in m and a heading in rad
+STOOD: Final[Pose2] = (0.0, 0.0, 0.0)  # no motion; also the origin of a frame, in that frame
 
 
 def wrap(angle: float) -> float:
-    """The same angle in (-pi, pi], rad."""
+    """Return the angle in (-pi, pi], rad."""
     return pi - (pi - angle) % TWO_PI
 
 
 def compose(frame: Pose2, local: Pose2) -> Pose2:
-    """A pose given in a frame, seen from where the frame's own pose is given."""
+    """Transform a pose from a frame to the frame's parent."""
     c, s = cos(frame[2]), sin(frame[2])
     return (
         frame[0] + c * local[0] - s * local[1],
@@ -30,18 +27,18 @@ def compose(frame: Pose2, local: Pose2) -> Pose2:
 
 
 def relative(frame: Pose2, pose: Pose2) -> Pose2:
-    """Tell how a pose looks from a frame: the inverse of `compose`."""
+    """Transform a pose from the parent to a frame: the inverse of `compose`."""
     dx, dy = pose[0] - frame[0], pose[1] - frame[1]
     c, s = cos(frame[2]), sin(frame[2])
     return c * dx + s * dy, -s * dx + c * dy, wrap(pose[2] - frame[2])
 
 
 def to_world(frame: Pose2, x: float, y: float) -> tuple[float, float]:
-    """A point of a frame, seen from where the frame's pose is given."""
+    """Transform a point from a frame to the frame's parent."""
     c, s = cos(frame[2]), sin(frame[2])
     return frame[0] + c * x - s * y, frame[1] + s * x + c * y
 
 
 def turning_circle(front: float, rear: float, half_width: float) -> float:
-    """Radius that an outline turns in, about the middle of its axle, and 15 mm; to the cm."""
+    """Return the radius of a turn in place about the axle's middle, plus 15 mm, rounded to cm."""
     return round(hypot(max(front, rear), half_width) + 0.015, 2)

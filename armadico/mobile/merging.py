@@ -1,4 +1,4 @@
-"""How a trajectory changes hands: the robot drives on to where the new one begins (3.3.2)."""
+"""Trajectory merging, an exchange: the robot drives on to where the new path begins (3.3.2)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from armadico.mobile.route import Route
 
 
 class MergingExchange:
-    """Trajectory merging (thesis 3.3.2, 3.6.1): the robot drives on to where the new way begins.
+    """Trajectory merging (thesis 3.3.2, 3.6.1).
 
-    Who wants the trajectory has its way planned from a place on the way that is driven, some metres
-    ahead. Up to there the loser's waypoints are driven, so the robot does not stop.
+    A contender plans its path from a place on the driven path, some metres ahead. Up to there the
+    loser's waypoints are driven, so the robot does not stop.
     """
 
     def begin(
@@ -28,7 +28,7 @@ class MergingExchange:
         bid: Bid,
         period: float,  # noqa: ARG002
     ) -> Handover:
-        """A way that begins elsewhere than on what is left of the loser's is driven at once."""
+        """Begin; a path that does not begin on the rest of the loser's is driven immediately."""
         if not (isinstance(loser, bytes) and loser and isinstance(bid.action, bytes)):
             return AT_ONCE
         before, way = resource.unpack(loser), resource.unpack(bid.action)
@@ -44,7 +44,7 @@ class MergingExchange:
 
 @dataclass(frozen=True, slots=True)
 class _Merged:
-    """The way that was joined to the loser's, for as long as the winner wants this one."""
+    """The path joined to the loser's, for as long as the winner's bid has the same path."""
 
     wanted: bytes
     joined: bytes

@@ -1,6 +1,6 @@
-"""What a mobile robot's agents publish: ranges, obstacles, poses, maps, plans and goals.
+"""The messages of a mobile robot's agents: ranges, obstacles, poses, maps, plans and goals.
 
-Lengths are in m, angles in rad, frames of reference REP-103.
+Lengths are in m, angles in rad, frames are REP-103.
 """
 
 from __future__ import annotations
@@ -33,14 +33,9 @@ from armadico.core.messages import (
 from armadico.core.services import event, latch, query, state
 from armadico.mobile.errand import Order
 
-RAYS: Final = 2048
-"""Of a laser's scan at the most."""
-
-REACH_M: Final = 65.534
-"""The farthest that a scan's two bytes a ray can tell, in mm."""
-
-WAYPOINTS: Final = 1024
-"""Points of a mission, its goal among them."""
+RAYS: Final = 2048  # most rays of a scan
+REACH_M: Final = 65.534  # the largest range of a scan, whose two bytes per ray are in mm
+WAYPOINTS: Final = 1024  # most waypoints of a mission, with its goal
 Joules = Annotated[float, Meta(ge=0, le=1e12)]
 Passed = Annotated[float, Meta(ge=-1e5, le=1e5)]  # m, of an odometry
 Based = Annotated[float, Meta(ge=-5e5, le=5e5)]  # m, of an odometry's origin
@@ -50,11 +45,11 @@ Covariance = Annotated[tuple[Real, ...], Meta(max_length=COVARIANCE)]
 
 
 class Origin(Latched, frozen=True):
-    """Where the odometry's origin lies in the world: a pose in the world frame, m, m and rad.
+    """The odometry's origin: a pose in the world frame, m, m and rad.
 
-    `at` is where the odometry was when this was published, in the robot agent's `epoch`: who finds
-    it elsewhere in another epoch knows whether the controller has counted on, or begun anew.
-    `covariance` is that of the pose there, as in `Pose`: what nobody knows outlives a restart, too.
+    `at_*` is the odometry when this was published, in the robot agent's `epoch`. In another epoch
+    it shows whether the controller's odometry has continued or begun anew. `covariance` is that of
+    the pose there, as in `Pose`, so that the uncertainty outlives a restart.
     """
 
     counter: Counter
@@ -70,12 +65,12 @@ class Origin(Latched, frozen=True):
 
     @property
     def order(self) -> tuple[int, int]:
-        """Counted each time it is published: who has known it for longer is right."""
+        """The counter grows with each publication: the origin known for longer counts."""
         return self.counter, self.by
 
 
 class InitialPose(Message, frozen=True):
-    """Where the robot stands in the world, m, m and rad, as people told the interface agent."""
+    """The robot's pose in the world, m, m and rad, set by a person."""
 
     x: Based
     y: Based
@@ -83,11 +78,11 @@ class InitialPose(Message, frozen=True):
 
 
 class Leading(Message, frozen=True):
-    """Base of the state of an agent that leads the robot itself at times, as into a dock."""
+    """Base of the state of an agent that leads the robot itself at times, such as into a dock."""
 
     @property
     def leads(self) -> bool:
-        """Whether it does now: no other agent drives along the trajectory then."""
+        """Whether it leads now: no other agent drives along the trajectory then."""
         raise NotImplementedError
 
 
@@ -96,12 +91,12 @@ class ByHand(Message, frozen=True):
 
     @property
     def driven_by(self) -> str:
-        """The name of who drives now; empty: no person does."""
+        """The name of the person who drives now; empty: none does."""
         raise NotImplementedError
 
 
 class Echo(Message, frozen=True):
-    """One sonar's reading: where the sonar sits and looks in the body frame, and the range."""
+    """One sonar's reading: the sonar's pose in the body frame, and the range."""
 
     x: Place
     y: Place
@@ -110,21 +105,21 @@ class Echo(Message, frozen=True):
 
 
 class Sonar(Message, frozen=True):
-    """The sonars that fired since the cycle before."""
+    """The sonars that fired since the previous cycle."""
 
     cycle: Cycle
-    reach: Annotated[float, Meta(gt=0, le=100)]  # the longest range it hears, m
+    reach: Annotated[float, Meta(gt=0, le=100)]  # the longest range, m
     echoes: Annotated[tuple[Echo, ...], Meta(max_length=64)]
 
 
 class Scan(Message, frozen=True):
-    """A laser's newest scan, said in each cycle for as long as it is new enough.
+    """A laser's newest scan, published in each cycle while it is fresh.
 
-    `x`, `y` and `bearing` are where the laser was when it was taken, and where its first ray went,
-    in the frame of the body as it is in this cycle: what the robot moved since is in them. A `step`
-    below 0 goes clockwise. `packed` has two bytes for each ray, an unsigned integer, the lower one
-    first: its range in mm; 0: nothing valid; 65535: nothing within `reach`. Of one `number` it is
-    the same scan again, of a laser slower than the cycles.
+    `x`, `y` and `bearing` are the laser's position at the scan and the direction of its first ray,
+    in the body frame of this cycle: they include the robot's motion since. A `step` below 0 goes
+    clockwise. `packed` has an unsigned little-endian integer of two bytes per ray: the range in mm;
+    0: invalid; 65535: nothing within `reach`. The same `number` is the same scan again, of a laser
+    slower than the cycles.
     """
 
     cycle: Cycle
@@ -132,13 +127,12 @@ class Scan(Message, frozen=True):
     y: Place
     bearing: Real  # rad
     step: Annotated[float, Meta(ge=-1, le=1)]  # rad from one ray to the next
-    reach: Annotated[float, Meta(gt=0, le=REACH_M)]  # the longest range it sees, m
+    reach: Annotated[float, Meta(gt=0, le=REACH_M)]  # the longest range, m
     packed: Annotated[bytes, Meta(max_length=2 * RAYS)]
     number: Counter = 0  # counts scans, since the robot agent started
 
     @property
     def rays(self) -> int:
-        """How many there are."""
         return len(self.packed) // 2
 
 
@@ -146,10 +140,10 @@ class Scan(Message, frozen=True):
 
 
 class Pose(Message, frozen=True):
-    """Where the robot is in the world frame.
+    """The robot's pose in the world frame.
 
     `covariance` is the upper triangle of that of x, y and theta, row by row (m^2, m rad, rad^2), as
-    in a geometry_msgs/PoseWithCovariance; empty: nobody knows how far off it is.
+    in a geometry_msgs/PoseWithCovariance; empty: unknown.
     """
 
     cycle: Cycle
@@ -160,21 +154,21 @@ class Pose(Message, frozen=True):
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the position, m; 0 if nobody knows it."""
+        """Standard deviation of the position, m; 0 if unknown."""
         known = self.covariance
         return sqrt(max(0.0, known[0] + known[3])) if len(known) == COVARIANCE else 0.0
 
     @property
     def heading_deviation(self) -> float:
-        """Standard deviation of the heading, rad; 0 if nobody knows it."""
+        """Standard deviation of the heading, rad; 0 if unknown."""
         known = self.covariance
         return sqrt(max(0.0, known[5])) if len(known) == COVARIANCE else 0.0
 
 
 class Correction(Message, frozen=True):
-    """Where the odometry's origin lies by the map and the sonars (thesis 3.6.3): tf's map -> odom.
+    """The odometry's origin by map and sensors (thesis 3.6.3): tf's map -> odom.
 
-    Of the epoch of its cycle. `covariance` is that of the robot's pose by it, as in `Pose`.
+    It belongs to the epoch of its cycle. `covariance` is that of the robot's pose, as in `Pose`.
     """
 
     cycle: Cycle
@@ -183,17 +177,17 @@ class Correction(Message, frozen=True):
     theta: Real
     covariance: Annotated[tuple[Real, ...], Meta(min_length=COVARIANCE, max_length=COVARIANCE)]
     confidence: Share  # 0: lost
-    elsewhere: bool = False  # what it heard fits another place: what was near is not, or may not be
+    elsewhere: bool = False  # the readings fit another place: remembered obstacles may be wrong
     revision: Counter = 0  # of the map that is made meanwhile, as in its grid; 0: the map is fixed
 
     appended: ClassVar[int] = 1
 
 
 class Particles(Message, frozen=True):
-    """Places where the robot may be: some of the localization agent's particles, by their weight.
+    """Possible poses of the robot: a sample of the localization agent's particles, by weight.
 
-    For those who watch. `packed` has six bytes for each: x and y in steps from the corner, and the
-    heading in 65536ths of a turn, unsigned integers of two bytes, the lower one first.
+    For observers. `packed` has six bytes per particle: x and y in steps from the corner, and the
+    heading in 65536ths of a turn, as unsigned little-endian integers of two bytes.
     """
 
     cycle: Cycle
@@ -204,10 +198,10 @@ class Particles(Message, frozen=True):
 
 
 class Cell(Message, frozen=True):
-    """One cell of the local map (thesis figure 3.8), and a point that was heard in it.
+    """One cell of the local map (thesis figure 3.8), and a point measured in it.
 
-    Sectors count counter-clockwise from straight ahead, rings outwards; the point is in the body's
-    frame of reference. Near the robot a cell may hold several, and comes once for each.
+    Sectors count counter-clockwise from straight ahead, rings outwards; the point is in the body
+    frame. A cell near the robot may hold several points, and is listed once for each.
     """
 
     sector: Annotated[int, Meta(ge=0, le=359)]
@@ -218,7 +212,7 @@ class Cell(Message, frozen=True):
 
 
 class LocalMap(Message, frozen=True):
-    """The local map's cells that are not empty, for those who watch."""
+    """The cells of the local map that are not empty, for observers."""
 
     cycle: Cycle
     sectors: Annotated[int, Meta(ge=1, le=360)]
@@ -228,15 +222,15 @@ class LocalMap(Message, frozen=True):
 
 
 class MapRequest(Message, frozen=True):
-    """Asks for the map as it is now."""
+    """Requests the present map."""
 
 
 class OccupancyGrid(Message, frozen=True):
     """The map made by driving: cells in the world, rows along y, columns along x.
 
-    `packed` is a byte a cell, row by row from the lower left corner, deflated (zlib): 0 unknown, 1
-    free, 2 occupied. What would not fit into a message comes in larger cells. Without cells nothing
-    is mapped yet.
+    `packed` has one byte per cell, row by row from the lower left corner, deflated (zlib): 0
+    unknown, 1 free, 2 occupied. A map that does not fit into a message has larger cells. Without
+    cells nothing is mapped yet.
     """
 
     x: Real  # of the lower left corner, m
@@ -254,7 +248,7 @@ class OccupancyGrid(Message, frozen=True):
 
 
 class Waypoint(Message, frozen=True):
-    """A pose to pass, or the last one, to reach."""
+    """A pose to pass, or to reach if it is the last one."""
 
     x: Real
     y: Real
@@ -264,9 +258,8 @@ class Waypoint(Message, frozen=True):
 class Trajectory(Latched, frozen=True):
     """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
 
-    `start` is where it began (world frame) and `leg` the waypoint that is driven to by now, for
-    whoever joins late or has not seen the ones before passed. `waits`: nobody drives it for now,
-    since no way is free.
+    `start` is where it began (world frame). `leg` is the index of the waypoint that is driven to,
+    for agents that join late or missed earlier poses. `waits`: no path is free, so no agent drives.
     """
 
     counter: Counter
@@ -274,17 +267,17 @@ class Trajectory(Latched, frozen=True):
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)]
     start: Point = Point(0.0, 0.0)
     leg: Counter = 0
-    planned: bool = False  # the way is the planner's, and planned anew where it is blocked
+    planned: bool = False  # the path is the planner's, and replanned where it is blocked
     waits: bool = False
 
     @property
     def order(self) -> tuple[int, int]:
-        """Of two missions begun at once one stands, the same one for everybody."""
+        """Of two missions begun at the same time, all agents choose the same one."""
         return self.counter, self.mission
 
 
 class PlanRequest(Message, frozen=True):
-    """Asks for a way from a pose to another; anew for a robot that is under way, if it says why."""
+    """Requests a path between two poses; with `why`, a new one for a robot under way."""
 
     start: Waypoint
     goal: Waypoint
@@ -292,7 +285,7 @@ class PlanRequest(Message, frozen=True):
 
 
 class Plan(Message, frozen=True):
-    """The way, or why there is none."""
+    """The path, or why there is none."""
 
     waypoints: tuple[Waypoint, ...]
     length: Real = 0.0  # m
@@ -301,9 +294,9 @@ class Plan(Message, frozen=True):
 
 
 class PlanTask(Message, frozen=True):
-    """What the holder of the planner has planned: the action of that resource (3.6.2).
+    """A path that the holder of the planner requests: the action of that resource (3.6.2).
 
-    `id` is drawn at random by whoever has a way planned; `Planned` says it again.
+    `id` is drawn at random by the holder; `Planned` repeats it.
     """
 
     id: Bits64
@@ -313,18 +306,18 @@ class PlanTask(Message, frozen=True):
 
 
 class Planned(Message, frozen=True):
-    """The plan that a `PlanTask` asked for."""
+    """The plan for a `PlanTask`."""
 
     id: Bits64
     plan: Plan
 
 
 class Way(Message, frozen=True):
-    """Where the holder of the trajectory has the robot driven: the action of that resource.
+    """The path that the holder of the trajectory has driven: the action of that resource.
 
-    `id` is drawn at random for each way: the owner publishes it as the mission of `trajectory` and
-    `mission/status`. It begins at `start` (world frame), `leg` is the waypoint that is driven to by
-    now. A `planned` one is planned anew where it is blocked.
+    `id` is drawn at random for each path: the owner publishes it as the mission of `trajectory` and
+    `mission/status`. `start` is where it begins (world frame), `leg` the index of the waypoint that
+    is driven to. A `planned` path is replanned where it is blocked.
     """
 
     id: Bits64
@@ -335,17 +328,17 @@ class Way(Message, frozen=True):
 
 
 class MissionRequest(Order, frozen=True):
-    """Go to a goal: straight, over given waypoints, or as the path planning agent says."""
+    """Go to a goal: straight, over given waypoints, or on a path of the path planning agent."""
 
     goal: Waypoint
     waypoints: Annotated[tuple[Waypoint, ...], Meta(max_length=WAYPOINTS)] = ()
     planned: bool = True
-    replaces: Bits64 | None = None  # the only mission that it may take the place of; None: any
-    start: Waypoint | None = None  # where the robot stands, if people know better than its pose
+    replaces: Bits64 | None = None  # the only mission that it may replace; None: any
+    start: Waypoint | None = None  # the robot's pose, if a person knows it better than the robot
 
 
 class MissionReply(Message, frozen=True):
-    """Whether the mission was taken on."""
+    """Whether the mission was accepted."""
 
     mission: Bits64
     refusal: Text = ""
@@ -354,31 +347,31 @@ class MissionReply(Message, frozen=True):
 
 
 class MissionState(StrEnum):
-    """How far a mission has come."""
+    """The progress of a mission."""
 
     NONE = "none"
     PLANNING = "planning"
     DRIVING = "driving"
     REACHED = "reached"
-    FAILED = "failed"  # given up, for the reason in the note
+    FAILED = "failed"  # for the reason in the note
 
 
 class MissionStatus(Message, frozen=True):
-    """The interface agent's report on the run."""
+    """The interface agent's report on the mission."""
 
     mission: Bits64
     state: MissionState
-    to_go: Real  # m, along the waypoints that are left
+    to_go: Real  # m, along the remaining waypoints
     leg: Counter = 0  # index of the waypoint that is driven to
     note: Text = ""
-    refused: Text = ""  # why the last goal was that anybody asked for; empty: it was not
+    refused: Text = ""  # why the last requested goal was refused; empty: it was not
 
 
 class FleetPose(Message, frozen=True):
-    """Where a robot of the fleet is, for the others to keep clear of: outline, pose, speeds.
+    """A robot of the fleet for the others to avoid: footprint, pose, speeds.
 
-    In the world that all have a map of; the outline and the covariance as in `Description` and
-    `Pose`. It goes by the namespaces' names that robots are told apart.
+    It is in the world of the common map; footprint and covariance are as in `Description` and
+    `Pose`. `robot` is its namespace's name.
     """
 
     robot: Name
@@ -397,10 +390,10 @@ class FleetPose(Message, frozen=True):
 
 
 class BatteryLevel(Message, frozen=True):
-    """What is left of the battery (thesis 3.4.3).
+    """The battery's charge (thesis 3.4.3).
 
-    `volts` are those at rest: how far it sags under its load, and rises on a charger, is taken off.
-    At `share` 0 it has to be charged, or it is damaged; `joules` are left until then.
+    `volts` is the voltage at rest: the sag under load, and the rise on a charger, are corrected. At
+    `share` 0 the battery must be charged, or it is damaged; `joules` are left until then.
     """
 
     cycle: Cycle
@@ -411,10 +404,10 @@ class BatteryLevel(Message, frozen=True):
 
 
 class Truth(Message, frozen=True):
-    """What only the simulator knows. For those who watch: agents are refused it.
+    """The simulator's ground truth, for observers: agents may not subscribe to it.
 
-    It is the robot's if `Description.controller` has the same name, and it has one: another
-    simulator that is left in the namespace speaks of another robot.
+    It is this robot's only if `simulator` is not empty and equals `Description.controller`: another
+    simulator left in the namespace publishes another robot's.
     """
 
     t: Real  # s of simulation
@@ -424,28 +417,28 @@ class Truth(Message, frozen=True):
     v: Real
     w: Real
     collisions: Counter
-    clearance: Real | None  # m from the body's outline to the nearest thing, if there is any
-    simulator: Label = ""  # as its controller names itself
-    bumped: Counter = 0  # of the collisions, those in which somebody walked into the robot
+    clearance: Real | None  # m from the footprint to the nearest obstacle, if there is any
+    simulator: Label = ""  # its controller's own name
+    bumped: Counter = 0  # of the collisions, those in which a person walked into the robot
     charge: Share = 1.0  # of the battery
-    used: Joules = 0.0  # J that motors and electronics have taken since the simulation began
+    used: Joules = 0.0  # J used by motors and electronics since the simulation began
 
 
-state(Sonar, "robot/sonar", 10, 3, "the sonars that fired since the cycle before")
+state(Sonar, "robot/sonar", 10, 3, "the sonars that fired since the previous cycle")
 state(Scan, "robot/scan", 10, 3, "the laser's newest scan")
-state(Pose, "encoder/pose", 10, 3, "where the robot is, by its encoders")
-latch(Origin, "encoder/origin", "where the odometry's origin lies", rate_hz=1)
-event(InitialPose, "encoder/initial", "where the robot stands, by people")
-state(Correction, "localization/correction", 10, 3, "where it lies by map and sonars")
-state(Particles, "localization/particles", 2, 3, "places where the robot may be")
-state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for those who watch")
+state(Pose, "encoder/pose", 10, 3, "the robot's pose, by its encoders")
+latch(Origin, "encoder/origin", "the odometry's origin in the world", rate_hz=1)
+event(InitialPose, "encoder/initial", "the robot's pose, set by a person")
+state(Correction, "localization/correction", 10, 3, "the odometry's origin, by map and sensors")
+state(Particles, "localization/particles", 2, 3, "possible poses of the robot")
+state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for observers")
 state(OccupancyGrid, "mapping/grid", 1, None, "the map made by driving")
-query(MapRequest, "mapping/request", OccupancyGrid, "the same, now")
+query(MapRequest, "mapping/request", OccupancyGrid, "the present map")
 latch(Trajectory, "trajectory", "the mission's waypoints", rate_hz=1)
-query(PlanRequest, "path/plan", Plan, "a way to a goal")
-event(Planned, "path/planned", "what the planner's holder asked for")
+query(PlanRequest, "path/plan", Plan, "a path to a goal")
+event(Planned, "path/planned", "the plan that the planner's holder requested")
 query(MissionRequest, "mission/request", MissionReply, "go to a goal")
-state(MissionStatus, "mission/status", 1, None, "how far the mission has come; 5 Hz under way")
-state(FleetPose, "fleet/{robot}/pose", 5, None, "a robot, for the others to keep off")
-state(BatteryLevel, "battery/level", 0.2, None, "the battery; oftener towards 10 V")
+state(MissionStatus, "mission/status", 1, None, "the mission's progress; 5 Hz under way")
+state(FleetPose, "fleet/{robot}/pose", 5, None, "a robot, for the others to avoid")
+state(BatteryLevel, "battery/level", 0.2, None, "the battery; more often towards 10 V")
 state(Truth, "sim/truth", 10, None, "the simulated robot's true pose", watchers_only=True)

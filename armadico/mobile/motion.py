@@ -1,22 +1,22 @@
-"""The forward model: where the body goes if a command is obeyed and no other one comes.
+"""The forward model: the predicted motion if a command is obeyed and no other one follows.
 
-One for all behaviours. A command is admissible only if the outline swept by all that it may lead
-to stays clear of every known point: the idea of the dynamic window (Fox, Burgard and Thrun,
-"The dynamic window approach to collision avoidance", 1997), rolled out from the *measured* speeds
-because a command is not what the robot does: its ramps need time.
+All behaviours use it. A command is admissible only if the footprint, swept along the whole motion,
+stays clear of every known point. That is the idea of the dynamic window (Fox, Burgard and Thrun,
+"The dynamic window approach to collision avoidance", 1997). The motion is predicted from the
+*measured* speeds, because the controller's ramps need time to reach a command.
 
-What is rolled out, from the cycle that the points answer:
+The prediction begins at the cycle of the points:
 
-1. the measured (v, w), or where their ramps have got to already, while nothing can change them:
-   `Body.dead_s`, and the cycles that have passed since the points' own, and those that a
-   contender's bid may still wait until it is cast;
-2. the ramps towards the command, for as long as the robot's owner goes on without another one:
-   `silence_s`, because whoever commands now may be dead or cut off in the next instant;
+1. the measured (v, w), or the speeds that their ramps have reached already, while nothing can
+   change them: `Body.dead_s`, plus the age of the points, plus the time that a contender's bid may
+   wait before it is commanded;
+2. the ramps towards the command, for the owner's command timeout `silence_s`, because the
+   commanding agent may fail immediately afterwards;
 3. the ramps to rest.
 
-So the time counted is what the society promises at the worst: a bid up to three cycles old, obeyed
-for `silence_s`, and the controller's own lag. In the common case, a holder with obstacles of this
-cycle, it is `silence_s` and the lag.
+So it covers the worst case of the society: a bid up to three cycles old, obeyed for `silence_s`,
+and the controller's lag. In the common case, a holder with obstacles of this cycle, it covers
+`silence_s` and the lag.
 
 Frame: the body's at the cycle of the points; x forward, y left, m and rad. Times in s.
 """
@@ -30,49 +30,39 @@ from typing import NamedTuple
 from armadico.core.messages import Description, Point
 from armadico.mobile.swept_path import Outline
 
-Speeds = tuple[float, float]
-"""(v, w) of the middle of the wheel axle, m/s and rad/s."""
+Speeds = tuple[float, float]  # (v, w) of the middle of the wheel axle, m/s and rad/s
 
+# From a status packet until the wheels follow a command on it, in cycles, and at least in s: the
+# speed loops follow their ramps 0.2 s late, however short a cycle is (measured on the simulated
+# Pioneer, see LEAD_S there).
 LAG_CYCLES, LAG_S = 2.0, 0.2
-"""From a status packet until the wheels follow what is commanded on it: the speed loops follow
-their ramps 0.2 s late, however short a cycle is (measured on the simulated Pioneer, see LEAD_S
-there)."""
 
+# Rotation between two checks of the footprint. A corner 0.3 m away moves 2 cm, so a notch of 1 cm
+# may be missed.
 STEP_RAD = 0.07
-"""The outline is looked at so often while it turns: between two looks a corner that is 0.3 m away
-moves 2 cm, and what it could miss is a notch of 1 cm between both."""
+STEP_M = 0.08  # translation between two checks of the footprint
+STEPS = 40  # a motion that would need more checks is checked more coarsely
 
-STEP_M = 0.08
-"""And so often while it drives."""
-
-STEPS = 40
-"""At the most: a motion that would need more is looked at more coarsely."""
-
+# Most steps of the ramps, which are followed cycle by cycle: 8 s of a Pioneer, which rests within 6
+# s from its top speeds. It limits the work for a description with 1,000 m/s, or a day of braking.
 RAMP_STEPS = 80
-"""Ramps are followed cycle by cycle, but in no more steps than so many: that is 8 s of a Pioneer's,
-and it rests within 6 from all that it can do. Who says that it drives at 1,000 m/s, or brakes for a
-day, costs no more work than this."""
 
-INSTANT_S = 1e-9
-"""So much beyond the end of a phase, it is over, whatever rounding says."""
-
+INSTANT_S = 1e-9  # a phase is over this much after its end, in spite of rounding
 QUARTER = 0.5 * pi
-
-NO_NEARER_M = 1e-3
-"""What is nearer than the margin may stay as near as it is: by so much it is rounding."""
+NO_NEARER_M = 1e-3  # rounding, for a point that is nearer than the margin and may stay as near
 
 
 def braking(left: float, decel: float, late: float) -> float:
-    """The speed from which it comes to rest in so much, if it begins to brake so late (s)."""
+    """Return the speed from which braking at `decel` after `late` s takes a distance `left`."""
     return decel * (sqrt(late * late + 2.0 * left / decel) - late) if left > 0.0 else 0.0
 
 
 class Body(NamedTuple):
-    """What the robot is and can, as its owner describes it (`robot/description`)."""
+    """The robot's footprint and limits, as its owner describes it (`robot/description`)."""
 
     outline: Outline
     cycle_s: float  # from one status packet to the next
-    silence_s: float  # the owner goes on for so long without a command
+    silence_s: float  # the owner's command timeout
     v_max: float  # m/s
     w_max: float  # rad/s
     v_accel: float  # m/s^2: the controller's ramps
@@ -81,48 +71,47 @@ class Body(NamedTuple):
     w_decel: float
 
     @classmethod
-    def of(cls, said: Description) -> Body:
-        """The body that a description is of."""
+    def of(cls, about: Description) -> Body:
         return cls(
-            Outline(said.front, said.rear, said.half_width),
-            said.cycle_s,
-            said.silence_s,
-            said.v_max,
-            said.w_max,
-            said.v_accel,
-            said.v_decel,
-            said.w_accel,
-            said.w_decel,
+            Outline(about.front, about.rear, about.half_width),
+            about.cycle_s,
+            about.silence_s,
+            about.v_max,
+            about.w_max,
+            about.v_accel,
+            about.v_decel,
+            about.w_accel,
+            about.w_decel,
         )
 
     @property
     def dead_s(self) -> float:
-        """How long the wheels go on as they are, whatever is commanded now, s."""
+        """The dead time between a command and the wheels, s."""
         return max(LAG_CYCLES * self.cycle_s, LAG_S)
 
     def stopping_distance(self, v: float, waited: float = 0.0) -> float:
-        """Metres to rest straight ahead from v m/s, if nobody commands anything any more.
+        """Return the distance to rest straight ahead from v m/s without further commands, m.
 
-        `waited`: s that have passed since v was measured, or will pass before anybody commands.
+        `waited`: time since v was measured, or until the next command, s.
         """
         v = abs(v)
         return v * (self.dead_s + self.silence_s + waited) + v * v / (2.0 * self.v_decel)
 
     def stops_within(self, free: float, waited: float = 0.0) -> float:
-        """The speed from which that takes so many metres, m/s."""
+        """Return the speed whose `stopping_distance` is `free` m, m/s."""
         return braking(free, self.v_decel, self.dead_s + self.silence_s + waited)
 
     def stopping_turn(self, w: float, waited: float = 0.0) -> float:
-        """Radians to rest from w rad/s, likewise."""
+        """Return the angle to rest from w rad/s without further commands, rad."""
         w = abs(w)
         return w * (self.dead_s + self.silence_s + waited) + w * w / (2.0 * self.w_decel)
 
 
 def ordered(body: Body, before: Speeds, now: Speeds) -> Speeds:
-    """(v, w) that the ramps have got to when `now` is measured, and `before` a cycle earlier.
+    """Return the (v, w) of the ramps when `now` is measured, and `before` a cycle earlier.
 
-    The wheels follow `Body.dead_s` late. Where they speed up, the trend goes on for so long, as
-    steep as the ramps at the most; where they slow down nothing is counted on.
+    The wheels follow `Body.dead_s` late. While they accelerate, the trend is extrapolated by that
+    time, at most as steep as the ramps. While they brake, it is not.
     """
     return (
         _leads(before[0], now[0], body.v_accel, body),
@@ -138,23 +127,23 @@ def _leads(before: float, now: float, accel: float, body: Body) -> float:
 
 
 class Step(NamedTuple):
-    """Where the body is on its way: the axle's middle (m), its heading's cosine and sine; when."""
+    """A pose of the predicted motion: the axle's middle (m), cosine and sine of the heading."""
 
     x: float
     y: float
     cos: float
     sin: float
-    at: float
+    at: float  # s from now
 
 
 def course(body: Body, measured: Speeds, wanted: Speeds, waited: float = 0.0) -> list[Step]:
-    """The whole motion if `wanted` is commanded now, and then nothing more, until it rests.
+    """Return the motion until rest if `wanted` is commanded now, and nothing after.
 
     Args:
-        body: Its ramps and times.
-        measured: (v, w) by the wheels now.
+        body: The robot's ramps and times.
+        measured: (v, w) measured now.
         wanted: (v, w) commanded now.
-        waited: s that the points are old, or that pass until the command is given.
+        waited: The age of the points, or the time until the command, s.
     """
     (v, w), (to_v, to_w) = measured, wanted
     dead = waited + body.dead_s
@@ -203,9 +192,9 @@ def touches_at(
     *,
     waited: float = 0.0,
 ) -> float:
-    """When the swept outline first has a point within `margin` m, s from now; inf if it never has.
+    """Return when the swept footprint first has a point within `margin` m, s from now; else inf.
 
-    A point that is nearer already may stay as near as it is, and may be left behind. The rest is as
+    A point that is nearer already may stay as near, and may be left behind. Other arguments are as
     for `course`.
     """
     near = _within(body, measured, wanted, points, margin, waited=waited)
@@ -235,9 +224,9 @@ def _within(
     *,
     waited: float,
 ) -> list[Point]:
-    """The points that the motion could come near at all: most are far, and cost no more than this.
+    """Return the points within an upper bound of the motion, by its largest speeds.
 
-    It goes no farther, and turns no farther, than from its greatest speeds all the time.
+    Most points are far away and are culled here.
     """
     front, rear, half = body.outline
     time = waited + body.dead_s + body.silence_s
@@ -258,7 +247,7 @@ def _within(
 
 
 def _ramp(now: float, to: float, up: float, down: float) -> float:
-    """One step of the controller's ramp; through zero it brakes first."""
+    """Return the speed after one step of the controller's ramp; it brakes to zero first."""
     if now < 0.0 or (now == 0.0 and to < 0.0):
         return -_ramp(-now, -to, up, down)
     if to >= now:

@@ -1,8 +1,8 @@
-"""The obstacles of all sensors that a robot has, as one message.
+"""The obstacles of all of a robot's sensors as one message.
 
-Each sensor's agent publishes the obstacles that this sensor has measured. A driving agent keeps off
-all of them. Their cycle is that of the oldest: when one sensor falls silent they are stale, and no
-agent drives with half of what it needs.
+Each sensor's agent publishes the obstacles of its sensor. Behaviours avoid all of them. The
+combined message has the oldest cycle: when one sensor stops, it becomes stale and no agent drives
+with incomplete obstacles.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from armadico.core.services import state
 
 
 class Obstacles(Message, frozen=True):
-    """What the local map holds: the closest points (thesis 3.4.2), and all of them.
+    """The obstacles around the robot: the closest points (thesis 3.4.2), and all points.
 
-    What was heard or seen and is remembered, walls of the global map while the pose is sure enough,
-    how rows of points go on, what was touched, and where who comes will be. Which of them a point
-    is nobody is told: all are to be kept off. A robot with several sensors has several of these:
-    what is acted upon is all of them, as old as the oldest (`Surroundings`).
+    The points are measured and remembered ones, walls of the global map while the pose is certain
+    enough, the continuation of rows of points, touched places, and predicted positions of moving
+    obstacles. They are not distinguished: all must be avoided. Each sensor has its own message;
+    agents use the combination of all (`Surroundings`).
     """
 
     cycle: Cycle
@@ -33,31 +33,28 @@ class Obstacles(Message, frozen=True):
     left: Point | None
     right: Point | None
     points: Annotated[tuple[Point, ...], Meta(max_length=2048)] = ()
-    sensor: Name = "sonar"  # by which they are known; of all that a robot has (`Description`)
+    sensor: Name = "sonar"  # one of `Description.sensors`
 
 
 class Surroundings:
-    """The newest obstacles by each sensor; `Description` has which sensors count."""
+    """Combines the newest obstacles of all sensors in `Description.sensors`."""
 
     def __init__(self) -> None:
-        self._sensors: tuple[str, ...] = ()  # none: not known yet
+        self._sensors: tuple[str, ...] = ()  # empty: not known yet
         self._newest: dict[str, Obstacles] = {}
 
     def describe(self, description: Description) -> None:
-        """Take which sensors the robot has."""
         self._sensors = description.sensors
         self._newest = {s: o for s, o in self._newest.items() if s in description.sensors}
 
     def counts(self, message: Obstacles) -> bool:
-        """Whether its sensor is the robot's; before that is known any is, as the only one."""
+        """Return whether the sensor is the robot's; while unknown, any one sensor is."""
         return not self._sensors or message.sensor in self._sensors
 
     def newest(self, message: Obstacles) -> Obstacles | None:
-        """The newest by the same sensor."""
         return self._newest.get(message.sensor)
 
     def update(self, message: Obstacles) -> Obstacles | None:
-        """Take a sensor's newest; those of all sensors, None if any is missing."""
         if not self._sensors:
             self._newest = {message.sensor: message}
         self._newest[message.sensor] = message
@@ -67,7 +64,7 @@ class Surroundings:
         return together(first, *more) if more else first
 
     def missing(self, fresh: Callable[[Cycle], bool]) -> str:
-        """The first sensor without fresh obstacles; * while any sensor would do."""
+        """Return the first sensor without fresh obstacles; * while any sensor is accepted."""
         sensors = self._sensors or tuple(self._newest) or ("*",)
         for sensor in sensors:
             newest = self._newest.get(sensor)
@@ -77,11 +74,9 @@ class Surroundings:
 
 
 def together(*of_sensors: Obstacles) -> Obstacles:
-    """Several sensors' obstacles as one message, of the oldest's cycle.
-
-    Of two epochs it is not known which is older. The smaller number will do: a message of an epoch
-    that is over is stale by itself, and so is one that it is combined with, before long.
-    """
+    """Combine several sensors' obstacles into one message with the oldest cycle."""
+    # The order of two epochs is unknown. The smaller number suffices: a message of an ended epoch
+    # is stale, and so is, before long, a message that it is combined with.
     oldest = min(of_sensors, key=lambda each: each.cycle.number)
     return replace(
         oldest,
@@ -102,6 +97,6 @@ state(
     "{name}/obstacles",
     10,
     3,
-    "what is near, by one sensor; body frame",
+    "obstacles around the robot, by one sensor; body frame",
     gather=Surroundings,
 )

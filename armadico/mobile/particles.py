@@ -1,6 +1,6 @@
-"""Particles as bytes: six for each, so that a few hundred are a small message.
+"""Particles as six bytes each, so that a few hundred are a small message.
 
-They are for those who watch: a place to half a step, a heading to 0.003 degrees.
+They are for observers: positions are exact to half a step, headings to 0.003 degrees.
 """
 
 from __future__ import annotations
@@ -15,19 +15,14 @@ from armadico.core.messages import Cycle
 from armadico.mobile.geometry import Pose2, wrap
 from armadico.mobile.messages import Particles
 
-MOST: Final = 300
-"""Particles in one message, drawn by their weight."""
-
-EACH: Final = 6
-"""Bytes of one."""
-
+MOST: Final = 300  # particles in one message, drawn by their weight
+EACH: Final = 6  # bytes of a particle
 FINEST_M: Final = 0.001
-TURN: Final = 65536
-"""Steps of a whole turn, and one more than a place may be away from the corner in steps."""
+TURN: Final = 65536  # steps of a whole turn; a position is fewer steps away from the corner
 
 
 def message_of(cycle: Cycle, poses: Sequence[Sequence[float]]) -> Particles:
-    """Poses (x, y, heading: m, m, rad, in the world) as a message."""
+    """Encode poses (x, y, heading: m, m, rad, in the world)."""
     x = min((pose[0] for pose in poses), default=0.0)
     y = min((pose[1] for pose in poses), default=0.0)
     far = max((max(pose[0] - x, pose[1] - y) for pose in poses), default=0.0)
@@ -42,7 +37,7 @@ def message_of(cycle: Cycle, poses: Sequence[Sequence[float]]) -> Particles:
 
 
 def poses_of(message: Particles) -> list[Pose2]:
-    """The poses in a message. Raises ValueError if its bytes are not six for each."""
+    """Decode the poses. Raises ValueError if the bytes are not a multiple of six."""
     if len(message.packed) % EACH:
         raise ValueError(f"{len(message.packed)} bytes are no particles of six")
     counts = array("H")
@@ -56,7 +51,7 @@ def poses_of(message: Particles) -> list[Pose2]:
 
 
 def _little(counts: array[int]) -> array[int]:
-    """The same numbers, their bytes in the other order where the machine's is not the wire's."""
+    """Swap the bytes of numbers on a big-endian machine, as messages are little-endian."""
     if sys.byteorder == "big":
         counts.byteswap()
     return counts

@@ -13,13 +13,13 @@ TRAJECTORY = declare(
         message=Way,
         exchange="merging",
         period_s=0.5,
-        silence_s=30.0,  # who starts again within this finds its way still driven
+        silence_s=30.0,  # the path of a holder that restarts within this time is still driven
         stops=False,
     )
 )
-"""Where the robot is driven. The interface agent has it driven for whoever holds this."""
+"""The robot's path. The interface agent has the holder's path driven."""
 
 PLANNER = declare(
     Resource(name="planner", message=PlanTask, exchange="abrupt", period_s=0.2, stops=False)
 )
-"""The path planning agent's attention: it plans for whoever holds this."""
+"""The path planning agent, which plans for the holder."""

@@ -1,4 +1,4 @@
-"""Where along its waypoints the robot is: the same for everybody who hears the same poses."""
+"""The robot's progress along its waypoints, the same for all agents that receive the same poses."""
 
 from __future__ import annotations
 
@@ -8,37 +8,29 @@ from math import atan2, hypot, inf
 from armadico.core.messages import Point
 from armadico.mobile.messages import Trajectory, Waypoint
 
+# An intermediate waypoint is passed within `PASSED_M` of it, or on crossing the normal of the leg
+# through it within `BESIDE_M`.
 PASSED_M = 0.25
-"""An intermediate waypoint is passed within this distance of it,"""
-
 BESIDE_M = 0.8
-"""or on crossing the line through it, square to the leg, not farther aside than this."""
 
-
+# Later legs may count as the robot's leg if they begin within this path length after the next
+# waypoint.
 SOON_M = 0.6
-"""Legs that begin within so much of the way after the next waypoint may be the robot's already."""
 
+# A longer distance between two calls means that this agent hung or was disconnected. That distance
+# is added to `SOON_M`.
 STRIDE_M = 0.3
-"""Farther than this from one look to the next, it has driven unseen: whoever looks hung, or was cut
-off. So much farther on may the leg be that is the robot's already."""
 
-CLEARLY_M = 0.1
-"""So much nearer to another leg, it is the robot's."""
-
-ASIDE = 3.0
-"""Metres that the point to steer to moves on for each metre off the line."""
-
-NEARER = 0.85
-"""A point that cuts a corner is brought nearer by this share, until it does not."""
-
-ON_M = 0.02
-"""A place so near to the way lies on it."""
+CLEARLY_M = 0.1  # a later leg is the robot's leg if it is nearer by this
+ASIDE = 3.0  # how far the steering point moves ahead, m, per metre off the line
+NEARER = 0.85  # factor by which a steering point that cuts a corner is moved back, repeatedly
+ON_M = 0.02  # a place this near to the path lies on it
 
 ORIGIN = Point(0.0, 0.0)
 
 
 class Route:
-    """A polyline from a start over waypoints to a goal, and the leg that is driven."""
+    """A polyline from a start over waypoints to a goal, with the present leg."""
 
     def __init__(
         self, waypoints: Sequence[Waypoint] = (), start: Point = ORIGIN, leg: int = 0
@@ -46,12 +38,11 @@ class Route:
         self.waypoints = tuple(waypoints)
         self.start = start
         self.leg = min(leg, max(len(self.waypoints) - 1, 0))
-        self._seen: tuple[float, float] | None = None  # where the robot was at the last look
-        self._unseen = 0.0  # m driven without a look, at least, until it is found on a leg
+        self._seen: tuple[float, float] | None = None  # the robot's position at the last call
+        self._unseen = 0.0  # m driven between calls farther apart, since the last change of leg
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Route:
-        """The route of a trajectory as it is heard, however far the run has come."""
         return cls(trajectory.waypoints, trajectory.start, trajectory.leg)
 
     @property
@@ -61,22 +52,21 @@ class Route:
 
     @property
     def target(self) -> Waypoint | None:
-        """The waypoint that is driven to."""
+        """The next waypoint; None if there is no mission."""
         return self.waypoints[self.leg] if self.waypoints else None
 
     @property
     def last_leg(self) -> bool:
-        """Whether only the goal is left."""
         return self.leg == len(self.waypoints) - 1
 
     @property
     def direction(self) -> float:
-        """Where the leg leads, rad."""
+        """The heading of the leg, rad."""
         (x, y), to = self._start_of(self.leg), self.waypoints[self.leg]
         return atan2(to.y - y, to.x - x)
 
     def advance(self, x: float, y: float) -> None:
-        """Go on to the next leg while the waypoint is passed; the goal is never passed."""
+        """Update the leg by the robot's position, m; the goal is never passed."""
         before, self._seen = self._seen, (x, y)
         stride = 0.0 if before is None else hypot(x - before[0], y - before[1])
         self._unseen += stride if stride > STRIDE_M else 0.0
@@ -89,14 +79,14 @@ class Route:
             self._unseen = 0.0
 
     def catch_up(self, leg: int) -> None:
-        """Go on to a leg that somebody else knows to be driven; never back."""
+        """Advance to a leg that another agent published; never back."""
         self.leg = max(self.leg, min(leg, len(self.waypoints) - 1))
 
     def _farthest_on(self, x: float, y: float) -> int:
-        """The last of the legs soon to come on which the robot is, clearly nearer than to this one.
+        """Return the last of the next legs that the robot is clearly nearer to than to this one.
 
-        It may have cut a corner, or have been led past one; the waypoint behind is not gone back
-        to. A wall between two legs keeps them farther apart than PASSED_M.
+        The robot may have cut a corner or been led past one; it does not drive back to a waypoint
+        behind. Legs with a wall between them are farther apart than `PASSED_M`.
         """
         here = self._off(self.leg, x, y)[0]
         found, way = self.leg, 0.0
@@ -111,7 +101,7 @@ class Route:
         return found
 
     def _off(self, leg: int, x: float, y: float) -> tuple[float, bool]:
-        """How far a place is from a leg, m, and whether it is beside it, not before or beyond."""
+        """Return a place's distance from a leg, m, and whether its projection is on the leg."""
         from_x, from_y = self._start_of(leg)
         to = self.waypoints[leg]
         dx, dy = to.x - from_x, to.y - from_y
@@ -122,7 +112,7 @@ class Route:
         return off, 0.0 < share < 1.0
 
     def to_go(self, x: float, y: float) -> float:
-        """The way left along the waypoints, m."""
+        """Return the remaining length along the waypoints, m."""
         total = 0.0
         for waypoint in self.waypoints[self.leg :]:
             total += hypot(waypoint.x - x, waypoint.y - y)
@@ -130,15 +120,15 @@ class Route:
         return total
 
     def off(self, x: float, y: float) -> float:
-        """How far a place is from what is left of the way, m; infinite if nothing is."""
+        """Return a place's distance from the remaining path, m; infinite without one."""
         return min(
             (self._off(leg, x, y)[0] for leg in range(self.leg, len(self.waypoints))), default=inf
         )
 
     def up_to(self, x: float, y: float) -> tuple[Waypoint, ...]:
-        """What is left of the way up to a place on it, that place the last; () if it is off it.
+        """Return the remaining path up to a place on it; () if the place is not on it.
 
-        The heading there is the leg's, so that who goes on from it need not turn.
+        The last waypoint is the place, with the leg's heading, so that the robot need not turn.
         """
         for leg in range(self.leg, len(self.waypoints)):
             if self._off(leg, x, y)[0] <= ON_M:
@@ -148,13 +138,13 @@ class Route:
         return ()
 
     def ahead(self, x: float, y: float, distance: float, cut: float = inf) -> list[Waypoint]:
-        """Where to steer to keep to the line: a point on it, then the waypoints after that point.
+        """Return a point to steer to, to stay on the line, and the waypoints after it.
 
-        The point lies `distance` m further along than the place on the leg nearest to the robot,
-        and on this leg more the farther aside the robot is: somebody had a reason to leave the
-        line. A waypoint is not cut by that: another leg may lie behind a wall. Nor does the way to
-        the point pass a waypoint farther than `cut` m aside. It is the goal itself where the goal
-        is nearer.
+        The point is `distance` m ahead of the robot's projection on the leg. On this leg it is
+        farther ahead the farther the robot is off the line, because an agent had a reason to leave
+        it. That does not cut a waypoint, as the next leg may be behind a wall. Nor does the
+        straight line to the point pass a waypoint at more than `cut` m. The point is at most the
+        goal.
         """
         from_x, from_y = self._start_of(self.leg)
         to = self.waypoints[self.leg]
@@ -173,7 +163,7 @@ class Route:
         return found
 
     def _along(self, here: Point, left: float) -> list[Waypoint]:
-        """The point `left` m farther along than a place on this leg, and the waypoints after it."""
+        """Return the point `left` m after a place on this leg, and the waypoints after it."""
         x, y = here.x, here.y
         for index in range(self.leg, len(self.waypoints)):
             to = self.waypoints[index]
@@ -187,7 +177,7 @@ class Route:
         return list(self.waypoints[-1:])
 
     def _cuts(self, here: Point, found: Sequence[Waypoint]) -> float:
-        """How far aside of the straight way to a point the waypoints before it are left, m."""
+        """Return the largest distance from the line to a point of the waypoints before it, m."""
         dx, dy = found[0].x - here.x, found[0].y - here.y
         length = hypot(dx, dy)
         passed = self.waypoints[self.leg : len(self.waypoints) - max(len(found) - 1, 1)]
@@ -198,7 +188,7 @@ class Route:
         )
 
     def _aside(self, x: float, y: float) -> float:
-        """How far the robot is off the leg's line, m."""
+        """Return the robot's distance from the leg's line, m."""
         from_x, from_y = self._start_of(self.leg)
         to = self.waypoints[self.leg]
         dx, dy = to.x - from_x, to.y - from_y
@@ -209,7 +199,6 @@ class Route:
 
     @property
     def leg_start(self) -> Point:
-        """Where the leg that is driven begins."""
         return Point(*self._start_of(self.leg))
 
     def _start_of(self, leg: int) -> tuple[float, float]:

@@ -1,8 +1,7 @@
-"""How fast is safe: every behaviour that moves the robot asks this of the points it knows.
+"""The safe speed among known points, for all behaviours.
 
-Nobody drives blind, and nobody does what cannot be stopped: a behaviour's wish is brought down
-until everything that it may lead to, by the forward model of `motion`, stays clear of the points
-that are remembered.
+A behaviour's wanted speeds are reduced until the whole predicted motion, by the forward model of
+`motion`, stays clear of the remembered points.
 """
 
 from __future__ import annotations
@@ -18,41 +17,37 @@ from armadico.mobile.motion import Body, Speeds, touches_at
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.swept_path import free_path
 
-HALVINGS = 4
-"""How finely the fastest admissible speed is looked for: to a sixteenth of what was wanted."""
+HALVINGS = 4  # steps of the search for the fastest admissible speed: to 1/16 of the wanted one
 
+# Shares of the wanted turn rate that are tried. Where a corner of the footprint would hit an
+# obstacle, the robot turns less and drives on.
 TURNS = (1.0, 0.6, 0.3, 0.0)
-"""Shares of the wanted turn that are tried: where a corner would swing into something it turns
-less, and drives on as it does."""
 
-ON_THE_SPOT_M_S = 0.05
-"""Slower than this the robot turns on the spot, and the small margin will do all round."""
+ON_THE_SPOT_M_S = 0.05  # up to this speed the robot turns in place, with the small margin all round
+EARLIER_S = 0.05  # how much before the last moment `unhurried` brakes
 
-EARLIER_S = 0.05
-"""So much before it must, whoever is in no hurry brakes."""
-
+# Without a map the robot drives as if it had at least this free path; otherwise it could not follow
+# a wall, as the sonar agent expects a wall to continue this far beyond its last echo.
 UNHEARD_M = 0.15
-"""Without a map it drives as if it had at least this much way, or it would get along no wall: the
-sonar agent expects a wall to go on so far beyond where it was heard."""
 
+# A corner of the trajectory is not cut if an obstacle is nearer than this to the footprint's
+# farthest corner.
 CORNER_ROOM_M = 0.17
-"""Nearer to something than this, its farthest corner to obstacle, a corner of the trajectory is not
-cut."""
 
 
 class Scene(NamedTuple):
-    """What a wish is held against."""
+    """The situation in which wanted speeds are checked."""
 
     body: Body
-    measured: Speeds  # (v, w) by the wheels, m/s and rad/s
-    points: Sequence[Point]  # what is known, in the body frame, m
-    age: float = 0.0  # s that these are old
-    waits: float = 0.0  # s that the command may have to wait, or it is given at once
+    measured: Speeds  # (v, w), m/s and rad/s
+    points: Sequence[Point]  # known points in the body frame, m
+    age: float = 0.0  # of the points, s
+    waits: float = 0.0  # how long the command may be delayed, s
 
     def touches_at(self, wanted: Speeds, margin: float) -> float:
-        """When the body comes within `margin` m of something, s; inf: it rests before.
+        """Return when the body comes within `margin` m of a point, s; inf: it rests before.
 
-        Whether it is commanded at once or as late as it may be.
+        Both an immediate and the most delayed command are checked.
         """
         found = self._touches_at(wanted, margin, self.age)
         if found == inf and self.waits > self.age:
@@ -66,15 +61,15 @@ class Scene(NamedTuple):
 class Limited(NamedTuple):
     v: float
     w: float
-    free: float  # m that the arc of the wish itself is free; inf if nothing is on it
+    free: float  # free length of the wanted arc, m; inf if nothing is on it
 
 
 def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
-    """The same motion as fast as is admissible, m/s and rad/s, and how far its way was free.
+    """Return the admissible speeds nearest to the wanted ones (m/s, rad/s), and their free path.
 
-    First slowing keeps w: the robot turns tighter as it comes nearer, away from or along what is
-    there. Where even that would swing a corner into something, it turns less. Where nothing is
-    admissible it is too late, and it brakes.
+    First v is reduced and w kept: the robot turns more tightly near an obstacle, away from it or
+    along it. Where a corner of the footprint would still hit an obstacle, w is reduced. Without
+    admissible speeds the robot brakes.
     """
     body = scene.body
     v, w = _clip(v, body.v_max), _clip(w, body.w_max)
@@ -95,11 +90,10 @@ def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
 
 
 def unhurried(v: float, w: float, scene: Scene, safety: Safety) -> float:
-    """The speed up to v (m/s) that nobody will call critical in the next cycles.
+    """Return a speed up to v (m/s) at which no agent is `critical` in the next cycles.
 
-    `limit` lets a wish brake at the last moment; whoever looks then sees a motion that would touch
-    something if it went on. So it brakes earlier, for what lies on the arc of the wish, and on that
-    which the robot is on.
+    `limit` brakes at the last moment; by then other agents see a motion that would touch something
+    if it continued. This brakes earlier, for points on the wanted arc and on the present one.
     """
     free = min(
         free_path(scene.points, v, turn, scene.body.outline, safety.margin_m)
@@ -111,13 +105,13 @@ def unhurried(v: float, w: float, scene: Scene, safety: Safety) -> float:
 
 
 def critical(scene: Scene, safety: Safety) -> bool:
-    """Whether the present motion, held until the society reacts, ends in something known."""
-    at_once = scene._replace(waits=0.0)  # about to collide, it does not wait
+    """Return whether the present motion, kept until the society reacts, touches a known point."""
+    at_once = scene._replace(waits=0.0)  # a critical bid does not wait
     return at_once.touches_at(scene.measured, safety.margin_m) < inf
 
 
 def corner_cut(obstacles: Obstacles, body: Body, least: float) -> float:
-    """How far off the trajectory's corners a way may lead, m: little where something is near."""
+    """Return by how much a path may cut the trajectory's corners, m: little near an obstacle."""
     near, outline = obstacles.closest, body.outline
     if near is None:
         return inf
@@ -126,10 +120,10 @@ def corner_cut(obstacles: Obstacles, body: Body, least: float) -> float:
 
 
 def _unmapped(scene: Scene) -> float:
-    """The speed from which it stops within the way to the nearest point, whichever way that is.
+    """Return the speed with which it stops within the nearest point's distance, in any direction.
 
-    A sonar does not hear a smooth wall at a slant. So without a map each point may be of a wall
-    that goes on in any direction, also across the robot's way.
+    A sonar does not detect a smooth wall at a slant. So without a map each point may belong to a
+    wall in any direction, also across the robot's path.
     """
     nearest = min((hypot(p.x, p.y) for p in scene.points), default=inf)
     free = max(nearest - turning_circle(*scene.body.outline), UNHEARD_M)
@@ -141,7 +135,7 @@ def _admissible(scene: Scene, wanted: Speeds, safety: Safety) -> bool:
 
 
 def _margin(scene: Scene, wanted: Speeds, safety: Safety) -> float:
-    """What is kept all round: little for a robot that is slow, or turns on the spot."""
+    """Return the margin: small for a robot that is slow or turns in place."""
     driven = abs(scene.measured[0])
     if abs(wanted[0]) <= safety.slow and driven <= safety.slow + ON_THE_SPOT_M_S:
         return min(safety.close_m, safety.margin_m)
@@ -151,10 +145,10 @@ def _margin(scene: Scene, wanted: Speeds, safety: Safety) -> float:
 
 
 def _fastest(scene: Scene, v: float, w: float, safety: Safety) -> float:
-    """The fastest admissible speed up to v with this turn, m/s; none at all is known to be."""
+    """Return the fastest admissible speed up to v with this turn, m/s; 0 is admissible."""
     slow, fast = 0.0, v
     if 0.0 < safety.slow < v and _admissible(scene, (safety.slow, w), safety):
-        slow = safety.slow  # with its own margin: a search from zero may miss it
+        slow = safety.slow  # it has a smaller margin: a search from zero may miss it
     for _ in range(HALVINGS):
         middle = 0.5 * (slow + fast)
         if _admissible(scene, (middle, w), safety):
@@ -165,7 +159,7 @@ def _fastest(scene: Scene, v: float, w: float, safety: Safety) -> float:
 
 
 def _too_late(scene: Scene, w: float, safety: Safety) -> Speeds:
-    """Brake; and turn too, only if with that nothing is touched at all."""
+    """Return braking speeds, with the turn only if that touches nothing and braking would."""
     close = min(safety.close_m, safety.margin_m)
     if scene.touches_at((0.0, 0.0), close) < inf and scene.touches_at((0.0, w), close) == inf:
         return 0.0, w

@@ -1,8 +1,8 @@
-"""A laser's scan as a message, and back: two bytes a ray.
+"""Encodes and decodes a laser's scan with two bytes per ray.
 
-Whatever a driver says comes in here: rays that say NaN, 0 or an infinity, a laser that turns the
-other way or hangs upside down, ranges beyond what it can see. What of it is no scan is refused with
-a reason; what is left is a message that every other agent may take as it is.
+All variants of drivers are converted here: NaN, 0 and infinite ranges, clockwise lasers, lasers
+mounted upside down, ranges beyond the limit. Invalid scans are rejected with a reason, so agents
+need not check messages again.
 """
 
 from __future__ import annotations
@@ -21,13 +21,10 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
-INVALID: Final = 0
-FREE: Final = 65535
-"""Of a ray's two bytes: nothing valid, and nothing within reach."""
-
+INVALID: Final = 0  # value of a ray: no valid range
+FREE: Final = 65535  # value of a ray: nothing within reach
 MM: Final = 1000.0
-FINEST_RAD: Final = 1e-4
-"""From one ray to the next at the least: 62,800 a turn."""
+FINEST_RAD: Final = 1e-4  # the smallest step between two rays: 62,800 per turn
 
 
 def message_of(
@@ -41,19 +38,19 @@ def message_of(
     since: Pose2 = (0.0, 0.0, 0.0),
     number: int = 0,
 ) -> Scan:
-    """A scan as a message. Raises ValueError, saying why, if it is none.
+    """Encode a scan. Raises ValueError, with the reason, for an invalid one.
 
     Args:
-        cycle: Of the robot.
-        ranges: m, one a ray. NaN, and what is nearer than the limit, is no valid range; infinity,
-            and what is at the limit or beyond it, is that nothing is within reach.
-        angles: The first ray's, and from one to the next (below 0: clockwise), about the laser's
-            own axis, rad. What goes on beyond a whole turn is left out.
-        limits: The least and the longest range that it measures, m.
-        mount: Where it sits and looks on the body: m, m, rad.
-        upside_down: Whether it hangs: counter-clockwise to it is clockwise to the robot.
-        since: The body's pose when the scan was taken, in the frame of the body now.
-        number: Tells one scan from the next.
+        cycle: The robot's cycle.
+        ranges: m, one per ray. NaN and ranges below the lower limit are invalid; infinity and
+            ranges from the upper limit mean that nothing is within reach.
+        angles: The first ray's angle and the step (below 0: clockwise) about the laser's own axis,
+            rad. Rays beyond a whole turn are omitted.
+        limits: The smallest and the largest range that it measures, m.
+        mount: The laser's pose on the body: m, m, rad.
+        upside_down: The laser's counter-clockwise is the robot's clockwise.
+        since: The body's pose at the time of the scan, in the body frame now.
+        number: Identifies the scan.
     """
     first, step = angles
     seen: Floats = np.asarray(ranges, dtype=np.float64).ravel()
@@ -71,7 +68,7 @@ def message_of(
 
 
 def _nearest(ranges: Floats, together: int, least: float) -> Floats:
-    """Of so many rays side by side the nearest one's range that is valid stands for them."""
+    """Replace each group of `together` adjacent rays by its smallest valid range."""
     groups = np.append(ranges, np.full(-len(ranges) % together, np.nan)).reshape(-1, together)
     groups = np.where(groups >= least, groups, np.nan)
     nearest: Floats = np.fmin.reduce(groups, axis=1)
@@ -79,9 +76,9 @@ def _nearest(ranges: Floats, together: int, least: float) -> Floats:
 
 
 def packed(ranges: Floats, least: float, most: float) -> bytes:
-    """Ranges in m as two bytes each."""
+    """Encode ranges in m as two bytes each."""
     with np.errstate(invalid="ignore"):
-        # REP-117 and LaserScan: range_max itself is what a driver reports where nothing is.
+        # REP-117 and LaserScan: a driver reports range_max itself where nothing is.
         valid, beyond = ranges >= least, ranges >= most
         mm = np.where(valid & ~beyond, np.rint(MM * ranges), INVALID)
     mm[beyond] = FREE
@@ -89,9 +86,9 @@ def packed(ranges: Floats, least: float, most: float) -> bytes:
 
 
 def ranges_of(scan: Scan) -> Floats:
-    """m, one a ray: NaN where nothing is valid, inf where nothing is within reach.
+    """Return the ranges, m, one per ray: NaN if invalid, inf if nothing is within reach.
 
-    Raises ValueError if its bytes are not two for each, or all go the same way.
+    Raises ValueError for an odd number of bytes, or a step of almost 0.
     """
     if abs(scan.step) < FINEST_RAD:
         raise ValueError("rays that all go the same way")
@@ -103,13 +100,13 @@ def ranges_of(scan: Scan) -> Floats:
 
 
 def bearings_of(scan: Scan) -> Floats:
-    """Where each ray goes, in the body frame, rad; not wrapped."""
+    """Return each ray's angle in the body frame, rad, not wrapped."""
     bearings: Floats = scan.bearing + scan.step * np.arange(scan.rays, dtype=np.float64)
     return bearings
 
 
 def points_of(scan: Scan) -> Floats:
-    """What was seen, (n, 2), in the body frame, m."""
+    """Return the measured points, (n, 2), in the body frame, m."""
     ranges, bearings = ranges_of(scan), bearings_of(scan)
     seen = np.isfinite(ranges)
     ranges, bearings = ranges[seen], bearings[seen]
@@ -119,16 +116,16 @@ def points_of(scan: Scan) -> Floats:
 def beside(
     bearings: Floats, first: float, step: float, count: int
 ) -> tuple[Indices, Indices, Flags]:
-    """The two rays between which each bearing lies, and whether the laser looks there at all.
+    """Return the indices of the two rays around each bearing, and whether it is in view.
 
-    Of a whole turn the first ray is the last one's neighbour. Beyond an edge of what the laser
-    sees, by half a step at the most, both are the ray at that edge; farther off both are 0.
+    In a whole turn the first ray is next to the last one. Up to half a step beyond an edge of the
+    field of view, both are the ray at that edge; farther away both are 0.
 
     Args:
         bearings: rad, in the frame of `first`; not wrapped.
-        first: Where the first ray goes, rad.
+        first: The first ray's angle, rad.
         step: From one ray to the next, rad; below 0: clockwise.
-        count: How many there are.
+        count: Number of rays.
     """
     at = np.remainder((bearings - first) * np.sign(step), tau) / abs(step)
     whole = round(tau / abs(step))

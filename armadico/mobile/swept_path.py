@@ -1,9 +1,9 @@
-"""How far the robot's outline may move before it touches a remembered point: exact, for any arc.
+"""The exact free path of the robot's footprint on an arc, until it touches a remembered point.
 
 A differential drive moves on circles around (0, v/w) in the body frame. Seen from the robot, a
-point moves on such a circle the other way round; where that circle meets the outline's rectangle
-is the contact. Turning on the spot is the circle around the axle's middle, straight ahead is the
-limit. Pure geometry, a few microseconds a point; most points are culled by their radius alone.
+point moves on such a circle in the other direction; the contact is where that circle meets the
+footprint's rectangle. A turn in place is the circle around the axle's middle; straight ahead is the
+limit. It takes a few microseconds per point; most points are culled by their radius alone.
 """
 
 from __future__ import annotations
@@ -14,36 +14,34 @@ from typing import NamedTuple
 
 from armadico.core.messages import Point
 
-STRAIGHT = 1e-3
-"""rad/m: less curvature than this is a straight line."""
+STRAIGHT = 1e-3  # a curvature up to this counts as straight, rad/m
 
 
 class Outline(NamedTuple):
-    """The body's rectangle around the middle of the axle, m; `robot/description` says it."""
+    """The footprint: a rectangle around the middle of the axle, m, from `robot/description`."""
 
     front: float
     rear: float
     half_width: float
 
     def grown(self, margin: float) -> Outline:
-        """The same with a margin all round."""
         return Outline(self.front + margin, self.rear + margin, self.half_width + margin)
 
     @property
     def turned_round(self) -> Outline:
-        """The same as one sees it driving backwards."""
+        """The footprint for driving backwards."""
         return Outline(self.rear, self.front, self.half_width)
 
     def clearance(self, x: float, y: float) -> float:
-        """From the rectangle to a point, m; 0 inside."""
+        """Return the distance from the rectangle to a point, m; 0 inside."""
         dx = max(x - self.front, -self.rear - x, 0.0)
         dy = max(abs(y) - self.half_width, 0.0)
         return hypot(dx, dy)
 
     def beside(self, x: float, y: float) -> float:
-        """How far the rectangle may grow, corners and all, until it has the point on its edge, m.
+        """Return by how much the rectangle can grow until the point is on its edge, m.
 
-        Negative inside. Off a corner this is less than the clearance.
+        Negative inside. Near a corner it is less than the clearance.
         """
         return max(x - self.front, -self.rear - x, abs(y) - self.half_width)
 
@@ -51,10 +49,10 @@ class Outline(NamedTuple):
 def free_path(
     points: Iterable[Point], v: float, w: float, outline: Outline, margin: float
 ) -> float:
-    """Metres that the axle's middle may travel on the arc of (v, w) until something is touched.
+    """Return how far the axle's middle can travel on the arc of (v, w) without contact, m.
 
-    Infinite if nothing is on the way. `margin` is kept all round; from a point that is nearer than
-    that already, only as much as there is. v must not be negative.
+    Infinite if nothing is on the arc. `margin` is kept all round; from a point that is nearer
+    already, only its present distance. v must not be negative.
     """
     if v <= 0.0:
         return inf
@@ -65,7 +63,7 @@ def free_path(
 
 
 def free_turn(points: Iterable[Point], direction: float, outline: Outline, margin: float) -> float:
-    """Radians that it may turn on the spot, to the left if `direction` is positive."""
+    """Return the free turn in place, rad, to the left if `direction` is positive."""
     return _sweep(points, 0.0, 1.0 if direction > 0 else -1.0, outline, margin)
 
 
@@ -73,7 +71,7 @@ def _ahead(p: Point, outline: Outline, margin: float) -> float:
     if p.x <= 0.0 or abs(p.y) >= outline.half_width + margin:
         return inf
     if abs(p.y) >= outline.half_width and p.x < outline.front + margin:
-        return inf  # beside already, and no nearer by going on
+        return inf  # beside the robot already, and driving on brings it no nearer
     return max(p.x - outline.front - margin, 0.0)
 
 
@@ -92,7 +90,7 @@ def _sweep(
 
 
 def _radii(box: Outline, radius: float) -> tuple[float, float]:
-    """The least and the greatest distance of the rectangle from the centre of turning."""
+    """Return the smallest and the largest distance of the rectangle from the turning centre."""
     low, high = -box.half_width - radius, box.half_width - radius
     inside = low <= 0.0 <= high
     nearest = 0.0 if inside else min(abs(low), abs(high))
@@ -102,7 +100,7 @@ def _radii(box: Outline, radius: float) -> tuple[float, float]:
 def _contact(
     p: Point, rho: float, radius: float, sense: float, outline: Outline, box: Outline
 ) -> float:
-    """The angle of turning at which this point reaches the rectangle."""
+    """Return the angle of turning at which a point reaches the rectangle."""
     if box.clearance(p.x, p.y) <= 0.0:
         room = outline.beside(p.x, p.y) - 1e-3
         if room <= 0.0:

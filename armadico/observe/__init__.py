@@ -1,1 +1,1 @@
-"""What looks at a society from outside, and keeps, measures or draws what it sees."""
+"""Observers of a society: state, explanations, measures, recordings, pictures, dashboard."""

@@ -1,4 +1,4 @@
-"""What a result depends on: so much stands beside each, or nobody else can come to the same."""
+"""The conditions of a result, stored with it so that it can be reproduced."""
 
 from __future__ import annotations
 
@@ -15,16 +15,15 @@ from typing import Any, Final
 import msgspec
 from msgspec import Struct
 
+# Packages that a run depends on; the commands of the first are left out.
 CODE: Final = ("armadico", "armadico.agents", "armadico.bridge", "armadico.configs")
-"""The packages that a run depends on; of the first, all but its commands."""
 
 
 class Software(Struct, frozen=True, kw_only=True):
-    """What drives: the same for every run of a process.
+    """The software of a run; the same for all runs of a process.
 
-    `commit` ends with a + if what drives has been changed since; where it is none, as it is
-    installed, `version` is what there is. `source` tells both apart: it is of all code and
-    configuration that is read.
+    `commit` ends with a + if the code has uncommitted changes. It is `none` for an installed
+    package; then `version` identifies it. `source` is a hash of all code and configuration read.
     """
 
     version: str
@@ -32,31 +31,31 @@ class Software(Struct, frozen=True, kw_only=True):
     source: str  # 16 hex digits
     python: str
     platform: str
-    packages: dict[str, str]  # what is required, and what has brought agents, by its version
+    packages: dict[str, str]  # versions of requirements and of packages that provide agents
 
 
 class Conditions(Struct, frozen=True, kw_only=True):
-    """What one result depends on, besides its seed. Hashes are 16 hex digits."""
+    """The conditions of one result, besides its seed. Hashes are 16 hex digits."""
 
-    mode: str  # virtual, live, or attached: others have started the agents
+    mode: str  # virtual, live, or attached (to running agents)
     namespace: str | None  # none: virtual
-    robot: str | None  # the URL of a robot that was there already; none: a simulator
-    scenario: dict[str, Any]  # as it was driven, with all that the command line has changed
-    scenario_hash: str  # of that, but for its names, world and robot
-    world_hash: str  # of its walls, rooms and doors, whatever file they are from
+    robot: str | None  # the URL of an existing robot; none: a simulator
+    scenario: dict[str, Any]  # as driven, with the changes of the command line
+    scenario_hash: str  # without its names, world and robot
+    world_hash: str  # of its walls, rooms and doors, independent of their file
     profile_hash: str  # of the robot's profile
-    agents: dict[str, tuple[str, ...]]  # what is set of whom; empty if others have started them
+    agents: dict[str, tuple[str, ...]]  # parameters by agent; empty if attached
     software: Software
 
 
 def digest(value: object) -> str:
-    """16 hex digits of something that can be a message."""
+    """The hash, 16 hex digits, of a value that msgspec can encode."""
     return sha256(msgspec.json.encode(value, order="sorted")).hexdigest()[:16]
 
 
 @cache
 def software() -> Software:
-    """What this process drives with, as it was when it was first asked for."""
+    """The software of this process, as of the first call."""
     return Software(
         version=_version("armadico"),
         commit=commit(),
@@ -68,12 +67,12 @@ def software() -> Software:
 
 
 def packages(names: Iterable[str]) -> dict[str, str]:
-    """The versions of distributions, but for our own."""
+    """The versions of distributions, without armadico's."""
     return {name: _version(name) for name in sorted({*names} - {"armadico", ""})}
 
 
 def source_hash(*besides: Path) -> str:
-    """16 hex digits of all code and configuration that a run depends on, and of files besides."""
+    """The hash, 16 hex digits, of all code and configuration of a run and of further files."""
     found = sha256()
     for package in CODE:
         root = Path(next(iter(import_module(package).__path__)))
@@ -87,11 +86,11 @@ def source_hash(*besides: Path) -> str:
 
 
 def commit() -> str:
-    """The git commit that runs, with a + if what drives has changed since; or `none`."""
+    """The git commit of the code, with a + if it has uncommitted changes; or `none`."""
     root = Path(next(iter(import_module("armadico.agents").__path__))).resolve().parent
     try:
         if not _git(root, "ls-files", "--", "agents"):
-            return "none"  # installed somewhere within a checkout of something else
+            return "none"  # installed inside the checkout of another repository
         head = _git(root, "rev-parse", "--short=12", "HEAD")
         paths = ("armadico", "agents", "bridge", "configs", ":!armadico/cli")
         changed = _git(root, "status", "--porcelain", "--", *paths)
@@ -101,14 +100,15 @@ def commit() -> str:
 
 
 def _git(root: Path, *words: str) -> str:
-    done = subprocess.run(
-        ["git", "-C", str(root), *words], capture_output=True, text=True, check=True
-    )
+    # Without optional locks: `git status` writes the index, and leaves its lock behind if it is
+    # killed, such as by a limit on file sizes.
+    command = ["git", "--no-optional-locks", "-C", str(root), *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     return done.stdout.strip()
 
 
 def _required() -> list[str]:
-    """The distributions that drive: those required without an extra."""
+    """The distributions required without an extra."""
     try:
         lines = requires("armadico") or []
     except PackageNotFoundError:

@@ -1,6 +1,6 @@
-"""A view as dictionaries for JSON, one for `top --json`, the page and the MCP server (sans-IO).
+"""A view as dictionaries for JSON: for `top --json`, the page and the MCP server (sans-IO).
 
-SI units and rad; None stands for what is not known. Each reader takes the sections that it shows.
+SI units and rad; unknown values are None. Each reader uses the sections that it shows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ Section = dict[str, Any]
 
 
 def robot(view: View) -> Section | None:
-    """The robot's newest state."""
     state, stop, level = view.state, view.stop, view.level
     if state is None:
         return None
@@ -32,14 +31,13 @@ def robot(view: View) -> Section | None:
         "battery": view.battery,
         "stalled": state.stalled,
         "motors": state.motors,
-        "line": state.line.told,
+        "line": state.line.summary,
         "stopped_by": stop.by if stop.stopped else None,
         "cycle": state.cycle.number,
     }
 
 
 def pose(view: View, now: float) -> Section | None:
-    """The estimated pose and its uncertainty."""
     at = view.pose
     if at is None:
         return None
@@ -52,12 +50,12 @@ def pose(view: View, now: float) -> Section | None:
         "deviation_rad": at.heading_deviation if known else None,
         "confidence": view.confidence(now),
         "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
-        "told": view.whereabouts(now),
+        "told": view.pose_text(now),
     }
 
 
 def mission(view: View) -> Section | None:
-    """The goal that the robot drives to, or drove to last."""
+    """The present or last goal."""
     status = view.mission
     if status is None:
         return None
@@ -70,7 +68,7 @@ def mission(view: View) -> Section | None:
 
 
 def errand(of: Progress) -> Section:
-    """A mission of several tasks; JSON's numbers are too short for its number."""
+    """A mission of several tasks; its number is a string, because it exceeds JSON's numbers."""
     return {
         "number": str(of.number),
         "name": of.name,
@@ -88,13 +86,12 @@ def errand(of: Progress) -> Section:
 def stands(
     view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
 ) -> Section:
-    """Whether the robot stands, and why, as sentences and a cause; see `standing`."""
     found: Section = msgspec.to_builtins(standing(view, now, installed, hosts))
     return found
 
 
 def resource(view: View, name: str, now: float) -> Section:
-    """Who claims a resource, whom its owner obeys, and who competes for it."""
+    """A resource's holder, the agent that its owner obeys, and the contenders."""
     claim, obeyed = view.claim(name, now), view.driver(name, now)
     row: Section = {"resource": name, "holder": None}
     row["obeyed"] = None if obeyed is None else agent_of(obeyed)
@@ -109,7 +106,7 @@ def resource(view: View, name: str, now: float) -> Section:
 
 
 def agent(seen: Seen) -> Section:
-    """An agent that is alive, by its card."""
+    """A live agent, with data of its card."""
     card = seen.card
     row: Section = {"name": seen.name, "instance": seen.instance, "answering": card is not None}
     if card is not None:
@@ -118,7 +115,6 @@ def agent(seen: Seen) -> Section:
 
 
 def service(view: View, key: str, now: float) -> Section:
-    """How often a key is published, and how often it should be."""
     rate, known = view.rates[key], service_at(key)
     hz = rate.hz(now)
     assert rate.last is not None, "something was received"
@@ -133,7 +129,7 @@ def service(view: View, key: str, now: float) -> Section:
 
 
 def rounded(value: Any, digits: int = 3) -> Any:
-    """The same with fewer digits, through and through; 0 for what is not finite."""
+    """The value with all numbers rounded, nested ones too; 0 for numbers that are not finite."""
     if isinstance(value, float):
         return round(value, digits) if isfinite(value) else 0.0
     if isinstance(value, dict):

@@ -11,7 +11,7 @@ from armadico.observe.view import agent_of
 
 
 class Input(Struct, frozen=True):
-    """What a bid was made of: the newest state on a key, and how many cycles old it was then."""
+    """An input of a bid: the newest state on a key, and its age at that time."""
 
     key: str
     age: int | None  # cycles; none: of another epoch, or without a cycle
@@ -19,38 +19,38 @@ class Input(Struct, frozen=True):
 
 
 class Bidding(Struct, frozen=True):
-    """What one contender would have done, with the inputs of that."""
+    """The bid of one contender, with its inputs."""
 
     agent: str
     instance: str
     host: str
-    cycle: int | None  # that its bid answers; none: it was not asked in time
+    cycle: int | None  # that its bid answers; none: it was not queried in time
     utility: float | None  # none: it has no bid, for the reason
     critical: bool = False
-    wanted: tuple[float, ...] = ()  # empty for what is no numbers
+    wanted: tuple[float, ...] = ()  # empty for an action without numbers
     reason: str = ""
     inputs: tuple[Input, ...] = ()
 
 
 class Contest(Struct, frozen=True):
-    """One resource in one moment: who holds it, what comes of it, and what the others would do."""
+    """One resource at one moment: its holder, the action, and the other contenders' bids."""
 
     resource: str
-    holder: str  # the instance that claims it; empty: nobody
+    holder: str  # the instance that claims it; empty: none
     term: int | None
     utility: float | None
     critical: bool
     wanted: tuple[float, ...]
     commanded: tuple[float, ...]
-    loser: str  # from whom it is being taken over; empty: no exchange is under way
-    obeyed: str  # the instance that its owner obeys; empty: nobody
+    loser: str  # the previous holder, during an exchange; else empty
+    obeyed: str  # the instance that its owner obeys; empty: none
     measured: tuple[float, ...]
-    refused: tuple[str, ...]  # commands that the owner would not have, of late
+    refused: tuple[str, ...]  # commands that the owner refused recently
     bids: tuple[Bidding, ...]
 
 
 class Moment(Struct, frozen=True):
-    """How everything stood at a time, s of whoever recorded it."""
+    """The state of the society at a time, s of the observer's clock."""
 
     t: float
     cycle: int | None
@@ -61,7 +61,7 @@ class Moment(Struct, frozen=True):
 
 
 class Exchange(Struct, frozen=True):
-    """Another agent was obeyed than before; counted from 1 for each resource."""
+    """A change of the agent that a resource obeys; counted from 1 for each resource."""
 
     number: int
     t: float
@@ -69,7 +69,7 @@ class Exchange(Struct, frozen=True):
     resource: str
     loser: str
     winner: str
-    cycles: int  # that the winner's own action was blended with the loser's
+    cycles: int  # in which the winner's action was blended with the loser's
     sentences: tuple[str, ...]
     cause: Cause
     bids: tuple[Bidding, ...]
@@ -89,7 +89,7 @@ class Press(Struct, frozen=True):
 
 
 class Collision(Struct, frozen=True):
-    """The robot touched something; counted from 1."""
+    """A contact of the robot with an obstacle; counted from 1."""
 
     number: int
     t: float
@@ -101,7 +101,7 @@ class Collision(Struct, frozen=True):
 # In words -----------------------------------------------------------------------------------------
 
 
-def contest_told(of: Contest) -> Iterator[str]:
+def describe_contest(of: Contest) -> Iterator[str]:
     name = of.resource
     if of.holder:
         rank = f"{of.utility:.2f}{', critical' if of.critical else ''}"
@@ -114,37 +114,37 @@ def contest_told(of: Contest) -> Iterator[str]:
             )
         yield text + "."
     elif of.bids or of.obeyed:
-        yield f"{name}: nobody claims it."
+        yield f"{name}: no agent claims it."
     if of.obeyed and of.obeyed != of.holder:
         yield f"Its owner obeys {agent_of(of.obeyed)}."
     elif of.holder and not of.obeyed:
-        yield "Its owner obeys nobody."
+        yield "Its owner obeys no agent."
     for refusal in of.refused:
-        yield f"By its owner, {refusal}."
+        yield f"Its owner reports: {refusal}."
     for each in of.bids:
-        yield bid_told(each)
+        yield describe_bid(each)
     by_inputs: dict[tuple[Input, ...], list[str]] = {}
     for each in of.bids:
         if each.inputs:
             by_inputs.setdefault(each.inputs, []).append(each.agent)
     for inputs, agents in by_inputs.items():
         made = "; ".join(f"{i.key} {i.what}{_old(i.age)}" for i in inputs)
-        yield f"{', '.join(agents)}: by {made}."
+        yield f"{', '.join(agents)}: inputs {made}."
 
 
-def unasked(answer: Moment | Exchange | Collision) -> set[str]:
-    """The instances whose bids are missing in an answer: nobody asked them in time."""
+def missing_bids(answer: Moment | Exchange | Collision) -> set[str]:
+    """The instances whose bids an answer lacks, because they were not queried in time."""
     moment = answer.moment if isinstance(answer, Collision) else answer
     contests = moment.contests if isinstance(moment, Moment) else (moment,)
     return {bid.instance for each in contests for bid in each.bids if bid.cycle is None}
 
 
-def bid_told(of: Bidding) -> str:
-    """One contender's in a sentence."""
+def describe_bid(of: Bidding) -> str:
+    """A contender's bid in a sentence."""
     if of.cycle is None:
-        return f"{of.agent} had no turn, or was not asked in time."
+        return f"{of.agent} computed no bid, or was not queried in time."
     if of.utility is None:
-        return f"{of.agent} had no bid: {of.reason or 'it does not say why'}."
+        return f"{of.agent} had no bid: {of.reason or 'no reason given'}."
     critical = ", critical" if of.critical else ""
     why = f" ({of.reason})" if of.reason else ""
     to = f" for {_pair(of.wanted)}" if of.wanted else ""
@@ -152,13 +152,13 @@ def bid_told(of: Bidding) -> str:
 
 
 def outbid(of: Contest) -> Cause | None:
-    """Who would have had it but for the holder; None if nobody else had a bid."""
+    """The best contender below the holder, as a cause; None if there is no other bid."""
     others = [b for b in of.bids if b.utility and b.instance != of.holder]
     if not of.holder or not others:
         return None
     best = max(others, key=lambda b: (b.utility or 0.0, b.critical))
     holder = agent_of(of.holder)
-    what = f"{best.agent}'s {best.utility:.2f} is not more than {holder}'s {of.utility:.2f}."
+    what = f"{best.agent}'s bid of {best.utility:.2f} does not exceed {holder}'s {of.utility:.2f}."
     return Cause(Sort.OUTBID, holder, what)
 
 

@@ -1,4 +1,4 @@
-"""Recordings turned into something else: tables, a Rerun recording, the words of others."""
+"""Export of recordings: CSV tables, formats of translators, Rerun recordings."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ if TYPE_CHECKING:
 
 
 class Tables:
-    """One CSV file a topic: `t` in s from the recording's first message, then the fields.
+    """One CSV file per topic: `t` in s from the recording's first message, then the fields.
 
-    A field of a field is `cycle.number`; a list is JSON in one cell, what is missing an empty one.
+    Nested fields are columns such as `cycle.number`. A list is JSON in one cell, a missing value an
+    empty cell.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Write into a folder, which is made. Raises OSError."""
+        """Create the folder. Raises OSError."""
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self.rows = 0
@@ -47,7 +48,7 @@ class Tables:
         return sorted(self._files)
 
     def write(self, row: Row) -> None:
-        """Write one row; what is no known message is left out."""
+        """Write one row; unknown payloads are ignored."""
         if not row.schema:
             return
         if self._first is None:
@@ -90,7 +91,7 @@ def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]
             yield before + name, json.dumps(value) if isinstance(value, list) else value
 
 
-# In the words of others ---------------------------------------------------------------------------
+# Other formats ------------------------------------------------------------------------------------
 
 
 def translated(
@@ -101,10 +102,10 @@ def translated(
     warn: Warn,
     world: World | None = None,
 ) -> int:
-    """Write what a translator makes of a recording, and nothing else; returns how many samples.
+    """Write only a translator's samples of a recording; returns their number.
 
-    So tools that refuse a file of several encodings read it, and recordings that were made without
-    the translator. Raises RecordingError, UnknownNameError, ImportError and OSError.
+    The result suits tools that reject files with several encodings. The recording may have been
+    made without the translator. Raises RecordingError, UnknownNameError, ImportError and OSError.
     """
     found = sorted({row.namespace for row in rows(path, lambda _: None)})
     chosen = found if namespace is None else [namespace]
@@ -132,10 +133,10 @@ def translated(
 def to_rrd(
     path: Path, out: Path, namespace: str | None, world: World | None, zones: Zones, warn: Warn
 ) -> int:
-    """Draw a recording as the dashboard would have; returns how many messages it was.
+    """Draw a recording as the dashboard does; returns the number of messages.
 
-    Raises RecordingError if it holds several robots and none was named, ImportError without rerun,
-    and OSError.
+    Raises RecordingError if it has several robots and `namespace` is None, ImportError without
+    rerun, and OSError.
     """
     from armadico.observe.dashboard.scene import Scene
     from armadico.observe.dashboard.server import finish, keep
@@ -156,6 +157,6 @@ def to_rrd(
 def _only_namespace(path: Path) -> str:
     found = sorted({row.namespace for row in rows(path, lambda _: None)})
     if len(found) != 1:
-        said = ", ".join(found) or "nobody's messages"
-        raise RecordingError(f"{path} holds {said}; name one robot: --namespace NS")
+        names = ", ".join(found) or "no messages"
+        raise RecordingError(f"{path} holds {names}; name one robot: --namespace NS")
     return found[0]

@@ -1,7 +1,7 @@
-"""Films of runs, for a talk or a page: the robot drives again, and leaves its path behind it.
+"""Films of runs: the robot moves and draws its path.
 
-Matplotlib writes them: a GIF by Pillow, an MP4 by ffmpeg if that is on the path. Frames are
-960 x 540, three quarters of the pictures' size.
+Matplotlib writes a GIF with Pillow, or an MP4 with ffmpeg if that is on the path. Frames have
+960 x 540 pixels, three quarters of the pictures' size.
 """
 
 from __future__ import annotations
@@ -29,41 +29,37 @@ from armadico.observe.pictures import (
 
 KINDS: Final = (".gif", ".mp4")
 SHRUNK: Final = 0.75
+
+# Frames per second. A GIF counts in 0.01 s, and browsers slow down frames shorter than 0.02 s.
 FRAMES_S: Final = 12.5
-"""Frames per second: a GIF counts hundredths of a second, and browsers slow down below two."""
 
-LASTS_S: Final = 12.0
-"""Duration of a film whose speed is not given, s; a short run is not slowed down."""
-
-RESTS_S: Final = 1.6
-"""How long the last frame stays, s: a GIF begins again at once."""
-
-SPEED_OVER_S: Final = 0.5
-"""The time over which the shown speed is averaged, s: from cycle to cycle it is noise."""
+LASTS_S: Final = 12.0  # default duration of a film; a shorter run is not slowed down
+RESTS_S: Final = 1.6  # duration of the last frame: a GIF restarts immediately
+SPEED_OVER_S: Final = 0.5  # period over which the shown speed is averaged: per cycle it is noisy
 
 
 def film_run(world: World, run: Run, out: Path | str, speed: float | None = None) -> None:
-    """A film of a run, `speed` times as fast as it happened; by default in twelve seconds.
+    """Write a film of a run at `speed` times real time; by default it lasts twelve seconds.
 
-    Sensor readings and simulated people are not in it: a run does not keep their times.
+    Sensor readings and simulated people are not shown: a run does not store their times.
 
     Raises:
-        ValueError: A file that is neither .gif nor .mp4, or a speed that is none.
-        OSError: It cannot be written; of an .mp4, ffmpeg is not there, or has refused it.
-        ImportError: There is no matplotlib.
+        ValueError: The file is neither .gif nor .mp4, or the speed is not positive.
+        OSError: The file cannot be written, or ffmpeg is missing or fails for an .mp4.
+        ImportError: Matplotlib is not installed.
     """
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
     path = Path(out)
     kind = path.suffix.lower()
     if kind not in KINDS:
-        raise ValueError(f"{path.name}: a film is a .gif or an .mp4")
+        raise ValueError(f"{path.name}: a film must end with .gif or .mp4")
     if speed is not None and not 0.0 < speed < float("inf"):
-        raise ValueError(f"speed {speed:g}: expected how many times as fast, more than none")
+        raise ValueError(f"speed must be more than 0 (got {speed:g})")
     makes: Any = PillowWriter if kind == ".gif" else FFMpegWriter
     if not makes.isAvailable():
         there = path.with_suffix(".gif").name
-        raise FileNotFoundError(f"{path.name}: ffmpeg is not on the path; {there} needs none")
+        raise FileNotFoundError(f"{path.name}: ffmpeg is not on the path; write {there} instead")
     scene = _Scene(world, run)
     path.parent.mkdir(parents=True, exist_ok=True)
     new, writer = not path.exists(), makes(fps=FRAMES_S)
@@ -74,15 +70,15 @@ def film_run(world: World, run: Run, out: Path | str, speed: float | None = None
                 writer.grab_frame()
     except BaseException as error:
         if new:
-            path.unlink(missing_ok=True)  # half a film is none
+            path.unlink(missing_ok=True)  # it is incomplete
         if isinstance(error, subprocess.CalledProcessError):
-            said = str(error.stderr or "").strip().splitlines()
-            raise OSError(f"{path.name}: ffmpeg: {said[-1] if said else 'it ended'}") from None
+            lines = str(error.stderr or "").strip().splitlines()
+            raise OSError(f"{path.name}: ffmpeg: {lines[-1] if lines else 'failed'}") from None
         raise
 
 
 def _moments(run: Run, speed: float | None) -> Iterator[int]:
-    """How many steps are past in each frame; in the last ones all are."""
+    """The number of past steps in each frame; all steps in the last frames."""
     times = [step[0] - run.path[0][0] for step in run.path] or [0.0]
     pace = (speed or max(1.0, times[-1] / LASTS_S)) / FRAMES_S
     for number in range(ceil(times[-1] / pace)):
@@ -92,9 +88,9 @@ def _moments(run: Run, speed: float | None) -> Iterator[int]:
 
 
 class _Scene:
-    """The world, its legend, and what moves in it.
+    """The world, its legend, and the moving parts.
 
-    It is a figure to Matplotlib's writers. What stands still is drawn once: drawing the whole
+    For Matplotlib's writers it acts as a figure. Static parts are drawn once: drawing the whole
     figure for each frame takes ten times as long.
     """
 
@@ -133,14 +129,14 @@ class _Scene:
         return self._canvas.figure.get_size_inches()
 
     def set_size_inches(self, *_: float) -> None:
-        """The size stays."""
+        """Ignore the new size."""
 
     def savefig(self, file: IO[bytes], **_: Any) -> None:
-        """Write the frame that was drawn last, RGBA."""
+        """Write the last frame, RGBA."""
         file.write(self._agg.buffer_rgba())
 
     def draw(self, past: int) -> None:
-        """Draw the moment in which so many steps are past."""
+        """Draw the frame with the first `past` steps."""
         run, at, axes = self._run, self._canvas.at, self._canvas.axes
         self._agg.restore_region(self._still)
         begun = 0
@@ -157,14 +153,14 @@ class _Scene:
         if past == len(run.path) and run.caption:
             self._clock.set_text(run.caption[0])
         elif past:
-            clock, holder = step[0] - run.path[0][0], step[4] or "nobody"
+            clock, holder = step[0] - run.path[0][0], step[4] or "no agent"
             self._clock.set_text(f"{clock:5.1f} s   {holder}   {self._speed(past):.2f} m/s")
         axes.draw_artist(self._body)
         axes.draw_artist(self._nose)
         self._canvas.figure.draw_artist(self._clock)
 
     def _speed(self, past: int) -> float:
-        """Of the robot over the last moments, m/s."""
+        """The robot's mean speed over the last `SPEED_OVER_S`, m/s."""
         steps = self._run.path
         since = past - 1
         while since and steps[past - 1][0] - steps[since][0] < SPEED_OVER_S:

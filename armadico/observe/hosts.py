@@ -1,4 +1,4 @@
-"""Alive agents by host, and what each host lacks (sans-IO): a view in, a state a host out."""
+"""The state of each host from a view (sans-IO): its live and its missing agents."""
 
 from __future__ import annotations
 
@@ -10,31 +10,27 @@ from typing import Final
 from armadico.core.messages import Card
 from armadico.observe.view import View
 
-SKEW_S: Final = 2.0
-"""A clock that is farther off than this is worth saying; an answer may take a while."""
+SKEW_S: Final = 2.0  # larger clock offsets are reported; it includes the delay of a reply
 
 
 @dataclass(frozen=True)
 class HostState:
-    """One host as it is seen from here."""
-
     name: str
-    agents: tuple[str, ...]  # that are there
-    lacks: tuple[str, ...] = ()  # that should be there, and are not
-    clock_s: float | None = None  # how far its clock is ahead of this machine's; None: not known
+    agents: tuple[str, ...]  # live agents
+    lacks: tuple[str, ...] = ()  # configured agents that are not alive
+    clock_s: float | None = None  # its clock minus this machine's; None: not known
 
     @property
     def state(self) -> str:
-        """For people: `up`, what it lacks, or that no agent is alive."""
         if self.lacks and not self.agents:
             return "no agent is alive"
         if self.lacks:
-            return f"lacks: {', '.join(self.lacks)}"
-        return "up" if self.agents else "nothing is to run there"
+            return f"missing: {', '.join(self.lacks)}"
+        return "up" if self.agents else "no agent is configured"
 
     @property
     def skew(self) -> str:
-        """For people: how far its clock is off; empty if it is right, or not known."""
+        """The clock offset as text; empty if it is small or not known."""
         if self.clock_s is None or abs(self.clock_s) <= SKEW_S:
             return ""
         word = "ahead of" if self.clock_s > 0 else "behind"
@@ -44,12 +40,12 @@ class HostState:
 def census(
     view: View, wanted: Mapping[str, Sequence[str]], ahead: Mapping[str, float]
 ) -> list[HostState]:
-    """Every host that was heard of, those of `wanted` first.
+    """The state of every known host, those of `wanted` first.
 
     Args:
-        view: Of the society; who shows no card is on no host.
-        wanted: The agents that each host should have.
-        ahead: How far the clock on a card was ahead of this machine's, by instance, s.
+        view: Of the society; agents without a card are ignored.
+        wanted: The configured agents of each host.
+        ahead: The clock on a card minus this machine's, by instance, s.
     """
     cards = [agent.card for agent in view.agents if agent.card is not None]
     names = dict.fromkeys((*wanted, *sorted({card.host for card in cards})))

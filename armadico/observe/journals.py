@@ -1,9 +1,8 @@
-"""Agents' journals (`core.journal`) described, and read back from a recording.
+"""Agents' journals (`core.journal`): their head, and reading them from a recording.
 
-A journal begins with a `Head`: who the agent is, and all that its decisions hang on besides what
-the journal tells: its parameters, the state of its random numbers, what stood in the files that its
-parameters name. Journals are read as far as they go: a piece that was lost is a gap, beyond which
-nobody knows what the agent had in mind.
+A journal begins with a `Head`: the agent's identity, and all that its decisions depend on besides
+the entries: its parameters, the state of its random numbers, and the files that its parameters
+name. A journal is read up to its first missing piece, because the agent's state beyond is unknown.
 """
 
 from __future__ import annotations
@@ -34,27 +33,22 @@ from armadico.core.messages import PROTOCOL, JournalPiece, MessageError, decode
 from armadico.core.services import service_of
 from armadico.observe.conditions import digest, software
 
-JOURNAL: Final = service_of(JournalPiece).key_for(instance="")
-"""How the keys begin on which journals are published."""
+JOURNAL: Final = service_of(JournalPiece).key_for(instance="")  # prefix of the keys of journals
 
+# Largest uncompressed frame, bytes: limits the memory that a damaged frame can claim.
 LARGEST_FRAME: Final = 64_000_000
-"""Bytes that a frame may come to: a damaged one asks for no more memory."""
 
-LENGTH: Final = 4
-"""Bytes in which a frame's length stands before it."""
+LENGTH: Final = 4  # bytes of the length before each frame
+SAMPLES: Final = 20  # frames used to estimate the offset between two clocks
 
-SAMPLES: Final = 20
-"""Frames that are looked at to tell two clocks apart."""
-
-Entry = list[Any]
-"""See `core.journal`."""
+Entry = list[Any]  # see `core.journal`
 
 _ENTRIES: Final = msgpack.Decoder(list[Annotated[Entry, Meta(min_length=2)]])
 
 _TIME: Final = (float, int)
 _ANY: Final = (object,)
 
-_SHAPES: Final[Mapping[int, tuple[tuple[type, ...], ...]]] = {
+_SHAPES: Final[Mapping[int, tuple[tuple[type, ...], ...]]] = {  # by number, types of the rest
     START: (_TIME, (bool,), (bytes,)),
     j.BEGIN: (_TIME,),
     j.WAKE: (_TIME,),
@@ -71,13 +65,12 @@ _SHAPES: Final[Mapping[int, tuple[tuple[type, ...], ...]]] = {
     j.REPORT: (_TIME, (dict,)),
     TAKE: ((bytes,), (*_TIME, type(None))),
 }
-"""Of what types an entry of each number is, after the number."""
 
 _OUTPUTS: Final = msgpack.Decoder(list[Annotated[list[Any], Meta(min_length=1)]])
 
 
 class Head(Struct, frozen=True, kw_only=True):
-    """Who an agent is, and what its decisions hang on besides what enters it."""
+    """An agent's identity, and what its decisions depend on besides its inputs."""
 
     format: int
     protocol: int
@@ -89,14 +82,14 @@ class Head(Struct, frozen=True, kw_only=True):
     kind: str  # its class, module:name
     parameters: dict[str, Any]
     random: tuple[int, bytes, float | None]  # the state of its random numbers (`Random.getstate`)
-    files: dict[str, str]  # what its parameters name, by the parameter: hashes of the content
-    commit: str  # of the code that it ran, and a hash of all that code
-    source: str
+    files: dict[str, str]  # hashes of the files that its parameters name, by parameter
+    commit: str  # of the code that it ran
+    source: str  # hash of that code
 
 
 def head(agent: Agent) -> bytes:
-    """The head of an agent's journal. Raises ConfigError if a file that it names is gone."""
-    who, kind = agent.identity, type(agent)
+    """The head of an agent's journal. Raises ConfigError if a file that it names is missing."""
+    identity, kind = agent.identity, type(agent)
     version, words, gauss = agent.drawn
     code = software()
     return msgpack.encode(
@@ -105,9 +98,9 @@ def head(agent: Agent) -> bytes:
             protocol=PROTOCOL,
             name=agent.name,
             instance=agent.instance,
-            host=who.host,
-            pid=who.pid,
-            version=who.version,
+            host=identity.host,
+            pid=identity.pid,
+            version=identity.version,
             kind=f"{kind.__module__}:{kind.__qualname__}",
             parameters=msgspec.to_builtins(agent.p),
             random=(version, b"".join(word.to_bytes(4, "big") for word in words), gauss),
@@ -119,7 +112,7 @@ def head(agent: Agent) -> bytes:
 
 
 def stream(state: tuple[int, bytes, float | None]) -> Random:
-    """Random numbers that go on from a head's state. Raises ValueError if it is none."""
+    """A random generator with the state of a head. Raises ValueError if that is invalid."""
     version, words, gauss = state
     drawn = tuple(int.from_bytes(words[i : i + 4], "big") for i in range(0, len(words), 4))
     made = Random()
@@ -128,9 +121,9 @@ def stream(state: tuple[int, bytes, float | None]) -> Random:
 
 
 def files(parameters: Any) -> dict[str, str]:
-    """Hashes of what stands in the files that parameters name: the world, the make of robot, a map.
+    """Hashes of the files that parameters name: world, profile and map, by parameter.
 
-    What an agent of one's own names by other parameters is not looked at. Raises ConfigError.
+    Other parameters of third-party agents are ignored. Raises ConfigError.
     """
     found = {}
     for name, hashed in _READ.items():
@@ -149,7 +142,7 @@ def _profile(name: str) -> str:
 
 
 def _map(name: str) -> str:
-    """A saved map is a .yaml and the picture beside it."""
+    # A saved map is a .yaml file and an image beside it.
     path, found = Path(name), sha256()
     for each in sorted(path.parent.glob(f"{path.stem}.*")):
         found.update(each.read_bytes())
@@ -163,31 +156,31 @@ _READ: Final[Mapping[str, Callable[[str], str]]] = {
 }
 
 
-# Read back ----------------------------------------------------------------------------------------
+# Reading ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The frames of a journal, read one after another from where its pieces are kept.
+    """The frames of a journal, read from its pieces one after another.
 
-    A day of a robot's journals does not fit in memory, so only the places of the pieces are kept.
+    Only the places of the pieces are in memory: the journals of a day do not fit.
     """
 
-    pieces: tuple[tuple[int, Any], ...] = ()  # when each was received, ns since 1970; its place
-    read: Callable[[Iterable[Any]], Iterator[bytes]] = iter  # pieces by places: these are places
+    pieces: tuple[tuple[int, Any], ...] = ()  # time of arrival, ns since 1970, and place
+    read: Callable[[Iterable[Any]], Iterator[bytes]] = iter  # places to pieces
     size: int = 0  # bytes
 
     def __bool__(self) -> bool:
         return bool(self.pieces)
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
-        """Each frame, and when it was received, ns since 1970. Raises ValueError and OSError."""
+        """Each frame and its time of arrival, ns since 1970. Raises ValueError and OSError."""
         for at, frame in self.parts():
             if at is not None:
                 yield at, frame
 
     def parts(self) -> Iterator[tuple[int | None, bytes]]:
-        """The same, and at last, with None, what is left of a frame that is not whole."""
+        """Like iteration; an incomplete last frame follows with None as its time."""
         waiting = b""
         read = self.read(place for _, place in self.pieces)
         for (at, _), data in zip(self.pieces, read, strict=True):
@@ -205,17 +198,17 @@ def _length(frame: bytes) -> int:
 
 @dataclass(frozen=True)
 class Journal:
-    """The journal of one instance, as far as a recording has it."""
+    """The journal of one instance, as far as it was recorded."""
 
     namespace: str
     name: str
     instance: str
-    head: Head | None  # none: it cannot be gone through again; `fault` says why
-    fault: str  # what is wrong with it, or missing; empty if it is whole
+    head: Head | None  # none: it cannot be replayed, because of `fault`
+    fault: str  # what is damaged or missing; empty if it is complete
     frames: Frames
 
     def entries(self) -> Iterator[Entry]:
-        """Its entries in order. Raises ValueError where it is damaged."""
+        """The entries in order. Raises ValueError where the journal is damaged."""
         before = None
         for _, frame in self.frames:
             for entry in _unpacked(frame):
@@ -227,48 +220,48 @@ class Journal:
 
     @cached_property
     def began(self) -> float:
-        """When the agent began, s since 1970 by the recorder's clock."""
+        """When the agent started, s since 1970 by the recorder's clock."""
         try:
             start = next(self.entries(), None)
-        except ValueError:  # a damaged one: `entries` says so
+        except ValueError:  # damaged: `entries` reports it
             start = None
         return self.offset + (float(start[1]) if start else 0.0)
 
     @property
     def received(self) -> int:
-        """When its first piece was, ns since 1970; 0 without one."""
+        """When its first piece was received, ns since 1970; 0 without pieces."""
         return self.frames.pieces[0][0] if self.frames else 0
 
     @property
     def offset(self) -> float:
-        """What the recorder's clock showed when the agent's showed 0, s: at most so much later.
+        """The recorder's clock minus the agent's clock, s: an upper bound.
 
-        The least of what some frames say: each was on its way for a while.
+        It is the minimum over some frames, because each was delayed on its way.
         """
         found: list[float] = []
         some = islice(self.frames, 0, None, max(len(self.frames.pieces) // SAMPLES, 1))
-        with suppress(ValueError):  # the file has changed: `entries` says so
+        with suppress(ValueError):  # the file has changed: `entries` reports it
             for at, frame in some:
-                with suppress(ValueError):  # a damaged one: `entries` says so
+                with suppress(ValueError):  # damaged: `entries` reports it
                     found.append(at / 1e9 - _last(frame))
         return min(found, default=0.0)
 
 
 class Pieces:
-    """Takes the pieces of all journals of a recording, in any order, and puts them together."""
+    """Assembles the journals of a recording from pieces in any order."""
 
     def __init__(self, read: Callable[[Iterable[Any]], Iterator[bytes]] = iter) -> None:
-        """Nothing was taken yet.
+        """Start without pieces.
 
         Args:
-            read: What the pieces at some places hold, in their order; by default each place is what
-                the piece holds. It is pickled with a journal.
+            read: Returns the contents of the pieces at given places, in order. By default a place
+                is the content itself. It is pickled with a journal.
         """
         self._read = read
         self._pieces: dict[tuple[str, str], dict[int, _Piece]] = defaultdict(dict)
 
     def add(self, namespace: str, data: bytes, at: int, place: Any = None) -> None:
-        """One piece as it was published, at a time (ns since 1970); what is none is left out."""
+        """Add a published piece, received at a time (ns since 1970); ignore invalid payloads."""
         try:
             piece = decode(data, JournalPiece)
         except MessageError:
@@ -278,13 +271,13 @@ class Pieces:
         self._pieces[namespace, piece.instance].setdefault(piece.number, kept)
 
     def journals(self) -> list[Journal]:
-        """All journals, by the times at which they began."""
-        found = [_journal(*who, pieces, self._read) for who, pieces in self._pieces.items()]
+        """All journals, in the order of their first pieces."""
+        found = [_journal(*agent, pieces, self._read) for agent, pieces in self._pieces.items()]
         return sorted(found, key=lambda one: (one.received, one.instance))
 
 
 class _Piece(NamedTuple):
-    """One piece of a journal, without what it holds."""
+    """One piece of a journal, without its content."""
 
     at: int  # when it was received, ns since 1970
     place: Any
@@ -293,8 +286,8 @@ class _Piece(NamedTuple):
 
 
 def without(namespace: str, instance: str) -> Journal:
-    """An agent that was there, and of whose journal nothing was recorded."""
-    why = "it kept no journal: agents that are started with --journal do, or by run --record"
+    """The empty journal of an agent that was alive, but of which no piece was recorded."""
+    why = "it kept no journal: start agents with --journal, or use run --record"
     return Journal(namespace, instance.rpartition("-")[0], instance, None, why, Frames())
 
 
@@ -307,15 +300,15 @@ def _journal(
     name, fault = instance.rpartition("-")[0], ""
     first, last = min(pieces), max(pieces)
     if first:
-        fault = "the recording began after the agent did: the beginning of its journal is missing"
+        fault = "the recording began after the agent started: its journal's beginning is missing"
         return Journal(namespace, name, instance, None, fault, Frames())
     lost = next((number for number in range(last + 1) if number not in pieces), None)
     whole = [pieces[number] for number in range(last + 1 if lost is None else lost)]
     if lost is not None:
-        fault = f"a gap: piece {lost} of {last + 1} of its journal was lost"
+        fault = f"a gap: piece {lost} of {last + 1} of its journal is missing"
     frames = Frames(tuple((p.at, p.place) for p in whole), read, sum(p.size for p in whole))
     if not fault and not _is_whole(whole, frames):
-        fault = "its last piece is not whole"
+        fault = "its last piece is incomplete"
     _, first_frame = next(frames.parts(), (None, b""))
     head, why = _head(first_frame) if first_frame else (None, "nothing of its journal was recorded")
     return Journal(namespace, name, instance, head, why or fault, frames)
@@ -324,7 +317,7 @@ def _journal(
 def _is_whole(pieces: Sequence[_Piece], frames: Frames) -> bool:
     """Whether the last frame ends with the last piece.
 
-    Each frame begins with a piece, as journals are written. Others are read to find out.
+    Journals are written so that each frame begins with a piece; others are read completely.
     """
     left = 0
     for piece in pieces:
@@ -344,11 +337,11 @@ def _head(frame: bytes) -> tuple[Head | None, str]:
         if version not in READABLE:
             return None, f"its journal is of format {version}; this program reads {FORMAT}"
         if plain["protocol"] != PROTOCOL:
-            spoken = plain["protocol"]
-            return None, f"it spoke protocol {spoken}; this program speaks {PROTOCOL}"
+            protocol = plain["protocol"]
+            return None, f"it used protocol {protocol}; this program uses {PROTOCOL}"
         return msgspec.convert(plain, Head), ""
     except (ValueError, TypeError, KeyError, IndexError):  # msgspec's are ValueErrors
-        return None, "its journal does not begin with who it is"
+        return None, "its journal does not begin with a valid head"
 
 
 def _unpacked(frame: bytes) -> list[Entry]:
@@ -357,18 +350,18 @@ def _unpacked(frame: bytes) -> list[Entry]:
         unpacker = zlib.decompressobj()
         data = unpacker.decompress(frame, LARGEST_FRAME)
         if not unpacker.eof:
-            raise ValueError("too long, or cut short")
+            raise ValueError("a frame is too long or incomplete")
         entries = _ENTRIES.decode(data)
     except (zlib.error, msgspec.DecodeError) as error:
         raise ValueError(str(error)) from None
     for entry in entries:
         if not _sound(entry):
-            raise ValueError(f"no entry of a journal: {entry[0]!r:.20}")
+            raise ValueError(f"not an entry of a journal: {entry[0]!r:.20}")
     return entries
 
 
 def _sound(entry: Entry) -> bool:
-    """Whether it is what `core.journal` says that entries are."""
+    """Whether an entry has the types that `core.journal` defines."""
     number, *rest = entry
     shape = _SHAPES.get(number) if isinstance(number, int) else None
     if shape is None or len(shape) != len(rest):

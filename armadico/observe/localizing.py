@@ -1,11 +1,10 @@
-"""A log gone through by the agents that make up the pose, sans-IO, and what came of it.
+"""Localization on a log by the installed agents, sans-IO, and its errors.
 
-The agents are those that are installed: one that publishes a `Correction`, and one that publishes
-a `Pose` by it. They receive what a robot's society sends them, a `RobotState` each cycle and the
-readings of the log, under the log's own clock. The estimate that is measured is the odometry with
-the newest correction; the published pose, which creeps after it, is measured beside it.
+One agent publishes a `Correction`, another one a `Pose` from it. They receive a `RobotState` each
+cycle and the readings of the log, under the log's own clock. The measured estimate is the odometry
+with the newest correction. The published pose, which follows it slowly, is measured too.
 
-A map can be made of a log, at the reference poses, by the mapper that the mapping agent has, too.
+A map can be made from a log at its reference poses, with the mapper of the mapping agent.
 """
 
 from __future__ import annotations
@@ -36,27 +35,25 @@ from armadico.observe.logs import Log, LogError
 
 Floats = NDArray[np.float64]
 
+# Selections of a log's readings. The halves are in time, cut at the middle reading.
 PARTS: Final = ("all", "even", "odd", "first", "second")
-"""What may be chosen of a log's readings. The halves are of the time, cut at the middle reading."""
 
 CYCLE_S: Final = 0.1
-BEFORE_S: Final = 0.3
-"""So long before the first reading the agents receive odometry."""
+BEFORE_S: Final = 0.3  # duration of odometry before the first reading
 
-OFF_M: Final = 0.3
-"""An estimate that is off by more than this is counted,"""
+OFF_M: Final = 0.3  # an estimate with a larger error counts as off
 
+# An estimate counts as wrong and sure if its error is larger than WRONG_M, its reported deviation
+# smaller than SURE_M, and it is not reported as lost.
 WRONG_M: Final = 0.5
 SURE_M: Final = 0.5
-"""and one that is off by more than this, reports a smaller deviation and is not lost, is wrong and
-sure."""
 
 VOLTS: Final = 12.0
 ANYWHERE: Final = "anywhere"
 
 
 def part(log: Log, name: str, readings: Sequence[int] | None = None) -> list[int]:
-    """The readings of one of `PARTS`, of all or of some; even and odd count within these."""
+    """The readings of one of `PARTS`, out of `readings` or of all; even and odd count in those."""
     every = list(range(len(log))) if readings is None else readings
     half = log.time(len(log) // 2)
     match name:
@@ -76,27 +73,27 @@ def correctors() -> tuple[str, ...]:
 
 
 class Mapper(Protocol):
-    """What makes a grid of readings at known poses; installed in `armadico.mappers`."""
+    """Makes a grid from readings at known poses; an entry point of `armadico.mappers`."""
 
     def see(self, pose: Any, scan: Scan) -> None:
-        """Take a scan of a robot at a pose in the world."""
+        """Add a scan of a robot at a pose in the world."""
 
     def add(self, pose: Any, echo: Echo) -> None:
-        """Take one ping of a sonar."""
+        """Add one ping of a sonar."""
 
     def cells(self) -> Cells:
         """The grid so far."""
 
 
 def mapping(log: Log, name: str) -> list[int]:
-    """The readings that a map is made of: those of a part that have a reference pose."""
+    """The readings for a map: those of a part that have a reference pose."""
     return part(log, name, [int(i) for i in np.flatnonzero(log.known)])
 
 
 def mapped(
     log: Log, name: str, profile: RobotProfile, step: Callable[[], None] = lambda: None
 ) -> Cells:
-    """The map that the installed mapper makes of a part of a log, at the reference poses.
+    """The map that the installed mapper makes from a part of a log, at the reference poses.
 
     Args:
         log: The log.
@@ -104,16 +101,16 @@ def mapped(
         profile: Of the robot: the cones of its sonars.
         step: Called for each reading.
 
-    Raises LogError where nothing is mapped.
+    Raises LogError without reference poses or walls.
     """
     readings = mapping(log, name)
     if not readings:
-        raise LogError(f"{log.name} has no reference poses to make a map with: name a map")
+        raise LogError(f"{log.name} has no reference poses to make a map from: name a map")
     cone = 0.0 if profile.sonar is None else profile.sonar.cone_deg
     mapper: Mapper = find(MAPPERS, "grid").load()(radians(cone) / 2.0)
     for number, i in enumerate(readings):
         at = log.where(i)
-        assert at is not None, "only those that are known"
+        assert at is not None, "all have a reference pose"
         cycle = Cycle(1, number)
         pose = Pose(cycle, *at)
         reading = log.readings.message(i, cycle, STOOD, number)
@@ -125,12 +122,12 @@ def mapped(
         step()
     cells = mapper.cells()
     if not cells.area(grid_map.OCCUPIED):
-        raise LogError(f"{log.name}: no wall is seen from its reference poses")
+        raise LogError(f"{log.name}: its readings at the reference poses show no wall")
     return cells
 
 
-def _made(name: str, seed: int, facts: dict[str, object], sets: Sequence[str] = ()) -> Agent:
-    """An agent as a launcher makes it. Raises ConfigError."""
+def _make_agent(name: str, seed: int, facts: dict[str, object], sets: Sequence[str] = ()) -> Agent:
+    """An agent with the parameters that a launcher sets. Raises ConfigError."""
     kind = agent_class(name)
     wanted = {fact: facts[fact] for fact in kind.launched_with if facts.get(fact) is not None}
     given = [*sets, *(f"{fact}={json.dumps(value)}" for fact, value in wanted.items())]
@@ -139,32 +136,32 @@ def _made(name: str, seed: int, facts: dict[str, object], sets: Sequence[str] = 
 
 
 class Moment(NamedTuple):
-    """What was estimated at a reading."""
+    """The estimates at a reading."""
 
     reading: int
     t: float  # s since the run began
-    way: float  # m by the odometry
+    way: float  # distance by the odometry, m
     estimate: Pose2
     published: Pose2 | None
     reference: Pose2 | None
-    alone: Pose2  # by the odometry alone, from the same start
+    alone: Pose2  # odometry alone, from the same start
     deviation: float  # m
     lost: bool
 
 
 class Event(Struct, frozen=True):
-    """The robot was lost or found."""
+    """The agent reported the robot as lost, or localized again."""
 
     t: float  # s
     event: str  # "lost" or "found"
-    x: float  # where the estimate is, m
+    x: float  # of the estimate, m
     y: float
-    off_m: float | None  # how far that is from the reference
+    off_m: float | None  # error of the estimate; None without a reference
 
 
 @dataclass
 class Track:
-    """What came of going through a log."""
+    """The result of a run over a log."""
 
     moments: list[Moment] = field(default_factory=list)
     # Processor time of each cycle with a reading, and of each other cycle.
@@ -175,7 +172,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Chosen:
-    """How a log is gone through."""
+    """The settings of a run over a log."""
 
     world: str
     profile: str
@@ -184,24 +181,24 @@ class Chosen:
     start: Pose2 | None = None  # of the robot at the first reading; None: the reference
     anywhere: bool = False  # the start is unknown
     seed: int = 0
-    sets: tuple[str, ...] = ()  # of the agent that corrects, each KEY=VALUE
+    sets: tuple[str, ...] = ()  # parameters of the correcting agent, each KEY=VALUE
 
 
 class Run:
-    """One log under way; `go` goes through it once."""
+    """One run over a log; call `go` once."""
 
     def __init__(self, log: Log, chosen: Chosen, clock: Callable[[], float]) -> None:
         """Make the agents.
 
         Args:
             log: The log.
-            chosen: How.
-            clock: Tells the processor time, s.
+            chosen: The settings.
+            clock: Returns the processor time, s.
 
-        Raises ConfigError for what an agent refuses, LogError where there is no start.
+        Raises ConfigError for invalid parameters, LogError without a start pose.
         """
         self._log, self._clock = log, clock
-        self._readings, start = _begun(log, chosen)
+        self._readings, start = _start_of(log, chosen)
         self._first = log.odometry_at(log.time(self._readings[0]))
         self._start = start
         self._ticks = self._times()
@@ -214,18 +211,18 @@ class Run:
         (poser,) = providers(service_of(Pose).key)[:1] or [""]
         if not poser:
             raise LogError("no agent is installed that publishes the pose")
-        self._pose = _made(poser, chosen.seed, facts)
+        self._pose = _make_agent(poser, chosen.seed, facts)
         try:
-            self._agent = _made(chosen.agent, chosen.seed, facts, sets)
+            self._agent = _make_agent(chosen.agent, chosen.seed, facts, sets)
         except ConfigError as error:
             raise ConfigError(f"{chosen.agent}: {error}") from None
-        self._heard = {to.message for to in self._agent.subscriptions()}
+        self._subscribed = {to.message for to in self._agent.subscriptions()}
         self._correction: Correction | None = None
         self._published: Pose | None = None
         self._took = 0.0
 
     def _times(self) -> list[float]:
-        """When the cycles are, s of the log."""
+        """The times of the cycles, s of the log."""
         log = self._log
         first, last = (log.time(self._readings[end]) for end in (0, -1))
         if log.cycles:
@@ -236,7 +233,7 @@ class Run:
         return [first - BEFORE_S + CYCLE_S * tick for tick in range(1, count + 1)]
 
     def go(self, step: Callable[[], None] = lambda: None) -> Track:
-        """Go through all of it; `step` is called for each reading."""
+        """Run over the whole log; `step` is called for each reading."""
         log, track, due = self._log, Track(), 0
         begun, way, before, heading = self._ticks[0], 0.0, None, None
         begun -= CYCLE_S
@@ -260,7 +257,7 @@ class Run:
             for at in newest.values():
                 i = self._readings[at]
                 since = relative(here, log.odometry_at(log.time(i)))
-                self._hand(log.readings.message(i, cycle, since, track.readings + 1), now)
+                self._deliver(log.readings.message(i, cycle, since, track.readings + 1), now)
             if newest:
                 track.scan_s.append(self._took)
                 track.readings += 1
@@ -272,14 +269,14 @@ class Run:
         return track
 
     def _cycle(self, state: RobotState, now: float) -> None:
-        """The odometry of a cycle, and the pose by it."""
+        """Deliver the odometry of a cycle, and the pose that results from it."""
         self._pose.receive(state, now)
-        self._hand(state, now)
+        self._deliver(state, now)
         sent, self._pose.outbox = self._pose.outbox, []
         for out in sent:
             if isinstance(out, Publish) and isinstance(out.message, Pose):
                 self._published = out.message
-                self._hand(out.message, now)
+                self._deliver(out.message, now)
 
     def _wake(self, now: float) -> None:
         due = self._agent.wakeup
@@ -289,9 +286,9 @@ class Run:
             self._took += self._clock() - began
             self._collect(now)
 
-    def _hand(self, message: Message, now: float) -> None:
-        """Give the agent a message, and take what it publishes."""
-        if type(message) not in self._heard:
+    def _deliver(self, message: Message, now: float) -> None:
+        """Deliver a message to the agent, and collect its publications."""
+        if type(message) not in self._subscribed:
             return
         began = self._clock()
         self._agent.receive(message, now)
@@ -306,10 +303,10 @@ class Run:
                 self._pose.receive(out.message, now)
 
     def _note(self, track: Track, reading: int, now: float, way: float, here: Pose2) -> None:
-        said, log = self._correction, self._log
-        if said is None:
+        correction, log = self._correction, self._log
+        if correction is None:
             return
-        c = said.covariance
+        c = correction.covariance
         then = log.where(reading)
         moved = relative(log.odometry_at(log.time(reading)), here)
         seen = self._published
@@ -318,18 +315,18 @@ class Run:
                 reading,
                 now,
                 way,
-                compose((said.x, said.y, said.theta), here),
+                compose((correction.x, correction.y, correction.theta), here),
                 None if seen is None else (seen.x, seen.y, seen.theta),
-                None if then is None else compose(then, moved),  # now, by the little that it moved
+                None if then is None else compose(then, moved),  # the reference, moved to now
                 compose(self._start, relative(self._first, here)),
                 sqrt(max(0.0, c[0] + c[3])),
-                said.confidence <= 0.0,
+                correction.confidence <= 0.0,
             )
         )
 
 
-def _begun(log: Log, chosen: Chosen) -> tuple[list[int], Pose2]:
-    """The readings from the one at which the run starts, and where that is. Raises LogError."""
+def _start_of(log: Log, chosen: Chosen) -> tuple[list[int], Pose2]:
+    """The readings of the run, and the pose at the first of them. Raises LogError."""
     readings = list(chosen.readings)
     if not readings:
         raise LogError(f"{log.name}: no readings are chosen")
@@ -339,14 +336,14 @@ def _begun(log: Log, chosen: Chosen) -> tuple[list[int], Pose2]:
         del readings[0]
     if readings:
         at = log.where(readings[0])
-        assert at is not None, "those without are gone"
+        assert at is not None, "the loop removed the others"
         return readings, at
     if chosen.anywhere:
         return list(chosen.readings), STOOD
     raise LogError(f"{log.name} has no reference poses: name the start")
 
 
-# What came of it ----------------------------------------------------------------------------------
+# Results ------------------------------------------------------------------------------------------
 
 
 class Summary(Struct, frozen=True, kw_only=True):
@@ -357,7 +354,7 @@ class Summary(Struct, frozen=True, kw_only=True):
     """
 
     scans: int  # readings with an estimate
-    compared: int  # and with a reference, too
+    compared: int  # of these, with a reference
     seconds: float
     metres: float  # by the odometry
     error_median_m: float | None
@@ -367,7 +364,7 @@ class Summary(Struct, frozen=True, kw_only=True):
     heading_95_deg: float | None
     off_share: float | None  # over 0.3 m
     off_longest_s: float | None
-    off_longest_m: float | None  # way meanwhile
+    off_longest_m: float | None  # distance meanwhile
     wrong_sure_share: float | None  # over 0.5 m off, deviation under 0.5 m, not reported lost
     wrong_sure_longest_s: float | None
     lost_share: float  # reported lost
@@ -375,7 +372,7 @@ class Summary(Struct, frozen=True, kw_only=True):
     published_median_m: float | None  # error of the published pose
     published_95_m: float | None
     odometry_most_m: float | None  # error of the odometry alone
-    found_s: float | None  # when it was first not lost, of a run that starts lost
+    found_s: float | None  # time until it was localized, of a run that starts lost
     found_off_m: float | None
     scan_median_ms: float  # processor time of a cycle with a reading
     scan_95_ms: float
@@ -384,10 +381,10 @@ class Summary(Struct, frozen=True, kw_only=True):
 
 
 def summary(track: Track) -> Summary:
-    """The numbers. Raises LogError if there was no estimate at all."""
+    """The numbers of a run. Raises LogError if there was no estimate."""
     moments = track.moments
     if not moments:
-        raise LogError("no correction was published: the map has no walls, or no reading tells")
+        raise LogError("no correction was published: the map or the readings show no walls")
     t, way = (np.array([getattr(one, name) for one in moments]) for name in ("t", "way"))
     deviation, lost = np.array([m.deviation for m in moments]), np.array([m.lost for m in moments])
     off, turned = _errors(moments, "estimate")
@@ -431,7 +428,7 @@ def summary(track: Track) -> Summary:
 
 
 def _errors(moments: Sequence[Moment], name: str) -> tuple[Floats, Floats]:
-    """How far a pose is from the reference at each reading, m and degrees; NaN where unknown."""
+    """The error of a pose at each reading, m and degrees; NaN where unknown."""
     found: list[tuple[float, float]] = []
     for one in moments:
         at: Any = getattr(one, name)
@@ -459,7 +456,7 @@ def _share(flags: NDArray[np.bool_]) -> float:
 
 
 def _longest(flags: NDArray[np.bool_], t: Floats, way: Floats) -> tuple[float, float]:
-    """The longest time without a break for which something holds, s, and the way meanwhile, m."""
+    """The longest period in which a flag is set, s, and the distance meanwhile, m."""
     best, begin = (0.0, 0.0), None
     for at, flag in enumerate(flags):
         if flag and begin is None:

@@ -1,7 +1,7 @@
-"""Logs of range readings and odometry, of any robot: `.npz`, CARMEN, and recordings of our own.
+"""Logs of range readings and odometry of any robot: `.npz`, CARMEN, and armadico's recordings.
 
-`read` makes a `Log` of each form. What cannot be used of a file is left out and counted in
-`Log.notes`; a file of which nothing can be used is a `LogError`.
+`read` returns a `Log` for each form. Unusable parts of a file are left out and counted in
+`Log.notes`. A file without usable parts is a `LogError`.
 
 The `.npz` form, for `numpy.load`: `t` (n,) in s; `odometry` and, if there is one, `reference`
 (n, 3) in m, m, rad, NaN where unknown; `ranges` (n, k) times `scale` in m; `angle_min` and
@@ -37,57 +37,43 @@ from armadico.observe.recordings import Past, RecordingError
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-REACH_M: Final = 50.0
-"""A range beyond this is taken as nothing within reach, in any log."""
+REACH_M: Final = 50.0  # a larger range means that nothing was seen, in any log
+LEAST_M: Final = 0.05  # a smaller range is invalid
+CEILING: Final = 0.003  # share of ranges within 1 % of the largest that makes it "nothing seen"
+FARTHEST: Final = 1e6  # a pose beyond this is invalid, m and rad
 
-LEAST_M: Final = 0.05
-"""A range below this is not valid."""
+JUMP_S: Final = 60.0  # a longer gap between two rows means that the clock was set forward
+LATE: Final = 10  # this many rows with earlier times mean that the clock was set back
+STEP_S: Final = 1.0  # replaces the gap at a jump; odometry is also valid this far outside its times
 
-CEILING: Final = 0.003
-"""If this share of all ranges lies within 1 % of the largest, the largest means nothing seen."""
-
-FARTHEST: Final = 1e6
-"""A pose beyond this is not valid, m and rad."""
-
-JUMP_S: Final = 60.0
-"""A longer gap between two rows is a clock that was set forward, and is taken as `STEP_S`."""
-
-LATE: Final = 10
-"""So many rows in a row with earlier times mean that the clock was set back."""
-
-STEP_S: Final = 1.0
-"""Also so long before the first and after the last of its own times an odometry counts."""
-
+# Between two rows the odometry has jumped if it moves farther and faster than this.
 LEAP_M, LEAP_M_S = 3.0, 10.0
-"""An odometry that moves by more than this, and faster, from one row to the next has jumped."""
 
+# If CARMEN's two poses of a scan differ by a constant up to this, they are one pose and the
+# scanner's mount. A corrected pose differs from odometry by much more.
 FIXED_M, FIXED_RAD = 0.5, 0.2
-"""CARMEN's two poses of a scan that never differ by more than this, but for a constant, are one
-pose and the scanner's mount. A corrected pose differs from odometry by much more."""
 
-MCAP: Final = b"\x89MCAP"
-"""How a recording begins."""
-
+MCAP: Final = b"\x89MCAP"  # the beginning of a recording
 NONE: Final = (float("nan"),) * 3
 
 
 class LogError(ConfigError):
-    """A file that no log can be read from."""
+    """No log can be read from the file."""
 
 
 class Readings(Protocol):
     """The range readings of a log."""
 
     def kind(self, index: int) -> type[Scan | Sonar]:
-        """Which sensor a reading is of."""
+        """The kind of sensor of a reading."""
 
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
         """One reading as the robot agent publishes it.
 
         Args:
-            index: Which reading.
+            index: Of the reading.
             cycle: In which it is published.
-            since: The robot's pose when it was taken, in the frame of the robot in that cycle.
+            since: The robot's pose at the measurement, in the robot's frame of that cycle.
             number: Of the scan.
         """
 
@@ -113,7 +99,7 @@ class Scans:
 
 @dataclass(frozen=True)
 class Recorded:
-    """Readings as they were published."""
+    """Published readings."""
 
     messages: tuple[Scan | Sonar, ...]
 
@@ -121,16 +107,16 @@ class Recorded:
         return type(self.messages[index])
 
     def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
-        said = self.messages[index]
-        if isinstance(said, Scan):
-            x, y, bearing = compose(since, (said.x, said.y, said.bearing))
+        message = self.messages[index]
+        if isinstance(message, Scan):
+            x, y, bearing = compose(since, (message.x, message.y, message.bearing))
             fresh: dict[str, Any] = {"x": x, "y": y, "bearing": bearing, "number": number}
-            return msgspec.structs.replace(said, cycle=cycle, **fresh)
+            return msgspec.structs.replace(message, cycle=cycle, **fresh)
         echoes = []
-        for echo in said.echoes:
+        for echo in message.echoes:
             x, y, bearing = compose(since, (echo.x, echo.y, echo.bearing))
             echoes.append(msgspec.structs.replace(echo, x=x, y=y, bearing=bearing))
-        return msgspec.structs.replace(said, cycle=cycle, echoes=tuple(echoes))
+        return msgspec.structs.replace(message, cycle=cycle, echoes=tuple(echoes))
 
 
 @dataclass(frozen=True)
@@ -140,14 +126,14 @@ class Log:
     name: str
     times: Floats  # (m,) s, increasing, from 0
     odometry: Floats  # (m, 3) m, m, rad
-    reference: Floats  # (m, 3) where the robot was, NaN where unknown
+    reference: Floats  # (m, 3) reference poses, NaN where unknown
     rows: Indices  # (n,) the row of each reading
     readings: Readings
-    real: bool = True  # false: the odometry is a corrected path, without the errors of wheels
-    cycles: bool = False  # whether the rows are the robot's own cycles
-    world: str | None = None  # that the log names,
-    profile: str | None = None  # and the robot
-    notes: tuple[str, ...] = ()  # what was left out or assumed
+    real: bool = True  # false: the odometry is a corrected path, without wheel errors
+    cycles: bool = False  # the rows are the robot's cycles
+    world: str | None = None  # named in the log
+    profile: str | None = None  # named in the log
+    notes: tuple[str, ...] = ()  # parts left out, and assumptions
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -158,7 +144,7 @@ class Log:
         return np.array([self.where(i) is not None for i in range(len(self))], dtype=np.bool_)
 
     def time(self, reading: int) -> float:
-        """When a reading was taken, s."""
+        """The time of a reading, s."""
         return float(self.times[self.rows[reading]])
 
     def where(self, reading: int) -> Pose2 | None:
@@ -184,14 +170,14 @@ class Log:
 
 
 def with_errors(log: Log, share: float, seed: int) -> Log:
-    """The log with errors of wheels added to its odometry.
+    """The log with wheel errors added to its odometry.
 
-    Three errors last for the whole log (length, turning, drift); one is drawn for each row.
+    Three errors are constant over the log (scale, rotation, drift); noise is drawn for each row.
 
     Args:
-        log: A log whose odometry is a corrected path, or any other.
-        share: Of the way and of the turning, the standard deviation of the errors.
-        seed: Of the draws.
+        log: Any log; usually its odometry is a corrected path.
+        share: Standard deviation of the errors, as a share of distance and rotation.
+        seed: Of the random numbers.
     """
     rng = Random(seed)
     longer, turned = rng.gauss(0.0, share / 2), rng.gauss(0.0, share)
@@ -219,14 +205,14 @@ def read(
     namespace: str | None = None,
     reach: float | None = None,
 ) -> Log:
-    """Read a log; the file's content tells its form. Raises LogError and OSError.
+    """Read a log; its form is detected from the content. Raises LogError and OSError.
 
     Args:
         path: The file.
-        corrected: Whether a CARMEN log's poses are corrected ones. None: if its name says so, with
+        corrected: Whether the poses of a CARMEN log are corrected. None: true if its name contains
             "corrected" or ".gfs", or if they differ from its odometry.
-        namespace: The robot, of a recording of several.
-        reach: The scanner's longest range, m. None: found in the log.
+        namespace: The robot, if a recording has several.
+        reach: The scanner's maximum range, m. None: estimated from the log.
     """
     with path.open("rb") as file:
         magic = file.read(8)
@@ -256,7 +242,7 @@ def _npz(path: Path, reach: float | None) -> Log:
         with path.open("rb") as raw, np.load(raw) as file:
             fields = {name: file[name] for name in file.files}
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, OSError) as error:
-        raise LogError(f"no whole .npz file: {error}", path) from None
+        raise LogError(f"cannot be read as .npz: {error}", path) from None
     for name in _SHAPES:
         if name not in fields:
             raise LogError(f"no field {name!r}; expected {', '.join(_SHAPES)}", path)
@@ -285,7 +271,7 @@ def _npz(path: Path, reach: float | None) -> Log:
 
 @dataclass
 class _Table:
-    """Rows under way to a log."""
+    """The rows of a log before and after cleaning."""
 
     times: Floats
     odometry: Floats
@@ -293,7 +279,7 @@ class _Table:
     notes: tuple[str, ...] = ()
 
     def clean(self, path: Path) -> Indices:
-        """Leave out rows that cannot be used; the indices of the others. Raises LogError."""
+        """Remove unusable rows; returns the indices of the others. Raises LogError."""
         if not len(self.times):
             raise LogError("holds no scans", path)
         numbers = np.isfinite(self.times) & _near(self.odometry)
@@ -316,13 +302,13 @@ class _Table:
 
 
 def _near(poses: Floats) -> NDArray[np.bool_]:
-    """Which poses are numbers, and of a place that may be."""
+    """(n,) whether a pose is finite and below `FARTHEST`."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(poses).max(axis=1) < FARTHEST)
 
 
 def _in_order(times: Floats, path: Path) -> tuple[Indices, Floats, tuple[str, ...]]:
-    """The rows whose times increase, these times from 0, and notes of what was done.
+    """The rows with increasing times, these times from 0, and notes about changes.
 
     Raises LogError if the clock jumps at more than half of the rows.
     """
@@ -366,7 +352,7 @@ def _scanned(
     reach: float | None,
     mount: Pose2 = STOOD,
 ) -> Log:
-    """A log whose rows are scans. Raises LogError if no scan can be made of them."""
+    """A log whose rows are scans. Raises LogError if the scans are invalid."""
     first, step = angles
     if abs(first) > tau or abs(step) * ranges.shape[1] > 2 * tau:
         rays = f"{ranges.shape[1]} rays from {first:g} on, each {step:g} from the one before"
@@ -403,7 +389,7 @@ def of_scans(
 
 
 def _reach(ranges: NDArray[Any], scale: float) -> float:
-    """The range from which on nothing was seen, m."""
+    """The range at which and beyond which nothing was seen, m."""
     finite = ranges[np.isfinite(ranges)]
     if not finite.size:
         return REACH_M
@@ -433,12 +419,12 @@ class _Line:
 
 
 def _check(t: float, *poses: Pose2) -> None:
-    """Raises ValueError if a time or a pose is no number, or far from any place.
+    """Raises ValueError if a time or a pose is not finite or beyond `FARTHEST`.
 
-    A single such pose would make a log of one path look like a log of two.
+    One such pose would make two poses that differ by a constant seem to be different paths.
     """
     if not isfinite(t) or not _near(np.array(poses)).all():
-        raise ValueError("no numbers")
+        raise ValueError("invalid numbers")
 
 
 def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
@@ -459,7 +445,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
         notes.append(f"{left} of {len(scans)} scans have another number of rays than {count}")
     times = np.array([one.t for one in same])
     laser, robot = np.array([one.laser for one in same]), np.array([one.robot for one in same])
-    if not np.ptp(robot, axis=0).any():  # no pose of the robot beside the scans
+    if not np.ptp(robot, axis=0).any():  # the scans have no pose of the robot
         moves = bool(np.ptp(laser, axis=0).any())
         robot = _interpolated(times, odometry)
         if not len(robot) and not moves:
@@ -507,7 +493,7 @@ def _pose(values: Iterable[float]) -> Pose2:
 def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Floats:
     """The odometry at the times of the scans, (n, 3), or (0, 3) if it never changes.
 
-    NaN at times that are not its own: another clock's, or after one that was set back.
+    NaN outside its own times, such as those of another clock or after the clock was set back.
     """
     ordered = sorted(odometry)
     if len({pose for _, pose in ordered}) < 2:
@@ -522,12 +508,12 @@ def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Flo
 def _lines(
     path: Path, notes: list[str]
 ) -> tuple[list[_Line], list[tuple[float, Pose2]], list[int], float]:
-    """Scans, odometry lines, the numbers of broken lines, and the scanner's place ahead, m."""
+    """Scans, odometry, the numbers of broken lines, and the scanner's offset ahead, m."""
     scans: list[_Line] = []
     odometry: list[tuple[float, Pose2]] = []
     broken: list[int] = []
     offset = 0.0
-    for number, words in _words(path, notes):
+    for number, words in _fields(path, notes):
         try:
             match words[0]:
                 case "FLASER":
@@ -545,8 +531,8 @@ def _lines(
     return scans, odometry, broken, offset
 
 
-def _words(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
-    """The number and the words of each line that has some; the file may be packed by gzip."""
+def _fields(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
+    """The number and fields of each line that is not empty; the file may be gzipped."""
     with path.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
     read = 0
@@ -559,7 +545,7 @@ def _words(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
                 if words and not words[0].startswith("#"):
                     yield read, words
         except (EOFError, zlib.error, gzip.BadGzipFile):
-            notes.append(f"the file is cut short after {read} lines")
+            notes.append(f"the file is incomplete; it ends after {read} lines")
 
 
 def _flaser(words: Sequence[str]) -> _Line:
@@ -573,14 +559,14 @@ def _flaser(words: Sequence[str]) -> _Line:
     laser, robot, t = numbers[count : count + 3], numbers[count + 3 : count + 6], numbers[-1]
     if not t and len(words) > 10 + count:
         t = float(words[10 + count])
-    # Half a turn; with an odd number of rays the last one looks to the left, else it is missing.
+    # Rays span 180 degrees. An even number of rays lacks the last one, to the left.
     step = pi / (count - 1 if count % 2 else count)
     ranges = tuple(numbers[:count])
     return _Line(t, (-pi / 2, step), None, ranges, _pose(laser), _pose(robot))
 
 
 def _robotlaser(words: Sequence[str]) -> _Line:
-    """ROBOTLASER1 with its own angles and longest range; see CARMEN's log format."""
+    """ROBOTLASER1 has its angles and maximum range; see CARMEN's log format."""
     first, step, longest = float(words[2]), float(words[4]), float(words[5])
     count = int(words[8])
     ranges = tuple(float(word) for word in words[9 : 9 + count])
@@ -649,19 +635,19 @@ def _recording(path: Path, namespace: str | None) -> Log:
     )
 
 
-_WANTED: Final = {f"armadico.{kind.__name__}" for kind in (RobotState, Truth, Description, Scan)}
-_WANTED.add(f"armadico.{Sonar.__name__}")
+_SCHEMAS: Final = {f"armadico.{kind.__name__}" for kind in (RobotState, Truth, Description, Scan)}
+_SCHEMAS.add(f"armadico.{Sonar.__name__}")
 
 
 def _messages(past: Past, namespace: str | None) -> tuple[str, list[tuple[float, Message]]]:
     """A robot's messages with their times, s. Raises RecordingError."""
     found: dict[str, list[tuple[float, Message]]] = {}
     for row in past.rows():
-        if row.schema in _WANTED and (message := row.message) is not None:
+        if row.schema in _SCHEMAS and (message := row.message) is not None:
             found.setdefault(row.namespace, []).append((row.t / 1e9, message))
     names = ", ".join(sorted(found))
     if namespace is not None and namespace not in found:
-        raise RecordingError(f"holds nothing of the robot {namespace!r}; there are: {names}")
+        raise RecordingError(f"holds no messages of {namespace!r}; it has {names}")
     if namespace is None and len(found) > 1:
         raise RecordingError(f"holds several robots: choose one of {names}")
     if not found:

@@ -1,9 +1,9 @@
-"""The measures of thesis 5.1, from live and virtual runs alike: messages in, one row out (sans-IO).
+"""The measures of thesis 5.1 for live and virtual runs: messages in, one result out (sans-IO).
 
-**Stop rule.** The clock starts with the first cycle after the mission is taken on and stops when
-the interface agent reports the goal reached: its pose within the agent's tolerances and the wheels
-at rest. Whether it *is* reached is then decided by the true pose, within 0.15 m and 5 degrees.
-FO and P depend on this rule; it belongs beside every table.
+**Stop rule.** The clock starts with the first cycle after the mission is accepted. It stops when
+the interface agent reports the goal reached: the pose is within the agent's tolerances and the
+wheels are at rest. The true pose then decides whether the goal *is* reached, within 0.15 m and 5
+degrees. FO and P depend on this rule, so each table must state it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from msgspec import Struct
 from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived
-from armadico.mobile.errand import Errands, Progress, StepDone
+from armadico.mobile.errand import Errands, Progress
 from armadico.mobile.geometry import Pose2, to_world, wrap
 from armadico.mobile.messages import (
     BatteryLevel,
@@ -38,11 +38,9 @@ REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
 
 UNDER_WAY = (MissionState.PLANNING, MissionState.DRIVING)
-"""The states of a mission that the robot is still on."""
+SHOWN_RAYS = 40  # of a scan, in a picture
 
-SHOWN_RAYS = 40
-"""Of a scan, in a picture."""
-
+# Messages that a `RunWatch` needs; a base class stands for all its subclasses.
 WATCHED: tuple[type[Message], ...] = (
     Description,
     Truth,
@@ -58,16 +56,15 @@ WATCHED: tuple[type[Message], ...] = (
     OccupancyGrid,
     Trajectory,
 )
-"""What a `RunWatch` wants to be shown; a base stands for all that derive from it."""
 
 
 def watched() -> tuple[type[Message], ...]:
-    """All of it that is installed."""
+    """The installed messages of `WATCHED`."""
     return tuple(kind for base in WATCHED for kind in derived(base))
 
 
 class TaskResult(Struct, frozen=True):
-    """What came of one step of a mission; `at_s` is how long the mission was at work by then."""
+    """The result of one step of a mission; `at_s` is the mission's running time until then."""
 
     step: str
     end: str
@@ -76,15 +73,15 @@ class TaskResult(Struct, frozen=True):
 
 
 class Result(Struct, frozen=True):
-    """One run. Without truth (a real robot) the pose stands in, and what it cannot tell is null.
+    """The measures of one run. Without ground truth the estimated pose is used, or null.
 
-    TD m, FO degrees off the goal's heading, TT s, P per cent of the straight distance start to
-    goal; without a goal there is no FO, no P, and nothing to be reached. `done` is whether a
-    mission of several tasks ended as asked, `tasks` what came of each; null: it was none. `limit_s`
-    is the time limit, if that ended the run; `why` a mission failed, or was not driven at the end.
-    Shares (the thesis's TG, TA, TGt) by agent: per cent of the cycles in which it was obeyed, of
-    those in which anybody was. Collisions are those of the robot's own motion: nobody's who walked
-    into it.
+    TD in m, FO in degrees off the goal's heading, TT in s, P in per cent of the straight distance
+    from start to goal. Without a goal `reached`, FO and P are null. `done` is whether a mission of
+    several tasks ended as requested, and `tasks` the result of each; null for other missions.
+    `limit_s` is the time limit if it ended the run. `why` is the reason of a failure, or why the
+    robot did not drive at the end. Shares (TG, TA, TGt in the thesis) are by agent, in per cent of
+    the cycles in which any agent was obeyed. Collisions are those of the robot's own motion; they
+    exclude people walking into it.
     """
 
     scenario: str
@@ -106,12 +103,12 @@ class Result(Struct, frozen=True):
 
     @property
     def passed(self) -> bool:
-        """Reached, if there was a goal, and done, if a mission; and nothing touched."""
+        """Whether the goal was reached or the mission done, without a collision."""
         return self.reached is not False and self.done is not False and not self.collisions
 
     @property
     def outcome(self) -> str:
-        """Whether it was reached, and if not, what ended it."""
+        """Whether the goal was reached, and if not, why the run ended."""
         if self.reached is None and self.done is None:
             return "no goal"
         limit = "" if self.limit_s is None else f": time limit of {self.limit_s:.0f} s"
@@ -122,7 +119,6 @@ class Result(Struct, frozen=True):
 
     @property
     def verdict(self) -> str:
-        """One line on the run."""
         least = self.min_clearance_m
         clear = "" if least is None else f", clearance {least:.2f} m"
         return (
@@ -131,17 +127,13 @@ class Result(Struct, frozen=True):
         )
 
 
-def _row(done: StepDone) -> TaskResult:
-    return TaskResult(done.step, done.end, done.note, round(done.at, 3))
-
-
 def _own(truth: Truth) -> int:
     """Collisions of the robot's own motion."""
     return truth.collisions - truth.bumped
 
 
 class Mark(NamedTuple):
-    """One cycle of a run: when, where (true if known), and which agent was obeyed."""
+    """One cycle of a run: time, pose (true if known), and the agent that was obeyed."""
 
     t: float
     x: float
@@ -151,7 +143,7 @@ class Mark(NamedTuple):
 
 
 def speeds(command: Command) -> tuple[float, float]:
-    """What a command asks of the wheels, m/s and rad/s; rest, if it releases or is no speeds."""
+    """The speeds of a command, m/s and rad/s; 0 for a release or another kind of action."""
     action = command.action
     if command.resource != WHEELS.name or isinstance(action, bytes | None) or len(action) != 2:
         return 0.0, 0.0
@@ -159,7 +151,7 @@ def speeds(command: Command) -> tuple[float, float]:
 
 
 class _Origin(NamedTuple):
-    """Where and when a run began, and what was so then."""
+    """Time, pose, controller and collisions at the beginning of a run."""
 
     t: float
     at: Pose2
@@ -169,7 +161,7 @@ class _Origin(NamedTuple):
 
 @dataclass
 class RunWatch:
-    """Watches one run: say `begin` when the mission is taken on, then show it every message."""
+    """Measures one run: call `begin` when the mission is accepted, and `update` for messages."""
 
     scenario: str
     goal: Pose2 | None
@@ -181,10 +173,10 @@ class RunWatch:
     view: View = field(default_factory=View)
     now: float = 0.0
     done: bool = False
-    failed: str = ""  # why a mission or an exploration ended otherwise than asked
-    waits: str = ""  # why a mission is not driven now
-    replaced: bool = False  # another mission has taken the place of this run's
-    errand: Progress | None = None  # how far it has come, if it is more than a goal
+    failed: str = ""  # why the mission or exploration failed
+    waits: str = ""  # why the robot does not drive now
+    replaced: bool = False  # another mission has replaced this run's
+    errand: Progress | None = None  # progress of a mission of several tasks, or an exploration
     grid: OccupancyGrid | None = None  # the map made by driving
     begun: bool = False
     mission: int = 0
@@ -195,15 +187,15 @@ class RunWatch:
     _cycles: dict[str, int] = field(default_factory=dict)
     _last_holder: str | None = None
     _origin: _Origin | None = None
-    _true: bool = False  # by the truth
+    _true: bool = False  # the path is ground truth
     _reported: bool = False  # a status of this run's mission has been received
 
     def begin(self, mission: int = 0) -> None:
-        """The mission is taken on; 0: there is none."""
+        """Start: the mission is accepted; 0 for a run without a mission."""
         self.mission, self.begun = mission, True
 
     def end(self, limit: float) -> None:
-        """The time that it may take is over."""
+        """End the run by its time limit, s."""
         self.limit = None if self.done else limit
 
     def update(self, message: Message, now: float) -> None:
@@ -213,23 +205,23 @@ class RunWatch:
         self.view.learn(message, now)
         if isinstance(message, Trajectory) and message.waypoints:
             self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
-        taker = getattr(self, f"_take_{type(message).__name__.lower()}", None)
+        handler = getattr(self, f"_on_{type(message).__name__.lower()}", None)
         if not self.begun:
             return
         if isinstance(message, Errands):
-            self._take_errands(message)
-        elif taker is not None:
-            taker(message)
+            self._on_errands(message)
+        elif handler is not None:
+            handler(message)
 
     @property
     def holder(self) -> str | None:
-        """The agent that drives since the run began; None: nobody."""
+        """The agent that drives; None if there is none or the run has not begun."""
         driver = self.view.driver(WHEELS.name, self.now) if self.begun else None
         return None if driver is None else agent_of(driver)
 
     @property
     def tasks(self) -> Progress | None:
-        """The mission of several tasks that it drives; None: it is none."""
+        """The mission of several tasks; None for other missions."""
         return self.errand if self.errand is not None and self.errand.steps is not None else None
 
     @property
@@ -246,19 +238,19 @@ class RunWatch:
 
     @property
     def here(self) -> Pose2 | None:
-        """The true pose, or the encoders' where there is no truth."""
+        """The true pose, or without ground truth the estimated pose."""
         at = self.view.truth or self.view.pose
         return None if at is None else (at.x, at.y, at.theta)
 
     @property
     def mixed(self) -> str:
-        """Another robot's controller, if one has taken this one's place since the run began."""
+        """The controller of another robot that has replaced this one during the run; else empty."""
         now, origin = self.view.controller, self._origin
         return now if origin is not None and now != origin.controller else ""  # "": unknown
 
     @property
     def astray(self) -> tuple[float, float] | None:
-        """How far a pose that says the goal is reached is off, m and degrees; None if it is not."""
+        """The pose's error, m and degrees, if it falsely reports the goal as reached; else None."""
         pose, truth = self.view.pose, self.view.truth
         ended = self.done and not self.failed and self.goal is not None
         if not ended or pose is None or truth is None or self.result().reached:
@@ -267,8 +259,7 @@ class RunWatch:
         return hypot(pose.x - truth.x, pose.y - truth.y), turned
 
     def result(self) -> Result:
-        """The row, as far as the run has come."""
-        reached, off, p = self._by_the_goal()
+        reached, off, p = self._goal_measures()
         truth = self.view.truth
         collisions = 0 if self._origin is None else self._origin.collisions
         return Result(
@@ -290,11 +281,16 @@ class RunWatch:
             conditions=self.conditions,
             why=self.failed or self.waits,
             done=None if self.tasks is None else self.tasks.over and not self.tasks.failed,
-            tasks=None if self.tasks is None else tuple(map(_row, self.tasks.steps or ())),
+            tasks=None
+            if self.tasks is None
+            else tuple(
+                TaskResult(step.step, step.end, step.note, round(step.at, 3))
+                for step in self.tasks.steps or ()
+            ),
         )
 
-    def _by_the_goal(self) -> tuple[bool | None, float | None, float | None]:
-        """Whether it is reached, FO and P."""
+    def _goal_measures(self) -> tuple[bool | None, float | None, float | None]:
+        """`reached`, FO and P."""
         if self.goal is None:
             return None, None, None
         here = self.here or (0.0, 0.0, 0.0)
@@ -307,10 +303,10 @@ class RunWatch:
         p = round(100.0 * (1.0 - error / straight), 3) if straight else 0.0
         return reached, round(degrees(turned), 3), p
 
-    def _take_truth(self, truth: Truth) -> None:
+    def _on_truth(self, truth: Truth) -> None:
         if truth is not self.view.truth:
             return  # another simulator's
-        if not self._true:  # what was known before is by the encoders, and by another clock
+        if not self._true:  # the path so far is an estimate, with another clock
             self._true, self._origin, self.distance = True, None, 0.0
             self.path.clear()
         self._mark(truth.t, (truth.x, truth.y, truth.theta))
@@ -318,7 +314,7 @@ class RunWatch:
             least = truth.clearance if self.clearance is None else self.clearance
             self.clearance = min(truth.clearance, least)
 
-    def _take_pose(self, pose: Pose) -> None:
+    def _on_pose(self, pose: Pose) -> None:
         if self.view.truth is None:
             self._mark(self.now, (pose.x, pose.y, pose.theta))
 
@@ -330,7 +326,7 @@ class RunWatch:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
         self.path.append(Mark(t, *at, self.holder))
 
-    def _take_ack(self, ack: Ack) -> None:
+    def _on_ack(self, ack: Ack) -> None:
         holder = self.holder
         if ack.resource != WHEELS.name or holder is None:
             return
@@ -339,7 +335,7 @@ class RunWatch:
         self._last_holder = holder
         self._cycles[holder] = self._cycles.get(holder, 0) + 1
 
-    def _take_sonar(self, sonar: Sonar) -> None:
+    def _on_sonar(self, sonar: Sonar) -> None:
         here = self.here
         if here is None:
             return
@@ -349,7 +345,7 @@ class RunWatch:
                 x, y = to_world((echo.x, echo.y, echo.bearing), echo.range, 0.0)
                 self.echoes.append(to_world(at, x, y))
 
-    def _take_scan(self, scan: Scan) -> None:
+    def _on_scan(self, scan: Scan) -> None:
         here = self.here
         if here is None:
             return
@@ -359,7 +355,7 @@ class RunWatch:
             points = points_of(scan)[:: max(1, scan.rays // SHOWN_RAYS)].tolist()
             self.echoes += [to_world((here[0], here[1], here[2]), x, y) for x, y in points]
 
-    def _take_missionstatus(self, status: MissionStatus) -> None:
+    def _on_missionstatus(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
             self._reported = True
             self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
@@ -367,9 +363,9 @@ class RunWatch:
             self.waits = "" if self.done else status.note
         elif self._reported and status.state in UNDER_WAY:
             self.done = self.replaced = True
-            self.failed, self.waits = "another mission has taken its place", ""
+            self.failed, self.waits = "another mission has replaced it", ""
 
-    def _take_errands(self, message: Errands) -> None:
+    def _on_errands(self, message: Errands) -> None:
         before = self.errand
         for errand in message.errands:
             if errand.number == self.mission:
@@ -377,7 +373,7 @@ class RunWatch:
                 self.waits = "" if errand.over else errand.note
                 return
         if before is not None and before.steps is not None:
-            self.done, self.failed = True, "it is not on the board any more"
+            self.done, self.failed = True, "it was removed from the board"
 
-    def _take_occupancygrid(self, grid: OccupancyGrid) -> None:
+    def _on_occupancygrid(self, grid: OccupancyGrid) -> None:
         self.grid = grid

@@ -1,10 +1,10 @@
-"""Pictures of worlds and runs, for the documentation and for whoever wants to see what happened.
+"""Pictures of worlds and runs.
 
-Matplotlib is an extra (`armadico[plot]`) and slow to import, so it is imported when something is
-drawn. A picture is 1280 x 720 and in few colours, so that its PNG is small. Worlds that are much
-taller than wide are drawn turned by a quarter, which the axes say.
+Matplotlib is an extra (`armadico[plot]`) and slow to import, so it is imported on use. A picture
+has 1280 x 720 pixels and few colours, so that its PNG is small. Worlds that are much taller than
+wide are rotated by 90 degrees; the axes are labelled accordingly.
 
-`python -m armadico.observe.pictures docs/worlds` draws every shipped world again.
+`python -m armadico.observe.pictures docs/worlds` draws all shipped worlds.
 """
 
 from __future__ import annotations
@@ -32,17 +32,16 @@ if TYPE_CHECKING:
 SIZE_PX = (1280, 720)
 DPI = 100
 COLOURS_IN_PNG = 224
-TALL = 1.6
-"""A world this much taller than wide is drawn turned by a quarter."""
+TALL = 1.6  # ratio of height to width from which a world is rotated by 90 degrees
 
+# Colours of holders, by the hash of the name, so the same in every picture. The palette is Okabe
+# and Ito's for any colour vision; the order gives the shipped agents different colours.
 COLOURS = ("#0072b2", "#cc79a7", "#e69f00", "#56b4e9", "#7b5ea7", "#009e73", "#d55e00")
-"""Who holds the wheels has one of these by its name, and so the same in every picture (Okabe and
-Ito's, which people with any colour vision tell apart; their order is such that ours differ)."""
 
+# Line styles of the first four holders in a picture, because colours can coincide.
 LINES = ("solid", "dashed", "dotted", "dashdot")
-"""Within a picture the first four holders are told apart by these too, whatever their colours."""
 
-NOBODY = "#9a9a9a"
+NO_AGENT = "#9a9a9a"
 
 INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f4f7f9"
 START, GOAL, DOCK = "#3b7d23", "#b01e68", "#2b6cb0"
@@ -50,20 +49,15 @@ FORBIDDEN = "#c0392b"
 PARTICLE = "#0b8f88"
 MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
 MAX_ECHOES = 8000
-MOST_ERROR_M = 3.0
-"""Of an estimate, in a picture: a larger error runs out of it."""
+MOST_ERROR_M = 3.0  # top of the axis of errors
+NOSE = ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))  # mark of the heading, m, in the robot's frame
 
-NOSE = ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))
-"""What is drawn on the robot to show where it looks: m, in its own frame."""
-
-
-Step = tuple[float, float, float, float, str | None]
-"""When (s) and where the robot was (m, m, rad), and the agent that was obeyed: a run's `Mark`."""
+Step = tuple[float, float, float, float, str | None]  # a `Mark`: s, m, m, rad, agent obeyed
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a picture of a run shows. Poses are x, y in m and a heading in rad, in the world."""
+    """The content of a picture of a run. Poses are x, y in m and a heading in rad, in the world."""
 
     path: Sequence[Step]
     start: Pose
@@ -79,7 +73,7 @@ class Run:
 def draw_world(
     world: World, path_out: Path | str, start: Pose | None = None, goal: Pose | None = None
 ) -> None:
-    """A PNG of a world: walls, rooms by their names, doors, a start and a goal."""
+    """Draw a world as PNG: walls, rooms with names, doors, a start and a goal."""
     canvas = Canvas(world)
     canvas.heading(world.name, _size(world))
     canvas.poses(start, goal, (), world.docks.values())
@@ -87,7 +81,7 @@ def draw_world(
 
 
 def draw_run(world: World, run: Run, out: Path | str | BinaryIO) -> None:
-    """A PNG of a run: who drove where, what the sonars saw, and the robot now and then."""
+    """Draw a run as PNG: the path by holder, sensor readings, and the robot at intervals."""
     canvas = Canvas(world)
     canvas.heading(run.title or world.name, *run.caption)
     if run.mapped is None:
@@ -108,13 +102,13 @@ def draw_localized(
     words: tuple[str, str],
     path_out: Path | str,
 ) -> None:
-    """A PNG of a log on a map: the paths, and below it the error of the estimate over time.
+    """Draw a log on a map as PNG: the paths, and below them the error of the estimate over time.
 
     Args:
         world: The map.
         paths: Names and points, m; NaN where a path is interrupted.
         errors: Time and error, s and m; NaN where there is no reference.
-        lost: From when to when the robot was reported lost, s.
+        lost: Periods in which the robot was reported lost, s.
         words: A title, and a line below it.
         path_out: The file.
     """
@@ -124,8 +118,8 @@ def draw_localized(
         if len(points):
             xs, ys = zip(*(canvas.at(x, y) for x, y in points), strict=True)
             ink, width = (MAPPED, PARTICLE)[number % 2], (3.4, 1.6)[number % 2]
-            look: dict[str, Any] = {"color": ink, "linewidth": width, "zorder": 4 + number}
-            (canvas.legend[name],) = canvas.axes.plot(xs, ys, **look)
+            style: dict[str, Any] = {"color": ink, "linewidth": width, "zorder": 4 + number}
+            (canvas.legend[name],) = canvas.axes.plot(xs, ys, **style)
     axes = canvas.figure.add_axes((0.045, 0.115, 0.935, 0.13))
     axes.set_title("error, m, over s; shaded: reported lost", loc="left", fontsize=9.5, color=INK)
     axes.grid(color=FAINT)
@@ -142,7 +136,7 @@ def draw_localized(
 
 
 def draw_worlds(folder: Path | str) -> list[Path]:
-    """The pictures of every shipped world, each with its start and its first goal."""
+    """Draw all shipped worlds with start and first goal; returns the files."""
     drawn: list[Path] = []
     for name in names("worlds"):
         world = load_world(name)
@@ -152,8 +146,7 @@ def draw_worlds(folder: Path | str) -> list[Path]:
 
 
 def colour(holder: str | None) -> str:
-    """The colour of an agent's part of a path."""
-    return NOBODY if holder is None else COLOURS[crc32(holder.encode()) % len(COLOURS)]
+    return NO_AGENT if holder is None else COLOURS[crc32(holder.encode()) % len(COLOURS)]
 
 
 def _size(world: World) -> str:
@@ -162,14 +155,14 @@ def _size(world: World) -> str:
 
 
 class Canvas:
-    """A figure with one world in it, in the world's metres or turned by a quarter."""
+    """A figure of one world, in the world's metres or rotated by 90 degrees."""
 
     def __init__(
         self,
         world: World,
         place: tuple[float, float, float, float] = (0.055, 0.125, 0.925, 0.735),
     ) -> None:
-        # Not pyplot's: a notebook's own backend, and its open figures, are left alone.
+        # Without pyplot a notebook's backend and open figures are not affected.
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -186,11 +179,10 @@ class Canvas:
         self._walls(world)
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the world on the paper: turned, x points down and y to the right."""
+        """A point of the world in the figure; rotated, x points down and y to the right."""
         return (y, -x) if self.turned else (x, y)
 
     def direction(self, theta: float) -> float:
-        """A heading of the world on the paper."""
         return theta - pi / 2 if self.turned else theta
 
     def heading(self, title: str, *lines: str) -> list[Text]:
@@ -205,17 +197,17 @@ class Canvas:
         ]
 
     def echoes(self, echoes: Sequence[tuple[float, float]]) -> None:
-        """Points where sensors heard or saw something."""
+        """Draw points measured by sonars and lasers."""
         every = max(1, len(echoes) // MAX_ECHOES)
         points = [self.at(x, y) for x, y in echoes[::every]]
         if points:
             xs, ys = zip(*points, strict=True)
             dots = self.axes.scatter(xs, ys, s=3, color="#8796a3", alpha=0.45, linewidths=0)
             dots.set_zorder(2)
-            self.legend["heard or seen"] = self.axes.scatter([], [], s=14, color="#8796a3")
+            self.legend["sensor readings"] = self.axes.scatter([], [], s=14, color="#8796a3")
 
     def mapped(self, cells: Cells) -> None:
-        """The map made by driving: what is free, and what is occupied."""
+        """Draw the map made by driving: free and occupied cells."""
         from matplotlib.colors import ListedColormap
 
         x1, y1, x2, y2 = cells.bounds
@@ -237,19 +229,19 @@ class Canvas:
             self.legend[name] = self.axes.scatter([], [], s=40, marker="s", color=ink)
 
     def path(self, steps: Sequence[Step]) -> list[Line2D]:
-        """The path, a line for each tenure; they begin where the one before them ended."""
+        """Draw the path, one connected line for each tenure."""
         drawn: list[Line2D] = []
         styles = cycle(LINES)
         style_of: dict[str | None, str] = {None: "solid"}
-        for holder, points in _reigns(steps):
+        for holder, points in _tenures(steps):
             xs, ys = zip(*(self.at(x, y) for x, y in points), strict=True)
             if holder not in style_of:
                 style_of[holder] = next(styles)
-            look: dict[str, Any] = {"color": colour(holder), "linestyle": style_of[holder]}
+            style: dict[str, Any] = {"color": colour(holder), "linestyle": style_of[holder]}
             (line,) = self.axes.plot(
-                xs, ys, **look, linewidth=2.6, solid_capstyle="round", zorder=4
+                xs, ys, **style, linewidth=2.6, solid_capstyle="round", zorder=4
             )
-            self.legend.setdefault(holder or "nobody", line)
+            self.legend.setdefault(holder or "no agent", line)
             drawn.append(line)
         return drawn
 
@@ -260,7 +252,6 @@ class Canvas:
         waypoints: Sequence[Pose],
         docks: Iterable[Pose] = (),
     ) -> None:
-        """Where it starts, where it is to go and by which waypoints, and where docks are."""
         for x, y, _ in waypoints:
             px, py = self.at(x, y)
             (cross,) = self.axes.plot(
@@ -274,7 +265,7 @@ class Canvas:
                 self.legend[name] = self._handle(ink)
 
     def robots(self, steps: Sequence[Step], body: Body) -> None:
-        """The robot's outline, each so many metres along the path, and where it came to rest."""
+        """Draw the robot's footprint at intervals along the path and at its end."""
         from matplotlib.patches import Polygon
 
         for step, last in _spaced(steps, max(0.8, self.size / 16.0)):
@@ -289,7 +280,6 @@ class Canvas:
             self.axes.plot(xs, ys, color=ink, linewidth=1.1, alpha=alpha, zorder=5)
 
     def explain(self) -> None:
-        """Write the legend of what has been drawn."""
         if self.legend:
             entries = sorted(self.legend.items(), key=lambda entry: _rank(entry[0]))
             self.figure.legend(
@@ -306,7 +296,7 @@ class Canvas:
             )
 
     def save(self, out: Path | str | BinaryIO) -> None:
-        """Write the PNG, with a palette: a third of the bytes and nothing to be seen of it."""
+        """Write the PNG, with a palette: a third of the size without visible difference."""
         from PIL import Image
 
         self.explain()
@@ -346,7 +336,7 @@ class Canvas:
             width, height = abs(xb - xa), abs(yb - ya)
             corner = min(xa, xb), min(ya, yb)
             self.axes.add_patch(Rectangle(corner, width, height, color=FLOOR, zorder=0.5))
-            # A name is upright where the room is too narrow for it, at about 7 pixels a letter.
+            # A name is vertical if the room is too narrow for it, at about 7 pixels per letter.
             upright = height > width and width * self._pixels_per_metre() < 7 * len(room.name) + 12
             self.axes.annotate(
                 room.name,
@@ -375,12 +365,12 @@ class Canvas:
             self.axes.add_collection(drawn)
 
     def _arrow(self, pose: Pose, ink: str) -> None:
-        """A disc where the pose is and an arrow where it looks, of the same size in any world."""
+        """Draw a pose as a disc with an arrow, of the same size in any world."""
         x, y = self.at(*pose[:2])
         heading = self.direction(pose[2])
         self.axes.plot([x], [y], "o", color=ink, markersize=9, markeredgecolor=PAPER, zorder=7)
-        # An arrow is drawn from a text to a point: its head is at the text here, which is empty and
-        # so many points away.
+        # Matplotlib draws the arrow between a text and a point; the text is empty, and the head is
+        # at its side.
         self.axes.annotate(
             "",
             xy=(x, y),
@@ -397,16 +387,16 @@ class Canvas:
 
 
 def _rank(name: str) -> tuple[int, str]:
-    """The order of a legend: the agents first."""
+    """The sort key of an entry in the legend: agents first."""
     order = (
-        *("nobody", "start", "waypoint", "goal", "docks"),
-        *("heard or seen", "mapped free", "mapped occupied"),
+        *("no agent", "start", "waypoint", "goal", "docks"),
+        *("sensor readings", "mapped free", "mapped occupied"),
     )
     return (order.index(name), "") if name in order else (-1, name)
 
 
-def _reigns(steps: Sequence[Step]) -> Iterator[tuple[str | None, list[tuple[float, float]]]]:
-    """The path cut where another agent takes over; each part begins where the last one ended."""
+def _tenures(steps: Sequence[Step]) -> Iterator[tuple[str | None, list[tuple[float, float]]]]:
+    """The path split by holder; each part begins where the previous one ended."""
     ended: list[tuple[float, float]] = []
     for holder, tenure in groupby(steps, key=lambda step: step[4]):
         points = [(step[1], step[2]) for step in tenure]
@@ -415,7 +405,7 @@ def _reigns(steps: Sequence[Step]) -> Iterator[tuple[str | None, list[tuple[floa
 
 
 def _spaced(steps: Sequence[Step], metres: float) -> Iterator[tuple[Step, bool]]:
-    """A step each so many metres of way, and the last one, which is told apart."""
+    """Steps at intervals of distance with False, and the last step with True."""
     travelled, due = 0.0, metres
     for before, step in pairwise(steps):
         travelled += hypot(step[1] - before[1], step[2] - before[2])
@@ -427,7 +417,7 @@ def _spaced(steps: Sequence[Step], metres: float) -> Iterator[tuple[Step, bool]]
 
 
 def outline(step: Step, body: Body) -> list[tuple[float, float]]:
-    """The robot's corners, in the world."""
+    """The corners of the robot's footprint, in the world."""
     return [point_of(step, *corner) for corner in body.corners]
 
 

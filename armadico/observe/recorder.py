@@ -1,17 +1,16 @@
-"""Everything that is said, kept in MCAP files that Foxglove and other tools open.
+"""The recorder: writes all messages to MCAP files, for Foxglove and other tools.
 
-Each message is written as a JSON object with a JSON schema drawn from `armadico.core.messages`, not
-as the CBOR array that travels: viewers read JSON, and an array without names tells a reader
-nothing. A payload that is no known message is kept raw, so nothing that was said is lost: on a
-channel of its own, as CBOR without a schema.
+Each message is a JSON object with a JSON schema derived from its type, because viewers read JSON
+and not the CBOR arrays of the wire. An unknown or invalid payload is recorded raw, as CBOR without
+a schema, on a separate channel.
 
-Beside them are samples of whatever translators are given (`armadico.observe.translators`): the same
-in the words of other people's tools, on channels of their own, for viewers that know no others.
+Translators (`armadico.observe.translators`) add samples in the formats of other tools, on further
+channels.
 
-A topic is `/<namespace>/<key>`; the time of a message is when it was received. Besides what is said
-there are `Presence` on the key of a liveliness token, `Card` and `BidRecord` on the keys that they
-are asked on. What has been received is with the operating system within `FLUSH_S`: killed at any
-moment, a recording is readable up to then. (A power cut may cost what the disk had not written.)
+A topic is `/<namespace>/<key>`; the time of a message is its time of arrival. Besides publications
+there are `Here` on the key of a liveliness token, and `Card` and `BidRecord` on the keys of their
+queries. Data reaches the operating system within `FLUSH_S`: if the recorder is killed, the file is
+readable up to then. (A power cut may lose what the disk had not written.)
 """
 
 from __future__ import annotations
@@ -36,40 +35,29 @@ from armadico.core.messages import (
 )
 from armadico.core.services import TOKEN
 from armadico.observe.translators import Sample, Translator
-from armadico.observe.watching import ASK_S, Heard, Presence, as_object, json_schema, read
+from armadico.observe.watching import QUERY_S, Presence, Received, as_object, json_schema, read
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
 
     from armadico.observe.watching import Watcher
 
-FLUSH_S: Final = 0.5
-"""How often what has been received is handed to the operating system."""
+FLUSH_S: Final = 0.5  # interval at which data is passed to the operating system
+SHOW_S: Final = 1.0  # interval of progress reports
+COMPLETE_S: Final = 1.0  # time to wait for missing journal pieces at the end
 
-SHOW_S: Final = 1.0
-"""How often whoever watches the recorder is told how it goes."""
-
-LATE: Final = 5000
-"""A recorder that comes late asks for so many of the pieces before the first that it hears,"""
-
-COMPLETE_S: Final = 1.0
-"""How long a recorder that is to end waits for pieces that are missing."""
-
-TRIES: Final = 10
-"""for each so often,"""
-
-AT_ONCE: Final = 20
-"""and of one agent for so many at once."""
+# Queries for missing pieces of journals:
+LATE: Final = 5000  # a recorder that starts late queries this many earlier pieces
+TRIES: Final = 10  # queries per piece
+AT_ONCE: Final = 20  # pieces of one agent queried at once
 
 PROFILE: Final = "armadico"
 SCHEMA_PREFIX: Final = "armadico."
-
-REFUSED: Final = ".refused"
-"""Ends the topic of payloads that are not the message that their key promises."""
+REFUSED: Final = ".refused"  # suffix of the topic of payloads that do not fit their key
 
 
 class Here(Struct, frozen=True):
-    """A liveliness token came or went."""
+    """A liveliness token appeared or disappeared."""
 
     name: Name
     instance: Name
@@ -77,12 +65,12 @@ class Here(Struct, frozen=True):
 
 
 class McapFile:
-    """One file that is being written. Raises OSError."""
+    """An open file. Raises OSError."""
 
     def __init__(
         self, path: Path, about: Mapping[str, Mapping[str, str]], profile: str = PROFILE
     ) -> None:
-        """Begin a file that is not there yet; `about` is kept in it, as metadata by its names."""
+        """Create a new file; `about` is written to it as metadata records, by name."""
         from mcap.writer import Writer
 
         self.path = path
@@ -99,7 +87,6 @@ class McapFile:
 
     @property
     def size(self) -> int:
-        """Bytes that are in the file."""
         return self.path.stat().st_size
 
     def add(
@@ -135,7 +122,6 @@ class McapFile:
         self._writer.add_message(channel, at, sample.data, at, sequence)
 
     def flush(self) -> None:
-        """Hand everything to the operating system."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
@@ -154,37 +140,37 @@ class McapFile:
 
 
 class Gaps:
-    """Which pieces of journals are missing: they can be asked for again while they are kept."""
+    """The missing pieces of journals; agents keep the newest pieces, so they can be queried."""
 
     def __init__(self) -> None:
         self._next: dict[tuple[str, str], int] = {}  # after the newest piece, by instance
-        self._missing: dict[tuple[str, str], dict[int, int]] = {}  # and how often it was asked for
+        self._missing: dict[tuple[str, str], dict[int, int]] = {}  # with the number of queries
 
     def add(self, namespace: str, piece: JournalPiece) -> bool:
-        """Know of a piece that came; whether it is there for the first time."""
-        who, number = (namespace, piece.instance), piece.number
-        missing, after = self._missing.setdefault(who, {}), self._next.get(who, 0)
+        """Register a piece; True if it arrived for the first time."""
+        agent, number = (namespace, piece.instance), piece.number
+        missing, after = self._missing.setdefault(agent, {}), self._next.get(agent, 0)
         if number < after:
             return missing.pop(number, None) is not None
         for lost in range(max(after, number - LATE), number):
             missing[lost] = 0
-        self._next[who] = number + 1
+        self._next[agent] = number + 1
         return True
 
-    def ask(self) -> list[tuple[str, str, int]]:
-        """Which are to be asked for now: namespace, instance, number; each a few times."""
+    def due(self) -> list[tuple[str, str, int]]:
+        """The pieces to query now, as (namespace, instance, number); counts the query."""
         found = []
-        for who, missing in self._missing.items():
+        for agent, missing in self._missing.items():
             for number in [n for n, often in missing.items() if often < TRIES][:AT_ONCE]:
                 missing[number] += 1
-                found.append((*who, number))
+                found.append((*agent, number))
         return found
 
     def expect(self, namespace: str, instance: str) -> None:
-        """Miss the first piece of who is there and was not heard, where others keep journals."""
-        who = (namespace, instance)
-        if who not in self._next and any(space == namespace for space, _ in self._next):
-            self._next[who], self._missing[who] = 1, {0: 0}
+        """Mark the first piece of a live agent as missing, if others of its robot keep journals."""
+        agent = (namespace, instance)
+        if agent not in self._next and any(space == namespace for space, _ in self._next):
+            self._next[agent], self._missing[agent] = 1, {0: 0}
 
     @property
     def lost(self) -> int:
@@ -192,11 +178,11 @@ class Gaps:
 
 
 class Recording:
-    """What is heard goes in, files come out; the clock is the caller's.
+    """Writes received items to files; the caller provides the times.
 
     A file that has grown to `max_bytes` is closed and the next begun: `run.mcap`, `run-001.mcap`
-    and so on. Each begins with who is there, their cards and the latched samples, so that each can
-    be read alone.
+    and so on. Each begins with the live agents, their cards and the latched samples, so that each
+    can be read alone.
     """
 
     def __init__(
@@ -206,18 +192,15 @@ class Recording:
         max_bytes: int | None = None,
         translators: Mapping[str, Sequence[Translator]] | None = None,
     ) -> None:
-        """Begin the first file. Raises OSError, FileExistsError among them.
-
-        `translators` are those of each namespace.
-        """
+        """Create the first file; `translators` are by namespace. Raises OSError."""
         self.messages = 0
         self.refused = 0
         self.gaps = Gaps()
         self.there: dict[tuple[str, str, str], Presence] = {}
-        self._cards: dict[tuple[str, str, str], tuple[Heard, Card]] = {}
+        self._cards: dict[tuple[str, str, str], tuple[Received, Card]] = {}
         self._bids: dict[tuple[str, str], frozenset[BidRecord]] = {}
         self._translators = translators or {}
-        self._kept: dict[str, Sample] = {}  # latched ones, by their topics
+        self._kept: dict[str, Sample] = {}  # latched samples, by topic
         self._about = {PROFILE: {"protocol": str(PROTOCOL), **(about or {})}}
         self._first, self._max_bytes = path, max_bytes
         self.files = 1
@@ -226,7 +209,6 @@ class Recording:
 
     @property
     def path(self) -> Path:
-        """The file that is being written."""
         return self._file.path
 
     @property
@@ -234,10 +216,9 @@ class Recording:
         """Bytes in all files."""
         return self._earlier + self._file.size
 
-    def add(self, item: Heard | Presence) -> None:
-        """Keep one thing that came."""
+    def add(self, item: Received | Presence) -> None:
         if isinstance(item, Presence):
-            self._take_presence(item)
+            self._on_presence(item)
             return
         try:
             message = read(item)
@@ -249,21 +230,21 @@ class Recording:
             self._add(item, None, item.data)
         elif isinstance(message, JournalPiece):
             if self.gaps.add(item.namespace, message):
-                self._add(item, None, item.data)  # which is packed as it is
-        elif isinstance(message, BidHistory) and item.asked:
-            self._take_bids(item, message)
-        elif isinstance(message, Card) and item.asked:
-            self._take_card(item, message)
+                self._add(item, None, item.data)  # raw: it is compressed
+        elif isinstance(message, BidHistory) and item.on_query:
+            self._on_bids(item, message)
+        elif isinstance(message, Card) and item.on_query:
+            self._on_card(item, message)
         else:
-            self._say(item, message)
+            self._write(item, message)
             self._translate(item, message)
 
     def misses_cards(self) -> bool:
-        """Whether somebody is there who has not shown a card."""
-        return any(who not in self._cards for who in self.there)
+        """Whether the card of a live agent is missing."""
+        return any(agent not in self._cards for agent in self.there)
 
     def flush(self) -> None:
-        """Hand what was taken to the operating system, and go on to the next file if it is time."""
+        """Pass everything to the operating system; begin the next file if this one is full."""
         self._file.flush()
         if self._max_bytes is not None and self._file.size >= self._max_bytes:
             self._next_file()
@@ -271,32 +252,32 @@ class Recording:
     def close(self) -> None:
         self._file.close()
 
-    def _take_presence(self, item: Presence) -> None:
-        who = (item.namespace, item.name, item.instance)
-        if item.there == (who in self.there):
-            return  # liveliness may say the same twice
+    def _on_presence(self, item: Presence) -> None:
+        agent = (item.namespace, item.name, item.instance)
+        if item.there == (agent in self.there):
+            return  # liveliness may report the same twice
         if item.there:
-            self.there[who] = item
+            self.there[agent] = item
         else:
-            del self.there[who]
-            self._cards.pop(who, None)
+            del self.there[agent]
+            self._cards.pop(agent, None)
             self._bids.pop((item.namespace, item.instance), None)
         self._show_presence(item, item.at)
 
-    def _take_card(self, item: Heard, card: Card) -> None:
-        who = (item.namespace, card.name, card.instance)
-        if self._cards.get(who, (None, None))[1] != card:
-            self._cards[who] = (item, card)
-            self._say(item, card)
+    def _on_card(self, item: Received, card: Card) -> None:
+        agent = (item.namespace, card.name, card.instance)
+        if self._cards.get(agent, (None, None))[1] != card:
+            self._cards[agent] = (item, card)
+            self._write(item, card)
 
-    def _take_bids(self, item: Heard, history: BidHistory) -> None:
-        """Keep those that the last answer did not have."""
-        who = (item.namespace, history.instance)
-        known = self._bids.get(who, frozenset())
-        self._bids[who] = frozenset(history.bids)
+    def _on_bids(self, item: Received, history: BidHistory) -> None:
+        """Write the bids that the previous answer did not contain."""
+        agent = (item.namespace, history.instance)
+        known = self._bids.get(agent, frozenset())
+        self._bids[agent] = frozenset(history.bids)
         for bid in history.bids:
             if bid not in known:
-                self._say(item, bid)
+                self._write(item, bid)
 
     def _show_presence(self, item: Presence, at: int) -> None:
         key = TOKEN.format(name=item.name, instance=item.instance)
@@ -304,10 +285,10 @@ class Recording:
         self._file.add(item.namespace, key, Here, msgspec.json.encode(here), at)
         self.messages += 1
 
-    def _say(self, item: Heard, message: Message) -> None:
+    def _write(self, item: Received, message: Message) -> None:
         self._add(item, type(message), msgspec.json.encode(as_object(message)))
 
-    def _translate(self, item: Heard, message: Message) -> None:
+    def _translate(self, item: Received, message: Message) -> None:
         for translator in self._translators.get(item.namespace, ()):
             for sample in translator.translate(item.key, message, item.at):
                 self._file.add_sample(sample, item.at)
@@ -315,7 +296,7 @@ class Recording:
                     self._kept[sample.channel.topic] = sample
 
     def _add(
-        self, item: Heard, kind: type[Struct] | None, data: bytes, key: str | None = None
+        self, item: Received, kind: type[Struct] | None, data: bytes, key: str | None = None
     ) -> None:
         self._file.add(item.namespace, key or item.key, kind, data, item.at)
         self.messages += 1
@@ -328,15 +309,15 @@ class Recording:
         self.files += 1
         for presence in self.there.values():
             self._show_presence(presence, now)
-        for heard, card in self._cards.values():
+        for item, card in self._cards.values():
             data = msgspec.json.encode(as_object(card))
-            self._file.add(heard.namespace, heard.key, Card, data, now)
+            self._file.add(item.namespace, item.key, Card, data, now)
         for sample in self._kept.values():
             self._file.add_sample(sample, now)
 
 
 def part(path: Path, number: int) -> Path:
-    """The name of a further file of a recording: 1 is the second."""
+    """The name of a further file of a recording; 1 is the second file."""
     return path.with_stem(f"{path.stem}-{number:03d}")
 
 
@@ -347,19 +328,19 @@ def record(
     duration: float | None = None,
     over: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Record until `duration` (s) is over, or until it is `over`, which is asked now and then.
+    """Record for `duration` (s), or until `over` returns True; it is called for each item.
 
-    The watcher's meshes are open; the recording is left open. Nothing else should end it: an
-    exception within what writes, KeyboardInterrupt say, leaves a file that is not whole.
+    The watcher's meshes must be open; the recording stays open. Do not end it by an exception, such
+    as KeyboardInterrupt: in the middle of a write that leaves an incomplete file.
     """
     watcher.watch_alive()
     watcher.subscribe()
     end = float("inf") if duration is None else time.monotonic() + duration
-    flush_at = ask_at = show_at = time.monotonic()
+    flush_at = query_at = show_at = time.monotonic()
     while (now := time.monotonic()) < end and not over():
-        if now >= ask_at:
-            ask_at = now + ASK_S
-            _ask(watcher, recording)
+        if now >= query_at:
+            query_at = now + QUERY_S
+            _query(watcher, recording)
         if now >= flush_at:
             flush_at = now + FLUSH_S
             recording.flush()
@@ -373,12 +354,12 @@ def record(
 
 
 def _complete(watcher: Watcher, recording: Recording) -> None:
-    """Ask once more for the pieces that are missing, and wait for them a moment."""
-    for namespace, _, instance in recording.there:  # one that has only just come, say
+    """Query missing pieces once more, and wait up to `COMPLETE_S` for them."""
+    for namespace, _, instance in recording.there:  # such as an agent that has just started
         recording.gaps.expect(namespace, instance)
-    missing = recording.gaps.ask()
+    missing = recording.gaps.due()
     for lost in missing:
-        watcher.ask_for_piece(*lost, COMPLETE_S)
+        watcher.query_piece(*lost, COMPLETE_S)
     end = time.monotonic() + COMPLETE_S
     while missing and recording.gaps.lost and (left := end - time.monotonic()) > 0:
         item = watcher.get(left)
@@ -386,10 +367,10 @@ def _complete(watcher: Watcher, recording: Recording) -> None:
             recording.add(item)
 
 
-def _ask(watcher: Watcher, recording: Recording) -> None:
+def _query(watcher: Watcher, recording: Recording) -> None:
     if recording.there:
-        watcher.ask_for_bids(ASK_S)
-    for lost in recording.gaps.ask():
-        watcher.ask_for_piece(*lost, ASK_S)
+        watcher.query_bids(QUERY_S)
+    for lost in recording.gaps.due():
+        watcher.query_piece(*lost, QUERY_S)
     if recording.misses_cards():
-        watcher.ask_for_cards(ASK_S)
+        watcher.query_cards(QUERY_S)

@@ -1,8 +1,7 @@
-"""Recordings read back: every message in order, and the agents' journals.
+"""Reading recordings: all messages in order, and the agents' journals.
 
-The one reader: whoever turns a recording into something else, explains it or goes through it again
-begins here. A file that was cut short, by a kill or a full disk, is read as far as it goes; of a
-damaged one all whole chunks are read.
+All exports, explanations and replays use it. An incomplete file (recorder killed, disk full) is
+read up to its end. Of a damaged file all intact chunks are read.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 @cache
 def kinds() -> dict[str, type[Struct]]:
-    """The types that the names of schemas stand for: every message that is installed."""
+    """The types by schema name: every installed message."""
     types: tuple[type[Struct], ...] = (*message_types(), Here)
     return {SCHEMA_PREFIX + kind.__name__: kind for kind in types}
 
@@ -49,17 +48,16 @@ Warn = Callable[[str], None]
 
 
 class RecordingError(ValueError):
-    """A file that is no recording."""
+    """The file is not a recording."""
 
 
-Stored = tuple[Path, tuple[int, int]]
-"""Where a message is: in which file, and `salvage.Place`."""
+Stored = tuple[Path, tuple[int, int]]  # where a message is: file and `salvage.Place`
 
 
 def stored(places: Iterable[Stored]) -> Iterator[bytes]:
-    """What some messages of recordings carry, read again; one chunk is in memory at a time.
+    """The payloads of messages at some places; one chunk is in memory at a time.
 
-    Raises ValueError if a file is not as it was any more, and OSError.
+    Raises ValueError if a file has changed, and OSError.
     """
     from armadico.observe.salvage import Messages
 
@@ -71,35 +69,34 @@ def stored(places: Iterable[Stored]) -> Iterator[bytes]:
                     yield messages.read(place)
                 except OSError:
                     raise
-                except Exception as error:  # whatever the decoders make of other bytes
+                except Exception as error:  # decoders can raise anything on changed bytes
                     raise ValueError(f"{path} has changed: {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One message of a recording; `t` is when it was received, ns since 1970."""
+    """One message of a recording; `t` is its time of arrival, ns since 1970."""
 
     t: int
     namespace: str
     key: str
-    schema: str  # such as "armadico.Pose"; empty for a payload that is no known message
-    data: bytes  # JSON if there is a schema, else as it was sent
-    place: Stored  # where that is
+    schema: str  # such as "armadico.Pose"; empty for an unknown payload
+    data: bytes  # JSON if there is a schema, else the raw payload
+    place: Stored
 
     @property
     def topic(self) -> str:
-        """The topic in the file."""
         return f"/{self.namespace}/{self.key}"
 
     @property
     def fields(self) -> dict[str, Any]:
-        """The message by field names; empty if it is no known message."""
+        """The message by field names; empty for an unknown payload."""
         found: dict[str, Any] = json.loads(self.data) if self.schema else {}
         return found
 
     @property
     def message(self) -> Message | None:
-        """The message; None for what is none. Raises MessageError if it does not fit its type."""
+        """The message; None for other data. Raises MessageError if it does not fit its type."""
         kind = kinds().get(self.schema)
         if kind is None or not issubclass(kind, Message):
             return None
@@ -107,7 +104,10 @@ class Row:
 
     @property
     def received(self) -> Message | None:
-        """The message as a watcher received it, a bid within a history; None: it cannot be read."""
+        """The message as a watcher received it; None if it cannot be decoded.
+
+        A bid comes in a `BidHistory`.
+        """
         if self.key.endswith(REFUSED):
             return None
         try:
@@ -120,13 +120,13 @@ class Row:
 
 
 def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterator[Row]:
-    """The messages of a file in the order they were received.
+    """The messages of a file in the order of arrival; one chunk is in memory at a time.
 
-    What is damaged is skipped, up to the next whole chunk, and `warn` is told what is missing, in s
-    from the first message. Memory is needed for one chunk at a time. `about` is filled with what
-    the file says of itself, before the first message.
+    Damaged parts are skipped up to the next intact chunk. `warn` receives a text about missing
+    messages, with times in s from the first message. `about` receives the file's metadata before
+    the first message is yielded.
 
-    Raises RecordingError if the file is no recording, and OSError.
+    Raises RecordingError if the file is not a recording, and OSError.
     """
     from mcap.records import (
         Channel,
@@ -143,14 +143,15 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
     with path.open("rb") as stream:
         if (start := stream.read(len(MAGIC))) != MAGIC:
             what = "was cut short in its first bytes" if start else "is empty"
-            raise RecordingError(f"{path} {what if MAGIC.startswith(start) else 'is no MCAP file'}")
+            what = what if MAGIC.startswith(start) else "is not an MCAP file"
+            raise RecordingError(f"{path} {what}")
         for record, place in records(stream):
             kept = [] if record is None else [record]
             lacks = isinstance(record, Message) and record.channel_id not in channels
             if record is None or (lacks and not damage.found):
                 damage.skipped()
                 with path.open("rb") as again:
-                    kept = described(again)  # what was skipped may be there, too
+                    kept = described(again)  # the summary may repeat skipped schemas and channels
             for one in kept:
                 if isinstance(one, Schema):
                     schemas[one.id] = one
@@ -162,7 +163,7 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
                 damage.read(record.log_time)
                 channel = channels[record.channel_id]
                 schema = schemas.get(channel.schema_id)
-                if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # no translator's
+                if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # else a translator's
                     yield _row(channel, schema, record.log_time, record.data, (path, place))
             elif isinstance(record, Statistics):
                 damage.counted(record.message_count)
@@ -172,11 +173,11 @@ def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterato
 
 
 class _Damage:
-    """Reports what is missing in a file."""
+    """Reports missing messages of a file."""
 
     def __init__(self, path: Path, warn: Warn) -> None:
-        self.whole = False  # whether its end was read
-        self.found = False  # whether something was skipped
+        self.whole = False  # its end was read
+        self.found = False  # damaged parts were skipped
         self._path, self._warn = path, warn
         self._messages = self._first = self._last = 0  # times in ns since 1970
         self._gap = False
@@ -195,11 +196,11 @@ class _Damage:
         self._gap = self.found = True
 
     def counted(self, messages: int) -> None:
-        """The file says how many messages it holds."""
+        """Compare with the number of messages in the file's statistics."""
         self._missing = messages - self._messages
 
     def finish(self) -> None:
-        """The end of what can be read has come."""
+        """Report at the end of the readable part."""
         read = f"{self._messages} messages could be read"
         until = f", up to {self._seconds(self._last)}" if self._messages else ""
         if not self.whole:
@@ -222,34 +223,32 @@ def _row(channel: Channel, schema: Schema | None, t: int, data: bytes, place: St
 
 
 def _read_pieces(places: Iterable[Stored]) -> Iterator[bytes]:
-    """What some pieces of journals hold, in that order. Raises ValueError and OSError."""
+    """The contents of pieces of journals, in order. Raises ValueError and OSError."""
     for data in stored(places):
         yield decode(data, JournalPiece).data
 
 
 class Past:
-    """A recording, with all its files: what was said, and the journals of who kept one."""
+    """A recording with all its files: messages and journals."""
 
     def __init__(self, path: Path, warn: Warn) -> None:
-        """Nothing is read yet but that the file is there.
+        """Read the metadata and the first message.
 
         Args:
             path: The file, or the first of several.
-            warn: Told of what was cut short.
+            warn: Receives a text about each damaged or incomplete file.
 
         Raises RecordingError and OSError.
         """
         self.path = path
         self.about: dict[str, str] = {}
-        self.damage: list[str] = []
-        """What could not be read of it, by whatever has gone through its messages so far."""
+        self.damage: list[str] = []  # texts of the last call of `rows`, as far as it was iterated
         self._warn = warn
         first = next(rows(path, lambda _: None, self.about), None)
         self.began = 0.0 if first is None else first.t / 1e9  # s since 1970
 
     @property
     def paths(self) -> list[Path]:
-        """Its files, in order."""
         further = (part(self.path, number) for number in count(1))
         found = [self.path]
         for path in further:
@@ -259,23 +258,23 @@ class Past:
         raise AssertionError("there are not endless files")
 
     def check(self) -> None:
-        """Raises RecordingError if those who are in it spoke otherwise than this program."""
-        spoken = self.about.get("protocol")
-        if spoken is None:
+        """Raises RecordingError if it was recorded with another protocol than this program's."""
+        protocol = self.about.get("protocol")
+        if protocol is None:
             raise RecordingError(
-                f"{self.path} does not say which protocol was spoken: another program wrote it, or"
-                " its beginning is missing; `armadico record` and `armadico run --record` write"
-                " recordings"
+                f"{self.path} does not name its protocol: another program wrote it, or its"
+                " beginning is missing; make one with `armadico record` or `armadico run --record`"
             )
-        if spoken != str(PROTOCOL):
+        if protocol != str(PROTOCOL):
             version = self.about.get("version", "")
             raise RecordingError(
-                f"{self.path} was recorded with protocol {spoken}; this program speaks {PROTOCOL}:"
-                f" `pip install` the version that recorded it{', ' * bool(version)}{version}"
+                f"{self.path} was recorded with protocol {protocol}, but this program uses"
+                f" {PROTOCOL}: `pip install` the version that recorded it"
+                f"{', ' * bool(version)}{version}"
             )
 
     def rows(self) -> Iterator[Row]:
-        """All messages in the order they were received. Raises RecordingError and OSError."""
+        """All messages in the order of arrival. Raises RecordingError and OSError."""
         self.damage = []
         for path in self.paths:
             yield from rows(path, self._damaged)
@@ -285,10 +284,10 @@ class Past:
         self._warn(text)
 
     def journals(self, instances: Collection[str] | None = None) -> list[Journal]:
-        """The journals of these agents, or of all that were there, as far as they were recorded.
+        """The journals of these instances, or of all, as far as they were recorded.
 
-        Of who was there and kept none the journal is empty, and its fault says so. What they hold
-        stays in the file, and is read there again each time that it is gone through.
+        An agent that kept no journal has an empty one, with a `fault`. Contents stay in the file
+        and are read from it at each iteration.
         """
         pieces, there = Pieces(_read_pieces), set()
         for row in self.rows():
@@ -299,4 +298,4 @@ class Past:
                 there.add((row.namespace, row.fields["instance"]))
         found = pieces.journals()
         kept = {(journal.namespace, journal.instance) for journal in found}
-        return found + [without(*who) for who in sorted(there - kept)]
+        return found + [without(*agent) for agent in sorted(there - kept)]

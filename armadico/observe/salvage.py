@@ -1,7 +1,7 @@
-"""The records of an MCAP file, in order, whatever was damaged among them.
+"""The records of an MCAP file in order, also if parts are damaged.
 
-MCAP's own reader ends at the first damaged byte. Chunks have checksums of their own, so here the
-reading goes on with the next whole one. Memory is needed for one record at a time.
+MCAP's own reader ends at the first damaged byte. Chunks have checksums, so this reader continues
+with the next intact chunk. One record is in memory at a time.
 """
 
 from __future__ import annotations
@@ -38,31 +38,26 @@ T = TypeVar("T")
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 
+# Largest record that is read, bytes: limits the memory that a damaged length can claim.
 LARGEST: Final = 256 * 2**20
-"""Bytes of the largest record that is read: a damaged length asks for no more memory."""
 
+# A chunk with a larger compression ratio counts as damaged: recordings have up to 10.
 DENSEST: Final = 250
-"""A chunk that holds more than so many times its own bytes is damaged: recordings hold up to 10."""
 
+# Budget of bytes read and unpacked in vain, as a multiple of the file's size; then the rest of the
+# file is skipped. Without it, bytes that resemble many chunks would cost quadratic time.
 FAILING: Final = 64
-"""So many times the size of a file are read and unpacked in vain, before its rest is left out. Else
-bytes that look like the beginnings of many chunks cost time by the square of their number."""
+AT_LEAST: Final = 64 * 2**20  # smallest budget, bytes
 
-AT_LEAST: Final = 64 * 2**20
-"""The same for a small file, bytes."""
-
+# Bytes searched at once for the next chunk: at most, and at first. The window grows, so little is
+# read twice where chunks are small and close.
 WINDOW: Final = 2**20
-"""Bytes that are searched at once for the next chunk at the most,"""
-
 FIRST_WINDOW: Final = 2**10
-"""and at first: where chunks are small and near, little is read twice."""
 
-_HEAD: Final = struct.Struct("<BQ")
-"""Of a record: what it is, and its length without this."""
+_HEAD: Final = struct.Struct("<BQ")  # of a record: opcode, and length without this head
 
+# The beginning of a compressed chunk, or of the record that ends the messages: reading can go on.
 _AGAIN: Final = re.compile(rb"\x06.{36}(?:\x04\0\0\0zstd|\x03\0\0\0lz4)|\x0f\x04\0{7}", re.DOTALL)
-"""How a compressed chunk begins, or what ends the messages: where the reading may go on."""
-
 _LONGEST_MATCH: Final = 45
 
 _READ: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
@@ -76,25 +71,21 @@ _READ: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
     Opcode.METADATA: Metadata.read,
 }
 
-_IN_CHUNKS: Final = {Opcode.SCHEMA, Opcode.CHANNEL}
-"""Besides messages."""
+_IN_CHUNKS: Final = {Opcode.SCHEMA, Opcode.CHANNEL}  # besides messages
 
+# Records after the last chunk that do not describe messages, and private records.
 _SKIPPED: Final = {*Opcode, *range(0x80, 0x100)} - {*_READ, Opcode.MESSAGE}
-"""Records after the last chunk that say nothing of messages, and what others may have added."""
 
+IN_A_ROW: Final = 3  # intact records that confirm a place at which reading continues
 
-IN_A_ROW: Final = 3
-"""So many whole records show that the reading goes on at the right place."""
-
-Place = tuple[int, int]
-"""Where a message is: where its chunk begins in the file, and where it begins in that chunk."""
+Place = tuple[int, int]  # offset of a message's chunk in the file, offset in the unpacked chunk
 
 
 def records(stream: IO[bytes]) -> Iterator[tuple[McapRecord | None, Place]]:
-    """Its records with their places, those in chunks among them; None where bytes were skipped.
+    """The records with their places, including those in chunks; None where bytes were skipped.
 
-    The last one is a Footer, unless the file was cut short. The work is linear in the file's size,
-    whatever stands in it.
+    The last record is a Footer, unless the file is incomplete. The work is linear in the file's
+    size, whatever its content.
     """
     at, file = stream.tell(), _File(stream)
     while at < file.size:
@@ -113,7 +104,7 @@ def records(stream: IO[bytes]) -> Iterator[tuple[McapRecord | None, Place]]:
 
 
 class Messages:
-    """Reads messages again, by the places that `records` gave; one chunk is in memory at a time."""
+    """Reads messages at places from `records`; one chunk is in memory at a time."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._file = _File(stream)
@@ -121,22 +112,22 @@ class Messages:
         self._contents = b""
 
     def read(self, place: Place) -> bytes:
-        """What a message carries. Raises ValueError, or another error, if the file has changed."""
+        """The payload of a message. Raises ValueError or another error if the file has changed."""
         at, offset = place
         if at != self._at:
             self._at, self._contents = at, self._file.contents(at)
         opcode, length = _HEAD.unpack_from(self._contents, offset)
         if opcode != Opcode.MESSAGE:
-            raise ValueError("no message begins there")
+            raise ValueError(f"no message begins at byte {offset} of the chunk at {at}")
         body = ReadDataStream(BytesIO(self._contents[offset + _HEAD.size :][:length]))
         data: bytes = Message.read(body, length).data
         return data
 
 
 def described(stream: IO[bytes]) -> list[McapRecord]:
-    """What a file's end says of its schemas, channels and metadata; nothing if that is damaged."""
+    """Schemas, channels and metadata from the file's summary; empty if that is damaged."""
     found: list[McapRecord] = []
-    with suppress(Exception):  # whatever the decoders make of damaged bytes
+    with suppress(Exception):  # decoders can raise anything on damaged bytes
         stream.seek(0)
         reader = SeekingReader(stream, record_size_limit=LARGEST)
         if (summary := reader.get_summary()) is not None:
@@ -146,7 +137,7 @@ def described(stream: IO[bytes]) -> list[McapRecord]:
 
 
 class _File:
-    """A file that may be damaged, and how much work may still be done on it in vain."""
+    """A file that may be damaged, with the budget for failed attempts."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         self._stream = stream
@@ -154,18 +145,18 @@ class _File:
         self._spare = FAILING * self.size + AT_LEAST  # bytes
 
     def tried(self, attempt: Callable[[], T]) -> T | None:
-        """What comes of an attempt; None if that fails, as all do once too much was in vain."""
+        """The result of an attempt; None if it fails or the budget is used up."""
         if self._spare <= 0:
             return None
         before = self._spare
-        with suppress(Exception):  # whatever the decoders make of damaged bytes
+        with suppress(Exception):  # decoders can raise anything on damaged bytes
             found = attempt()
             self._spare = before
             return found
         return None
 
     def record(self, at: int) -> tuple[list[tuple[McapRecord, int]], int]:
-        """The record at a place, or those of a chunk and where each begins in it; where it ends.
+        """The record at an offset, or the records of a chunk with their offsets; and its end.
 
         Raises if damaged.
         """
@@ -177,18 +168,18 @@ class _File:
         body = ReadDataStream(BytesIO(self._read(length)))
         record = _READ[opcode](body)
         if body.count != length:
-            raise ValueError("its length is wrong")
+            raise ValueError("a record's length is wrong")
         return [(record, 0)], end
 
     def contents(self, at: int) -> bytes:
-        """What the chunk at a place holds. Raises if damaged."""
+        """The unpacked chunk at an offset. Raises if damaged."""
         opcode, length, _ = self._head(at)
         if opcode != Opcode.CHUNK:
-            raise ValueError("no chunk begins there")
+            raise ValueError(f"no chunk begins at byte {at}")
         return self._contents(length)
 
     def after(self, at: int) -> int | None:
-        """Where it goes on after a damaged record: where that ends, or with the next chunk."""
+        """Where reading continues after a damaged record: at its end or the next chunk."""
         found = self.tried(partial(self._goes_on, at))
         while found is None and self._spare > 0 and (at := self._search(at + 1)) >= 0:
             found = self.tried(partial(self._sound, at))
@@ -208,28 +199,28 @@ class _File:
         return at
 
     def _whole(self, at: int) -> None:
-        """Look whether several records in a row are whole from a place on. Raises if not."""
+        """Check that several records in a row are intact. Raises if not."""
         for _ in range(IN_A_ROW):
-            if at < self.size - len(MAGIC):  # which ends the file, too
+            if at < self.size - len(MAGIC):  # the magic ends the file too
                 _, at = self.record(at)
 
     def _head(self, at: int) -> tuple[int, int, int]:
-        """What a record is, its length, and where it ends. Raises ValueError if it is too long."""
+        """Opcode, length and end of a record. Raises ValueError if it is too long."""
         self._stream.seek(at)
         head = self._read(_HEAD.size)
         if len(head) < _HEAD.size:
-            raise ValueError("cut short")
+            raise ValueError("a record is incomplete")
         opcode, length = _HEAD.unpack(head)
         end = at + _HEAD.size + length
         if end > self.size or (length > LARGEST and opcode not in _SKIPPED):
-            raise ValueError("too long")
+            raise ValueError("a record is too long")
         return opcode, length, end
 
     def _contents(self, length: int) -> bytes:
         body = ReadDataStream(BytesIO(self._read(length)))
         chunk = Chunk.read(body)
         if body.count != length:
-            raise ValueError("its length is wrong")
+            raise ValueError("a record's length is wrong")
         if chunk.uncompressed_size <= DENSEST * len(chunk.data):  # else it is not unpacked
             self._spare -= chunk.uncompressed_size
         return _unpacked(chunk)
@@ -239,7 +230,7 @@ class _File:
         return self._stream.read(length)
 
     def _search(self, at: int) -> int:
-        """Where something begins as a chunk or the end does, from a place on; -1: nowhere."""
+        """The next offset where bytes resemble a chunk or the end of the messages; -1: none."""
         size = FIRST_WINDOW
         while True:
             self._stream.seek(at)
@@ -253,7 +244,7 @@ class _File:
 
 
 def _within(contents: bytes) -> Iterator[tuple[McapRecord, int]]:
-    """The records of a chunk, and where each begins. Raises if one is damaged."""
+    """The records of a chunk and their offsets. Raises if one is damaged."""
     stream = ReadDataStream(BytesIO(contents))
     while (offset := stream.count) < len(contents):
         opcode, length = stream.read1(), stream.read8()
@@ -266,21 +257,21 @@ def _within(contents: bytes) -> Iterator[tuple[McapRecord, int]]:
 
 
 def _unpacked(chunk: Chunk) -> bytes:
-    """What a chunk holds. Raises if that is more than it declares, before it is read.
+    """The unpacked content of a chunk. Raises if it is larger than declared.
 
-    What a damaged or crafted chunk declares binds no decompressor: 13 kB may hold gigabytes.
+    The decompressors do not enforce the declared size: 13 kB may unpack to gigabytes.
     """
     size, data = chunk.uncompressed_size, chunk.data
     if size > min(LARGEST, DENSEST * len(data)):
-        raise ValueError("too large")
+        raise ValueError("a chunk is too large")
     if chunk.compression == "zstd":
         if zstandard.frame_content_size(data) not in (-1, size):
-            raise ValueError("its size is wrong")
+            raise ValueError("a chunk's size is wrong")
         data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     elif chunk.compression == "lz4":
         data = LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     if len(data) != size or data[:1] == b"\0":
-        raise ValueError("its contents are wrong")
+        raise ValueError("a chunk's content is wrong")
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ValueError("its checksum is wrong")
+        raise ValueError("a chunk's checksum is wrong")
     return data

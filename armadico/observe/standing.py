@@ -1,11 +1,13 @@
-"""Why the robot stands: the chain of reasons, down to the person, agent, host or device (sans-IO).
+"""Why the robot stands: the chain of reasons down to an operator, agent, host or device (sans-IO).
 
-One for everybody: `armadico why`, doctor, top, the page, programs. It goes by what a `View` has
-been shown, so whoever asks shows it what is published, tokens, cards and bids, and asks for the
-last two about once a second. It begins with what holds whatever anybody bids (the stop, motors, no
-goal), goes on with who drives, and if nobody does, with why each contender does not: a behaviour
-says itself which input it lacks. From there it follows who provides that, and what that one lacks,
-until somebody is found who has all and publishes nothing, or is not there.
+`armadico why`, `doctor`, `top`, the page and programs share it. It reads a `View`, which must
+receive publications, liveliness tokens, cards and bids; cards and bids are queried once per second.
+
+The search starts with conditions that do not depend on bids: the stop, the motors, the goal. Then
+it examines the agent that drives. If there is none, it examines each contender; a behaviour
+reports the input that it lacks. The search continues with the agent that provides the input and
+with the inputs of that agent. It ends at an agent that is not alive, or that has all its inputs and
+publishes nothing.
 """
 
 from __future__ import annotations
@@ -28,57 +30,58 @@ from armadico.mobile.messages import MissionState, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
+# A bid older than this many cycles is outdated: bids are queried once per second.
 MISSED: Final = 15
-"""Cycles: bids are asked for once a second, so an older one is not the newest that there is."""
 
+# Longest time from rest to motion, cycles and ramps included.
 STARTS_S: Final = 1.0
-"""From rest to motion it takes no longer, cycles and ramps included."""
 
+# If an observer receives no message for this long, its own connection is at fault: some agents
+# publish at least once per second.
 DEAF_S: Final = 2.5
-"""Who hears nobody at all for so long has itself to blame: some say something each second."""
 
+# An agent younger than this has not failed yet: a controller takes a second to answer.
 YOUNG_S: Final = 2.0
-"""Who is there for no longer has not failed yet: a controller takes a second to answer."""
 
-LATELY_S: Final = 5.0
-"""A log line that explains what is now came within this."""
+# Age limit of a log line that explains the present state.
+RECENT_S: Final = 5.0
 
 
 class Sort(StrEnum):
-    """What sort of cause it is."""
+    """The kind of a cause."""
 
-    STOP = "stop"  # somebody latched it
-    MOTORS = "motors"  # are off
-    STARTING = "starting"  # who drives has just begun, or has just got what it needs
-    STALLED = "stalled"  # something holds the wheels, or they are not driven
+    STOP = "stop"  # an emergency stop is latched
+    MOTORS = "motors"  # the motors are off
+    STARTING = "starting"  # the agent has just started to drive, or has just received its inputs
+    STALLED = "stalled"  # the wheels are blocked or not driven
     CHARGING = "charging"
     NO_GOAL = "no goal"
-    REFUSED_GOAL = "refused goal"  # the last one that was asked for
+    REFUSED_GOAL = "refused goal"  # the last goal was refused
     PLANNING = "planning"
     REACHED = "reached"
-    FAILED = "failed"  # the mission was given up
-    NO_WAY = "no way"  # it waits for one to become free
-    LOST = "lost"  # nobody drives by such a pose
-    BLOCKED = "blocked"  # who drives sees no free way
+    FAILED = "failed"  # the mission failed
+    NO_WAY = "no way"  # it waits for a path to become free
+    LOST = "lost"  # the pose is too uncertain to drive
+    BLOCKED = "blocked"  # the agent that drives finds no free path
     ABSENT = "absent"  # an agent is not alive
-    SILENT = "silent"  # an agent is alive, has what it needs, and publishes nothing
-    UNREACHABLE = "unreachable"  # the robot's router, and with it everybody
-    HOST = "host"  # all agents of a host are gone, or it is cut off
-    LINK = "link"  # what is published does not arrive
-    STALE = "stale"  # an agent publishes what answers old cycles
+    SILENT = "silent"  # an agent is alive, has its inputs, and publishes nothing
+    UNREACHABLE = "unreachable"  # the robot's router, and with it all agents
+    HOST = "host"  # all agents of a host are gone, or the host is disconnected
+    LINK = "link"  # publications do not arrive
+    STALE = "stale"  # an agent publishes data of old cycles
     DEVICE = "device"  # the controller, its line or its port
-    UNSOUND = "unsound"  # an agent bids what is no bid
+    UNSOUND = "unsound"  # an agent's bid is invalid
     REFUSED = "refused"  # the owner refuses the holder's commands
-    FOREIGN = "foreign"  # it speaks another protocol, or means something else by a resource
-    OUTBID = "outbid"  # another one's bid is better
-    RELEASED = "released"  # whoever held it let go
-    BUMPED = "bumped"  # somebody walked into the robot
-    UNSEEN = "unseen"  # no sensor knew of what it touched
-    DRIVEN = "driven"  # one did, and it was driven there all the same
-    UNKNOWN = "unknown"  # as far as anybody was heard
+    FOREIGN = "foreign"  # an agent uses another protocol or another declaration of a resource
+    OUTBID = "outbid"  # another agent's bid is better
+    RELEASED = "released"  # the holder released the resource
+    BUMPED = "bumped"  # a person walked into the robot
+    UNSEEN = "unseen"  # no sensor detected the obstacle that the robot touched
+    DRIVEN = "driven"  # the obstacle was detected, and the robot was driven into it
+    UNKNOWN = "unknown"  # the messages received do not show a cause
 
 
-AS_ASKED: Final = frozenset(
+NO_FAULT: Final = frozenset(  # no fault
     {
         Sort.NO_GOAL,
         Sort.STARTING,
@@ -89,22 +92,20 @@ AS_ASKED: Final = frozenset(
         Sort.RELEASED,
     }
 )
-"""Nothing is amiss."""
 
-AT_FAULT: Final = frozenset(
+AT_FAULT: Final = frozenset(  # an agent, a machine or the robot needs repair
     {
         *(Sort.UNREACHABLE, Sort.ABSENT, Sort.SILENT, Sort.HOST, Sort.LINK, Sort.STALE),
         *(Sort.DEVICE, Sort.UNSOUND, Sort.REFUSED, Sort.FOREIGN, Sort.DRIVEN, Sort.UNSEEN),
     }
 )
-"""Something of the society, its machines or its robot has to be mended."""
 
 
 class Cause(Struct, frozen=True):
-    """Where a chain of reasons ends: of what sort, who or what it is, in words, and what to do.
+    """The end of a chain of reasons: its kind, subject, text, and what to do.
 
-    `who` is an agent's name, a host, a key that nobody provides, a link (`a -> b`), or by whom it
-    was stopped; empty where it is nobody.
+    `who` is an agent's name, a host, a key that no agent provides, a link (`a -> b`), or the
+    sender of the stop. It may be empty.
     """
 
     sort: Sort
@@ -114,30 +115,29 @@ class Cause(Struct, frozen=True):
 
 
 class Standing(Struct, frozen=True):
-    """Whether the robot stands, and why: from what is seen down to the cause."""
+    """Whether the robot stands, and why: from the observation down to the cause."""
 
     stands: bool
     sentences: tuple[str, ...]
     cause: Cause | None = None  # none: it moves
 
 
-Installed = Callable[[str], Iterable[str]]
-"""The names of installed agents that provide what is published on a key."""
-
-
-Hosts = Mapping[str, Sequence[str]]
-"""The agents that each host of a host table runs."""
-
+Installed = Callable[[str], Iterable[str]]  # by key, the installed agents that publish on it
+Hosts = Mapping[str, Sequence[str]]  # by host of a host table, the agents that it runs
 NO_TABLE: Final[Hosts] = MappingProxyType({})
 
 
 def standing(
     view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
 ) -> Standing:
-    """Why the robot of a view stands; `now` is by the clock of whoever showed it things, s.
+    """Why the robot of a view stands.
 
-    A watcher that has just begun does not know the agents that were gone before: `installed` names
-    those that it may be, and `hosts` where they are to run.
+    Args:
+        view: The state of the society.
+        now: The time by the view's clock, s.
+        installed: Candidates for missing agents. A new observer has no cards of agents that ended
+            before it started.
+        hosts: Where agents are configured to run.
     """
     chain = _Chain(view, now, installed, hosts)
     cause = chain.begin()
@@ -147,66 +147,67 @@ def standing(
 
 
 class _Chain:
-    """One chain of reasons, as it is followed."""
+    """One chain of reasons under construction."""
 
     def __init__(self, view: View, now: float, installed: Installed, hosts: Hosts) -> None:
         self.view = view
         self._installed = installed
         self._table = hosts
         self.now = now
-        self._said: dict[str, list[str]] = {}
-        self._ends: dict[Cause, str] = {}  # and what was said of it
-        self._asked: set[str] = set()  # keys that were followed
+        self._sentences: dict[str, list[str]] = {}
+        self._ends: dict[Cause, str] = {}  # with the sentence of each
+        self._followed: set[str] = set()  # keys
         self._complaints: set[str] = set()  # keys that contenders lack
 
     def begin(self) -> Cause | None:
-        """From what is seen of the robot."""
+        """Start from the robot's state; None if it moves."""
         view, state = self.view, self.view.state
         key = service_of(RobotState).key
         if view.cut_since is not None:
             return self._unreachable(self.now - view.cut_since)
-        if (nobody := self._nobody_is_heard()) is not None:
-            return nobody
+        if (cause := self._no_messages()) is not None:
+            return cause
         if state is None or self.silent(key):
             since = "" if state is None else f" for {self.silence(key):.1f} s"
-            self.say(f"Nothing is heard of the robot{since}: no {key}.")
+            self.add(f"No {key} has been received from the robot{since}.")
             return self.lacking(key, "")
         if max(abs(state.v), abs(state.w)) > RESTS:
-            who = view.driver(WHEELS.name, self.now)
-            by = "nobody is obeyed, and it rolls out" if who is None else f"{agent_of(who)} drives"
-            self.say(f"The robot moves at {state.v:.2f} m/s, {state.w:.2f} rad/s: {by}.")
+            driver = view.driver(WHEELS.name, self.now)
+            by = f"{agent_of(driver)} drives" if driver else "no agent drives, it coasts to rest"
+            self.add(f"The robot moves at {state.v:.2f} m/s, {state.w:.2f} rad/s: {by}.")
             return None
-        self.say("The robot stands.")
-        return self._hands(state) or self._mission() or self._wheels()
+        self.add("The robot stands.")
+        return self._stopped(state) or self._mission() or self._wheels()
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was said; what several agents have in common once, with all of them."""
+        """The chain; a sentence that holds for several agents appears once, with their names."""
         return tuple(
-            f"{', '.join(who)}: {text}" if who else text for text, who in self._said.items()
+            f"{', '.join(names)}: {text}" if names else text
+            for text, names in self._sentences.items()
         )
 
-    def say(self, text: str, who: str = "") -> None:
-        """One more link of the chain; `who` is the contender that it is said of."""
-        known = self._said.setdefault(text, [])
-        if who and who not in known:
-            known.append(who)
+    def add(self, text: str, agent: str = "") -> None:
+        """Append a sentence about the robot, or about a contender."""
+        names = self._sentences.setdefault(text, [])
+        if agent and agent not in names:
+            names.append(agent)
 
     def close(self, cause: Cause) -> None:
-        """The cause comes last, whatever else was followed."""
+        """Move the cause to the end of the chain."""
         text = self._ends.get(cause)
         if text is not None:
-            self._said[text] = self._said.pop(text)
+            self._sentences[text] = self._sentences.pop(text)
 
     def _unreachable(self, since: float) -> Cause:
-        """The robot agent's process is the router: without it nothing arrives."""
-        what = f"The robot agent has not been reachable for {since:.1f} s: it has ended or hangs,"
-        what += " or the network to it is cut."
-        todo = "`armadico doctor`, on the robot's computer, says which; `armadico up` starts it"
+        # The robot agent's process is the router: without it nothing arrives.
+        what = f"The robot agent has been unreachable for {since:.1f} s: "
+        what += "it has ended, it hangs, or the network to it is interrupted."
+        todo = "run `armadico doctor` on the robot's computer; `armadico up` starts the agent"
         return self.end(Sort.UNREACHABLE, self._owner(), what, todo)
 
-    def _nobody_is_heard(self) -> Cause | None:
-        """Of a society that has ended, or where whoever listens is cut off, nothing is known."""
+    def _no_messages(self) -> Cause | None:
+        """The cause if the society has ended or this observer is disconnected."""
         view = self.view
         if view.gone and not view.alive:
             what = "No agent is alive any more."
@@ -215,19 +216,18 @@ class _Chain:
         owners = [i for i, card in view.cards.items() if WHEELS.name in card.owns]
         if self.now - last <= DEAF_S or any(owner in view.gone for owner in owners[-1:]):
             return None
-        what = (
-            f"Nothing is heard of anybody for {self.now - last:.1f} s: whoever listens is cut off,"
-        )
-        return self.end(Sort.UNKNOWN, "", f"{what} or a recording has a gap.")
+        what = f"No message has been received for {self.now - last:.1f} s: "
+        what += "this observer is disconnected, or a recording has a gap."
+        return self.end(Sort.UNKNOWN, "", what)
 
-    # What holds whatever anybody bids ------------------------------------------------------------
+    # Conditions that do not depend on bids -------------------------------------------------------
 
-    def _hands(self, state: RobotState) -> Cause | None:
+    def _stopped(self, state: RobotState) -> Cause | None:
         if state.stop.stopped:
             missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
             if missing:
-                self.say(f"The society lacks {', '.join(missing)}.")
-            by, todo = state.stop.who, release(state.stop, motors=state.motors)
+                self.add(f"The monitor reports missing agents: {', '.join(missing)}.")
+            by, todo = state.stop.requester, release(state.stop, motors=state.motors)
             return self.end(Sort.STOP, by, f"It is stopped by {by}.", todo)
         if not state.motors:
             todo = release(state.stop, motors=False)
@@ -235,42 +235,41 @@ class _Chain:
         return None
 
     def _mission(self) -> Cause | None:
-        """Whether there is somewhere to drive to."""
+        """The cause if there is no path to drive."""
         way, mission = self.view.trajectory, self.view.mission
         if way is not None and way.waypoints:
             if not way.waits:
                 return None
             note = mission.note if mission is not None else ""
-            what = f"No way to the goal is free{f': {note}' if note else ''}."
-            return self.end(Sort.NO_WAY, "", what, "clear the way, or give it another goal")
+            what = f"No path to the goal is free{f': {note}' if note else ''}."
+            return self.end(Sort.NO_WAY, "", what, "clear the path, or set another goal")
         if self.view.state is not None and self.view.state.charging:
-            return self.end(Sort.CHARGING, "", "It stands in its dock and charges, with no goal.")
+            return self.end(Sort.CHARGING, "", "It is charging in its dock and has no goal.")
         state = MissionState.NONE if mission is None else mission.state
         if state is MissionState.PLANNING:
-            return self.end(Sort.PLANNING, "", "Its way is being planned.")
+            return self.end(Sort.PLANNING, "", "Its path is being planned.")
         if mission is not None and mission.refused:
-            what = f"It has no goal: the last one was refused, {mission.refused}."
-            return self.end(Sort.REFUSED_GOAL, "", what, "give it a goal that it can reach")
+            what = f"It has no goal: the last goal was refused, {mission.refused}."
+            return self.end(Sort.REFUSED_GOAL, "", what, "set a goal that it can reach")
         if mission is None or state in (MissionState.NONE, MissionState.DRIVING):
-            todo = "give it one: `armadico goto X Y`"
-            return self.end(Sort.NO_GOAL, "", "It has no goal.", todo)
+            return self.end(Sort.NO_GOAL, "", "It has no goal.", "set one: `armadico goto X Y`")
         if state is MissionState.REACHED:
             return self.end(Sort.REACHED, "", "It has reached its goal.")
-        what = f"The mission was given up: {mission.note or 'nobody said why'}."
-        return self.end(Sort.FAILED, "", what, "give it another goal")
+        what = f"The mission failed: {mission.note or 'no reason given'}."
+        return self.end(Sort.FAILED, "", what, "set another goal")
 
-    # Who drives ----------------------------------------------------------------------------------
+    # The wheels ----------------------------------------------------------------------------------
 
     def _wheels(self) -> Cause:
-        """Who is obeyed and does not move it, or why nobody is."""
+        """Why the driving agent does not move the robot, or why no agent drives."""
         view = self.view
         driver = view.driver(WHEELS.name, self.now)
         if driver is not None:
             return self._driven(driver)
-        self.say(f"No agent is obeyed on {WHEELS.name}.")
+        self.add(f"No agent is obeyed on {WHEELS.name}.")
         contenders = [a for a in view.agents if a.card and WHEELS.name in a.card.resources]
         if not contenders:
-            return self._nobody()
+            return self._no_contender()
         self._complaints = {
             bid.lacks
             for each in contenders
@@ -282,50 +281,47 @@ class _Chain:
             return min(causes, key=lambda c: (c.sort is Sort.STARTING, _ORDER.index(c.sort)))
         if gone := self._lost_contenders():
             return self.absent(gone)
-        return self.end(Sort.UNKNOWN, "", "None of them has said what it lacks.")
+        return self.end(Sort.UNKNOWN, "", "No contender has reported a missing input.")
 
     def _driven(self, driver: str) -> Cause:
         view, name = self.view, agent_of(driver)
         claim = view.claim(WHEELS.name, self.now)
         wanted = () if claim is None or isinstance(claim.wanted, bytes) else claim.wanted
-        reason = self._reason(driver)
+        bid = view.bid(driver, WHEELS.name)
         if any(abs(each) > RESTS for each in wanted):
             return self._held_up(name)
-        if view.pose is not None and view.pose.deviation > LOST_M:
+        if self._is_lost():
             return self._lost()
-        what = f"{name} drives and sees no free way: {reason or 'it does not say why'}."
-        return self.end(Sort.BLOCKED, name, what, "clear what is near it")
+        reason = (bid.reason if bid else "") or "no reason given"
+        what = f"{name} drives but finds no free path: {reason}."
+        return self.end(Sort.BLOCKED, name, what, "clear the obstacles near the robot")
 
     def _held_up(self, name: str) -> Cause:
-        """It is commanded to move, and does not."""
+        """The robot is commanded to move, but does not."""
         view, begun = self.view, self.view.held_since(WHEELS.name)
         since = min(self.now - begun, self.now - (view.rests_since or self.now))
         if since < STARTS_S:
-            return self.end(Sort.STARTING, name, f"{name} has just begun to drive.")
-        if slowed := self._lately(LogEvent.SLOWED):
-            what = f"{name} drives, and the robot heeds what is ahead: {slowed}."
-            return self.end(Sort.BLOCKED, name, what, "clear what is near it")
-        what = f"{name} drives, and the wheels do not turn: something holds them,"
-        what += " or the controller does not do as it is told."
-        todo = "look what it stands against, and at its line"
+            return self.end(Sort.STARTING, name, f"{name} has just started to drive.")
+        if slowed := self._recent(LogEvent.SLOWED):
+            what = f"{name} drives, but {self._owner()} slows down for an obstacle: {slowed}."
+            return self.end(Sort.BLOCKED, name, what, "clear the obstacles near the robot")
+        what = f"{name} drives, but the wheels do not turn: "
+        what += "they are blocked, or the controller does not execute its commands."
+        todo = "check what blocks the robot, and the line to its controller"
         return self.end(Sort.STALLED, self._owner(), what, todo)
 
     def _owner(self) -> str:
-        """The agent that owns the wheels, or those."""
+        """The agent that owns the wheels; the resource's name if it is not known."""
         owners = [a.name for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
         return owners[0] if owners else WHEELS.name
 
-    def _reason(self, instance: str) -> str:
-        bid = self.view.bid(instance, WHEELS.name)
-        return "" if bid is None else bid.reason
-
-    def _nobody(self) -> Cause:
-        """Nobody competes for the wheels: who did?"""
+    def _no_contender(self) -> Cause:
+        """The cause if no live agent competes for the wheels."""
         if gone := self._lost_contenders():
             return self.absent(gone)
         what = f"No agent that competes for {WHEELS.name} is alive."
-        if away := self._away(None):
-            self.say(what)
+        if away := self._host_down(None):
+            self.add(what)
             return away
         return self.end(Sort.ABSENT, WHEELS.name, what, self._start_all())
 
@@ -341,36 +337,36 @@ class _Chain:
         ]
 
     def _contender(self, instance: str) -> Cause | None:
-        """Why one contender does not drive; None: it has nothing to do, and need not."""
+        """Why one contender does not drive; None if it has no reason to."""
         view, name = self.view, agent_of(instance)
         bid = view.bid(instance, WHEELS.name)
         if bid is None:
             return None
         if self._is_old(bid):
-            return self._turns_no_more(instance, bid)
+            return self._no_turn(instance, bid)
         if bid.utility is not None:
             return None if bid.utility <= 0.0 else self._unobeyed(instance, bid)
-        self.say(f"no bid ({bid.reason or 'it does not say why'}).", name)
+        self.add(f"no bid ({bid.reason or 'no reason given'}).", name)
         if bid.unsound:
-            todo = f"mend {name}; `armadico logs {name}` has its last words"
+            todo = f"fix {name}; see `armadico logs {name}`"
             return Cause(Sort.UNSOUND, name, f"{name}: {bid.reason}", todo)
         if not (key := bid.lacks):
             return None
         if key == service_of(Pose).key and self._is_lost() and not self.silent(key):
             return self._lost()
-        return self._came_since(key, instance) or self.lacking(key, instance)
+        return self._just_received(key, instance) or self.lacking(key, instance)
 
-    def _came_since(self, key: str, instance: str) -> Cause | None:
-        """What somebody lacked when it was asked has come, first or again, since then.
+    def _just_received(self, key: str, instance: str) -> Cause | None:
+        """STARTING if the missing input has arrived since the instance was last queried.
 
-        Bids are asked for once a second: they tell of so long ago.
+        Bids are queried once per second, so a reported reason may be out of date.
         """
-        rate, asked = self.view.rates.get(key), self.view.answered.get(instance)
-        if rate is None or asked is None or self.silent(key) or self.stale(key):
+        rate, at = self.view.rates.get(key), self.view.answered.get(instance)
+        if rate is None or at is None or self.silent(key) or self.stale(key):
             return None
-        if asked > rate.since + FRESH_CYCLES * self._cycle_s():
+        if at > rate.since + FRESH_CYCLES * self._cycle_s():
             return None
-        what = f"{key} has come for {self.now - rate.since:.1f} s only."
+        what = f"{key} has been received for only {self.now - rate.since:.1f} s."
         return self.end(Sort.STARTING, agent_of(instance), what, of=agent_of(instance))
 
     def _cycle_s(self) -> float:
@@ -378,66 +374,69 @@ class _Chain:
 
     def _is_old(self, bid: BidRecord) -> bool:
         state = self.view.state
-        return state is not None and not _within(bid.cycle, state.cycle, MISSED)
+        if state is None:
+            return False
+        newest = state.cycle
+        return bid.cycle.epoch != newest.epoch or newest.number - bid.cycle.number > MISSED
 
-    def _turns_no_more(self, instance: str, bid: BidRecord) -> Cause:
-        """Its newest bid is old: what starts its turns does not come, or it hangs."""
+    def _no_turn(self, instance: str, bid: BidRecord) -> Cause:
+        """The newest bid is old: the inputs do not arrive, or the agent hangs."""
         view, name = self.view, agent_of(instance)
-        self.say(f"no turn since cycle {bid.cycle.number}.", name)
+        self.add(f"no bid computed since cycle {bid.cycle.number}.", name)
         needed = self._needed(instance, bid)
         for key in needed:
             if self.silent(key) or self.stale(key):
                 return self.lacking(key, instance)
         period = self._cycle_s()
         newest = bid.cycle.number if view.state is None else view.state.cycle.number
-        if not self._lives(instance, self.now - period * (newest - bid.cycle.number)):
+        if not self._responds(instance, self.now - period * (newest - bid.cycle.number)):
             return self.quiet(instance)
         lacked = [key for key in needed if key in self._complaints] or needed
         if not lacked:
             return self.quiet(instance)
-        return self._came_since(lacked[0], instance) or self.lacking(lacked[0], instance)
+        return self._just_received(lacked[0], instance) or self.lacking(lacked[0], instance)
 
     def _needed(self, instance: str, bid: BidRecord) -> list[str]:
-        """The keys of what its bids are made of, or of all that it listens to."""
+        """The keys of its bid's inputs, or of all states that it subscribes to."""
         known = {*self.view.rates, *self._complaints, *self._obstacles()}
         found = sorted(k for k in known if any(matches(each, k) for each in bid.inputs))
         return found or self._inputs(instance)
 
     def _obstacles(self) -> list[str]:
-        """The keys of obstacles by the sensors that the robot has."""
-        said, key = self.view.description, service_of(Obstacles).key
-        return [] if said is None else [key.format(name=sensor) for sensor in said.sensors]
+        """The keys of the obstacles of each sensor of the robot."""
+        robot, key = self.view.description, service_of(Obstacles).key
+        return [] if robot is None else [key.format(name=sensor) for sensor in robot.sensors]
 
-    def _lives(self, instance: str, since: float) -> bool:
-        """Whether an instance answered, or said a word, after something that it does no more."""
-        heard = [self.view.answered.get(instance, float("-inf"))]
-        heard += [said.at for said in self.view.logs if said.instance == instance]
-        return max(heard) > since + QUIET_S
+    def _responds(self, instance: str, since: float) -> bool:
+        """Whether an instance answered or logged later than `QUIET_S` after a time."""
+        times = [self.view.answered.get(instance, float("-inf"))]
+        times += [line.at for line in self.view.logs if line.instance == instance]
+        return max(times) > since + QUIET_S
 
     def _unobeyed(self, instance: str, bid: BidRecord) -> Cause:
-        """It bids, and is not obeyed."""
+        """The cause if an agent bids, but is not obeyed."""
         name = agent_of(instance)
-        self.say(f"bids {bid.utility:.2f}, and is not obeyed.", name)
-        foreign = self._foreign(instance)
-        if foreign:
-            return self.end(Sort.FOREIGN, name, foreign, f"install the same armadico for {name}")
-        if refused := self._lately(LogEvent.COMMANDS_REFUSED):
-            return self.end(Sort.REFUSED, name, f"By {self._owner()}, {refused}.")
+        self.add(f"bids {bid.utility:.2f}, but is not obeyed.", name)
+        if foreign := self._foreign(instance):
+            todo = f"install the same version of armadico for {name}"
+            return self.end(Sort.FOREIGN, name, foreign, todo)
         to = self._owner()
-        what = f"What {name} commands does not reach {to}."
-        return self.end(Sort.LINK, f"{name} -> {to}", what, "look at the network between them")
+        if refused := self._recent(LogEvent.COMMANDS_REFUSED):
+            return self.end(Sort.REFUSED, name, f"{to} reports: {refused}.")
+        what = f"Commands from {name} do not reach {to}."
+        return self.end(Sort.LINK, f"{name} -> {to}", what, "check the network between them")
 
     def _foreign(self, instance: str) -> str:
-        """Why others do not listen to an instance, by their cards; empty: they do."""
+        """Why the other agents ignore an instance, by their cards; empty if they do not."""
         card = self.view.cards.get(instance)
         if card is None:
             return ""
         if card.protocol != PROTOCOL:
-            return f"{card.name} speaks protocol {card.protocol}, the others {PROTOCOL}."
+            return f"{card.name} uses protocol {card.protocol}, the other agents {PROTOCOL}."
         owners = [a.card for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
         for owner in owners:
             if differing := differently(card.declares, owner.declares):
-                return f"{card.name} means {differing[0]}, {owner.name} {differing[1]}."
+                return f"{card.name} declares {differing[0]}, {owner.name} {differing[1]}."
         return ""
 
     def _is_lost(self) -> bool:
@@ -445,15 +444,15 @@ class _Chain:
         return pose is not None and pose.deviation > LOST_M
 
     def _lost(self) -> Cause:
-        where = self.view.whereabouts(self.now)
-        todo = "an agent that looks for where it is drives it meanwhile; is it on the map at all?"
-        return self.end(Sort.LOST, "", f"It does not know where it is: {where}.", todo)
+        where = self.view.pose_text(self.now)
+        todo = "wait until an agent has localized it; check that it is within the map"
+        return self.end(Sort.LOST, "", f"The robot is lost: {where}.", todo)
 
-    # Down to who is missing ----------------------------------------------------------------------
+    # From a missing input to its provider --------------------------------------------------------
 
     def lacking(self, key: str, instance: str) -> Cause:
-        """Why something that an instance needs is not fresh there; "" for whoever watches."""
-        self._asked.add(key)
+        """Why an input of an instance is not fresh; "" stands for this observer."""
+        self._followed.add(key)
         alive = [a.instance for a in self.view.agents if a.card and key in a.card.provides]
         alive = alive or self._owners(key)
         if not self.silent(key):
@@ -462,15 +461,15 @@ class _Chain:
             return self._unprovided(key)
         since = f"for {self.silence(key):.1f} s" if key in self.view.rates else "so far"
         names = ", ".join(map(agent_of, alive))
-        self.say(f"{names} provides {key}, is alive, and has published none {since}.")
+        self.add(f"{names} provides {key} and is alive, but has published none {since}.")
         for needed in self._inputs(alive[0]):
             before = self._last(needed) <= self._last(key)
-            if needed not in self._asked and self.silent(needed) and before:
+            if needed not in self._followed and self.silent(needed) and before:
                 return self.lacking(needed, alive[0])
         return self.quiet(alive[0], key)
 
     def _owners(self, key: str) -> list[str]:
-        """Who owns the resource whose ack a key is, or nobody."""
+        """The instances that own the resource whose ack is published on a key."""
         agents = [a for a in self.view.agents if a.card]
         return [
             a.instance
@@ -480,7 +479,7 @@ class _Chain:
         ]
 
     def _inputs(self, instance: str) -> list[str]:
-        """The states that it listens to and that were heard once, the robot's own first."""
+        """The keys of received states that an instance subscribes to, oldest message first."""
         card, rates = self.view.cards.get(instance), self.view.rates
         known = [key for key, rate in rates.items() if rate.deadline_s is not None]
         found = [key for key in known if card and any(matches(r, key) for r in card.requests)]
@@ -488,21 +487,21 @@ class _Chain:
         return sorted((k for k in found if k not in own), key=lambda k: (self._last(k), k))
 
     def _not_arriving(self, key: str, instance: str, alive: list[str]) -> Cause:
-        """It is published: stale already, or it does not arrive."""
+        """The cause if an input is published: it is stale, or it does not arrive."""
         name = agent_of(instance)
         if (late := self.stale(key)) and alive:
-            who = agent_of(alive[0])
-            what = f"{who} publishes {key} that answers cycles {late} too old."
-            return self.end(Sort.STALE, who, what, f"{who} is slow, or hears the robot late")
+            provider = agent_of(alive[0])
+            what = f"The newest {key} from {provider} is {late} cycles old."
+            todo = f"{provider} is slow, or receives the robot's messages late"
+            return self.end(Sort.STALE, provider, what, todo)
         by = alive[0] if alive else key
         there, here = self.host(by), self.host(instance)
-        who = f"{agent_of(by)} -> {name}"
-        todo = "look at the network between them"
+        todo = "check the network between them"
         if there and here and there != here:
-            what = f"{key} is published on {there}, and does not arrive on {here}."
+            what = f"{key} is published on {there}, but does not arrive on {here}."
             return self.end(Sort.HOST, there, what, todo, name)
-        what = f"{key} is published, and does not arrive."
-        return self.end(Sort.LINK, who, what, todo, name)
+        what = f"{key} is published, but does not arrive."
+        return self.end(Sort.LINK, f"{agent_of(by)} -> {name}", what, todo, name)
 
     def _unprovided(self, key: str) -> Cause:
         gone = [i for i in self.view.gone if self._provided(i, key)]
@@ -512,26 +511,26 @@ class _Chain:
         able = tuple(self._installed(key))
         named = [n for n in able if n in missing] or [n for n in able if n not in self.view.names]
         what = f"No agent that provides {key} is alive."
-        if away := self._away(able):
-            self.say(what)
+        if away := self._host_down(able):
+            self.add(what)
             return away
         if not named:
             return self.end(Sort.ABSENT, key, what, f"start one that provides {key}")
-        what = f"No agent that provides {key} is alive: {' or '.join(named)} would."
+        what = f"No agent that provides {key} is alive; {' or '.join(named)} would provide it."
         return self.end(Sort.ABSENT, named[0], what, f"`armadico-agent {named[0]}` starts it")
 
-    def _away(self, able: Sequence[str] | None) -> Cause | None:
-        """A host of the table that runs one of these agents, or any, and has none alive."""
+    def _host_down(self, able: Sequence[str] | None) -> Cause | None:
+        """The first host of the table that should run one of these agents and has none alive."""
         there = {self.host(instance) for instance in self.view.alive}
         for host, agents in self._table.items():
             wanted = [name for name in agents if able is None or name in able]
             if wanted and host not in there and not self.view.names & set(wanted):
-                what = f"{host} is to run {', '.join(wanted)}, and no agent of {host} is alive."
-                return self.end(Sort.HOST, host, what, f"{_reachable(host)} {_starts(host)}")
+                what = f"{host} should run {', '.join(wanted)}, but no agent on {host} is alive."
+                return self.end(Sort.HOST, host, what, f"{_reachable(host)}; {_starts(host)}")
         return None
 
     def _start_all(self) -> str:
-        """What to do where no agent is left."""
+        """What to do if no agent is alive."""
         if not self._table:
             return "`armadico up` starts a whole society"
         return "; ".join(_starts(host) for host, agents in self._table.items() if agents)
@@ -542,92 +541,92 @@ class _Chain:
         return card is not None and key in (*card.provides, *owned)
 
     def absent(self, gone: list[str]) -> Cause:
-        """Instances that were there and are not: one of them, or a whole host."""
+        """The cause if these instances have ended: an agent, or a whole host."""
         last = max(gone, key=lambda instance: self.view.gone[instance])
         name, host = agent_of(last), self.host(last)
         ago = self.now - self.view.gone[last]
         there = [i for i in self.view.alive if host and self.host(i) == host]
         away = sorted({agent_of(i) for i in self.view.gone if host and self.host(i) == host})
-        if host and not there and len(away) > 1 and self._hosts() > 1:
-            what = f"All of {host} is gone, for {ago:.1f} s: {', '.join(away)}."
+        hosts = len({*self._table, *(card.host for card in self.view.cards.values())})
+        if host and not there and len(away) > 1 and hosts > 1:
+            what = f"No agent on {host} has been alive for {ago:.1f} s: {', '.join(away)}."
             todo = _reachable(host)
-            todo += f" {_starts(host)}" if host in self._table else ""
+            todo += f"; {_starts(host)}" if host in self._table else ""
             return self.end(Sort.HOST, host, what, todo)
-        names = ", ".join(sorted({agent_of(i) for i in gone}))
+        names = sorted({agent_of(i) for i in gone})
         at = f" (host {host})" if host else ""
-        what = f"{names}{at} is not alive; it was until {ago:.1f} s ago."
-        what += self._last_words(last)
+        be, they, were = ("is", "it", "was") if len(names) == 1 else ("are", "they", "were")
+        what = f"{', '.join(names)}{at} {be} not alive: "
+        what += f"{they} ended or {were} disconnected {ago:.1f} s ago."
+        what += self._last_error(last)
         return self.end(Sort.ABSENT, name, what, f"start it again: `armadico-agent {name}`")
 
     def quiet(self, instance: str, key: str = "") -> Cause:
-        """It is there, has what it needs, and publishes nothing on a key, or does nothing."""
+        """The cause if an agent has its inputs, but publishes nothing on a key, or does nothing."""
         name, host, card = agent_of(instance), self.host(instance), self.view.cards.get(instance)
         since = self._last(key)
         came = self.view.alive.get(instance, float("-inf"))
-        if self.now - came <= YOUNG_S and since <= came and not self._words(instance, came):
-            what = f"{name} is there for {self.now - came:.1f} s only."
+        if self.now - came <= YOUNG_S and since <= came and not self._complaint(instance, came):
+            what = f"{name} started only {self.now - came:.1f} s ago."
             return self.end(Sort.STARTING, name, what)
-        if key and self._lives(instance, since):
-            words = self._words(instance, since)
+        if key and self._responds(instance, since):
+            words = self._complaint(instance, since)
             if card is not None and card.owns:
                 words = f": {card.fault}" if card.fault else words
-                what = f"The device of {name} gives nothing{words}."
-                todo = "look at the robot, its port and its line"
+                what = f"The device of {name} sends no data{words}."
+                todo = "check the robot, its port and its cable"
                 if card.fault:
-                    todo = "mend that, and start the society again"
+                    todo = "fix this, and restart the society"
                 return self.end(Sort.DEVICE, name, what, todo)
-            what = f"{name} answers, and publishes no {key}{words}."
-            return self.end(Sort.SILENT, name, what, f"`armadico logs {name}` may say more")
+            what = f"{name} answers queries, but publishes no {key}{words}."
+            return self.end(Sort.SILENT, name, what, f"see `armadico logs {name}`")
         pid = f" (host {host}, pid {card.pid})" if card is not None else ""
-        what = f"{name}{pid} hangs, or is cut off: what it needs is there, and it does not answer."
-        return self.end(Sort.SILENT, name, what, f"restart it; `armadico logs {name}` says more")
+        what = f"{name}{pid} hangs or is disconnected: its inputs arrive, but it does not answer."
+        return self.end(Sort.SILENT, name, what, f"restart it; see `armadico logs {name}`")
 
-    def _words(self, instance: str, since: float) -> str:
-        """What an instance complained of since."""
-        said = [
+    def _complaint(self, instance: str, since: float) -> str:
+        """The newest warning or error of an instance since a time, after a colon; else empty."""
+        texts = [
             each.log.text
             for each in self.view.logs
             if each.instance == instance and each.at >= since and each.log.level >= WARNING
         ]
-        return f": {said[-1]}" if said else ""
+        return f": {texts[-1]}" if texts else ""
 
-    def _last_words(self, instance: str) -> str:
-        said = [s.log for s in self.view.logs if s.instance == instance and s.log.level > WARNING]
-        return f" Its last words: {said[-1].text}" if said else ""
+    def _last_error(self, instance: str) -> str:
+        logs = [s.log for s in self.view.logs if s.instance == instance and s.log.level > WARNING]
+        return f" Its last error: {logs[-1].text}" if logs else ""
 
-    # What is known -------------------------------------------------------------------------------
+    # Facts ---------------------------------------------------------------------------------------
 
     def end(self, sort: Sort, who: str, what: str, todo: str = "", of: str = "") -> Cause:
-        """The last link of the chain; `of` is the contender that it is said of."""
-        self.say(what, of)
+        """End the chain with a cause; `of` is the contender that `what` is about."""
+        self.add(what, of)
         cause = Cause(sort, who, f"{of}: {what}" if of else what, todo)
         self._ends[cause] = what
         return cause
 
     def host(self, instance: str) -> str:
-        """The machine of an instance; empty if nobody knows."""
+        """The host of an instance; empty if it is not known."""
         card = self.view.cards.get(instance)
         return "" if card is None else card.host
-
-    def _hosts(self) -> int:
-        return len({*self._table, *(card.host for card in self.view.cards.values())})
 
     def _last(self, key: str) -> float:
         rate = self.view.rates.get(key)
         return float("-inf") if rate is None or rate.last is None else rate.last
 
     def silence(self, key: str) -> float:
-        """For how long nothing was published on a key, s; infinite if nothing ever was."""
+        """Time since the last publication on a key, s; infinite if there was none."""
         return self.now - self._last(key)
 
     def silent(self, key: str) -> bool:
-        """Whether nothing was published on a key for longer than it should be."""
+        """Whether the last publication on a key is older than its deadline."""
         rate = self.view.rates.get(key)
         allowed = QUIET_S if rate is None else max(rate.deadline_s or 0.0, QUIET_S)
         return self.silence(key) > allowed
 
     def stale(self, key: str) -> int:
-        """By how many cycles too old the newest on a key is; 0: it is not."""
+        """The age of the newest message on a key, cycles; 0 if it is fresh."""
         state, newest = self.view.state, self.view.newest.get(key)
         cycle = getattr(newest, "cycle", None)
         if state is None or not isinstance(cycle, Cycle) or cycle.epoch != state.cycle.epoch:
@@ -636,22 +635,18 @@ class _Chain:
         allowed = (self.view.rates[key].deadline_s or 0.0) / self._cycle_s()
         return late if late > max(FRESH_CYCLES, round(allowed)) else 0
 
-    def _lately(self, event: LogEvent) -> str:
-        """The newest log line that tells of an event; empty if there was none of late."""
-        lately = (said for said in reversed(self.view.logs) if self.now - said.at <= LATELY_S)
-        return next((said.log.text for said in lately if said.log.event == event), "")
+    def _recent(self, event: LogEvent) -> str:
+        """The text of the newest log line of an event in the last `RECENT_S`; else empty."""
+        recent = (line for line in reversed(self.view.logs) if self.now - line.at <= RECENT_S)
+        return next((line.log.text for line in recent if line.log.event == event), "")
 
 
 _ORDER: Final = tuple(Sort)
 
 
 def _reachable(host: str) -> str:
-    return f"is {host} switched on, and its network up?"
+    return f"check that {host} is switched on and connected to the network"
 
 
 def _starts(host: str) -> str:
-    return f"`armadico up --host {host}`, on {host} and with its host table, starts its share"
-
-
-def _within(cycle: Cycle, newest: Cycle, cycles: int) -> bool:
-    return cycle.epoch == newest.epoch and newest.number - cycle.number <= cycles
+    return f"`armadico up --host {host}`, run on {host} with its host table, starts its agents"

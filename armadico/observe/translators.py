@@ -1,8 +1,8 @@
-"""Translators: what a society says in the words of other people's tools, live and in recordings.
+"""Translators: messages converted to the formats of other tools, live and in recordings.
 
-A translator is installed by name, in the entry points of `armadico.translators`. It takes messages
-and the time in and gives samples out, each on a channel that says how it is to be read. Whoever
-records or serves asks all that are installed, and knows none of them.
+A translator is installed by name as an entry point of `armadico.translators`. It converts messages
+and times to samples. Each sample belongs to a channel, which defines its type and encoding. The
+recorder and the gateways use all installed translators.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Channel:
-    """Samples of one type under one topic."""
+    """Samples of one type on one topic."""
 
-    topic: str  # as the other tools have it: "/odom"
+    topic: str  # in the other tools: "/odom"
     encoding: str  # of the samples: "cdr"
-    schema: str  # what the type is called: "nav_msgs/msg/Odometry"
-    schema_encoding: str  # how it is defined: "ros2msg"
-    definition: str  # the type's own and those within
-    latched: bool = False  # who comes late is to have the last sample
-    depth: int = 10  # samples that are kept for a reader who lags
-    own: bool = False  # a robot that is spoken to in the same words says this by itself
+    schema: str  # the name of the type: "nav_msgs/msg/Odometry"
+    schema_encoding: str  # the format of its definition: "ros2msg"
+    definition: str  # of the type and its parts
+    latched: bool = False  # new readers receive the last sample
+    depth: int = 10  # samples kept for slow readers
+    own: bool = False  # a robot of the same middleware publishes this itself
     metadata: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
@@ -42,51 +42,42 @@ class Sample(NamedTuple):
 
 
 class Translator(Protocol):
-    kinds: Sequence[type[Message]]
-    """What it makes something of."""
-
-    channels: Sequence[Channel]
-    """All that it may give samples of."""
-
-    goals: Channel
-    """Where it takes goals."""
-
-    profile: str
-    """What an MCAP file that holds nothing else is called,"""
-
-    about: Mapping[str, Mapping[str, str]]
-    """and the metadata that whoever reads it looks for."""
+    kinds: Sequence[type[Message]]  # messages that it converts
+    channels: Sequence[Channel]  # all channels that it may use
+    goals: Channel  # on which it accepts goals
+    profile: str  # of an MCAP file with its samples only
+    about: Mapping[str, Mapping[str, str]]  # metadata of such a file
 
     def translate(self, key: str, message: Message, at: int) -> Iterable[Sample]:
-        """What a message comes to; it was received at `at`, ns since 1970."""
+        """The samples of a message that was received at `at`, ns since 1970."""
 
     def goal(
         self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
     ) -> MissionRequest:
-        """Where a sample for `goals` sends the robot; by default encoded and of the type as there.
+        """The goal in a sample, received at `at`, ns since 1970.
 
-        It was received at `at`, ns since 1970. Raises ValueError, saying why nowhere.
+        Encoding and schema default to those of `goals`. Raises ValueError for an invalid goal.
         """
 
 
 class Makes(Protocol):
-    """What an entry point leads to."""
+    """The type of an entry point."""
 
     def __call__(self, namespace: str = "", world: World | None = None) -> Translator:
         """A translator for a robot.
 
         Args:
-            namespace: What its topics and frames of reference begin with; empty: the only robot.
-            world: Whose walls are its map until it makes one.
+            namespace: Prefix of its topics and frames; empty for a single robot.
+            world: Its walls are the map until the robot makes one.
         """
 
 
 def translators(
     namespaces: Sequence[str], worlds: Mapping[str, World | None] | None = None
 ) -> dict[str, list[Translator]]:
-    """One of each that is installed for each namespace; the only robot has none in its topics.
+    """All installed translators, by namespace; topics of a single robot have no prefix.
 
-    Raises ImportError saying which of them cannot be loaded.
+    Raises ImportError with the name of a translator that cannot be loaded.
     """
     makers: list[Makes] = [found.load() for found in installed(TRANSLATORS).values()]
     return {
@@ -98,6 +89,6 @@ def translators(
 def translator(
     name: str, namespaces: Sequence[str], world: World | None = None
 ) -> dict[str, list[Translator]]:
-    """The same, of one that is named. Raises UnknownNameError, ImportError."""
+    """The translator of a name, by namespace. Raises UnknownNameError and ImportError."""
     make: Makes = find(TRANSLATORS, name).load()
     return {ns: [make("" if len(namespaces) == 1 else ns, world)] for ns in namespaces}

@@ -1,8 +1,8 @@
-"""A society as it looks from outside (sans-IO): messages, tokens and cards in, and the time.
+"""The state of a society as seen by an observer (sans-IO): messages, tokens and cards in.
 
-Whoever watches reads this one. Nobody on the mesh keeps a list: liveliness tokens tell who is
-alive, cards what they are, an owner's acks who drives, a holder's claims what it wants, and the
-bids that are asked for what the others would do. Times are s by the clock of whoever watches.
+All observers share it. There is no directory on the mesh: liveliness tokens show which agents are
+alive, cards describe them, an owner's acks name the agent that drives, a holder's claims its
+action, and queried bids the other contenders' actions. Times are s of the observer's clock.
 """
 
 from __future__ import annotations
@@ -44,32 +44,23 @@ from armadico.mobile.messages import (
 
 M = TypeVar("M", bound=Message)
 
-FRESH_CYCLES: Final = 3
-"""A command obeyed longer ago than so many cycles is nobody's any more."""
+FRESH_CYCLES: Final = 3  # a command obeyed longer ago no longer counts as obeyed
+RESTS: Final = 0.01  # m/s and rad/s: a slower robot stands
+WINDOW_S: Final = 5.0  # period over which rates are computed
 
-GONE: Final = 100
-"""Instances that are gone and whose cards are still known, the last ones."""
-
-RESTS: Final = 0.01
-"""m/s and rad/s: a robot that is slower stands."""
-
-LINES: Final = 200
-"""Log lines that are still known, the last ones."""
-
+# How many of the newest are kept:
+GONE: Final = 100  # instances that are gone, with their cards
+LINES: Final = 200  # log lines
 EXCHANGES: Final = 100
-"""Exchanges that are still known, the last ones."""
-
-WINDOW_S: Final = 5.0
-"""Rates are those of so long."""
 
 
 def agent_of(instance: str) -> str:
-    """The agent's name in an instance's id."""
+    """The name of the agent in an instance identifier."""
     return instance.rpartition("-")[0] or instance
 
 
 def driver(ack: Ack) -> str | None:
-    """The instance that a resource obeys in an ack's cycle, by its owner's word; None: nobody."""
+    """The instance that the owner obeys in an ack's cycle; None if there is none."""
     at = ack.obeyed_cycle
     if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
         return None
@@ -77,22 +68,22 @@ def driver(ack: Ack) -> str | None:
 
 
 def battery(state: RobotState, level: BatteryLevel | None) -> str:
-    """The voltage, what is left if anybody says so, and whether it is charged, for people."""
+    """The battery as text: voltage, share left if it is known, and whether it is charging."""
     words = [f"{state.battery_v:.1f} V"]
     words += [] if level is None else [f"{100.0 * level.share:.0f} %"]
     return ", ".join([*words, *["charging"] * state.charging])
 
 
 class Seen(NamedTuple):
-    """An instance that is alive, and its card; None: not shown yet."""
+    """An instance that is alive, and its card; None: not received yet."""
 
     name: str
     instance: str
     card: Card | None
 
 
-class Said(NamedTuple):
-    """A log line: when it came (s), and which instance's it is."""
+class LogLine(NamedTuple):
+    """A log line, its time of arrival (s) and its instance."""
 
     at: float
     instance: str
@@ -100,27 +91,26 @@ class Said(NamedTuple):
 
 
 class Exchanged(NamedTuple):
-    """When a resource began to obey another instance than before (s), or nobody: None."""
+    """A change of the instance that a resource obeys, and its time (s)."""
 
     at: float
     resource: str
-    before: str | None
+    before: str | None  # None: no instance
     now: str | None
-    claim: Claim | None  # of the one that it obeys now, as far as it was heard
+    claim: Claim | None  # of the instance obeyed now; None: not received
 
 
-_KEPT: Final = (
+_LATEST: Final = (  # messages of which a view keeps the newest
     *(RobotState, Pose, Description, Correction, ByHand),
     *(MissionStatus, BatteryLevel, Trajectory),
 )
-"""Of these a view keeps the newest one as it came."""
 
 
 @dataclass
 class _Contested:
-    """What is known of one resource: its owner's newest ack, and the claim of the largest ballot.
+    """The state of one resource: its owner's newest ack and the claim with the largest ballot.
 
-    Times are s; `period` is the time from ack to ack.
+    Times are s; `period` is the time between acks.
     """
 
     ack: Ack | None = None
@@ -133,27 +123,26 @@ class _Contested:
 
 
 class View:
-    """What is known of one society; `take`, `learn` and `token` bring it up to date.
+    """The state of one society, updated by `update`, `learn`, `token` and `router`.
 
     Attributes:
-        alive: The instances whose tokens are there, and since when.
-        gone: Those whose tokens went, and when.
+        alive: Instances with a liveliness token, and since when.
+        gone: Instances whose token disappeared, and when.
         cut_since: When the link to the robot's router was lost; None: the router can be reached.
-        cards: By instance, of those that are gone too.
-        bids: By instance and resource, the newest record of a bid, or of why there was none, and
-            when it came; of the resources the one that was bid for last is the last.
-        exchanges: The newest times that a resource obeyed another one than before, the last one
-            last.
-        rates: By key, how often something is published on it.
-        newest: By key, the newest state that was published on it.
-        answered: When an instance last did, asked for its card or bids.
-        logs: The newest log lines, the last one last.
-        reports: By monitor, what it last said.
-        errands: By the message that tells of them, how they stand.
-        truth: The newest of the robot's own simulator.
+        cards: By instance, including instances that are gone.
+        bids: By instance and resource, the newest bid record and its time of arrival. The
+            resource of the newest bid is last.
+        exchanges: The newest changes of the obeyed instance, newest last.
+        rates: By key, the rate of publication.
+        newest: By key, the newest state.
+        answered: By instance, when it last answered a query for its card or bids.
+        logs: The newest log lines, newest last.
+        reports: By monitor, its newest report.
+        errands: By kind of message, the progress of errands.
+        truth: The newest ground truth of the robot's own simulator.
         rests_since: When the robot came to rest; None: it moves.
-        lost_since: When its pose became one that nobody drives by; None: it is not.
-        simulators: All that speak in the namespace, and when they last did.
+        lost_since: When the pose became too uncertain to drive; None: the robot is localized.
+        simulators: All simulators that publish in the namespace, and when they last did.
     """
 
     def __init__(self) -> None:
@@ -166,7 +155,7 @@ class View:
         self.rates: dict[str, Rate] = {}
         self.newest: dict[str, Message] = {}
         self.answered: dict[str, float] = {}
-        self.logs: deque[Said] = deque(maxlen=LINES)
+        self.logs: deque[LogLine] = deque(maxlen=LINES)
         self.reports: dict[str, MonitorReport] = {}
         self.errands: dict[type[Message], tuple[Progress, ...]] = {}
         self.truth: Truth | None = None
@@ -178,7 +167,7 @@ class View:
 
     @classmethod
     def of(cls, cards: Mapping[tuple[str, str], Card | None]) -> View:
-        """Those that are alive, by (name, instance), with their cards; None: it shows none."""
+        """A view of live agents, by (name, instance), with their cards; None: no card."""
         view = cls()
         for (_, instance), card in cards.items():
             view.token(instance, there=True, t=0.0)
@@ -186,14 +175,17 @@ class View:
                 view.learn(card, 0.0)
         return view
 
-    # What comes in -------------------------------------------------------------------------------
+    # Input ---------------------------------------------------------------------------------------
 
     def router(self, *, there: bool, t: float) -> None:
-        """The robot's router can be reached, or cannot: then no token is reported as gone."""
+        """Record whether the robot's router can be reached.
+
+        While it cannot, the mesh reports no token as gone.
+        """
         self.cut_since = None if there else t
 
     def token(self, instance: str, *, there: bool, t: float) -> bool:
-        """A liveliness token came or went; False if that was known."""
+        """Process a liveliness token that appeared or disappeared; False if nothing changed."""
         if (instance in self.alive) == there:
             return False
         if there:
@@ -210,7 +202,7 @@ class View:
         return True
 
     def update(self, key: str, message: Message | None, t: float) -> None:
-        """Something was published on a key, without the namespace; None: it cannot be read."""
+        """Process a publication; the key has no namespace, None cannot be decoded."""
         rate = self.rates.get(key)
         if rate is None:
             service = service_at(key)
@@ -221,29 +213,29 @@ class View:
         if hasattr(message, "cycle") and rate.deadline_s is not None:
             self.newest[key] = message
         if isinstance(message, Log):
-            self.logs.append(Said(t, key.rpartition("/")[2], message))
+            self.logs.append(LogLine(t, key.rpartition("/")[2], message))
         self.learn(message, t)
 
     def learn(self, message: Message, t: float) -> None:
-        """Take a message, published or given in answer."""
-        if isinstance(message, _KEPT):
+        """Process a message, published or a reply."""
+        if isinstance(message, _LATEST):
             self._latest[type(message)] = message, t
         match message:
             case RobotState() | Pose() | Description():
-                self._learn_of_robot(message, t)
+                self._on_robot(message, t)
             case Errands():
                 self.errands[type(message)] = message.errands
             case Truth():
-                self._take_truth(message, t)
+                self._on_truth(message, t)
             case _:
-                self._learn_of_agents(message, t)
+                self._on_agent(message, t)
 
-    def _learn_of_agents(self, message: Message, t: float) -> None:
+    def _on_agent(self, message: Message, t: float) -> None:
         match message:
             case Ack():
-                self._take_ack(message, t)
+                self._on_ack(message, t)
             case Claim():
-                self._take_claim(message, t)
+                self._on_claim(message, t)
             case Card():
                 self.cards[message.instance] = message
                 self.answered[message.instance] = t
@@ -260,130 +252,123 @@ class View:
 
     @property
     def state(self) -> RobotState | None:
-        """The robot agent's."""
         return self._newest_of(RobotState)
 
     @property
-    def heard_at(self) -> float | None:
-        """When that came, s."""
+    def state_at(self) -> float | None:
+        """When the newest robot state arrived, s."""
         return self._latest[RobotState][1] if RobotState in self._latest else None
 
     @property
     def pose(self) -> Pose | None:
-        """Where the robot is by its own estimate."""
         return self._newest_of(Pose)
 
     @property
     def description(self) -> Description | None:
-        """What the robot is."""
         return self._newest_of(Description)
 
     @property
     def mission(self) -> MissionStatus | None:
-        """How the drive to the goal stands."""
         return self._newest_of(MissionStatus)
 
     @property
     def level(self) -> BatteryLevel | None:
-        """The battery sensor agent's."""
         return self._newest_of(BatteryLevel)
 
     @property
     def trajectory(self) -> Trajectory | None:
-        """The path that is driven."""
         return self._newest_of(Trajectory)
 
     @property
     def acks(self) -> dict[str, Ack]:
-        """By resource, its owner's."""
         return {name: each.ack for name, each in self._contested.items() if each.ack is not None}
 
-    # How things stand ----------------------------------------------------------------------------
+    # Derived state -------------------------------------------------------------------------------
 
     @property
     def tasks(self) -> str:
-        """The mission of several tasks that is done now, and how far it is; empty: none is."""
+        """The active mission of several tasks, with its progress; empty if there is none."""
         active = next((each for each in self.missions if each.active), None)
         return "" if active is None else f"{active.name}: {active.summary}"
 
     @property
     def missions(self) -> list[Progress]:
-        """The missions of several tasks that are known."""
+        """All known missions of several tasks."""
         known = (each for of_kind in self.errands.values() for each in of_kind)
         return [each for each in known if each.steps is not None]
 
     @property
     def names(self) -> set[str]:
-        """The agents that are alive."""
+        """The names of the live agents."""
         return {agent_of(instance) for instance in self.alive}
 
     @property
     def agents(self) -> list[Seen]:
-        """The instances that are alive, by name."""
+        """The live instances, sorted by name."""
         return sorted(Seen(agent_of(each), each, self.cards.get(each)) for each in self.alive)
 
     @property
     def complete(self) -> bool:
-        """Whether somebody is alive, and everybody has shown a card."""
+        """Whether any agent is alive and the cards of all live agents are known."""
         return bool(self.alive) and self.alive.keys() <= self.cards.keys()
 
     @property
     def claimed(self) -> list[str]:
-        """The resources that are claimed or owned, as far as was received."""
+        """The resources of which an ack or a claim was received."""
         return sorted(self._contested)
 
     @property
     def resources(self) -> list[str]:
-        """Those, and what an agent's card offers or competes for."""
+        """`claimed`, and the resources that cards own or compete for."""
         offered = {name for card in self.cards.values() for name in (*card.resources, *card.owns)}
         return sorted(offered.union(self.claimed))
 
     @property
     def doubled(self) -> dict[str, list[str]]:
-        """The states that several instances offer to publish: who receives both is misled."""
+        """By key, the instances that provide the same state: a conflict if there are several."""
         by_key: dict[str, list[str]] = {}
         for _, instance, card in self.agents:
             for key in card.provides if card else ():
                 service = service_at(key)
                 if service is not None and service.kind is Kind.STATE:
                     by_key.setdefault(key, []).append(instance)
-        return {key: whose for key, whose in by_key.items() if len(whose) > 1}
+        return {key: instances for key, instances in by_key.items() if len(instances) > 1}
 
     @property
     def controller(self) -> str:
-        """The robot's controller, as it names itself; empty if that is not known."""
+        """The name that the robot's controller reports; empty if it is not known."""
         return "" if self.description is None else self.description.controller
 
     def _own(self, simulator: str) -> bool:
-        """Whether a simulator is the robot's. One without a name is nobody's."""
+        """Whether a simulator is the robot's own; one without a name never is."""
         return simulator == self.controller != ""
 
     def strangers(self, now: float) -> list[str]:
-        """Simulators that speak in the namespace, and none of which is the robot's.
+        """Simulators that publish in the namespace but are not the robot's.
 
-        Where no robot is described, several of them are strangers to one another.
+        If the robot is not described yet, a single simulator is no stranger.
         """
-        spoken = [each for each, at in self.simulators.items() if now - at <= WINDOW_S]
-        others = sorted(each for each in spoken if not self._own(each))
+        active = [each for each, at in self.simulators.items() if now - at <= WINDOW_S]
+        others = sorted(each for each in active if not self._own(each))
         return others if self.description is not None or len(others) > 1 else []
 
     @property
     def stop(self) -> Stop:
-        """The stop as the robot agent last had it; whether it still has it, `stopped` tells."""
+        """The stop in the newest robot state; `stopped` also checks that the state is fresh."""
         return Stop() if self.state is None else self.state.stop
 
     @property
     def battery(self) -> str:
-        """The robot's, for people; empty: nobody says."""
+        """The battery as text; empty if it is not known."""
         return "" if self.state is None else battery(self.state, self.level)
 
     def confidence(self, now: float) -> float | None:
-        """How sure it is of the pose by the map, 0 to 1; None: nobody says so now."""
-        said = self._of_late(Correction, now)
-        return None if said is None else said.confidence
+        """The confidence of the localization, 0 to 1; None without a fresh correction."""
+        correction = self._recent(Correction, now)
+        return None if correction is None else correction.confidence
 
-    def whereabouts(self, now: float) -> str:
-        """How well the pose is known, for people; empty: nobody says."""
+    def pose_text(self, now: float) -> str:
+        """The uncertainty of the pose as text; empty if it is not known."""
         pose = self.pose
         if pose is None or not pose.covariance:
             return ""
@@ -395,32 +380,35 @@ class View:
         return ", ".join([*words, *([] if sure is None else [f"confidence {sure:.2f}"])])
 
     def contenders(self, resource: str) -> list[str]:
-        """The agents that are alive and compete for a resource, by name."""
+        """The names of the live agents that compete for a resource."""
         return [a.name for a in self.agents if a.card and resource in a.card.resources]
 
     def bid(self, instance: str, resource: str = "") -> BidRecord | None:
-        """An instance's newest bid for one resource, or any; or its reason for none; if asked."""
+        """An instance's newest bid record for a resource, or for any if `resource` is empty."""
         known = self.bids.get(instance, {})
         found = known.get(resource) if resource else next(reversed(known.values()), None)
         return None if found is None else found[0]
 
-    def hears_robot(self, now: float) -> bool:
-        """Whether the robot agent's newest state tells of now."""
-        return self.heard_at is not None and now - self.heard_at <= service_of(RobotState).tells_s
+    def state_is_fresh(self, now: float) -> bool:
+        """Whether the newest robot state is fresh."""
+        return (
+            self.state_at is not None
+            and now - self.state_at <= service_of(RobotState).stale_after_s
+        )
 
     def stopped(self, now: float) -> bool | None:
-        """Whether the stop is latched, by the robot agent's own word; None: it says nothing now."""
-        return self.stop.stopped if self.hears_robot(now) else None
+        """Whether the stop is latched; None if the newest robot state is not fresh."""
+        return self.stop.stopped if self.state_is_fresh(now) else None
 
     def hand(self, now: float) -> ByHand | None:
-        """The state of an agent by which a person drives; None: none tells of now."""
+        """The fresh state of an agent through which a person drives; None if there is none."""
         kinds = [kind for kind in self._latest if issubclass(kind, ByHand)]
-        return next((found for kind in kinds if (found := self._of_late(kind, now))), None)
+        return next((found for kind in kinds if (found := self._recent(kind, now))), None)
 
     def driver(self, resource: str, now: float) -> str | None:
-        """The instance that a resource obeys now, as far as its owner's acks tell; None: nobody.
+        """The instance that a resource obeys now, by its owner's acks; None if there is none.
 
-        An owner that is silent obeys no command: what it drove it stops.
+        An owner whose acks have stopped obeys no command.
         """
         known = self._contested.get(resource)
         if known is None or known.ack is None or now - known.acked_at > _quiet_s(known):
@@ -428,20 +416,20 @@ class View:
         return driver(known.ack)
 
     def last_driver(self, resource: str) -> str:
-        """The instance that a resource obeys, or obeyed last; empty: nobody since a release."""
+        """The instance that a resource obeys or obeyed last; empty after a release."""
         known = self._contested.get(resource)
         obeyed = None if known is None or known.ack is None else known.ack.obeyed
         return "" if obeyed is None else obeyed.instance
 
     def claim(self, resource: str, now: float) -> Claim | None:
-        """The claim that stands: of the largest ballot, until it is silent or released."""
+        """The valid claim: that of the largest ballot, until it expires or is released."""
         known = self._contested.get(resource)
         if known is None or known.claim is None or known.claim.utility is None:
             return None
         return known.claim if now - known.claimed_at <= _quiet_s(known) else None
 
     def held_since(self, resource: str) -> float:
-        """When the newest tenure was first claimed, s; infinite if nobody has claimed it."""
+        """When the newest tenure was first claimed, s; infinite if there was no claim."""
         known = self._contested.get(resource)
         return inf if known is None else known.held_since
 
@@ -450,29 +438,28 @@ class View:
     def _newest_of(self, kind: type[M]) -> M | None:
         return cast("M | None", self._latest.get(kind, (None, 0.0))[0])
 
-    def _of_late(self, kind: type[M], now: float) -> M | None:
-        """The same, unless it is too old to tell of now."""
+    def _recent(self, kind: type[M], now: float) -> M | None:
+        """The newest message of a kind, if it is fresh."""
         at = self._latest.get(kind, (None, 0.0))[1]
-        return self._newest_of(kind) if now - at <= service_of(kind).tells_s else None
+        return self._newest_of(kind) if now - at <= service_of(kind).stale_after_s else None
 
-    def _learn_of_robot(self, said: RobotState | Pose | Description, t: float) -> None:
-        """Since when it rests, since when it is lost, and whose the truth is."""
-        match said:
+    def _on_robot(self, message: RobotState | Pose | Description, t: float) -> None:
+        match message:
             case RobotState():
-                rests = max(abs(said.v), abs(said.w)) <= RESTS
+                rests = max(abs(message.v), abs(message.w)) <= RESTS
                 self.rests_since = _since(self.rests_since, t) if rests else None
             case Pose():
-                lost = said.deviation > LOST_M
+                lost = message.deviation > LOST_M
                 self.lost_since = _since(self.lost_since, t) if lost else None
             case Description() if self.truth is not None and not self._own(self.truth.simulator):
                 self.truth = None
 
-    def _take_truth(self, truth: Truth, t: float) -> None:
+    def _on_truth(self, truth: Truth, t: float) -> None:
         self.simulators[truth.simulator] = t
         if self._own(truth.simulator):
             self.truth = truth
 
-    def _take_ack(self, ack: Ack, t: float) -> None:
+    def _on_ack(self, ack: Ack, t: float) -> None:
         known = self._contested.setdefault(ack.resource, _Contested())
         before, period = known.ack, PERIOD
         if before is not None and before.cycle.epoch == ack.cycle.epoch:
@@ -487,7 +474,7 @@ class View:
             ours = claim if claim is not None and claim.ballot.instance == now else None
             self.exchanges.append(Exchanged(t, ack.resource, last, now, ours))
 
-    def _take_claim(self, claim: Claim, t: float) -> None:
+    def _on_claim(self, claim: Claim, t: float) -> None:
         known = self._contested.setdefault(claim.resource, _Contested())
         before = known.claim
         silent = t - known.claimed_at > _quiet_s(known)
@@ -498,7 +485,7 @@ class View:
 
 
 def _quiet_s(known: _Contested) -> float:
-    """A resource whose cycles are long is spoken of seldom."""
+    # Messages about a resource with long cycles are rare.
     return max(QUIET_S, FRESH_CYCLES * known.period)
 
 
@@ -506,12 +493,12 @@ def _since(known: float | None, t: float) -> float:
     return t if known is None else known
 
 
-# How often ----------------------------------------------------------------------------------------
+# Rates --------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Spread:
-    """How far apart messages came, s."""
+    """Intervals between messages, s."""
 
     least: float
     most: float
@@ -520,14 +507,14 @@ class Spread:
 
 
 class Rate:
-    """How often something comes, over the last `WINDOW_S`. Times are s."""
+    """The rate of messages over the last `WINDOW_S`. Times are s."""
 
     def __init__(self, deadline_s: float | None = None) -> None:
-        """Count; a gap longer than the deadline is a missed one."""
+        """Start; an interval longer than the deadline counts as missed."""
         self.count = 0
         self.missed = 0
         self.last: float | None = None
-        self.since = 0.0  # when it came after the last silence, or first
+        self.since = 0.0  # the first message after the last timeout, or the first of all
         self.deadline_s = deadline_s
         self._late = False  # the gap that is still open has been counted
         self._arrivals: deque[float] = deque()
@@ -541,7 +528,7 @@ class Rate:
         self._arrivals.append(at)
 
     def expire(self, now: float) -> None:
-        """Forget what is past, and notice a deadline that has been missed."""
+        """Drop arrivals outside the window, and count a missed deadline."""
         while self._arrivals and now - self._arrivals[0] > WINDOW_S:
             self._arrivals.popleft()
         if self.deadline_s is None or self.last is None or self._late:
@@ -551,7 +538,10 @@ class Rate:
             self.missed += 1
 
     def hz(self, now: float) -> float | None:
-        """Messages a second; None before there are two. Silence counts as soon as it is long."""
+        """Messages per second; None before the second message.
+
+        A pause of more than two mean intervals lowers the rate immediately.
+        """
         self.expire(now)
         if len(self._arrivals) < 2:
             return None if self.count < 2 else 0.0
@@ -563,6 +553,6 @@ class Rate:
         return gaps / max(span, 1e-9)
 
     def spread(self) -> Spread | None:
-        """The gaps in the window; None before there is one."""
+        """The intervals in the window; None before there is one."""
         gaps = [b - a for a, b in pairwise(self._arrivals)]
         return Spread(min(gaps), max(gaps), mean(gaps), pstdev(gaps)) if gaps else None

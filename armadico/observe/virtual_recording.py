@@ -1,6 +1,6 @@
-"""A run on the virtual mesh, kept in an MCAP file as `armadico record` keeps a live one.
+"""Recording of a run on the virtual mesh, as `armadico record` does for a live one.
 
-The agents' journals go past the mesh, so that a run is the same whether it is recorded or not.
+Journals do not pass through the mesh, so a run is the same whether it is recorded or not.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.journals import head
 from armadico.observe.recorder import Recording
 from armadico.observe.translators import translators
-from armadico.observe.watching import ASK_S, Heard, Presence
+from armadico.observe.watching import QUERY_S, Presence, Received
 
+# Time 0 of the virtual clock, s since 1970 (September 2001): in ROS a stamp of 0 is invalid.
 BEGUN: Final = 1_000_000_000
-"""The virtual clock's 0, s since 1970 (in September 2001): in ROS a stamp of 0 is no time."""
 
 
 class Recorded:
-    """Keeps what is said on a virtual mesh; use as a context manager around its run."""
+    """Records a virtual mesh; use as a context manager around its run."""
 
     def __init__(
         self, mesh: VirtualMesh, path: Path, *namespaces: str, world: World | None = None
     ) -> None:
-        """Begin a file that is not there yet, of these robots, with a map. Raises OSError."""
+        """Create a new file for these robots, with a map. Raises OSError."""
         self._mesh, self._namespaces = mesh, namespaces
         self._failure: OSError | None = None
         about = {"namespaces": " ".join(namespaces), "seed": str(mesh.seed)}
@@ -38,39 +38,39 @@ class Recorded:
         self.recording = Recording(path, about, translators=made)
         kinds = dict.fromkeys(each.message for each in services() if each.message is not Ask)
         for name in namespaces:
-            mesh.watch(partial(self._keep, name), *kinds, namespace=name)
+            mesh.watch(partial(self._write_message, name), *kinds, namespace=name)
         mesh.keep_journals(head)
-        self._ask()
+        self._sample()
 
     def __enter__(self) -> Recorded:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file. Raises OSError if not all of the run could be written."""
-        with self._failing():
-            self._keep_journals()
-        with self._failing():
+        """Close the file. Raises OSError if the run could not be written completely."""
+        with self._catch_failure():
+            self._write_journals()
+        with self._catch_failure():
             self.recording.close()
         if (failure := self._failure) is not None:
-            what = f"is not whole: {failure.strerror or failure}"
+            what = f"is incomplete: {failure.strerror or failure}"
             raise OSError(failure.errno, what, str(self.recording.path)) from failure
 
     @contextmanager
-    def _failing(self) -> Iterator[None]:
-        """Keep an OSError until the run is over, which goes on without being recorded."""
+    def _catch_failure(self) -> Iterator[None]:
+        """Store an OSError until the end; the run continues without being recorded."""
         try:
             yield
         except OSError as error:
             self._failure = self._failure or error
 
-    def _ask(self) -> None:
-        """Who is there, with cards and bids, once a second, without being heard."""
+    def _sample(self) -> None:
+        """Write live agents, cards and bids once per second, without messages on the mesh."""
         now = self._mesh.now
-        self._mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
-        with self._failing():
-            self._keep_all(now)
+        self._mesh.call_at(now + QUERY_S, lambda _a, _b: self._sample())
+        with self._catch_failure():
+            self._write_all(now)
 
-    def _keep_all(self, now: float) -> None:
+    def _write_all(self, now: float) -> None:
         for node in self._mesh.nodes:
             where = node.namespace
             if where not in self._namespaces:
@@ -80,27 +80,29 @@ class Recorded:
             self._write(here)
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
-                self._keep(where, CARD.key_for(**names), agent.card(), now, asked=True)
-                self._keep(where, BIDS.key_for(**names), agent.history(), now, asked=True)
-        self._keep_journals()
+                self._write_message(where, CARD.key_for(**names), agent.card(), now, on_query=True)
+                self._write_message(
+                    where, BIDS.key_for(**names), agent.history(), now, on_query=True
+                )
+        self._write_journals()
         if self._failure is None:
             self.recording.flush()
 
-    def _keep_journals(self) -> None:
+    def _write_journals(self) -> None:
         for node in self._mesh.nodes:
             for piece in node.pieces() if node.namespace in self._namespaces else ():
                 key = service_of(JournalPiece).key_for(instance=piece.instance)
-                self._keep(node.namespace, key, piece, self._mesh.now)
+                self._write_message(node.namespace, key, piece, self._mesh.now)
 
-    def _keep(
-        self, namespace: str, key: str, message: Message, now: float, *, asked: bool = False
+    def _write_message(
+        self, namespace: str, key: str, message: Message, now: float, *, on_query: bool = False
     ) -> None:
         data = encode(message)
-        self._write(Heard(namespace, key, data, _ns(now), asked))
+        self._write(Received(namespace, key, data, _ns(now), on_query))
 
-    def _write(self, item: Heard | Presence) -> None:
+    def _write(self, item: Received | Presence) -> None:
         if self._failure is None:
-            with self._failing():
+            with self._catch_failure():
                 self.recording.add(item)
 
 

@@ -1,8 +1,8 @@
-"""What watchers share: all messages in order of arrival, with their times.
+"""Observation of a society: all messages in order of arrival, with times.
 
-A watcher is a guest: it has no token, agents do not see it, and nothing that it does is waited for.
-Unlike an agent it keeps every message, states too, since the one that was overtaken may be the one
-that explains what happened. The queue is bounded; what it had no room for is counted.
+A watcher has no liveliness token, so agents do not see it, and no agent waits for it. Unlike an
+agent it keeps superseded states too, because they may explain what happened. Its queue is bounded;
+dropped messages are counted.
 """
 
 from __future__ import annotations
@@ -27,30 +27,24 @@ if TYPE_CHECKING:
 
 M = TypeVar("M", bound=Message)
 
-WAITING: Final = 20_000
-"""What may wait for a watcher that is busy: at 20 agents, half a minute's talk."""
-
-ASK_S: Final = 1.0
-"""How often everybody is asked for their bids and cards, by whoever watches."""
-
+WAITING: Final = 20_000  # capacity of the queue: half a minute of messages of 20 agents
+QUERY_S: Final = 1.0  # interval of the queries for cards and bids
 EVERYTHING: Final = "**"
-
-HEX: Final = "_hex"
-"""Ends the name of a field that is bytes, written as hexadecimal text."""
+HEX: Final = "_hex"  # suffix of the name of a field of bytes, written as hexadecimal text
 
 
-class Heard(msgspec.Struct, frozen=True):
-    """One payload, and when it came (ns of the watcher's clock)."""
+class Received(msgspec.Struct, frozen=True):
+    """One payload and its time of arrival (ns of the watcher's clock)."""
 
     namespace: str
     key: str
     data: bytes
     at: int
-    asked: bool = False  # a reply to a query of the watcher's, not a publication
+    on_query: bool = False  # a reply to a query of the watcher's, not a publication
 
 
 class Presence(msgspec.Struct, frozen=True):
-    """A liveliness token came or went."""
+    """A liveliness token appeared or disappeared."""
 
     namespace: str
     name: str
@@ -60,7 +54,7 @@ class Presence(msgspec.Struct, frozen=True):
 
 
 class Clock:
-    """Wall time that never steps back: read once, then counted on by the monotonic clock."""
+    """Wall time (ns) that never steps: read once, then advanced by the monotonic clock."""
 
     def __init__(self) -> None:
         self._offset = time.time_ns() - time.monotonic_ns()
@@ -70,21 +64,21 @@ class Clock:
 
 
 class Watcher:
-    """Listens on one mesh for each namespace; they have been opened, and are closed, elsewhere."""
+    """Receives messages on one mesh per namespace; the caller opens and closes the meshes."""
 
     def __init__(self, meshes: Sequence[ZenohMesh], waiting: int = WAITING) -> None:
         self.meshes = tuple(meshes)
         self.clock = Clock()
-        self.dropped = 0  # what there was no room for
-        self._queue: queue.Queue[Heard | Presence] = queue.Queue(waiting)
+        self.dropped = 0  # messages that did not fit into the queue
+        self._queue: queue.Queue[Received | Presence] = queue.Queue(waiting)
 
     def subscribe(self, pattern: str = EVERYTHING) -> None:
-        """Keep messages published on matching keys, in every namespace."""
+        """Receive messages on matching keys, in every namespace."""
         for mesh in self.meshes:
-            mesh.subscribe(pattern, self._receiver(mesh.namespace, asked=False))
+            mesh.subscribe(pattern, self._receiver(mesh.namespace, on_query=False))
 
     def watch_alive(self) -> None:
-        """Keep tokens as they come and go, in every namespace."""
+        """Receive changes of liveliness tokens, in every namespace."""
         for mesh in self.meshes:
 
             def changed(name: str, instance: str, there: bool, ns: str = mesh.namespace) -> None:
@@ -93,111 +87,111 @@ class Watcher:
             mesh.watch_alive(changed)
 
     def watch_router(self, view: View) -> None:
-        """Have a view know whether the robot's router can be reached, at once as it changes."""
+        """Report to a view whenever the robot's router becomes reachable or unreachable."""
         for mesh in self.meshes:
             mesh.watch_router(lambda there: view.router(there=there, t=self.clock() / 1e9))
 
-    def ask(self, pattern: str, timeout: float) -> None:
-        """Put an empty question; the replies are kept as they come."""
+    def query(self, pattern: str, timeout: float) -> None:
+        """Send an empty query; the replies are queued as they arrive."""
         for mesh in self.meshes:
-            mesh.ask(
-                pattern, Ask(), timeout, self._receiver(mesh.namespace, asked=True), lambda: None
+            mesh.query(
+                pattern, Ask(), timeout, self._receiver(mesh.namespace, on_query=True), lambda: None
             )
 
-    def ask_for_piece(self, namespace: str, instance: str, number: int, timeout: float) -> None:
-        """Ask an instance for a piece of its journal again."""
+    def query_piece(self, namespace: str, instance: str, number: int, timeout: float) -> None:
+        """Query a piece of an instance's journal again."""
         key = service_of(JournalRequest).key_for(instance=instance)
         for mesh in self.meshes:
             if mesh.namespace == namespace:
-                taken = self._receiver(namespace, asked=True)
-                mesh.ask(key, JournalRequest(number), timeout, taken, lambda: None)
+                on_reply = self._receiver(namespace, on_query=True)
+                mesh.query(key, JournalRequest(number), timeout, on_reply, lambda: None)
 
-    def ask_for_cards(self, timeout: float = 1.0) -> None:
-        self.ask(CARD.key_for(name="*", instance="*"), timeout)
+    def query_cards(self, timeout: float = 1.0) -> None:
+        self.query(CARD.key_for(name="*", instance="*"), timeout)
 
-    def ask_for_bids(self, timeout: float = 1.0) -> None:
-        """Query everybody's recent bids, losers' too."""
-        self.ask(BIDS.key_for(name="*", instance="*"), timeout)
+    def query_bids(self, timeout: float = 1.0) -> None:
+        """Query the recent bids of all agents, including those that lost."""
+        self.query(BIDS.key_for(name="*", instance="*"), timeout)
 
-    def get(self, timeout: float) -> Heard | Presence | None:
-        """The next thing that came; None if nothing does within `timeout` (s)."""
+    def get(self, timeout: float) -> Received | Presence | None:
+        """The next item; None if none arrives within `timeout` (s)."""
         try:
             return self._queue.get(block=timeout > 0, timeout=max(timeout, 0.0))
         except queue.Empty:
             return None
 
-    def until(self, deadline: float) -> Iterator[Heard | Presence]:
-        """What comes until a time of `time.monotonic` (s)."""
+    def until(self, deadline: float) -> Iterator[Received | Presence]:
+        """The items that arrive until a time of `time.monotonic` (s)."""
         while (left := deadline - time.monotonic()) > 0:
             item = self.get(left)
             if item is not None:
                 yield item
 
-    def _receiver(self, namespace: str, *, asked: bool) -> Any:
+    def _receiver(self, namespace: str, *, on_query: bool) -> Any:
         def arrived(key: str, data: bytes) -> None:
-            self._put(Heard(namespace, key, data, self.clock(), asked))
+            self._put(Received(namespace, key, data, self.clock(), on_query))
 
         return arrived
 
-    def _put(self, item: Heard | Presence) -> None:
+    def _put(self, item: Received | Presence) -> None:
         try:
             self._queue.put_nowait(item)
         except queue.Full:
             self.dropped += 1
 
 
-# What a payload is --------------------------------------------------------------------------------
+# Decoding -----------------------------------------------------------------------------------------
 
 
 def kind_at(key: str) -> type[Message] | None:
-    """The message that is published, or replied, on a key; None if no service has that key."""
+    """The type of message published or replied on a key; None if no service has the key."""
     service = service_at(key)
     if service is None:
         return None
     return service.reply if service.kind is Kind.QUERY else service.message
 
 
-def read(heard: Heard) -> Message | None:
-    """The message in a payload; None if its key is not known. Raises MessageError."""
-    kind = kind_at(heard.key)
-    return None if kind is None else decode(heard.data, kind)
+def read(item: Received) -> Message | None:
+    """The message in a payload; None if its key is unknown. Raises MessageError."""
+    kind = kind_at(item.key)
+    return None if kind is None else decode(item.data, kind)
 
 
-def read_or_none(heard: Heard) -> Message | None:
-    """The message in a payload, if there is one."""
+def read_or_none(item: Received) -> Message | None:
+    """The message in a payload; None if its key is unknown or it cannot be decoded."""
     try:
-        return read(heard)
+        return read(item)
     except MessageError:
         return None
 
 
-def show(view: View | Chronicle, item: Heard | Presence) -> None:
-    """Have a view, or a chronicle, know of one thing that came."""
+def show(view: View | Chronicle, item: Received | Presence) -> None:
+    """Pass one item to a view or a chronicle."""
     if isinstance(item, Presence):
         view.token(item.instance, there=item.there, t=item.at / 1e9)
         return
     message = read_or_none(item)
-    if not item.asked:
+    if not item.on_query:
         view.update(item.key, message, item.at / 1e9)
     elif message is not None:
         view.learn(message, item.at / 1e9)
 
 
 def listen(watcher: Watcher, to: View | Chronicle, for_s: float) -> None:
-    """Show a view what comes for so long (s), and have everybody asked for cards and bids."""
+    """Update a view for `for_s` seconds, and query cards and bids meanwhile."""
     end = time.monotonic() + for_s
     while (now := time.monotonic()) < end:
-        watcher.ask_for_cards()
-        watcher.ask_for_bids()
-        for item in watcher.until(min(end, now + ASK_S)):
+        watcher.query_cards()
+        watcher.query_bids()
+        for item in watcher.until(min(end, now + QUERY_S)):
             show(to, item)
 
 
 def as_object(value: Any) -> Any:
-    """A message as a dictionary by field names, through and through; what is None is left out.
+    """A message as a nested dictionary by field names; fields that are None are omitted.
 
-    So a number that may be missing is a number in the schema, which is what plotting tools expect.
-    An action that is a message, encoded, is hexadecimal text in a field of its own, `<name>_hex`.
+    An optional number thus stays a number in the schema, as plotting tools expect. Encoded bytes
+    become hexadecimal text in a separate field, `<name>_hex`.
     """
     if isinstance(value, msgspec.Struct):
         fields = ((name, getattr(value, name)) for name in value.__struct_fields__)
@@ -214,7 +208,7 @@ def as_object(value: Any) -> Any:
 
 
 def from_object(kind: type[M], found: Any) -> M:
-    """The message that `as_object` was given. Raises MessageError."""
+    """The message from a result of `as_object`. Raises MessageError."""
     try:
         plain = _arrays(_type_info(kind), found)
         return msgspec.convert(plain, kind)
@@ -226,7 +220,7 @@ _type_info = cache(inspect.type_info)
 
 
 def _arrays(kind: inspect.Type, found: Any) -> Any:
-    """Objects back to the arrays that messages travel as."""
+    """Objects converted back to the arrays of the wire format."""
     if isinstance(kind, inspect.StructType):
         return [_field(field, found) for field in kind.fields]
     if isinstance(kind, inspect.UnionType):
@@ -237,7 +231,7 @@ def _arrays(kind: inspect.Type, found: Any) -> Any:
 
 
 def _field(field: inspect.Field, found: dict[str, Any]) -> Any:
-    """One field; one that an older recording does not have is as its default."""
+    """The value of one field; its default if an older recording lacks it."""
     if field.name + HEX in found:
         return bytes.fromhex(found[field.name + HEX])
     if field.name in found or field.default is msgspec.NODEFAULT:
@@ -247,7 +241,7 @@ def _field(field: inspect.Field, found: dict[str, Any]) -> Any:
 
 @cache
 def json_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
-    """The JSON schema of `as_object`'s result: no references and no unions, which few read."""
+    """The JSON schema of `as_object`'s result, without references and unions (little support)."""
     return {"title": kind.__name__, **_schema(inspect.type_info(kind))}
 
 
@@ -284,7 +278,7 @@ def _may_be_bytes(kind: inspect.Type) -> bool:
 
 
 def _not_none(kind: inspect.UnionType) -> inspect.Type:
-    """What it is, unless it is missing, or bytes: those have a field of their own."""
+    """The type of an optional field without None and bytes (which have their own field)."""
     aside = (inspect.NoneType, inspect.BytesType)
     (only,) = (each for each in kind.types if not isinstance(each, aside))
     return only

@@ -1,9 +1,9 @@
-"""Why a society did what it did: moments, exchanges, stops and collisions, explained (sans-IO).
+"""Explanations of moments, exchanges, stops and collisions (sans-IO).
 
-A `Chronicle` is shown what a watcher hears, live or of a recording, in order and with its times. It
-keeps the last seconds, and explains a moment when it is over: losers publish nothing, so what they
-would have done comes only when they are asked, about a second later. Each answer is a struct, its
-sentences and the cause where the reasons end (`armadico.observe.standing`).
+A `Chronicle` receives the messages of a live society or of a recording, in order and with times.
+It explains a moment about a second later: contenders that lost publish nothing, so their bids are
+known only from the next query. Each answer is a struct with sentences and a cause
+(`armadico.observe.standing`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 from msgspec.structs import replace
 
-from armadico.core.agent import AT_WORK, REPORT_S
+from armadico.core.agent import EXPECTED_REFUSALS, REPORT_S, WARNING
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
@@ -47,8 +47,8 @@ from armadico.observe.explained import (
     Input,
     Moment,
     Press,
-    bid_told,
-    contest_told,
+    describe_bid,
+    describe_contest,
     outbid,
 )
 from armadico.observe.standing import NO_TABLE, Cause, Hosts, Installed, Sort, standing
@@ -56,27 +56,27 @@ from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 T = TypeVar("T")
 
+# Delay after which the bids of a moment are known: agents are queried once per second.
 LATER_S: Final = 1.6
-"""Bids of a moment are known so much later: everybody is asked once a second."""
 
+# Cycles of bids, claims and commands in memory: longer than LATER_S, because a released resource
+# may stay free for a while before the next exchange.
 KEPT_CYCLES: Final = 200
-"""Bids, claims and commands of so many cycles are kept: of more than `LATER_S`, and of a holder
-that let go and that nobody took over from for a while."""
 
+# Maximum number of exchanges, stops, collisions and moments in memory; the oldest are dropped.
 MOST: Final = 10_000
-"""Exchanges, stops, collisions and moments that are kept, the last ones."""
 
+# A contender whose newest bid is more cycles older than a moment computed no bid for it.
 AGO: Final = FRESH_CYCLES
-"""A contender whose newest bid is more cycles older than a moment had no turn then."""
 
+# An obstacle reported this close to the footprint counts as detected.
 NEAR_M: Final = 0.1
-"""What is known so near to the outline was known to be in the way."""
 
+# Recordings of virtual runs contain token changes up to this much late.
 GONE_S: Final = 1.0
-"""A recording of a virtual run has tokens so much late."""
 
+# Age limit of the refused commands that a moment lists.
 REFUSED_S: Final = 1.0
-"""Refusals of so long before a moment are told."""
 
 
 @dataclass
@@ -84,7 +84,7 @@ class _Pressed:
     number: int
     t: float
     stop: Stop
-    before: bool  # the robot was heard
+    before: bool  # latched before the first robot state was received
     stood: float | None = None
     released: float | None = None
     released_by: str = ""
@@ -92,11 +92,11 @@ class _Pressed:
 
 @dataclass
 class _Snapshot:
-    """What was known at a time, until the bids of then are."""
+    """The state at a time `t`, kept until the bids of that time are known."""
 
     t: float
     state: RobotState | None
-    said: tuple[str, ...]  # of the robot
+    sentences: tuple[str, ...]  # about the robot
     stands: bool
     cause: Cause | None
     contests: list[Contest]
@@ -105,44 +105,43 @@ class _Snapshot:
 
 
 @dataclass
-class _Taken:
-    """An exchange, until it is over and the bids of then are known."""
+class _Takeover:
+    """An exchange, kept until it is over and the bids of that time are known."""
 
     t: float
     ack: Ack
     loser: Claim | None
     lost: str
     winner: str
-    heard: float  # when the loser last claimed, s
+    claimed_at: float  # when the loser last claimed, s
     snapshot: _Snapshot
     blended: int = 0
 
 
 @dataclass
 class _History:
-    """What was received about one resource, the last `KEPT_CYCLES` of it."""
+    """The last `KEPT_CYCLES` messages about one resource."""
 
-    owner: Owner | None  # judges as its owner does; None: it has cycles of its own
-    obeyed: str = ""  # the instance that was obeyed last
+    owner: Owner | None  # judges as the real owner does; None: the resource has its own cycles
+    obeyed: str = ""  # the instance obeyed last
     exchanges: int = 0
     claims: deque[tuple[float, Claim]] = field(default_factory=lambda: deque(maxlen=KEPT_CYCLES))
 
 
 @dataclass
 class _Touch:
-    """What the robot has touched so far."""
+    """Contacts of the robot so far."""
 
-    collisions: int = 0  # by the truth
-    bumped: int = 0  # of those, how often somebody walked into it
-    felt: bool = False  # by the robot's own report, now
+    collisions: int = 0  # ground truth
+    bumped: int = 0  # of these, by people walking into the robot
+    felt: bool = False  # the robot reports contact now
 
 
-_Pending = _Snapshot | _Taken | tuple[_Snapshot, Cause, str]
-"""What is explained later; the tuple is a collision."""
+_Pending = _Snapshot | _Takeover | tuple[_Snapshot, Cause, str]  # the tuple is a collision
 
 
 class Chronicle:
-    """Takes what a watcher hears, in order; times are s by one clock."""
+    """Explains a society from its messages, received in order; times are s of one clock."""
 
     def __init__(
         self,
@@ -152,14 +151,14 @@ class Chronicle:
         hosts: Hosts = NO_TABLE,
         begun: float = 0.0,
     ) -> None:
-        """Nothing was heard yet.
+        """Start without messages.
 
         Args:
-            recomputed: Bids that nobody was asked for in time, by instance and resource, oldest
-                first, if journals were gone through again for them.
-            installed: As `standing` takes it.
-            hosts: As `standing` takes it.
-            begun: When it is shown the first, s: what is told of times counts from then.
+            recomputed: Bids replayed from journals, by instance and resource, oldest first. They
+                replace bids that were not queried in time.
+            installed: See `standing`.
+            hosts: See `standing`.
+            begun: Start of the observation, s; reported times count from it.
         """
         self.installed, self.hosts, self._begun = installed, hosts, begun
         self.view = View()
@@ -176,35 +175,34 @@ class Chronicle:
         self._pending: deque[_Pending] = deque()
         self._touch = _Touch()
 
-    # What comes in -------------------------------------------------------------------------------
+    # Input ---------------------------------------------------------------------------------------
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
-        """A liveliness token came or went."""
-        self._pass(t)
+        self._advance(t)
         self.view.token(instance, there=there, t=t)
 
     def update(self, key: str, message: Message | None, t: float) -> None:
-        """Something was published on a key; None: it cannot be read."""
-        self._pass(t)
-        unheard, truth = self.view.state is None, self.view.truth
+        """Process a publication; a message of None cannot be decoded."""
+        self._advance(t)
+        first, truth = self.view.state is None, self.view.truth
         self.view.update(key, message, t)
         match message:
             case RobotState():
-                self._take_state(message, t, first=unheard)
+                self._on_state(message, t, first=first)
             case Truth() if self.view.truth is message:
-                self._take_truth(message, begun=truth is not None)
+                self._on_truth(message, begun=truth is not None)
             case Stop():
-                self._take_stop(message, t, before=unheard)
+                self._on_stop(message, t, before=first)
             case Claim():
-                self._take_claim(message, t)
+                self._on_claim(message, t)
             case Command():
-                self._take_command(message, t)
+                self._on_command(message, t)
             case Ack():
-                self._take_ack(message, t)
+                self._on_ack(message, t)
 
     def learn(self, message: Message, t: float) -> None:
-        """Somebody answered, or a recording has what it answered."""
-        self._pass(t)
+        """Process a reply to a query, live or from a recording."""
+        self._advance(t)
         self.view.learn(message, t)
         if isinstance(message, BidHistory):
             for bid in message.bids:
@@ -215,12 +213,12 @@ class Chronicle:
                     kept.append(bid)
 
     def mark(self, t: float) -> None:
-        """Explain a moment, now, once its bids are known; it comes into `moments`."""
+        """Explain the present moment once its bids are known; the result is added to `moments`."""
         self.now = t
         self._pending.append(self._snapshot())
 
     def finish(self) -> None:
-        """There is nothing more to come."""
+        """Explain everything that is pending; no more messages follow."""
         while self._pending:
             self._explain(self._pending.popleft())
 
@@ -230,7 +228,7 @@ class Chronicle:
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _pass(self, t: float) -> None:
+    def _advance(self, t: float) -> None:
         self.now = t
         while self._pending and self._at(self._pending[0]) + LATER_S <= t - self._begun:
             self._explain(self._pending.popleft())
@@ -242,20 +240,19 @@ class Chronicle:
     def _explain(self, what: _Pending) -> None:
         if isinstance(what, _Snapshot):
             _keep(self.moments, self._moment(what))
-        elif isinstance(what, _Taken):
+        elif isinstance(what, _Takeover):
             _keep(self.exchanges, self._exchange(what))
         else:
             snapshot, cause, text = what
             moment = self._moment(snapshot)
             number = self.collisions[-1].number + 1 if self.collisions else 1
-            said = (text, *moment.sentences, cause.what)
-            collision = Collision(number, snapshot.t, said, cause, moment)
-            _keep(self.collisions, collision)
+            sentences = (text, *moment.sentences, cause.what)
+            _keep(self.collisions, Collision(number, snapshot.t, sentences, cause, moment))
 
-    def _take_state(self, state: RobotState, t: float, *, first: bool) -> None:
+    def _on_state(self, state: RobotState, t: float, *, first: bool) -> None:
         self._clock.advance(state.cycle, t)
         if state.stop.stopped:
-            self._take_stop(state.stop, t, before=first)
+            self._on_stop(state.stop, t, before=first)
         for pressed in self._pressed[-1:]:
             if (
                 pressed.stood is None
@@ -265,19 +262,19 @@ class Chronicle:
                 pressed.stood = t - self._begun - pressed.t
         felt = state.touch is not None or state.stalled
         if felt and not self._touch.felt and self.view.truth is None:
-            self._collide("It touches something, by its own word.", bumped=False)
+            self._collide("The robot reports contact with an obstacle.", bumped=False)
         self._touch.felt = felt
 
-    def _take_truth(self, truth: Truth, *, begun: bool) -> None:
+    def _on_truth(self, truth: Truth, *, begun: bool) -> None:
         touch = self._touch
         if begun and truth.collisions > touch.collisions:
             bumped = truth.bumped > touch.bumped
-            what = "Somebody walks into it." if bumped else "It touches something."
+            what = "A person walks into the robot." if bumped else "The robot touches an obstacle."
             self._collide(what, bumped=bumped)
         touch.collisions, touch.bumped = truth.collisions, truth.bumped
 
-    def _take_stop(self, stop: Stop, t: float, *, before: bool) -> None:
-        # A state that was on its way may still show the press before.
+    def _on_stop(self, stop: Stop, t: float, *, before: bool) -> None:
+        # A delayed state may still contain the previous press.
         known = next((each for each in self._pressed if each.stop.press == stop.press), None)
         if known is None and stop.stopped:
             number = self._pressed[-1].number + 1 if self._pressed else 1
@@ -285,20 +282,20 @@ class Chronicle:
         elif known is not None and not stop.stopped and known.released is None:
             known.released, known.released_by = t - self._begun, stop.by
 
-    def _take_claim(self, claim: Claim, t: float) -> None:
+    def _on_claim(self, claim: Claim, t: float) -> None:
         history = self._of(claim.resource)
         history.claims.append((t, claim))
         if history.owner is not None:
             history.owner.on_claim(claim)
         for each in self._pending:
             if (
-                isinstance(each, _Taken)
+                isinstance(each, _Takeover)
                 and claim.ballot == each.ack.obeyed
                 and claim.commanded != claim.wanted
             ):
                 each.blended += 1
 
-    def _take_command(self, command: Command, t: float) -> None:
+    def _on_command(self, command: Command, t: float) -> None:
         owner = self._of(command.resource).owner
         if owner is not None:
             verdict = owner.judge(command, t, stopped=self._stops(command.resource))
@@ -309,7 +306,7 @@ class Chronicle:
         return resource is not None and resource.stops and self.view.stop.stopped
 
     def _of(self, name: str) -> _History:
-        """What was received about a resource; it is judged if its cycles are the robot's."""
+        """The history of a resource; commands are judged only if its cycles are the robot's."""
         if name not in self._history:
             resource = declared(name)
             robots = resource is not None and resource.period_s is None
@@ -317,7 +314,7 @@ class Chronicle:
             self._history[name] = _History(owner)
         return self._history[name]
 
-    def _take_ack(self, ack: Ack, t: float) -> None:
+    def _on_ack(self, ack: Ack, t: float) -> None:
         driver = self.view.driver(ack.resource, t)
         if driver is None or ack.obeyed is None:
             return
@@ -329,7 +326,7 @@ class Chronicle:
         at, last = theirs[-1] if theirs else (float("-inf"), None)
         blended = sum(c.ballot == ack.obeyed and c.commanded != c.wanted for _, c in history.claims)
         since = t - self._begun
-        taken = _Taken(since, ack, last, before, driver, at, self._snapshot(), blended)
+        taken = _Takeover(since, ack, last, before, driver, at, self._snapshot(), blended)
         self._pending.append(taken)
 
     def _collide(self, what: str, *, bumped: bool) -> None:
@@ -391,18 +388,22 @@ class Chronicle:
         return others[-1].instance if others else ""
 
     def _refused(self, name: str) -> Iterator[str]:
-        """Which commands were refused of late, and why; of each agent its last reason.
+        """Commands refused recently, with the last reason for each agent.
 
-        By a judge as its owner's, and by the owner's own word, which is told now and then.
+        Sources: the owner's warnings, which are rate-limited, and `Owner` applied here.
         """
-        for said in self.view.logs:
-            if self.now - said.at <= REPORT_S and said.log.event == LogEvent.COMMANDS_REFUSED:
-                yield said.log.text
+        for line in self.view.logs:
+            card = self.view.cards.get(line.instance)
+            owned = card is None or name in card.owns
+            # An exchange causes refusals, too; the owner reports these below the level of warnings.
+            warned = line.log.event == LogEvent.COMMANDS_REFUSED and line.log.level >= WARNING
+            if owned and warned and self.now - line.at <= REPORT_S:
+                yield line.log.text
         newest = {}
         for at, command, verdict in self._commands:
             if command.resource == name and self.now - at <= REFUSED_S:
                 newest[command.ballot.instance] = verdict
-        fine = {Verdict.OBEYED, Verdict.RELEASED, *AT_WORK}
+        fine = {Verdict.OBEYED, Verdict.RELEASED, *EXPECTED_REFUSALS}
         for instance, verdict in newest.items():
             if verdict not in fine:
                 yield f"commands refused: {agent_of(instance)}: {verdict}"
@@ -414,13 +415,13 @@ class Chronicle:
         )
         number = None if cycle is None else cycle.number
         at = "" if number is None else f", cycle {number}"
-        said = [f"At {of.t:.2f} s{at}:", *of.said]
+        sentences = [f"At {of.t:.2f} s{at}:", *of.sentences]
         for each in contests:
-            said += contest_told(each)
+            sentences += describe_contest(each)
         cause = of.cause
         if cause is None and contests:
             cause = outbid(contests[0])
-        return Moment(of.t, number, of.stands, contests, tuple(said), cause)
+        return Moment(of.t, number, of.stands, contests, tuple(sentences), cause)
 
     def _biddings(self, name: str, cycle: Cycle | None, of: _Snapshot) -> tuple[Bidding, ...]:
         found = []
@@ -445,11 +446,11 @@ class Chronicle:
         return tuple(found)
 
     def _record(self, instance: str, name: str, cycle: Cycle | None, t: float) -> BidRecord | None:
-        """Its newest bid that answers a cycle, or one shortly before."""
+        """The instance's newest bid for a cycle or at most `AGO` cycles before it."""
         kept = self._records.get((instance, name), ())
         resource = declared(name)
         if resource is not None and resource.period_s is not None:
-            ack = self.view.acks.get(name)  # a resource with cycles of its own: those of then
+            ack = self.view.acks.get(name)  # the resource has its own cycles
             back = 0 if ack is None else int((self.now - self._begun - t) / resource.period_s)
             cycle = None if ack is None else Cycle(ack.cycle.epoch, max(0, ack.cycle.number - back))
         if cycle is None:
@@ -461,23 +462,23 @@ class Chronicle:
 
     # An exchange ---------------------------------------------------------------------------------
 
-    def _exchange(self, of: _Taken) -> Exchange:
+    def _exchange(self, of: _Takeover) -> Exchange:
         ack, resource = of.ack, of.ack.resource
         ballot = ack.obeyed
-        assert ballot is not None, "somebody is obeyed"
+        assert ballot is not None, "an exchange has a new ballot"
         cycle = ack.obeyed_cycle or ack.cycle
         bids = self._biddings(resource, cycle, of.snapshot)
         loser, winner = agent_of(of.lost), agent_of(of.winner)
         cause = self._how(of, bids)
         critical = ", critical" if ballot.critical else ""
-        said = [
+        sentences = [
             f"At {of.t:.2f} s, cycle {cycle.number}: {winner} took {resource} over from {loser}.",
-            f"{winner} cast term {ballot.term} with {ballot.utility:.2f}{critical}.",
+            f"{winner}'s ballot: term {ballot.term}, utility {ballot.utility:.2f}{critical}.",
             cause.what,
         ]
-        said += [bid_told(each) for each in bids]
+        sentences += [describe_bid(each) for each in bids]
         if of.blended:
-            said.append(f"Its action was blended with {loser}'s for {of.blended} cycles.")
+            sentences.append(f"Its action was blended with {loser}'s for {of.blended} cycles.")
         history = self._of(resource)
         history.exchanges += 1
         return Exchange(
@@ -488,111 +489,108 @@ class Chronicle:
             of.lost,
             of.winner,
             of.blended,
-            tuple(said),
+            tuple(sentences),
             cause,
             bids,
         )
 
-    def _how(self, of: _Taken, bids: tuple[Bidding, ...]) -> Cause:
-        """Why the one let go of it, or was beaten."""
-        loser, winner, ballot, last = (
-            agent_of(of.lost),
-            agent_of(of.winner),
-            of.ack.obeyed,
-            of.loser,
-        )
-        assert ballot is not None, "somebody is obeyed"
+    def _how(self, of: _Takeover, bids: tuple[Bidding, ...]) -> Cause:
+        """Why the loser lost or released the resource."""
+        loser, winner = agent_of(of.lost), agent_of(of.winner)
+        ballot, last = of.ack.obeyed, of.loser
+        assert ballot is not None, "an exchange has a new ballot"
         gone = self.view.gone.get(of.lost)
-        if (
-            gone is not None and gone - self._begun - of.t <= GONE_S
-        ):  # tokens may be looked at once a second
-            what = f"{loser} was gone: killed, crashed, or with its host."
-            return Cause(Sort.ABSENT, loser, what, f"`armadico logs {loser}` has its last words")
+        if gone is not None and gone - self._begun - of.t <= GONE_S:
+            what = f"{loser} was no longer alive: it was killed, it crashed, or its host failed."
+            return Cause(Sort.ABSENT, loser, what, f"see `armadico logs {loser}`")
         if last is None:
-            return Cause(Sort.UNKNOWN, loser, f"Nothing was heard of {loser}.")
+            return Cause(Sort.UNKNOWN, loser, f"No claim of {loser} was received.")
         if last.utility is None:
             record = self._record(of.lost, of.ack.resource, last.cycle, of.t)
             why = f": {record.reason}" if record is not None and record.reason else ""
-            ago = of.t + self._begun - of.heard
-            what = f"{loser} had released it {ago:.1f} s before{why}."
+            ago = of.t + self._begun - of.claimed_at
+            what = f"{loser} had released it {ago:.1f} s earlier{why}."
             return Cause(Sort.RELEASED, loser, what)
         theirs = self._first(of)
-        if theirs is not None and theirs[0] - of.heard > SILENCE * self._clock.period:
-            what = f"{loser} had been silent for {theirs[0] - of.heard:.2f} s."
-            return Cause(Sort.SILENT, loser, what, f"`armadico logs {loser}`")
+        if theirs is not None and theirs[0] - of.claimed_at > SILENCE * self._clock.period:
+            what = f"{loser} had published no claim for {theirs[0] - of.claimed_at:.2f} s."
+            return Cause(Sort.SILENT, loser, what, f"see `armadico logs {loser}`")
         bid = Bid(ballot.utility, (), ballot.critical)
         resource = declared(of.ack.resource)
         if not beats(bid, last, 0.0 if resource is None else resource.margin):
-            what = f"{loser} still claimed it with {last.utility:.2f}, and was not obeyed."
-            return Cause(Sort.LINK, loser, what, "look at the network around it")
+            what = f"{loser} still claimed it with {last.utility:.2f}, but was not obeyed."
+            return Cause(Sort.LINK, loser, what, f"check the network connection of {loser}")
         if ballot.critical and not last.critical:
-            what = f"{winner} was about to touch something, {loser} ({last.utility:.2f}) was not."
+            what = f"{winner}'s bid was critical (a collision was near), "
+            what += f"{loser}'s bid of {last.utility:.2f} was not."
         else:
-            what = f"{winner}'s {ballot.utility:.2f} beat {loser}'s {last.utility:.2f}."
+            what = f"{winner}'s bid of {ballot.utility:.2f} beat {loser}'s {last.utility:.2f}."
         why = next((each.reason for each in bids if each.instance == of.winner), "")
         return Cause(Sort.OUTBID, winner, what + (f" {winner}: {why}." if why else ""))
 
-    def _first(self, of: _Taken) -> tuple[float, Claim] | None:
+    def _first(self, of: _Takeover) -> tuple[float, Claim] | None:
         claims = self._of(of.ack.resource).claims
         return next(((at, c) for at, c in claims if c.ballot == of.ack.obeyed), None)
 
     # A stop --------------------------------------------------------------------------------------
 
     def _press(self, of: _Pressed) -> Press:
-        by = of.stop.who
-        when = "Before it was listened" if of.before else f"At {of.t:.2f} s"
-        said = [f"{when} {by} latched the stop."]
+        by = of.stop.requester
+        when = "Before the observation began," if of.before else f"At {of.t:.2f} s"
+        found = [f"{when} {by} latched the stop."]
         if of.before:
-            said.append("How soon the robot stood then nobody heard.")
+            found.append("The time until the robot stood is not known.")
         elif of.stood is None:
-            said.append("The robot is not known to have stood.")
+            found.append("The robot was not observed to come to rest.")
         else:
-            said.append(f"The robot stood {of.stood:.1f} s later.")
+            found.append(f"The robot stood {of.stood:.1f} s later.")
         if of.released is not None:
-            said.append(f"{of.released_by or 'Somebody'} released it at {of.released:.2f} s.")
+            sender = f" by {of.released_by}" if of.released_by else ""
+            found.append(f"It was released{sender} at {of.released:.2f} s.")
         elif anew := next((each for each in self._pressed if each.number > of.number), None):
-            who = anew.stop.who
-            said.append(f"Before it was released {who} latched another at {anew.t:.2f} s.")
+            found.append(
+                f"{anew.stop.requester} latched another stop at {anew.t:.2f} s before a release."
+            )
         else:
-            said.append("Nobody has released it.")
-        cause = Cause(Sort.STOP, by, said[0], release(of.stop))
+            found.append("It has not been released.")
+        cause = Cause(Sort.STOP, by, found[0], release(of.stop))
         stood = None if of.before else of.stood
-        return Press(of.number, of.t, by, stood, of.released, of.released_by, tuple(said), cause)
+        return Press(of.number, of.t, by, stood, of.released, of.released_by, tuple(found), cause)
 
     # A collision ---------------------------------------------------------------------------------
 
     def _struck_by(self, *, bumped: bool) -> Cause:
-        """What led to it, as far as it was known just before."""
+        """The cause of a collision, from the state just before it."""
         view = self.view
         if bumped:
-            return Cause(Sort.BUMPED, "", "Somebody walked into it, however it drove.")
+            return Cause(Sort.BUMPED, "", "A person walked into the robot.")
         driver = view.driver(WHEELS.name, self.now) or view.last_driver(WHEELS.name)
-        name = agent_of(driver) if driver else "nobody"
+        name = agent_of(driver) if driver else "no agent"
         found = [o for o in view.newest.values() if isinstance(o, Obstacles)]
         if not found:
-            return Cause(Sort.UNSEEN, "", "No obstacles were known at all.")
+            return Cause(Sort.UNSEEN, "", "No agent had published obstacles.")
         for each in found:
             age = _age(each.cycle, None if view.state is None else view.state.cycle)
             if age is None or age > FRESH_CYCLES:
-                what = (
-                    f"What {each.sensor} knew was {age if age is not None else 'many'} cycles old."
-                )
+                old = "many" if age is None else age
+                what = f"The obstacles published by {each.sensor} were {old} cycles old."
                 return Cause(Sort.STALE, each.sensor, what)
         near = self._nearest(found)
         if near is None or near > NEAR_M:
-            far = "nothing at all" if near is None else f"nothing nearer than {near:.2f} m"
+            far = "no obstacle" if near is None else f"no obstacle nearer than {near:.2f} m"
             sensors = " and ".join(sorted({each.sensor for each in found}))
-            what = f"It was not known to be there: {sensors} knew of {far}."
+            what = f"The obstacle was not detected: {sensors} reported {far}."
             return Cause(Sort.UNSEEN, sensors, what)
-        what = f"It was known, {max(near, 0.0):.2f} m from the outline, and {name} drove."
-        return Cause(Sort.DRIVEN, name, what, f"look at {name}'s bids before it")
+        what = f"The obstacle was detected, {max(near, 0.0):.2f} m from the footprint, "
+        what += f"and {name} drove."
+        return Cause(Sort.DRIVEN, name, what, f"check {name}'s bids before the collision")
 
     def _nearest(self, found: list[Obstacles]) -> float | None:
-        """From the robot's outline to the nearest that was known, m."""
-        said = self.view.description
-        if said is None:
+        """Distance from the robot's footprint to the nearest obstacle point, m."""
+        description = self.view.description
+        if description is None:
             return None
-        outline = Body.of(said).outline
+        outline = Body.of(description).outline
         away = [outline.clearance(p.x, p.y) for each in found for p in each.points]
         return min(away, default=None)
 
@@ -603,7 +601,7 @@ def _keep(kept: list[T], one: T) -> None:
 
 
 def _answering(bids: Iterable[BidRecord], cycle: Cycle) -> list[BidRecord]:
-    """Those that answer a cycle, or one shortly before."""
+    """The bids for a cycle or at most `AGO` cycles before it."""
     return [
         bid
         for bid in bids
@@ -620,7 +618,6 @@ def _inputs(bid: BidRecord, newest: dict[str, Message], cycle: Cycle | None) -> 
 
 
 def _summary(message: Message) -> str:
-    """A state in half a line."""
     match message:
         case Pose():
             place = f"({message.x:.2f}, {message.y:.2f}, {degrees(message.theta):.0f} deg)"

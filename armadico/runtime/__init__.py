@@ -1,1 +1,1 @@
-"""What runs agents in one process, and what a guest of the mesh needs."""
+"""Running agents in one process, and a guest's client of the mesh."""

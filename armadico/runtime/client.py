@@ -1,12 +1,11 @@
-"""A guest on the mesh: listen, ask, wait, send the robot somewhere, stop it; one thread.
+"""A guest on the mesh: subscribe, query, wait, send the robot to a goal, stop it; one thread.
 
-For commands, notebooks and tests. Whoever is a guest has no token: agents do not see it, nobody
-waits for it, and it decides nothing. `connect` is how a program of one's own comes to be one.
+For commands, notebooks and tests. A guest has no token: agents do not see it, no agent waits for
+it, and it decides nothing. A program becomes a guest by `connect`.
 """
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import random
@@ -16,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
+from armadico.core.errors import no_such
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
     Ask,
@@ -53,37 +53,21 @@ from armadico.runtime.latch import Latching
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")
 
-AGAIN_S: Final = 0.1
-"""A query without an alive answerer is repeated after this."""
-
-QUIET_S: Final = 0.3
-"""Without a new token for so long, all alive agents are taken to be known."""
-
-FIND_S: Final = 3.0
-"""How long an agent that takes missions is looked for."""
-
-PLANNING_S: Final = 30.0
-"""How long its answer may take once it is alive."""
-
-POSE_S: Final = 1.0
-"""How long the robot's pose is waited for, of which a goal without a heading takes its own."""
-
-REFUSED_S: Final = 0.5
-"""How long until a mission that was refused is asked for again, if it is."""
-
-SILENCE_S: Final = 5.0
-"""Without a mission status for so long, the agent that took the mission is gone."""
-
+AGAIN_S: Final = 0.1  # pause before a query without a reply is repeated, s
+QUIET_S: Final = 0.3  # all agents count as known after this time without a change of a token, s
+FIND_S: Final = 3.0  # how long an agent that accepts missions is sought, s
+PLANNING_S: Final = 30.0  # timeout of its reply, which includes planning, s
+POSE_S: Final = 1.0  # timeout for the robot's pose, needed for a goal without a heading, s
+REFUSED_S: Final = 0.5  # pause before a refused mission is requested again, s
+SILENCE_S: Final = 5.0  # timeout of the mission's status, after which its agent counts as gone, s
+# Timeout of a stop: finding the robot agent, its acknowledgement and braking, s. A Pioneer at full
+# speed brakes for 3 s.
 STOP_S: Final = 5.0
-"""What finding the robot agent, its acknowledgement and braking may take: a Pioneer at full speed
-brakes for 3 s."""
-
-PRESS_S: Final = 0.1
-"""How often a stop is published until it is acknowledged, and while that is looked at."""
+PRESS_S: Final = 0.1  # period of publishing a stop, s
 
 
 def heading_to(x: float, y: float, pose: Pose | Waypoint | None) -> float:
-    """The heading of a straight line from a robot's pose to a place (m), rad; 0 without a pose."""
+    """Return the heading from a robot's pose to a place (m), rad; 0 without a pose."""
     return 0.0 if pose is None else math.atan2(y - pose.y, x - pose.x)
 
 
@@ -94,25 +78,25 @@ def connect(
     hosts: str | Path | None = None,
     connect: str | Sequence[str] = (),
 ) -> Iterator[Client]:
-    """Be a guest in a society that is up, here or elsewhere, for as long as the block lasts.
+    """Join a running society, here or on another machine, as a guest for the block.
 
         with armadico.connect() as guest:
             print(guest.agents())
             guest.goto(4.0, 2.0, math.pi / 2).wait()
             print(guest.latest(Pose))
 
-    Leaving stops nobody: the robot drives on, and a stop stays latched.
+    Leaving changes nothing: the robot drives on, and a stop stays latched.
 
     Args:
-        namespace: Which robot; by default $ARMADICO_NAMESPACE, or robot1.
-        hosts: A host table, its path or a shipped one's name; by default $ARMADICO_HOSTS, unless
-            `connect` says where to look.
-        connect: Where the robot's router is, such as tcp/192.168.1.5:7447; by default the table's,
-            else this machine's.
+        namespace: The robot's namespace; by default $ARMADICO_NAMESPACE, or robot1.
+        hosts: A host table: its path or a shipped one's name; by default $ARMADICO_HOSTS, unless
+            `connect` is given.
+        connect: Endpoints of the robot's router, such as tcp/192.168.1.5:7447; by default the
+            table's, else this machine's.
 
     Raises:
-        TopologyError: A namespace or an endpoint that cannot be one.
-        ConfigError: A host table that cannot be used.
+        TopologyError: An invalid namespace or endpoint.
+        ConfigError: An invalid host table.
     """
     with endpoints(namespace, hosts=hosts, connect=connect).mesh() as mesh:
         yield Client(mesh)
@@ -121,79 +105,80 @@ def connect(
 class Client:
     """A guest on either mesh: it has no token, and agents do not see it.
 
-    Everything happens on the thread that calls: what arrives is kept until somebody waits, or asks
-    for the latest. Times are the mesh's, in s; poses are in metres and radians, in the world frame.
+    Everything runs on the calling thread: messages are queued until a method waits or gets the
+    latest. Times are the mesh's, in s; poses are in metres and radians, in the world frame.
     """
 
     def __init__(self, mesh: Mesh, rng: random.Random | None = None) -> None:
-        """Listen to tokens.
+        """Subscribe to tokens.
 
         Args:
-            mesh: Where.
-            rng: Draws the numbers of its orders; None: one of its own.
+            mesh: The mesh, joined or joining.
+            rng: Draws the numbers of its orders; None: a new one.
         """
         self.mesh = mesh
         self._rng = rng or random.Random()
         self.alive: set[tuple[str, str]] = set()  # (name, instance) of the tokens
-        self.key = ""  # of the message that is being handed on
+        self.key = ""  # of the message that is being delivered
         self.ahead: dict[str, float] = {}  # s; by instance, of the clocks in cards
         self._inbox = Inbox(mesh)
         self._latest: dict[type[Message], tuple[Message, float]] = {}
-        self._listened: set[type[Message]] = set()
-        self._handing_on = 0  # within a wait, messages are handed on one by one
+        self._subscribed: set[type[Message]] = set()
+        self._delivering = 0  # depth of waits, which deliver messages one by one
         self._changed_at = self.mesh.now()
         mesh.watch_alive(self._token)
 
     def listen(
         self, *kinds: type[Message], then: Callable[[Message, float], None] | None = None
     ) -> None:
-        """Keep the latest message of each kind; `then` is shown each one, and when it came (s).
+        """Subscribe to kinds and keep the latest message of each.
 
-        `then` is called while this thread waits, and told the time of a clock that only counts.
+        `then` is called, while this thread waits, with each message and when it arrived (monotonic
+        time, s).
         """
         for kind in kinds:
-            if then is not None or kind not in self._listened:
-                self._listened.add(kind)
+            if then is not None or kind not in self._subscribed:
+                self._subscribed.add(kind)
                 self._listen(kind, then)
 
     def latest(self, kind: type[M], timeout: float = 0.0) -> M | None:
-        """The newest message of a kind; it is listened for from the first call on.
+        """Return the newest message of a kind, subscribed to at the first call; None without one.
 
-        None if none has come. The first may be waited for, `timeout` s at most:
+        The first one may be waited for, at most `timeout` s:
 
             pose = guest.latest(Pose, timeout=2.0)
         """
         self.listen(kind)
-        if not self._handing_on:
+        if not self._delivering:
             self._catch_up()
             self.wait_for(lambda: kind in self._latest, timeout)
         message, _ = self._latest.get(kind, (None, 0.0))
         return cast("M | None", message)
 
     def age(self, kind: type[Message]) -> float:
-        """Seconds since the newest message of a kind came; infinite if none did."""
+        """Return the age of the newest message of a kind, s; infinite without one."""
         found = self._latest.get(kind)
         return float("inf") if found is None else self.mesh.now() - found[1]
 
     def fresh(self, kind: type[M]) -> M | None:
-        """The newest message of a kind, while it tells of now by its row of the services."""
+        """Return the newest message of a kind if it is fresh by its row of the services."""
         message = self.latest(kind)
-        return message if self.age(kind) <= service_of(kind).tells_s else None
+        return message if self.age(kind) <= service_of(kind).stale_after_s else None
 
     def publish(self, message: Message) -> None:
-        """Publish a message on its service's key. MessageError if it could not be decoded."""
+        """Publish on the message's service key. Raises MessageError if it could not be decoded."""
         self.mesh.publish(service_of(type(message)).key, message)
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
-        """What a condition gives as soon as that is true, asked after everything that arrives.
+        """Wait until a condition is true; it is checked after each arrival.
 
-        Returns its last value if that does not happen within `timeout` (s):
+        Returns its value, or its last value after `timeout` (s):
 
             guest.listen(RobotState)
             guest.wait_for(lambda: (s := guest.latest(RobotState)) and s.v > 0.3, timeout=10.0)
         """
         deadline = self.mesh.now() + timeout
-        self._handing_on += 1
+        self._delivering += 1
         try:
             while not (value := condition()):
                 left = deadline - self.mesh.now()
@@ -201,25 +186,25 @@ class Client:
                     return value
                 self._dispatch(left)
         finally:
-            self._handing_on -= 1
+            self._delivering -= 1
         return value
 
-    def ask(
+    def query(
         self, request: Message, timeout: float = 5.0, patience: float | None = None
     ) -> Message | None:
-        """The first answer to a query; None if nobody gave one within `timeout` (s).
+        """Send a query; return the first reply, or None after `timeout` (s).
 
-            plan = guest.ask(PlanRequest(start=Waypoint(0, 0, 0), goal=Waypoint(4, 2, 0)))
+            plan = guest.query(PlanRequest(start=Waypoint(0, 0, 0), goal=Waypoint(4, 2, 0)))
 
-        Without an alive answerer it queries again, since links come up in the background;
-        for `patience` s at most, if that is given. Raises TypeError for what is no query.
+        Without a reply it queries again, as links come up in the background; for at most `patience`
+        s, if given. Raises TypeError for a message that is no query.
         """
         service = service_of(type(request))
         if service.reply is None:
             raise TypeError(f"{service.key} is not a query")
         begun = self.mesh.now()
         while (gone := self.mesh.now() - begun) < timeout:
-            replies = self._ask(service.key, request, service.reply, timeout - gone, enough=1)
+            replies = self._query(service.key, request, service.reply, timeout - gone, enough=1)
             if replies:
                 return next(iter(replies.values()))
             if patience is not None and self.mesh.now() - begun >= patience:
@@ -238,19 +223,19 @@ class Client:
         direct: bool = False,
         start: tuple[float, float, float] | None = None,
     ) -> Mission:
-        """Send the robot to a pose (m, m, rad); returns as soon as the mission is accepted.
+        """Send the robot to a pose (m, m, rad); return when the mission is accepted.
 
             mission = guest.goto(4.0, 2.0, math.pi / 2)
             mission.wait(timeout=60.0)
 
-        Without a heading the robot is to look from where it is now towards the goal. The way is the
-        path planner's, unless it is to be `direct`. `start` tells the robot where it stands now (m,
-        m, rad), if that is known better than by its pose.
+        Without `theta`, the heading is that of the line from the present pose to the goal. The path
+        is the planner's, or a straight line with `direct`. `start` sets the robot's present pose
+        (m, m, rad), if it is known better than the robot estimates it.
 
         Raises:
             AbsentError: There is no interface agent.
-            MissionRefusedError: It says why not: no way, no pose, the robot is stopped.
-            MessageError: A pose that is no place.
+            MissionRefusedError: With the reason: no path, no pose, the robot is stopped.
+            MessageError: Invalid numbers.
         """
         self.listen(MissionStatus, RobotState)
         here = None if start is None else Waypoint(*start[:2], math.remainder(start[2], math.tau))
@@ -258,22 +243,21 @@ class Client:
             theta = heading_to(x, y, here or self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
         request = MissionRequest(goal, planned=not direct, start=here)
-        return Mission(self, self.hand_over(request))
+        return Mission(self, self.request_mission(request))
 
-    def hand_over(
+    def request_mission(
         self,
         request: Order,
         *,
         find: float = FIND_S,
         again: float = 0.0,
     ) -> MissionReply:
-        """Have a mission taken on, or an exploration.
+        """Request a mission or an exploration; return the acceptance.
 
         Args:
-            request: What is to be driven.
-            find: How long somebody who takes it is looked for, s.
-            again: For so long it is asked for again if it is refused, s: among processes that have
-                just started, links are coming up.
+            request: The request.
+            find: How long an agent that accepts it is sought, s.
+            again: How long a refused request is repeated, s, as links may still be coming up.
 
         Raises:
             AbsentError: There is no interface agent, or no explore agent.
@@ -283,12 +267,12 @@ class Client:
         while True:
             request = request.numbered(self._rng.getrandbits(63) or 1)
             begun = self.mesh.now()
-            reply = self.ask(request, PLANNING_S, patience=find)
+            reply = self.query(request, PLANNING_S, patience=find)
             if not isinstance(reply, MissionReply):
-                withdrawal, what = request.withdrawal(), request.asks_for
+                withdrawal, what = request.withdrawal(), request.kind_name
                 if withdrawal is not None:
                     key = service_of(type(withdrawal)).key
-                    self._ask(key, withdrawal, MissionReply, AGAIN_S, enough=1)
+                    self._query(key, withdrawal, MissionReply, AGAIN_S, enough=1)
                 there = self.mesh.now() - begun < PLANNING_S
                 answers = "is alive" if there else "answers"
                 raise AbsentError(f"no agent that takes {what} {answers}", self.mesh.namespace)
@@ -299,13 +283,13 @@ class Client:
             self.wait_for(lambda: None, REFUSED_S)
 
     def stop(self, timeout: float = STOP_S, *, by: str = "a guest") -> None:
-        """Stop the robot, whoever drives it; returns once it is latched and the wheels rest.
+        """Stop the robot; return once the stop is latched and the wheels rest.
 
-        It stays stopped until somebody releases it (`resume`), whoever leaves or restarts.
+        It stays stopped until it is released (`resume`), also if processes end or restart.
 
         Args:
-            timeout: What finding the robot agent and braking may take, s.
-            by: Who stops it, for people.
+            timeout: The time for finding the robot agent and braking, s.
+            by: The person or program, for people.
 
         Raises:
             AbsentError: No robot answers.
@@ -316,43 +300,46 @@ class Client:
     def resume(
         self, timeout: float = STOP_S, *, by: str = "a guest", code: str | None = None
     ) -> None:
-        """Release the stop, whoever pressed it; returns once the robot agent acknowledges it.
+        """Release the stop; return once the robot agent acknowledges it.
 
         Args:
-            timeout: What finding the robot agent may take, s.
-            by: Who releases it, for people.
-            code: Of the only stop that is to be released (`Stop.code`).
+            timeout: The time for finding the robot agent, s.
+            by: The person or program, for people.
+            code: The code of the only stop to release (`Stop.code`).
 
         Raises:
             AbsentError: No robot answers.
-            StopError: It was not acknowledged, or somebody has stopped the robot again meanwhile.
+            StopError: It was not acknowledged, or the robot was stopped again.
         """
         self._latch(stopped=False, by=by, timeout=timeout, code=code)
 
-    # Who is alive ---------------------------------------------------------------------------------
+    # Agents ---------------------------------------------------------------------------------------
 
     def agents(self) -> tuple[tuple[str, str], ...]:
-        """Who is alive, as (name, instance); what they offer and hold is on their `cards`."""
+        """Return the live agents as (name, instance); `cards` has what they offer and hold."""
         self.settle()
         return tuple(sorted(self.alive))
 
     def cards(self, timeout: float = 1.0) -> dict[tuple[str, str], Card | None]:
-        """The cards of all alive agents; None for one that does not answer in time."""
+        """Return the cards of all live agents; None for an agent without a reply in time (s)."""
         self.settle()
-        everybody = CARD.key_for(name="*", instance="*")
-        replies = self._ask(everybody, Ask(), Card, timeout, enough=len(self.alive))
-        keys = {who: CARD.key_for(name=who[0], instance=who[1]) for who in sorted(self.alive)}
-        return {who: _own(replies.get(key), who[1]) for who, key in keys.items()}
+        pattern = CARD.key_for(name="*", instance="*")
+        replies = self._query(pattern, Ask(), Card, timeout, enough=len(self.alive))
+        keys = {
+            (name, instance): CARD.key_for(name=name, instance=instance)
+            for name, instance in sorted(self.alive)
+        }
+        return {agent: _own(replies.get(key), agent[1]) for agent, key in keys.items()}
 
     def card(self, name: str, instance: str, timeout: float = 1.0) -> Card | None:
-        """The card of one agent; None if it does not answer within `timeout` (s)."""
+        """Return the card of one agent; None without a reply within `timeout` (s)."""
         key = CARD.key_for(name=name, instance=instance)
-        return _own(self._ask(key, Ask(), Card, timeout, enough=1).get(key), instance)
+        return _own(self._query(key, Ask(), Card, timeout, enough=1).get(key), instance)
 
-    def request_card(
+    def query_card(
         self, name: str, instance: str, timeout: float, then: Callable[[Card | None], None]
     ) -> None:
-        """Ask for the card of one agent, and go on: `then` gets it, or None, in a later wait."""
+        """Query the card of one agent; a later wait calls `then` with the card or None."""
         key = CARD.key_for(name=name, instance=instance)
         answered: list[bool] = []
 
@@ -372,22 +359,21 @@ class Client:
     def parameters(
         self, agent: str = "", timeout: float = 1.0
     ) -> dict[tuple[str, str], ParametersReply]:
-        """What may be changed of agents while they are at work, and how it is set.
+        """Return the changeable parameters of running agents, with their values.
 
             guest.parameters("goto")
 
         Args:
-            agent: Its name, or an instance's id or the beginning of one; empty: all that there are.
-            timeout: How long they may take to answer, s.
+            agent: A name, an instance's id or its beginning; empty: all agents.
+            timeout: The timeout of the replies, s.
 
         Returns:
-            By (name, instance), of those that answer.
+            The replies, by (name, instance).
 
         Raises:
             AbsentError: There is no such agent.
         """
-        asked = self._named(agent)
-        return self._put_settings(ParametersRequest(), asked, timeout)
+        return self._put_settings(ParametersRequest(), self._named(agent), timeout)
 
     def change(
         self,
@@ -397,53 +383,49 @@ class Client:
         by: str = "a guest",
         timeout: float = 2.0,
     ) -> ParametersReply:
-        """Change parameters of an agent that is at work: all of them, or none.
+        """Change parameters of a running agent: all of them, or none.
 
             guest.change("goto", {"v_max": 0.4, "safety.margin_m": 0.1})
 
         Args:
-            agent: As in `parameters`. What is set is the agent's: if there are several instances
-                one is asked, and the others follow.
+            agent: As in `parameters`. All instances of the agent get the values.
             values: By the parameters' names; None clears an optional one.
-            by: Who changes them, for people.
-            timeout: How long the agent may take to answer, s.
+            by: The person or program, for people.
+            timeout: The timeout of the reply, s.
 
         Returns:
-            All of its parameters that may be changed, as they are then.
+            All changeable parameters afterwards.
 
         Raises:
-            AbsentError: There is no such agent, or it does not answer.
-            ParameterError: It refuses, and says what is right; or several agents are meant.
+            AbsentError: There is no such agent, or it does not reply.
+            ParameterError: The agent refused, with the allowed values; or several agents match.
         """
-        asked = self._named(agent)
-        if len({name for name, _ in asked}) > 1:
+        agents = self._named(agent)
+        if len({name for name, _ in agents}) > 1:
             raise ParameterError(f"{agent!r} is the beginning of several: name one agent")
-        asked = asked[:1]
+        name, instance = agents[0]
         change = tuple(Setting(name, json.dumps(value)) for name, value in values.items())
         try:
             request = checked(ParametersRequest(change, by))
         except MessageError as error:
             raise ParameterError(f"{agent}: {error}") from None
-        replies = self._put_settings(request, asked, timeout)
+        replies = self._put_settings(request, agents[:1], timeout)
         if not replies:
-            raise AbsentError(f"{asked[0][1]} does not answer", self.mesh.namespace)
+            raise AbsentError(f"{instance} does not answer", self.mesh.namespace)
         (reply,) = replies.values()
         if reply.refusal:
-            raise ParameterError(f"{asked[0][0]}: {reply.refusal}")
+            raise ParameterError(f"{name}: {reply.refusal}")
         return reply
 
     def _named(self, agent: str) -> list[tuple[str, str]]:
-        """Those alive that a name stands for. Raises AbsentError if it is nobody's."""
+        """Return the live instances that a name means. Raises AbsentError if there is none."""
         self.settle()
         alive = sorted(self.alive)
-        found = [who for who in alive if agent in ("", who[0])]
-        found = found or [who for who in alive if who[1].startswith(agent)]
+        found = [each for each in alive if agent in ("", each[0])]
+        found = found or [each for each in alive if each[1].startswith(agent)]
         if not found:
             names = sorted({name for name, _ in alive})
-            near = difflib.get_close_matches(agent, names, n=1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
-            there = ", ".join(names) or "none"
-            raise AbsentError(f"no agent {agent!r} is alive; {hint}there are: {there}")
+            raise AbsentError(no_such("live agent", agent, names))
         return found
 
     def _put_settings(
@@ -452,15 +434,15 @@ class Client:
         service = service_of(ParametersRequest)
         keys = {service.key_for(name=name, instance=one): (name, one) for name, one in to}
         key = next(iter(keys)) if len(keys) == 1 else service.pattern
-        replies = self._ask(key, request, ParametersReply, timeout, enough=len(keys))
+        replies = self._query(key, request, ParametersReply, timeout, enough=len(keys))
         return {
-            who: replies[key]
-            for key, who in keys.items()
-            if key in replies and replies[key].instance == who[1]
+            agent: replies[key]
+            for key, agent in keys.items()
+            if key in replies and replies[key].instance == agent[1]
         }
 
     def settle(self, timeout: float = 2.0) -> None:
-        """Wait until the links are up and no token has come or gone for a while."""
+        """Wait until the links are up and no token has changed for `QUIET_S`."""
 
         def quiet() -> bool:
             return self.mesh.now() - self._changed_at >= QUIET_S
@@ -472,7 +454,7 @@ class Client:
     # Inside --------------------------------------------------------------------------------------
 
     def _dispatch(self, timeout: float) -> bool:
-        """Hand on the next that comes within `timeout` (s); whether there was one."""
+        """Deliver the next arrival within `timeout` (s); return whether there was one."""
         item = self._inbox.get(timeout)
         if item is not None:
             call, args = item
@@ -480,13 +462,13 @@ class Client:
         return item is not None
 
     def _catch_up(self) -> None:
-        """Hand on what has come while nobody waited."""
-        self._handing_on += 1
+        """Deliver all queued arrivals."""
+        self._delivering += 1
         try:
             while self._dispatch(0.0):
                 pass
         finally:
-            self._handing_on -= 1
+            self._delivering -= 1
 
     def _latch(self, *, stopped: bool, by: str, timeout: float, code: str | None = None) -> None:
         """Stop or release the robot. Raises AbsentError or StopError."""
@@ -520,13 +502,13 @@ class Client:
         if latching.known is None:
             raise AbsentError(f"{what}: no robot answers", self.mesh.namespace)
         still = "stopped" if latching.known.stopped else "free to move"
-        raise StopError(f"{what}: the robot agent did not go on saying so; it last said {still}")
+        raise StopError(f"{what}: the robot agent's last state is {still}")
 
     def _listen(self, kind: type[Message], then: Callable[[Message, float], None] | None) -> None:
         service = service_of(kind)
 
         def arrived(key: str, data: bytes) -> None:
-            at = self.mesh.now()  # now, and not when somebody comes to look
+            at = self.mesh.now()  # of arrival, not of delivery
 
             def deliver() -> None:
                 message = self.mesh.read(kind, key, data)
@@ -543,17 +525,17 @@ class Client:
 
     def _token(self, name: str, instance: str, there: bool) -> None:
         def deliver() -> None:
-            who = (name, instance)
-            if there != (who in self.alive):
-                (self.alive.add if there else self.alive.discard)(who)
+            agent = (name, instance)
+            if there != (agent in self.alive):
+                (self.alive.add if there else self.alive.discard)(agent)
                 self._changed_at = self.mesh.now()
 
         self._inbox.put(f"token/{instance}", deliver, keep=1)
 
-    def _ask(
+    def _query(
         self, key: str, request: Message, reply: type[M], timeout: float, enough: int
     ) -> dict[str, M]:
-        """Replies by key, until there are enough, everybody has answered, or time is up."""
+        """Return replies by key: until there are enough, all have replied, or the timeout (s)."""
         replies: dict[str, M] = {}
         over: list[bool] = []
         self._put(key, request, reply, timeout, replies.__setitem__, lambda: over.append(True))
@@ -569,7 +551,7 @@ class Client:
         each: Callable[[str, M], None],
         over: Callable[[], None],
     ) -> None:
-        """Put a query; each reply and its key, and then its end, are handed over while it waits."""
+        """Send a query; waits call `each` with each reply and its key, and then `over`."""
 
         def arrived(where: str, data: bytes) -> None:
             def deliver() -> None:
@@ -581,15 +563,17 @@ class Client:
 
             self._inbox.put(f"reply/{where}", deliver)
 
-        self.mesh.ask(key, request, timeout, arrived, lambda: self._inbox.put(f"over/{key}", over))
+        self.mesh.query(
+            key, request, timeout, arrived, lambda: self._inbox.put(f"over/{key}", over)
+        )
 
 
 class Mission:
-    """A goal that was taken on. The society drives there whether or not anybody looks.
+    """An accepted goal. The society drives there also after the client has left.
 
     Attributes:
-        number: Tells it from other missions.
-        length: The way along its waypoints, m.
+        number: Identifies the mission.
+        length: The length of the path along its waypoints, m.
     """
 
     def __init__(self, client: Client, reply: MissionReply) -> None:
@@ -599,48 +583,49 @@ class Mission:
 
     @property
     def status(self) -> MissionStatus | None:
-        """The interface agent's newest report on it; None if there is none, or on another one."""
+        """The newest status of this mission; None if there is none or it is another mission's."""
         status = self._client.latest(MissionStatus)
         return status if status is not None and status.mission == self.number else None
 
     @property
     def reached(self) -> bool:
-        """Whether the mission's status is reached: the robot is at the goal, its wheels at rest."""
+        """Whether the robot is at the goal with its wheels at rest, by the mission's status."""
         status = self.status
         return status is not None and status.state is MissionState.REACHED
 
     @property
     def failed(self) -> str | None:
-        """Why the mission was given up; None if it was not."""
+        """Why the mission failed; None if it did not."""
         status = self.status
         return status.note if status is not None and status.state is MissionState.FAILED else None
 
     @property
     def to_go(self) -> float | None:
-        """The way that is left along its waypoints, m; None if that is not known."""
+        """The remaining length along its waypoints, m; None if unknown."""
         status = self.status
         return None if status is None else status.to_go
 
     def wait(
         self, timeout: float | None = None, progress: Callable[[Mission], None] | None = None
     ) -> bool:
-        """Until the goal is reached, `timeout` s at the most; whether it is.
+        """Wait until the goal is reached, at most `timeout` s; return whether it is.
 
-        The mission goes on if it is not, unless it has `failed`. `progress` is called about ten
-        times a second.
+        After a timeout the mission goes on. `progress` is called about ten times a second.
 
         Raises:
             AbsentError: No status of the mission has been received for 5 s.
-            MissionReplacedError: Somebody has sent the robot elsewhere.
+            MissionReplacedError: Another mission has replaced this one.
         """
         client = self._client
         begun = client.mesh.now()
         while not self.reached:
             elapsed = client.mesh.now() - begun
             if min(client.age(MissionStatus), elapsed) > SILENCE_S:
-                raise AbsentError("nothing more is heard of the mission", client.mesh.namespace)
+                raise AbsentError(
+                    f"no status of the mission for {SILENCE_S:g} s", client.mesh.namespace
+                )
             if self.status is None and elapsed > SILENCE_S:
-                raise MissionReplacedError("another mission has taken this one's place")
+                raise MissionReplacedError("another mission has replaced this one")
             if self.failed is not None or (timeout is not None and elapsed > timeout):
                 return False
             if progress is not None and self.status is not None:
@@ -650,5 +635,5 @@ class Mission:
 
 
 def _own(card: Card | None, instance: str) -> Card | None:
-    """A card, if it is the instance's own: nobody speaks for others."""
+    """Return a card if it is the instance's own; an instance cannot reply for another one."""
     return card if card is not None and card.instance == instance else None

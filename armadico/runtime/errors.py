@@ -1,21 +1,21 @@
-"""What a society did not do: one family of errors for commands, scripts and notebooks.
+"""The errors of a society, for commands, scripts and notebooks.
 
-It imports nothing, so that `--help` can do with it. Each text is one line, or ends with the last
-words of a process, and says what to do; a command prints it as it is.
+The module imports nothing, so that `--help` is fast. Each text is one line, or ends with the last
+output of a process, and has the remedy. Commands print it unchanged.
 """
 
 from __future__ import annotations
 
 
 class SocietyError(RuntimeError):
-    """What was asked of a society was not done; the message says why, and what to do."""
+    """A request to a society failed; the message has the reason and the remedy."""
 
 
 class AbsentError(SocietyError):
-    """No agent that could do it is alive."""
+    """No agent that provides the service is alive."""
 
     def __init__(self, what: str, namespace: str | None = None) -> None:
-        super().__init__(what, namespace)  # a worker's error is made again from these
+        super().__init__(what, namespace)  # unpickled from these, from a worker process
 
     def __str__(self) -> str:
         what, namespace = self.args
@@ -28,10 +28,10 @@ class AbsentError(SocietyError):
 
 
 class MissionRefusedError(SocietyError):
-    """Nobody took the mission on."""
+    """The mission was refused."""
 
     def __init__(self, reason: str) -> None:
-        self.reason = reason  # the interface agent's own words
+        self.reason = reason  # the interface agent's text
         super().__init__(reason)
 
     def __str__(self) -> str:
@@ -39,20 +39,20 @@ class MissionRefusedError(SocietyError):
 
 
 class MissionReplacedError(SocietyError):
-    """Somebody has sent the robot elsewhere meanwhile."""
+    """Another mission has replaced this one."""
 
 
 class StopError(SocietyError):
-    """The robot is not stopped, or not released, as far as is known."""
+    """The robot agent did not confirm the stop or the release."""
 
 
 class ParameterError(SocietyError):
-    """A parameter was not changed: there is no such one, or it may not be that."""
+    """A parameter was not changed: it does not exist, or the value is not allowed."""
 
 
 class AgentFailedError(SocietyError):
-    """An agent's own code raised; the message ends as its traceback does."""
+    """An agent's own code raised; the message ends with its traceback."""
 
 
 class RunFailedError(SocietyError):
-    """A run cannot begin or go on."""
+    """A run cannot begin or continue."""

@@ -1,10 +1,10 @@
-"""A mailbox between threads: transports put into it, the agent's thread takes from it.
+"""A mailbox between threads: transports put items, the agents' thread gets them.
 
-One thread is at work at a time: the one that takes, but while it waits. Then a transport's thread
-may do at once what it would have put, which saves waking another: `at_once`.
+One thread works at a time: the agents' thread, except while it waits. Then a transport's thread may
+process its item itself, which saves waking the other thread: `at_once`.
 
-A transport's thread never waits for a lock here. The thread that has it may be collecting garbage,
-and what it collects may need the transport: so two threads have waited for each other for ever.
+A transport's thread never waits for a lock here. The thread that holds the lock may be collecting
+garbage, and the collected object may need the transport: the two would deadlock.
 """
 
 from __future__ import annotations
@@ -17,31 +17,30 @@ from typing import Any
 from armadico.core.mailbox import EVENTS, Mailbox
 from armadico.mesh.base import Monotonic, Time
 
-Item = tuple[Callable[..., None], tuple[Any, ...]]
-"""What is called on the agent's thread, and with what."""
+Item = tuple[Callable[..., None], tuple[Any, ...]]  # a call on the agents' thread
 
 
 class Inbox:
-    """A mailbox that several threads put into and one takes from."""
+    """A mailbox with several producer threads and one consumer thread."""
 
     def __init__(self, time: Time | None = None) -> None:
-        """Empty; `time` is what passes while one waits, the machine's if it is not given."""
+        """Begin empty; `time` None: the machine's monotonic time."""
         self._time = Monotonic() if time is None else time
         self._arrived: deque[tuple[str, Item, int]] = deque()  # not yet in the mailbox
         self._mailbox: Mailbox[Item] = Mailbox()
-        self._guard = threading.Lock()  # of the mailbox, and of taking what has arrived
-        # A bell, not a condition: it stays rung until the waiting thread takes it.
+        self._guard = threading.Lock()  # of the mailbox, and of sorting what has arrived
+        # A bell, not a condition: it keeps ringing until the waiting thread acquires it.
         self._bell = threading.Lock()
         self._bell.acquire()
-        self._called = False  # rung for no item
-        self._work = threading.Lock()  # held by who is at work
+        self._called = False  # rung without an item
+        self._work = threading.Lock()  # held by the thread that works
         self._work.acquire()
-        self._back = False  # whether who takes wants to be at work again
+        self._back = False  # the agents' thread waits to work again
 
     def put(self, key: str, call: Callable[..., None], *args: Any, keep: int = EVENTS) -> None:
-        """Queue a call on a key; `keep` 1 keeps the latest of it only."""
+        """Queue a call on a key; `keep` 1 keeps only the latest one."""
         self._arrived.append((key, (call, args), keep))
-        # Once more after each release: a thread that finds the guard taken leaves its item there.
+        # Checked again after each release: a thread that finds the guard held leaves its item.
         while self._arrived and self._guard.acquire(blocking=False):
             try:
                 self._sort()
@@ -50,12 +49,12 @@ class Inbox:
         self._ring()
 
     def _sort(self) -> None:
-        """Put what has arrived into the mailbox; the guard is held."""
+        """Move arrived items into the mailbox; the guard is held."""
         while self._arrived:
             self._mailbox.put(*self._arrived.popleft())
 
     def at_once(self) -> bool:
-        """Whether nothing waits and nobody is at work: then the caller is, until `done`."""
+        """Return whether nothing waits and no thread works: then the caller works until `done`."""
         if self._back or not self._work.acquire(blocking=False):
             return False
         if self._arrived or self._mailbox or self._back:
@@ -64,11 +63,10 @@ class Inbox:
         return True
 
     def done(self) -> None:
-        """Let others work, after `at_once`."""
         self._work.release()
 
     def ring(self) -> None:
-        """Have `take` return, now or at its next call, though there may be no item."""
+        """Make `get` return, now or at its next call, possibly without an item."""
         self._called = True
         self._ring()
 
@@ -79,7 +77,7 @@ class Inbox:
             pass
 
     def get(self, timeout: float | None) -> Item | None:
-        """The oldest item; None if it was rung for none, or `timeout` (s) has passed."""
+        """Return the oldest item; None after `ring` or after `timeout` (s)."""
         item = self._pop()
         end = None if timeout is None else self._time.now() + timeout
         while item is None:
@@ -89,21 +87,21 @@ class Inbox:
             if self._called:
                 self._called = False
                 return self._pop()
-            item = self._pop()  # the bell may still ring for one that was taken before
+            item = self._pop()  # None if the bell still rang for an earlier item
         return item
 
     def _wait(self, timeout: float) -> bool:
-        """Let others work until the bell rings; False if it has not in time, s."""
+        """Let other threads work until the bell rings; False after the timeout, s."""
         self._work.release()
         try:
             return self._time.wait(self._bell, timeout)
         finally:
-            self._back = True  # a flood of what is done at once could keep it out for ever
+            self._back = True  # otherwise a flood of `at_once` could keep this thread out forever
             self._work.acquire()
             self._back = False
 
     def take_dropped(self) -> dict[str, int]:
-        """How many events were lost, by key, since this was last asked."""
+        """Return the dropped events, by key, since the last call."""
         if not self._mailbox.dropped:
             return {}
         with self._guard:

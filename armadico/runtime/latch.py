@@ -1,8 +1,7 @@
-"""The latched stop (e-stop), as tools publish it.
+"""The latched stop (emergency stop), as tools publish it.
 
-A stop is a state, not an edge: it is published again and again until the robot agent's own states
-show it, and go on showing it. A release is one message about one stop, whoever pressed that; it
-ends nothing that was pressed since.
+A stop is published repeatedly until the robot agent's states show it, and go on showing it. A
+release is one message about one stop; it does not end a later stop.
 """
 
 from __future__ import annotations
@@ -12,32 +11,29 @@ from typing import Final
 from armadico.core.hands import remedy
 from armadico.core.messages import Cycle, RobotState, Stop, counts_beyond, next_count
 
-HELD_S: Final = 1.0
-"""The robot counts as stopped once its states have acknowledged it for so long."""
+HELD_S: Final = 1.0  # how long the robot's states must acknowledge a stop, s
+SILENT_S: Final = 0.5  # after this time without a state, the acknowledgement begins again, s
 
-SILENT_S: Final = 0.5
-"""After a longer silence of the robot agent it has to acknowledge for as long again."""
-
+# Measured speeds (m/s, rad/s) up to which the wheels count as resting. Braking takes time after a
+# stop.
 REST_M_S: Final = 0.02
 REST_RAD_S: Final = 0.1
-"""Wheels that are measured slower than this rest: a stop is an order to brake, and braking takes
-its time."""
 
 
 def rests(v: float, w: float) -> bool:
-    """Whether wheels that are measured at these speeds (m/s, rad/s) rest."""
+    """Return whether the wheels rest at measured speeds (m/s, rad/s)."""
     return abs(v) <= REST_M_S and abs(w) <= REST_RAD_S
 
 
 class Latching:
-    """One press of the stop, or the release of one: what to publish, and what came of it.
+    """One stop or one release: the message to publish, and the outcome.
 
     Sans-IO: the robot agent's states and the time go in.
 
     Attributes:
-        known: The latch by the robot agent's newest state; None if nothing is heard of it.
-        latched: Whether the stop holds, by the robot agent's word.
-        done: Whether the robot is stopped and its wheels rest, or is free, by that word.
+        known: The stop in the robot agent's newest state; None without a state.
+        latched: Whether the robot agent has acknowledged the stop for `HELD_S`.
+        done: Whether the robot is stopped and its wheels rest, or it is released.
         refusal: Why it cannot be done.
     """
 
@@ -45,10 +41,10 @@ class Latching:
         """Begin.
 
         Args:
-            stopped: To stop the robot, or to release it.
-            by: Who does, for people.
-            press: What tells this stop from all others; a release has that of what it releases.
-            code: Of the only stop that is to be released; None: whichever there is.
+            stopped: True to stop the robot, False to release it.
+            by: The person or program, for people.
+            press: The random number of this stop. A release uses that of the stop it releases.
+            code: The code of the only stop to release; None: any.
         """
         self.known: Stop | None = None
         self.latched = False
@@ -59,23 +55,23 @@ class Latching:
         self._cycle: Cycle | None = None
         self._speeds = (0.0, 0.0)  # measured, m/s and rad/s
         self._motors = True  # on
-        self._heard_at = float("-inf")
+        self._received_at = float("-inf")
         self._since: float | None = None  # acknowledged by the robot agent without a break
 
     def on_robot_state(self, state: RobotState, now: float) -> None:
-        """Take the robot agent's newest state at a time, s; one that was taken already is none."""
+        """Process the robot agent's newest state at a time, s; the same state counts once."""
         if state.cycle == self._cycle:
             return
         self._cycle, self.known = state.cycle, state.stop
         self._speeds, self._motors = (state.v, state.w), state.motors
         if self._stopped:
-            self._hear_stopped(state.stop, now)
+            self._update_stop(state.stop, now)
         else:
-            self._hear_released(state.stop)
-        self._heard_at = now
+            self._update_release(state.stop)
+        self._received_at = now
 
     def message(self) -> Stop | None:
-        """What to publish now; None if that is not known yet, or nothing is to be published."""
+        """Return the message to publish now, or None."""
         if not self._stopped:
             return self._release
         known = self.known or Stop()
@@ -85,32 +81,32 @@ class Latching:
 
     @property
     def rolling(self) -> str:
-        """How the wheels still turn, for people; "" once they rest."""
+        """The speeds of the wheels, for people; "" once they rest."""
         v, w = self._speeds
         if rests(v, w):
             return ""
         return f"the wheels still turn, at {v:.2f} m/s and {w:.2f} rad/s"
 
-    def _hear_stopped(self, stop: Stop, now: float) -> None:
+    def _update_stop(self, stop: Stop, now: float) -> None:
         if not stop.stopped:
             self._since, self.latched = None, False
-        elif self._since is None or now - self._heard_at > SILENT_S:
+        elif self._since is None or now - self._received_at > SILENT_S:
             self._since, self.latched = now, False
         elif now - self._since >= HELD_S:
             self.latched = True
         self.done = self.latched and not self.rolling
 
-    def _hear_released(self, stop: Stop) -> None:
+    def _update_release(self, stop: Stop) -> None:
         release = self._release
         late = release is not None and counts_beyond(release.counter, stop.counter)
         if not stop.stopped:
             self.done = not late
         elif release is None and self._code not in (None, stop.code):
-            self.refusal = f"it is stopped by {stop.who}, and the code of that is"
-            self.refusal += f" {stop.code}: {self._code} was another stop's"
+            self.refusal = f"it is stopped by {stop.requester} with the code {stop.code};"
+            self.refusal += f" {self._code} is the code of another stop"
         elif release is None or (not late and stop.press == release.press):
             self._release = Stop(next_count(stop.counter), False, self._by, stop.press)
         elif not late:
-            self.refusal = f"it was stopped again meanwhile, by {stop.who}"
+            self.refusal = f"it was stopped again by {stop.requester}"
             if first := remedy(stop, motors=self._motors):
                 self.refusal = f"{first}, then `armadico resume` again"

@@ -1,4 +1,4 @@
-"""A device agent's port: the thread that reads it, and opens it again whenever it has gone."""
+"""A device agent's port: the thread that reads it, and reopens it after a failure."""
 
 from __future__ import annotations
 
@@ -11,41 +11,29 @@ from armadico.config.discovery import TRANSPORTS, installed
 from armadico.core.driver import Driver
 from armadico.runtime.inbox import Inbox
 
-RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)
-"""Pauses between attempts to open the port; the last one stands for ever."""
-
-LASTS_S: Final = 2.0
-"""A port that goes again sooner was no success, whatever it said: the pauses go on growing."""
-
-CLOSE_S: Final = 0.5
-"""How long closing may take before it is left to itself."""
-
-
-READ_S: Final = 0.1
-"""How long a read waits; so long may closing take."""
-
-CHUNKS: Final = 256
-"""Pieces of bytes that wait for an agent that is busy; the oldest go first."""
-
-LINK: Final = "link"
-"""What the news of the link is called in the inbox; no key of the mesh has that name."""
+RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)  # pauses between attempts to open the port; the last repeats
+LASTS_S: Final = 2.0  # if a port fails sooner, the pauses go on growing, s
+CLOSE_S: Final = 0.5  # timeout of closing
+READ_S: Final = 0.1  # timeout of a read; closing may take as long
+CHUNKS: Final = 256  # chunks of bytes that wait for a busy agent; the oldest are dropped
+LINK: Final = "link"  # the lane of link changes in the inbox; no key of the mesh has this name
 
 
 class Port(Protocol):
-    """An open port. Whatever goes wrong with it is an OSError."""
+    """An open port. All its failures are OSErrors."""
 
     def read(self, timeout_s: float) -> bytes:
         """Wait for bytes; none after `timeout_s`."""
 
     def write(self, data: bytes) -> None:
-        """Send all of it."""
+        """Send all bytes."""
 
     def close(self) -> None:
-        """Let go; again does no harm."""
+        """Close it; may be called again."""
 
 
 def open_port(url: str) -> Port:
-    """Open an address by its scheme's transport. Raises OSError, or ValueError if it has none."""
+    """Open an address by its scheme's transport. Raises OSError; ValueError without a transport."""
     known = installed(TRANSPORTS)
     scheme = urlsplit(url).scheme
     if scheme not in known:
@@ -55,7 +43,7 @@ def open_port(url: str) -> Port:
 
 
 class Device:
-    """Bytes and news of the link go into the inbox, in lanes of their own; the agent writes."""
+    """A port with its reading thread; bytes and link changes go to separate lanes of the inbox."""
 
     def __init__(
         self,
@@ -68,11 +56,11 @@ class Device:
         """Prepare.
 
         Args:
-            driver: The agent's.
-            connect: Opens the port, or raises OSError, or ValueError if there can be none.
-            inbox: Where bytes and news go.
-            clock: s from anywhere.
-            at_once: Does on the reading thread what need not wait.
+            driver: The agent's driver.
+            connect: Opens the port. Raises OSError, or ValueError for an invalid address.
+            inbox: The agents' inbox.
+            clock: Returns a monotonic time, s.
+            at_once: Processes a call on the reading thread, if it need not wait.
         """
         self._driver = driver
         self._connect = connect
@@ -87,17 +75,16 @@ class Device:
         self._thread = threading.Thread(target=self._run, name="port", daemon=True)
 
     def start(self) -> None:
-        """Begin to open and read."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Close the port, once what was written has been handed over."""
+        """Stop the thread, which closes the port."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(CLOSE_S)
 
     def write(self, data: bytes) -> None:
-        """Send to the device; what it cannot take is lost."""
+        """Send to the device; bytes that it does not accept are lost."""
         port = self._port
         if port is None:
             return
@@ -119,7 +106,7 @@ class Device:
             self._stopping.wait(pause)
 
     def _use(self, port: Port) -> None:
-        """Read an open port until it goes."""
+        """Read an open port until it fails."""
         self._broken = ""
         self._port = port
         self._link(True, "")
@@ -133,7 +120,7 @@ class Device:
             while not (self._stopping.is_set() or self._broken):
                 data = port.read(READ_S)
                 if data:
-                    if self._clock() >= lasts:  # one that says nothing is no success, either
+                    if self._clock() >= lasts:  # only a port that sends bytes is a success
                         self._failures = 0
                     self._deliver(data)
         except OSError as error:
@@ -150,7 +137,7 @@ class Device:
         self._driver.received(data, self._clock())
 
     def _link(self, up: bool, why: str) -> None:
-        """Say that the link came or went: a state, so that no flood of bytes can push it out."""
+        """Report a change of the link, as a state: a flood of bytes cannot displace it."""
         if up != self._up:
             self._up = up
             self._inbox.put(LINK, lambda: self._driver.link(up, why, self._clock()), keep=1)

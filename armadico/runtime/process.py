@@ -1,14 +1,14 @@
-"""Agents in one process: the queue, the clock and the wires around their sans-IO drivers.
+"""Runs agents in one process: the queue, the clock and the I/O around their sans-IO drivers.
 
-One thread at a time runs them. While the agents' own thread waits, the threads that receive from
-the mesh and from a device's port do themselves what they have received, so that no other has to be
-woken on the way from a sensor to a motor. All else goes through the inbox to the agents' thread:
-tokens and queries, what comes while somebody is at work or something waits, what has piled up, and
-for a while everything after a slow turn, during which nothing was received. Time is
-`time.monotonic`, and compared with nobody else's.
+One thread at a time runs them. While the agents' thread waits, the threads that receive from the
+mesh and from a device's port process their messages themselves, so that no thread is woken between
+a sensor and a motor. The rest goes through the inbox to the agents' thread: tokens and queries,
+messages that arrive while a thread works or items wait, and bunched messages. After a slow turn,
+during which nothing was received, everything does for a while. Time is `time.monotonic`, and is not
+compared with other processes'.
 
-Usually a process has one agent. Several share one session, and what they publish for each other
-does not leave the process; keys, tokens and cards are the same.
+Usually a process has one agent. Several agents share one session, and their messages for each other
+do not leave the process; keys, tokens and cards are the same.
 """
 
 from __future__ import annotations
@@ -30,7 +30,15 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from armadico.core.agent import Agent, AskFor, DeviceAgent, Identity, Publish, Subscription, Write
+from armadico.core.agent import (
+    Agent,
+    DeviceAgent,
+    Identity,
+    Publish,
+    SendQuery,
+    Subscription,
+    Write,
+)
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.mailbox import BURST_S, EVENTS
@@ -47,35 +55,25 @@ from armadico.runtime.port_reader import Device, Port
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
 
-LATE_S: Final = 0.05
-"""A wake-up later than this lets what has piled up meanwhile come first."""
+LATE_S: Final = 0.05  # before a later wake-up, the waiting messages are processed, s
+SETTLE_S: Final = 0.005  # a late wake-up runs after this time without an arrival, s
 
-SETTLE_S: Final = 0.005
-"""So long must nothing arrive before a late wake-up fires."""
-
+# After a turn longer than `SLOW_S`, nothing is processed on the mesh's reception thread for
+# `CALM_S`, because that thread must receive.
 SLOW_S: Final = 0.02
-"""After a longer turn nothing is done on the mesh's reception thread, which must receive,"""
-
 CALM_S: Final = 10.0
-"""for so long."""
 
+# Nor for this time after sending, s: Zenoh's one thread must have time to transmit.
 SENDING_S: Final = 0.001
-"""So long after something was sent likewise: Zenoh's one thread must have time to transmit it."""
 
+# Messages on one key that arrive closer together than this, s, were delayed and are bunched.
 BUNCHED_S: Final = 0.02
-"""What comes on one key sooner than this after the one before is no cycle's: it has piled up."""
 
-JOIN_LOOK_S: Final = 0.2
-"""How often a process that waits for its router looks whether it is to end."""
+JOIN_POLL_S: Final = 0.2  # how often a process that waits for its router checks whether to end, s
+LEAVE_S: Final = 3.0  # timeout from the signal to the end of the process, whatever hangs
+LOG_LINES: Final = 1000  # lines that wait for a blocked terminal or disk; further ones are dropped
 
-LEAVE_S: Final = 3.0
-"""From the signal to the end of the process, whatever hangs."""
-
-_Sent = tuple[Driver, Output, bytes | None]
-"""What somebody sends, and its bytes if it was encoded for others of its process."""
-
-LOG_LINES: Final = 1000
-"""Lines that wait for a terminal or a disk that takes none; what comes then is lost."""
+_Sent = tuple[Driver, Output, bytes | None]  # an output, and its bytes if encoded already
 
 logger = logging.getLogger("armadico")
 
@@ -96,12 +94,12 @@ class AgentHost:
         """Prepare.
 
         Args:
-            agents: Who lives in this process.
-            mesh: The mesh that they share, and whose time is theirs.
-            connect: What opens the port of a device agent, by its instance.
-            wall: s since 1970, shown to people only.
-            admit: Without, they join whoever is alive.
-            head: They keep journals, and this says how each begins; none: they keep none.
+            agents: The agents of this process.
+            mesh: The mesh that they share, with their time.
+            connect: Functions that open the ports of device agents, by instance.
+            wall: Returns wall time, s since 1970, shown to people only.
+            admit: False: they join without admission.
+            head: Returns the head of an agent's journal; None: they keep no journals.
         """
         self.inbox = Inbox(mesh)
         self.refusal = ""  # why one of them may not join, or stay
@@ -111,7 +109,7 @@ class AgentHost:
         self._leaving = False
         self._failure: BaseException | None = None  # of a turn on the reception thread
         self._until: float | None = None  # when the agents' thread wakes by itself
-        self._calm_at = float("-inf")  # not before is anything done on the reception thread
+        self._calm_at = float("-inf")  # when the reception thread may process messages again
         now = self._clock()
         self.drivers = [
             Driver(agent, now, admit=admit, wall=wall)
@@ -133,10 +131,10 @@ class AgentHost:
                     driver, opens, self.inbox, self._clock, self._at_once
                 )
 
-    # Its life ------------------------------------------------------------------------------------
+    # Life cycle ----------------------------------------------------------------------------------
 
     def live(self) -> None:
-        """Run until `request_stop` or a `refusal`; what an agent raises comes out."""
+        """Run until `request_stop` or a `refusal`. Raises what an agent raises."""
         self._join()
         for driver in self.drivers:
             driver.begin(self._clock())
@@ -147,7 +145,7 @@ class AgentHost:
                 raise self._failure
 
     def leave(self) -> None:
-        """Let go of what the agents hold, see that it is heard, and close their ports."""
+        """Release all held resources, publish that, and close the ports."""
         self._leaving = True
         try:
             for driver in self.drivers:
@@ -160,33 +158,33 @@ class AgentHost:
     def wait_joined(self) -> None:
         """Wait until the process is linked to its router, or until `request_stop`.
 
-        Without a router nobody can be seen, and it would join as if it were the first.
+        Without a router no other agent is visible, and it would join as if it were the first.
         """
-        while not (self._stopping.is_set() or self._mesh.wait_joined(JOIN_LOOK_S)):
+        while not (self._stopping.is_set() or self._mesh.wait_joined(JOIN_POLL_S)):
             pass
 
     def request_stop(self) -> None:
-        """Have `live` return soon; may be called from another thread."""
+        """Make `live` return soon; may be called from another thread."""
         self._stopping.set()
         self.inbox.ring()
 
     def _join(self) -> None:
-        """Listen first, be seen last: drivers announce themselves once they may."""
+        """Subscribe before the drivers announce their agents."""
         for pattern, listeners in self._listeners.items():
             self._listen(pattern, listeners)
         for driver in self.drivers:
             for key in driver.queries:
-                self._mesh.answer(key, self._question(driver, key))
-        self._mesh.watch_alive(self._token)
-        self._mesh.watch_router(self._router)
+                self._mesh.answer(key, self._query_receiver(driver, key))
+        self._mesh.watch_alive(self._on_token)
+        self._mesh.watch_router(self._on_router)
 
     # One turn ------------------------------------------------------------------------------------
 
     def _turn(self) -> None:
-        """Deliver what waits, then wake who is due, then wait."""
+        """Wait for messages and deliver them, then wake the agents that are due."""
         due = self._until = self._due()
         wait = None if due is None else due - self._clock()
-        # Who comes late hung: what has piled up is seen before any time-out is believed.
+        # A late wake-up means that the process hung: waiting messages come before any timeout.
         settle = SETTLE_S if wait is not None and wait < -LATE_S else 0.0
         if settle:
             self._calm_at = max(self._calm_at, self._clock() + LATE_S)
@@ -213,11 +211,10 @@ class AgentHost:
             self._send()
 
     def _due(self) -> float | None:
-        """When the next agent is to be woken."""
         return min((at for d in self.drivers if (at := d.wakeup) is not None), default=None)
 
     def _on_reception(self, call: Callable[..., None], args: tuple[Any, ...]) -> None:
-        """Do on the mesh's thread what it received; and see that it has time to be that thread."""
+        """Process a message on the reception thread, and leave that thread time to receive."""
         began = self._clock()
         sent = self._at_once(call, args)
         now = self._clock()
@@ -227,9 +224,9 @@ class AgentHost:
             self._calm_at = max(self._calm_at, now + SENDING_S)
 
     def _at_once(self, call: Callable[..., None], args: tuple[Any, ...]) -> bool:
-        """Do something on another thread, after `Inbox.at_once`; whether there was to be sent."""
+        """Call on a foreign thread, after `Inbox.at_once`; return whether anything was sent."""
         sent, due = False, None
-        if self._failure is not None:  # half a turn was the last one
+        if self._failure is not None:  # an interrupted turn was the last one
             self.inbox.done()
             return sent
         try:
@@ -246,7 +243,7 @@ class AgentHost:
         return sent
 
     def _timed(self, driver: Driver, step: Callable[..., None], *args: Any) -> None:
-        """One step of a driver's, which is told if it took long."""
+        """Call a driver's method, and report to the driver if it took longer than a cycle."""
         began = self._clock()
         step(*args, began)
         took = self._clock() - began
@@ -254,20 +251,20 @@ class AgentHost:
             driver.slow(took)
 
     def _send(self, *, at_once: bool = False) -> bool:
-        """Deliver what the drivers have for one another, then send; whether there was anything.
+        """Deliver outputs within the process, then send; return whether there was any output.
 
-        Commands and bytes for the device go out before the next delivery. `at_once`: on the
-        reception thread; from the first that may block on, the rest is left to the agents' own.
+        Commands and bytes for the device are sent before the next delivery. `at_once`: on the
+        reception thread; from the first output that may block, the agents' thread sends the rest.
         """
         first: list[_Sent] = []
         sent: list[_Sent] = []
-        said = False
+        found = False
         while True:
             for driver in self.drivers:
                 for item in driver.drain():
-                    said, data = True, None
+                    found, data = True, None
                     if len(self.drivers) > 1 and type(item) is Publish:
-                        item, data = self._hand_over(driver, item)  # noqa: PLW2901
+                        item, data = self._deliver_inside(driver, item)  # noqa: PLW2901
                     (first if _urgent(item) else sent).append((driver, item, data))
                 if driver.refusal:
                     self.refusal = driver.refusal
@@ -283,21 +280,21 @@ class AgentHost:
                 self.inbox.put("out", self._put_all, sent[index:])
                 break
             self._put(driver, item, data)
-        return said
+        return found
 
     def _goes_at_once(self, item: Output) -> bool:
-        """Whether sending it asks nothing of the mesh but to be passed on."""
-        return type(item) is Write or (type(item) is Publish and self._mesh.has_said(item.key))
+        """Return whether sending an output cannot block."""
+        return type(item) is Write or (type(item) is Publish and self._mesh.is_declared(item.key))
 
     def _put_all(self, sent: Sequence[_Sent]) -> None:
         for driver, item, data in sent:
             self._put(driver, item, data)
 
-    def _hand_over(self, driver: Driver, item: Publish) -> tuple[Publish, bytes | None]:
-        """Give a publication to those in this process who listen; returns it as they have it.
+    def _deliver_inside(self, driver: Driver, item: Publish) -> tuple[Publish, bytes | None]:
+        """Queue a publication for this process's subscribers; return it as decoded, and its bytes.
 
-        Shared, and as it comes out at the other end of the mesh, with the bytes for that, so that
-        it is encoded once: what cannot be sent, here too nobody receives. `_put` says so.
+        They share the message as it is decoded from the mesh, so it is encoded only once. A message
+        that cannot be sent is not delivered here either; `_put` reports it.
         """
         listeners = [found for found in self._inside_of(item.key) if found[1] is not driver]
         if not listeners:
@@ -311,12 +308,12 @@ class AgentHost:
         return Publish(item.key, message), data
 
     def _unsent(self, driver: Driver, item: Output, error: MessageError) -> None:
-        """What could not be decoded is counted, logged and dropped: it ends no agent."""
-        assert isinstance(item, Publish | AskFor | Reply), "nothing else holds a message"
-        if isinstance(item, AskFor):
+        """Count, log and drop a message that could not be decoded; the agent continues."""
+        assert isinstance(item, Publish | SendQuery | Reply), "nothing else holds a message"
+        if isinstance(item, SendQuery):
             self.inbox.put(_lane(driver, item), self._replied, driver, item, "", None)
         driver.refuse(item.key, error, self._clock())
-        self.inbox.put("refused", lambda: None, keep=1)  # so that the turn after it says so
+        self.inbox.put("refused", lambda: None, keep=1)  # so that a turn follows and reports it
 
     def _put(self, driver: Driver, item: Output, data: bytes | None) -> None:
         try:
@@ -325,15 +322,15 @@ class AgentHost:
             self._unsent(driver, item, error)
 
     def _pass_on(self, driver: Driver, item: Output, data: bytes | None) -> None:
-        """Give it to the mesh or the port. Raises MessageError for what cannot be sent."""
+        """Send by the mesh or the port. Raises MessageError for a message that cannot be sent."""
         if type(item) is Publish:
             if isinstance(item.message, Log):
                 logger.log(item.message.level, "%s", item.message.text)
             self._mesh.publish(item.key, item.message, data)
         elif isinstance(item, Write):
             self._write(driver, item)
-        elif isinstance(item, AskFor):
-            self._ask(driver, item)
+        elif isinstance(item, SendQuery):
+            self._query(driver, item)
         elif isinstance(item, Reply):
             item.call.reply(item.key, item.message)
         elif isinstance(item, Announce):
@@ -344,9 +341,10 @@ class AgentHost:
                 device.start()
 
     def _write(self, driver: Driver, item: Write) -> None:
-        """Give bytes to the device, unless the process was stopped since they were decided on.
+        """Write to the device, unless the process was paused since the agent's decision.
 
-        They are what somebody asked for before that. An agent that leaves says its last word.
+        The bytes would follow a command from before the pause. A leaving agent's last bytes are
+        always written.
         """
         device, now = self._devices.get(driver.agent.instance), self._clock()
         if device is None:
@@ -357,7 +355,7 @@ class AgentHost:
             driver.refuse("its device", f"written over {LEAST_SILENCE_S:g} s late", now)
 
     def _inside_of(self, key: str) -> list[tuple[Subscription, Driver]]:
-        """Who in this process listens on a key."""
+        """Return this process's subscribers of a key."""
         found = self._inside.get(key)
         if found is None:
             found = self._inside[key] = [
@@ -368,7 +366,7 @@ class AgentHost:
             ]
         return found
 
-    # What arrives --------------------------------------------------------------------------------
+    # Inputs --------------------------------------------------------------------------------------
 
     def _listen(self, pattern: str, listeners: Sequence[tuple[Subscription, Driver]]) -> None:
         to = listeners[0][0]
@@ -389,51 +387,51 @@ class AgentHost:
     def _deliver(
         self, listeners: Sequence[tuple[Subscription, Driver]], key: str, data: bytes
     ) -> None:
-        """Hand a payload to all who listen, decoded once."""
+        """Deliver a payload to its subscribers, decoded once if there are several."""
         payload: bytes | Message = data
         if len(listeners) > 1:
-            with contextlib.suppress(MessageError):  # each says so by itself
+            with contextlib.suppress(MessageError):  # each driver reports it
                 payload = decode(data, listeners[0][0].message)
         for to, driver in listeners:
             self._timed(driver, driver.deliver, to, key, payload)
 
-    def _token(self, name: str, instance: str, alive: bool) -> None:
-        self.inbox.put(f"token/{instance}", self._news, name, instance, alive, keep=1)
+    def _on_token(self, name: str, instance: str, alive: bool) -> None:
+        def deliver() -> None:
+            for driver in self.drivers:
+                driver.token(name, instance, alive, self._clock())
 
-    def _router(self, there: bool) -> None:
-        def tell() -> None:
+        self.inbox.put(f"token/{instance}", deliver, keep=1)
+
+    def _on_router(self, there: bool) -> None:
+        def deliver() -> None:
             for driver in self.drivers:
                 driver.router(there, self._clock())
 
-        self.inbox.put("router", tell, keep=1)
-
-    def _news(self, name: str, instance: str, alive: bool) -> None:
-        for driver in self.drivers:
-            driver.token(name, instance, alive, self._clock())
+        self.inbox.put("router", deliver, keep=1)
 
     # Queries -------------------------------------------------------------------------------------
 
-    def _question(self, driver: Driver, key: str) -> Callable[[Call], None]:
+    def _query_receiver(self, driver: Driver, key: str) -> Callable[[Call], None]:
         def arrived(call: Call) -> None:
-            self.inbox.put(f"query/{key}", self._asked, driver, key, call)
+            self.inbox.put(f"query/{key}", self._on_query, driver, key, call)
 
         return arrived
 
-    def _asked(self, driver: Driver, key: str, call: Call) -> None:
-        self._timed(driver, driver.asked, key, call.payload, call)
+    def _on_query(self, driver: Driver, key: str, call: Call) -> None:
+        self._timed(driver, driver.on_query, key, call.payload, call)
 
-    def _ask(self, driver: Driver, item: AskFor) -> None:
+    def _query(self, driver: Driver, item: SendQuery) -> None:
         lane = _lane(driver, item)
 
-        def replied(key: str, data: bytes) -> None:
+        def on_reply(key: str, data: bytes) -> None:
             self.inbox.put(lane, self._replied, driver, item, key, data)
 
         def over() -> None:
             self.inbox.put(lane, self._replied, driver, item, "", None)
 
-        self._mesh.ask(item.key, item.request, item.timeout, replied, over)
+        self._mesh.query(item.key, item.request, item.timeout, on_reply, over)
 
-    def _replied(self, driver: Driver, item: AskFor, key: str, data: bytes | None) -> None:
+    def _replied(self, driver: Driver, item: SendQuery, key: str, data: bytes | None) -> None:
         reply = None
         if data is not None:
             try:
@@ -441,21 +439,20 @@ class AgentHost:
             except MessageError as error:
                 driver.refuse(key, error, self._clock())
                 return
-        driver.replied(item.id, reply, self._clock())
+        driver.on_reply(item.id, reply, self._clock())
 
 
-def _lane(driver: Driver, item: AskFor) -> str:
-    """Where the replies to a query wait."""
+def _lane(driver: Driver, item: SendQuery) -> str:
     return f"reply/{driver.agent.instance}/{item.id}"
 
 
 def _urgent(item: Output) -> bool:
-    """Whether it is for the device, or for an owner to obey."""
+    """Return whether an output is for the device or is a command."""
     return type(item) is Write or (type(item) is Publish and type(item.message) is Command)
 
 
 def identity(name: str, host: str | None = None) -> Identity:
-    """Who a new instance of an agent is: its id is the name and 64 random bits, new each time."""
+    """Return a new instance's identity; its id is the name and 64 random bits."""
     rng = random.SystemRandom()
     return Identity(
         instance=f"{name}-{rng.getrandbits(64):016x}",
@@ -467,7 +464,6 @@ def identity(name: str, host: str | None = None) -> Identity:
 
 
 def installed_version() -> str:
-    """The version of Armadico that is installed."""
     try:
         return version("armadico")
     except PackageNotFoundError:
@@ -484,9 +480,9 @@ def serve(
 ) -> NoReturn:
     """Run agents as this process, from joining the mesh to the end of the process.
 
-    SIGTERM and SIGINT end it in order, with exit code 0; an exception of an agent's is logged and
-    ends it with 1, somebody who is in its way with 2. Either way it is over within `LEAVE_S`, if
-    need be by SIGALRM: neither Zenoh's threads nor an agent that hangs can keep it.
+    SIGTERM and SIGINT end it in order, with exit code 0. An agent's exception is logged, exit code
+    1; a conflicting instance gives 2. The process then ends within `LEAVE_S`, if necessary by
+    SIGALRM: neither Zenoh's threads nor a hanging agent can delay it.
     """
     host = AgentHost(agents, mesh, connect, wall=wall, head=head)
     _await_signal(host.request_stop)
@@ -496,17 +492,17 @@ def serve(
         mesh.open()
         host.wait_joined()
         gc.collect()
-        gc.freeze()  # what lives for ever is not looked at again
+        gc.freeze()  # permanent objects are not scanned again
         host.live()
         if host.refusal:
             logger.error("in the namespace %r %s", mesh.namespace, host.refusal)
             code = MISUSED
     except (MeshError, TopologyError) as error:
-        logger.error("%s", error)  # a matter of where, not of the program: no traceback
-        code = MISUSED  # another robot agent or program is in its way, or its sockets' folder is
+        logger.error("%s", error)  # the place is wrong, not the program: no traceback
+        code = MISUSED  # another robot agent or program conflicts, or the sockets' folder is wrong
     except Exception as error:
-        if told := failure(error):
-            logger.error("%s", told)
+        if text := failure(error):
+            logger.error("%s", text)
         else:
             logger.exception("%s failed", ", ".join(agent.instance for agent in agents))
         code = 1
@@ -528,7 +524,7 @@ _listeners: list[logging.handlers.QueueListener] = []
 
 
 class _Queued(logging.handlers.QueueHandler):
-    """Hands lines to a thread of their own; what there is no room for is lost."""
+    """Passes log lines to another thread; drops lines if the queue is full."""
 
     def enqueue(self, record: logging.LogRecord) -> None:
         with contextlib.suppress(queue.Full):
@@ -536,7 +532,7 @@ class _Queued(logging.handlers.QueueHandler):
 
 
 def _log_from_a_thread() -> None:
-    """Have another thread write the log: a terminal that stands still must not stop a robot."""
+    """Write the log in another thread, so that a blocked terminal does not stop a robot."""
     root = logging.getLogger()
     handlers = root.handlers[:]
     if not handlers or any(isinstance(handler, _Queued) for handler in handlers):
@@ -549,10 +545,10 @@ def _log_from_a_thread() -> None:
 
 
 def _await_signal(leave: Callable[[], None]) -> None:
-    """Have a thread wait for SIGTERM or SIGINT; to be called before there are other threads.
+    """Start a thread that waits for SIGTERM or SIGINT; call it before there are other threads.
 
-    A signal handler would not do: one that comes between two instructions and the wait for the
-    inbox runs only after that wait, which on a silent mesh is never.
+    A signal handler does not suffice: if the signal arrives just before the wait for the inbox, the
+    handler runs only after that wait, which without messages is never.
     """
     ending = {signal.SIGTERM, signal.SIGINT}
     signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # inherited by every thread from here on
@@ -566,6 +562,6 @@ def _await_signal(leave: Callable[[], None]) -> None:
 
 
 def _arm_deadline() -> None:
-    """Have this process killed if it has not ended in time; once."""
+    """Start the timer that kills this process after `LEAVE_S`, unless it runs already."""
     if signal.getitimer(signal.ITIMER_REAL)[0] == 0.0:
         signal.setitimer(signal.ITIMER_REAL, LEAVE_S)

@@ -1,4 +1,4 @@
-"""Programs that this one starts: what they write is kept, and they are ended in order."""
+"""Starting other programs, keeping their output, and ending them in order."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-LEAVE_S: Final = 3.0
-"""What a program may take to leave before it is killed."""
+LEAVE_S: Final = 3.0  # how long a program may take to end before it is killed, s
 
+# The environment variable with the id of the process that started a program. The program ends with
+# that process.
 LAUNCHER: Final = "ARMADICO_LAUNCHER"
-"""In the environment of a program: the id of the process that started it, to be ended with it."""
 
 
 class Program:
-    """One program that was started.
+    """One started program.
 
     Attributes:
-        name: What it is called.
-        log: Where what it writes is appended; None: it has this process's standard error.
+        name: Its name, for people.
+        log: The file to which its output is appended; None: this process's standard error.
         popen: The process.
     """
 
@@ -37,7 +37,7 @@ class Program:
         listen: bool = False,
         env: Mapping[str, str] | None = None,
     ) -> None:
-        """Start it; `listen`: its standard output is kept for `line`, instead of in the log."""
+        """Start it; `listen`: its standard output is read by `line` instead of logged."""
         self.name = name
         self.log = log
         with _appended(log) as errors:
@@ -48,14 +48,14 @@ class Program:
                 stdout=subprocess.PIPE if listen else errors,
                 stderr=None if log is None else errors,
                 env={**os.environ, LAUNCHER: str(os.getpid()), **(env or {})},
-                start_new_session=True,  # Ctrl-C is this process's; it ends the others in order
+                start_new_session=True,  # Ctrl-C goes to this process, which ends the others
             )
 
     def ended(self) -> bool:
         return self.popen.poll() is not None
 
-    def last_words(self, lines: int = 5) -> str:
-        """The end of what it wrote."""
+    def last_lines(self, lines: int = 5) -> str:
+        """Return the last lines of its output."""
         if self.log is None:
             return "    nothing"
         try:
@@ -67,9 +67,9 @@ class Program:
         return "\n".join(f"    {line}" for line in text[-lines:]) or "    nothing"
 
     def line(self, timeout: float | None = None) -> str:
-        """The next line of its standard output, or what there is of it in time (s); None: wait."""
+        """Return the next line of its output, or a part of it after the timeout (s)."""
         pipe = self.popen.stdout
-        assert pipe is not None, "it is listened to"
+        assert pipe is not None, "it was started with `listen`"
         if timeout is None:
             return pipe.readline().decode(errors="replace")
         data, deadline = b"", time.monotonic() + timeout
@@ -83,10 +83,7 @@ class Program:
 
 
 def _appended(log: Path | None) -> BinaryIO:
-    """A log, to be written on; nowhere if it cannot be: who drives needs none.
-
-    Its folder may have been cleaned up meanwhile, or the disk be full.
-    """
+    """Open a log for appending, or the null device if that fails: a robot drives without a log."""
     try:
         if log is not None:
             log.parent.mkdir(parents=True, exist_ok=True)
@@ -101,7 +98,7 @@ def end(
     number: signal.Signals = signal.SIGTERM,
     within_s: float = LEAVE_S,
 ) -> None:
-    """Ask processes to leave, kill whoever does not, and close their pipes."""
+    """Send processes a signal, kill those that do not end in time, and close their pipes."""
     for popen in popens:
         with suppress(ProcessLookupError):
             popen.send_signal(number)
@@ -115,7 +112,7 @@ def end(
 
 
 def finish(popens: Sequence[subprocess.Popen[Any]]) -> None:
-    """Wait for processes that end, and close their pipes."""
+    """Wait until processes have ended, and close their pipes."""
     for popen in popens:
         popen.wait()
         for pipe in (popen.stdin, popen.stdout, popen.stderr):

@@ -1,4 +1,4 @@
-"""An agent alone: it is given what each cycle brings, and what it publishes is kept."""
+"""An agent alone: it receives the messages of each cycle, and its outputs are kept."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import atan2, degrees, hypot, radians
 from typing import Final, TypeVar
 
-from armadico.core.agent import Agent, Answer, AskFor, Publish, Question
+from armadico.core.agent import Agent, Answer, Publish, Question, SendQuery
 from armadico.core.coordination import DRAW
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
@@ -47,38 +47,38 @@ PIONEER: Final = Description(
     cone=radians(30.0),
     nearest=0.1,
 )
-"""The body and the limits of a Pioneer 2 DX, with sonars."""
+"""The footprint and the limits of a Pioneer 2 DX, with sonars."""
 
 
 class Alone:
-    """Gives an agent the messages of a robot's cycles, and keeps what it publishes.
+    """Delivers the messages of a robot's cycles to an agent, and keeps its outputs.
 
-    The robot obeys the agent at once, and stays where `pose` has it.
+    The robot obeys the agent immediately, and stays at `pose`.
 
     Attributes:
         agent: The agent.
         number: The number of the robot's cycle.
         now: The time, s.
-        pose: Where the robot is: m, m, rad in the world.
-        off_m: How far the pose may be off, m; 0: it has no covariance.
-        odometry: Where its controller has it: m, m, rad from where it was switched on.
-        speed: How the wheels turn, m/s and rad/s.
-        volts: Of its battery.
-        charging: Whether a charger is on.
-        stalled: Whether something holds the robot.
-        touch: What it touches, by its bumpers: m before and beside the axle.
-        published: All that the agent has published.
-        asked: The queries that it has put, not all of them answered.
-        answers: What it has answered, by the number of the query.
+        pose: The robot's pose: m, m, rad in the world.
+        off_m: The pose's standard deviation, m; 0: no covariance.
+        odometry: The controller's odometry: m, m, rad.
+        speed: The measured speeds, m/s and rad/s.
+        volts: The battery's voltage.
+        charging: Whether a charger is connected.
+        stalled: Whether something blocks the robot.
+        touch: The place that the bumpers touch, in the body frame, m.
+        published: All messages that the agent has published.
+        asked: All queries that it has sent.
+        answers: Its replies, by the number of the query.
     """
 
     def __init__(self, agent: Agent, epoch: int = 1, robot: Description | None = PIONEER) -> None:
-        """Describe the robot to it, if it listens.
+        """Deliver the robot's description, if the agent subscribes to it.
 
         Args:
-            agent: One that has not begun.
-            epoch: Of the robot's cycles.
-            robot: Which robot; None: it is not described.
+            agent: An agent that has not begun.
+            epoch: The epoch of the robot's cycles.
+            robot: The robot; None: no description.
         """
         self.agent = agent
         self.epoch = epoch
@@ -92,7 +92,7 @@ class Alone:
         self.stalled = self.charging = False
         self.touch: Point | None = None
         self.published: list[Message] = []
-        self.asked: list[AskFor] = []
+        self.on_query: list[SendQuery] = []
         self.answers: dict[int, Message] = {}
         self._replied: set[int] = set()
         if robot and any(each.message is Description for each in agent.subscriptions()):
@@ -100,7 +100,7 @@ class Alone:
 
     @property
     def at(self) -> Cycle:
-        """The cycle that the robot is at."""
+        """The present cycle."""
         return Cycle(self.epoch, self.number)
 
     @property
@@ -110,61 +110,61 @@ class Alone:
 
     @property
     def commanded(self) -> tuple[float, float]:
-        """What it last commanded of the wheels, m/s and rad/s; rest, if it has released them."""
+        """The last commanded speeds, m/s and rad/s; zeros after a release."""
         sent = commands(self.published)
         action = sent[-1].action if sent else None
         return (0.0, 0.0) if action is None else WHEELS.unpack(action)
 
     def give(self, *messages: Message) -> list[Message]:
-        """Hand it messages, one after another. Returns what it publishes at that."""
+        """Deliver messages in order; return what the agent publishes."""
         for message in messages:
             self.agent.receive(message, self.now)
         return self.collect()
 
     def collect(self) -> list[Message]:
-        """What it has published since."""
+        """Return what it has published since the last call."""
         out, self.agent.outbox = self.agent.outbox, []
         found = [item.message for item in out if isinstance(item, Publish)]
-        self.asked += [item for item in out if isinstance(item, AskFor)]
+        self.on_query += [item for item in out if isinstance(item, SendQuery)]
         self.answers |= {item.id: item.message for item in out if isinstance(item, Answer)}
         self.published += found
         return found
 
     def all(self, kind: type[M]) -> list[M]:
-        """All messages of a kind that it has published."""
+        """Return all published messages of a kind."""
         return [message for message in self.published if isinstance(message, kind)]
 
     def last(self, kind: type[M]) -> M:
-        """The last message of a kind that it has published."""
+        """Return the last published message of a kind."""
         return self.all(kind)[-1]
 
     def query(self, request: Message, number: int = 1) -> Message | None:
-        """Put a query to it. Returns its answer; None: it is still to come, into `answers`."""
+        """Send it a query; return the reply, or None if it comes later, in `answers`."""
         self.answers.pop(number, None)
-        self.agent.asked(Question(number, request), self.now)
+        self.agent.on_query(Question(number, request), self.now)
         self.collect()
         return self.answers.get(number)
 
     @property
     def waits(self) -> bool:
-        """Whether it waits for the answer to the last query that it has put."""
-        return bool(self.asked) and self.asked[-1].id not in self._replied
+        """Whether it waits for the reply to its last query."""
+        return bool(self.on_query) and self.on_query[-1].id not in self._replied
 
     def reply(self, message: Message | None) -> list[Message]:
-        """Answer the last query that it has put. Returns what it publishes at that."""
-        self._replied.add(self.asked[-1].id)
-        self.agent.replied(self.asked[-1].id, message, self.now)
+        """Reply to its last query; return what it publishes."""
+        self._replied.add(self.on_query[-1].id)
+        self.agent.on_reply(self.on_query[-1].id, message, self.now)
         return self.collect()
 
     def wake(self) -> list[Message]:
-        """Wake it, if it is to be woken by now. Returns what it publishes at that."""
+        """Wake it if that is due; return what it publishes."""
         due = self.agent.wakeup
         if due is not None and self.now >= due:
             self.agent.wake(self.now)
         return self.collect()
 
     def state(self, stop: Stop = NO_STOP, *, cycles: int = 1) -> list[Message]:
-        """Let so many cycles pass, and give it the robot's state and its ack."""
+        """Advance by cycles and deliver the robot's state and ack; return what it publishes."""
         self.number += cycles
         self.now += PERIOD * cycles
         v, w = self.speed
@@ -177,7 +177,7 @@ class Alone:
         return self.give(state, *([self.ack()] if self.agent.competes_for else []))
 
     def ack(self) -> Ack:
-        """The robot agent's ack: it obeys the agent's last command."""
+        """Return the robot agent's ack, which obeys the agent's last command."""
         last = next((c for c in reversed(self.published) if isinstance(c, Command)), None)
         if last is None:
             return Ack("wheels", self.at, measured=self.speed)
@@ -191,14 +191,14 @@ class Alone:
     def cycle(
         self, stop: Stop = NO_STOP, *, cycles: int = 1, points: Iterable[Point] = ()
     ) -> list[Message]:
-        """The same, and a pose and obstacles; what the agent reacts to comes last."""
+        """Do as `state`, then deliver a pose and obstacles; return what it publishes."""
         found = self.state(stop, cycles=cycles)
-        brought = [obstacles(self.at, *points), Pose(self.at, *self.pose, covariance(self.off_m))]
-        brought.sort(key=lambda message: type(message) is self.agent.reacts_to)
-        return found + self.give(*brought) + self._settle()
+        inputs = [obstacles(self.at, *points), Pose(self.at, *self.pose, covariance(self.off_m))]
+        inputs.sort(key=lambda message: type(message) is self.agent.reacts_to)  # that one last
+        return found + self.give(*inputs) + self._settle()
 
     def _settle(self) -> list[Message]:
-        """Let its random delay pass, if it is about to take the resource over."""
+        """Let the drawn delay pass if it is about to take over the resource."""
         for contender in self.agent._contenders.values():
             due = contender.wakeup
             if due is not None and due <= self.now + DRAW * PERIOD:
@@ -206,7 +206,7 @@ class Alone:
         return self.collect()
 
     def holding(self, *, points: Iterable[Point] = ()) -> list[Message]:
-        """Cycles until it holds the resource, which nobody else wants. Returns the last one's."""
+        """Run cycles until it holds the resource; return what it publishes in the last one."""
         points = tuple(points)
         for _ in range(4):
             found = self.cycle(points=points)
@@ -215,12 +215,12 @@ class Alone:
 
 
 def covariance(off_m: float) -> tuple[float, ...]:
-    """Of a pose that may be so far off, m."""
+    """Return a pose's covariance for a standard deviation of the position, m; () for 0."""
     return (off_m**2 / 2, 0.0, 0.0, off_m**2 / 2, 0.0, 0.0) if off_m else ()
 
 
 def obstacles(cycle: Cycle, *points: Point) -> Obstacles:
-    """The obstacles at these points (body frame, m), with the nearest of each side (3.4.2)."""
+    """Return obstacles at points (body frame, m), with the nearest of each side (3.4.2)."""
     near = sorted(points, key=lambda p: hypot(p.x, p.y))
 
     def first(low: float, high: float) -> Point | None:
@@ -231,21 +231,19 @@ def obstacles(cycle: Cycle, *points: Point) -> Obstacles:
 
 
 def drive_to(*waypoints: tuple[float, float, float], mission: int = 1) -> Trajectory:
-    """A trajectory from the origin over these poses: m, m, rad."""
+    """Return a trajectory from the origin over these poses: m, m, rad."""
     return Trajectory(1, mission, tuple(Waypoint(*pose) for pose in waypoints))
 
 
 def wall(x: float, low: float, high: float, step: float = 0.1) -> list[Point]:
-    """Points across the way at `x`, from y `low` to `high`, m."""
+    """Return points of a wall across the path at `x`, from y `low` to `high`, m."""
     count = round((high - low) / step)
     return [Point(x, low + (high - low) * n / count) for n in range(count + 1)]
 
 
 def commands(messages: Iterable[Message]) -> list[Command]:
-    """The commands among them."""
     return [message for message in messages if isinstance(message, Command)]
 
 
 def claims(messages: Iterable[Message]) -> list[Claim]:
-    """The claims among them."""
     return [message for message in messages if isinstance(message, Claim)]

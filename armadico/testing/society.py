@@ -20,13 +20,13 @@ Utility = Callable[[float], float | None]
 
 
 class ResourceOwner(Agent):
-    """Owns resources that do at once what is commanded, and keeps its verdicts.
+    """Owns resources that execute commands immediately, and keeps its verdicts.
 
     Attributes:
-        does: By resource, the action that it does.
-        obeyed: The commands that it obeyed, and when, s.
-        refused: Those that it refused, when, and why.
-        rests: When a resource went back to rest, s.
+        does: The present action, by resource.
+        obeyed: The obeyed commands, with the time, s.
+        refused: The rejected commands, with the time, s, and the reason.
+        rests: The times when a resource was brought to rest, s.
     """
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
@@ -56,29 +56,26 @@ class ResourceOwner(Agent):
             self.refused.append((self.now, command, verdict))
 
     def obey(self, resource: Resource, action: Any) -> None:
-        """The action is reached at once."""
         self.does[resource.name] = action
 
     def rest(self, resource: Resource) -> None:
-        """Back to the neutral action at once."""
         self.does[resource.name] = resource.neutral
         self.rests.append(self.now)
 
     def measure(self, resource: Resource) -> Any:
-        """The last action that it obeyed."""
         return self.does[resource.name]
 
 
 class RobotOwner(ResourceOwner):
-    """A robot agent without a robot: it makes the cycles, as status packets would."""
+    """A robot agent without a robot: a timer makes the cycles instead of status packets."""
 
     name = "robot"
     owns = (WHEELS,)
     describes: ClassVar[Description | None] = None
-    """The robot that it describes once a second; None: it describes none."""
+    """The description that it publishes once per second; None: none."""
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState,)
     fastest: ClassVar[float] = 2.0
-    """A faster command is refused, m/s."""
+    """Faster commands are rejected, m/s."""
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
@@ -92,7 +89,7 @@ class RobotOwner(ResourceOwner):
         self.on_wakeup()
 
     def on_wakeup(self) -> None:
-        """One cycle: the state, then the ack."""
+        """Publish a cycle: the state, then the ack."""
         self.wake_at(self.now + PERIOD)
         cycle = self.counter.next(self.now)
         self.cycles.advance(cycle, self.now)
@@ -109,7 +106,7 @@ class RobotOwner(ResourceOwner):
 
 
 class Bidder(Agent):
-    """Bids each cycle what a function of the time gives. `bidder` makes a class of it."""
+    """Bids in each cycle by a function of the time. `bidder` creates its subclasses."""
 
     reacts_to = Ack
     needs = (RobotState,)
@@ -118,7 +115,7 @@ class Bidder(Agent):
     action: ClassVar[tuple[float, float]] = (0.5, 0.0)
     critical: ClassVar[bool] = False
     every: ClassVar[int] = 1
-    """It bids in each so many cycles."""
+    """It bids in every `every`-th cycle."""
 
     def bid(self, message: Any) -> Bid | None:
         if message.cycle.number % self.every:
@@ -128,7 +125,7 @@ class Bidder(Agent):
 
 
 def bidder(name: str, utility: Utility | float, **attributes: Any) -> type[Bidder]:
-    """A class of agent that bids a utility, fixed or by the time; attributes as in `Bidder`."""
+    """Return a class that bids a utility, fixed or by the time; attributes as in `Bidder`."""
     function = utility if callable(utility) else lambda _now: utility
     return type(
         name.title(), (Bidder,), {"name": name, "utility": staticmethod(function), **attributes}
@@ -140,13 +137,13 @@ class Society:
 
     Attributes:
         mesh: The virtual mesh.
-        claims: Every claim that was published, and when, s.
-        commands: Every command, and when, s.
+        claims: All claims, with the time of publication, s.
+        commands: All commands, with the time of publication, s.
         nodes: The agents on the mesh, by name.
     """
 
     def __init__(self, *agents: type[Agent], seed: int = 1, start: float = 0.5) -> None:
-        """The owner begins, and `start` seconds later the agents join."""
+        """Start the owner, and the agents `start` seconds later."""
         self.mesh = VirtualMesh(seed)
         self.claims: list[tuple[float, Claim]] = []
         self.commands: list[tuple[float, Command]] = []
@@ -160,7 +157,7 @@ class Society:
             self.join(kind)
 
     def join(self, kind: type[Agent], start: int = 0, exchange: str = "smooth") -> Node:
-        """An agent joins, as the `start`-th instance of its name."""
+        """Start an agent, as the `start`-th instance of its name."""
         parameters = msgspec.convert({"social": {"exchange": exchange}}, Parameters)
         node = self.mesh.add(kind(self.mesh.identity(kind.name, start), parameters), admit=False)
         self.nodes[kind.name] = node
@@ -174,14 +171,14 @@ class Society:
         return agent
 
     def run(self, seconds: float) -> None:
-        """Let so much time pass, s."""
+        """Advance the time, s."""
         self.mesh.run(self.mesh.now + seconds)
 
     def obeyed_names(self, since: float = 0.0) -> list[str]:
-        """The agents whose commands were obeyed, one entry a command, from a time on, s."""
+        """Return the agent of each obeyed command from a time on, s."""
         return [c.ballot.instance.rsplit("-", 1)[0] for t, c in self.owner.obeyed if t >= since]
 
     def holders(self) -> list[str]:
-        """The agents that hold the wheels now."""
+        """Return the names of the agents that hold the wheels now."""
         competing = (n for n in self.nodes.values() if WHEELS in n.agent.competes_for)
         return [node.name for node in competing if node.agent.holds(WHEELS)]

@@ -1,6 +1,6 @@
 """P2OS commands, from the client to the robot: one table, and the coding of their arguments.
 
-A command's payload is its number, then, if it has an argument, the argument's type and value, low
+A command's payload is its number and, if it has an argument, the argument's type and value, low
 byte first. A negative integer is sent as type 1B with its absolute value, not in two's complement.
 """
 
@@ -21,7 +21,7 @@ DECIVOLT = 0.1
 
 
 class Arg(Enum):
-    NONE = "none"  # clients may send a dummy integer along
+    NONE = "none"  # clients may send a dummy integer
     INT = "int"  # signed
     BITS = "bits"  # sixteen raw bits, often two independent bytes
     TEXT = "text"  # counted bytes
@@ -60,7 +60,7 @@ class Cmd(IntEnum):
     CONFIG = 18, Arg.INT, 1, "send one CONFIGpac"
     ENCODER = 19, Arg.INT, 1, "ENCODERpacs: none (0), one (1), one each status packet (2)"
     RVEL = 21, Arg.INT, DEGREE, "angular speed, counter-clockwise positive, degrees/s"
-    DCHEAD = 22, Arg.INT, DEGREE, "turn relative to the last heading asked for, degrees"
+    DCHEAD = 22, Arg.INT, DEGREE, "turn relative to the last heading requested, degrees"
     SETRA = 23, Arg.INT, DEGREE, "angular acceleration, or if negative deceleration, degrees/s^2"
     SONAR = 28, Arg.INT, 1, "bit 0 on or off; the bits above name one array, 0 all"
     STOP = 29, Arg.NONE, 1, "stop, motors stay on"
@@ -78,7 +78,7 @@ SYNC0, SYNC1, SYNC2 = (encode(bytes([number])) for number in range(3))
 
 
 class Command(Struct, frozen=True):
-    """A command as received: unknown numbers included, arguments in the table's units."""
+    """A received command, unknown numbers included; arguments in the table's units."""
 
     number: int
     value: int = 0
@@ -86,7 +86,7 @@ class Command(Struct, frozen=True):
 
     @property
     def si(self) -> float:
-        """The value in SI units (m, rad, s, V); for commands of the table only."""
+        """The value in SI units (m, rad, s, V); only for commands of the table."""
         return self.value * COMMANDS[self.number].si
 
     @property
@@ -96,7 +96,7 @@ class Command(Struct, frozen=True):
 
     @property
     def pose(self) -> tuple[float, float, float] | None:
-        """SIM_SET_POSE's argument as x (m), y (m), theta (rad); None if it is cut short."""
+        """SIM_SET_POSE's argument as x (m), y (m), theta (rad); None if it is truncated."""
         if len(self.data) < 12:
             return None
         words = (self.data[i : i + 4] for i in (0, 4, 8))
@@ -119,7 +119,7 @@ def command(cmd: Cmd, value: int | bytes | None = None) -> bytes:
 
 
 def quantity(cmd: Cmd, value: float) -> bytes:
-    """Encode a whole packet whose argument is given in SI units, rounded to the table's."""
+    """Encode a whole packet from an argument in SI units, rounded to the table's."""
     return command(cmd, round(value / cmd.si))
 
 
@@ -131,10 +131,10 @@ def set_pose(x: float, y: float, theta: float) -> bytes:
 
 
 def decode_command(payload: bytes) -> Command:
-    """Read any payload of at least one byte: what other people's clients send is not all well made.
+    """Decode any payload of at least one byte: other clients' commands are not all well-formed.
 
-    An argument that is missing reads as 0 (Player's SETO is `07 3B`), one that was not asked for
-    is read and does no harm (ARIA's OPEN is `01 3B 01 00`).
+    A missing argument reads as 0 (Player's SETO is `07 3B`). A superfluous one is decoded and does
+    no harm (ARIA's OPEN is `01 3B 01 00`).
     """
     number = payload[0]
     kind = COMMANDS[number].argument if number in COMMANDS else Arg.INT
@@ -151,7 +151,7 @@ def decode_command(payload: bytes) -> Command:
 
 
 def _integer(cmd: Cmd, value: int) -> bytes:
-    """Argument type and value. 3B above 32767 would read back as negative, so only BITS may."""
+    """Argument type and value. 3B above 32767 would decode as negative, so only BITS may."""
     if cmd.argument is Arg.BITS:
         if not 0 <= value <= 0xFFFF:
             raise ValueError(f"{cmd.name} carries 0 to 65535, not {value}")
@@ -161,5 +161,4 @@ def _integer(cmd: Cmd, value: int) -> bytes:
 
 
 def _signed(value: int, bits: int) -> int:
-    """Read unsigned `value` as two's complement."""
     return value - (1 << bits) if value >> bits - 1 else value

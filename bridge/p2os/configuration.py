@@ -1,7 +1,7 @@
-"""CONFIGpac (type 20) and ENCODERpac (type 90): what a controller sends when queried.
+"""CONFIGpac (type 20) and ENCODERpac (type 90): a controller's answers to queries.
 
-Controllers of different ages end the CONFIGpac at different fields: what is missing reads as zero.
-A CONFIGpac is wanted and never required, since some real robots send it with a bad checksum.
+Controllers of different ages end the CONFIGpac at different fields: missing ones decode as zero. A
+CONFIGpac is requested but never required, since some real robots send it with a bad checksum.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _MILLI = 1e-3
 _DECI = 0.1
 _DEGREE = math.pi / 180
 
-# Fields in their order on the wire: attribute ("" if we have no use for it), format (s: text that
-# ends in NUL), value of one unit in SI. What newer controllers add behind the version is ignored.
+# Fields in their order on the wire: attribute ("" if unused), format (s: text that ends in NUL), SI
+# value of one unit. Fields that newer controllers add behind the version are ignored.
 FIELDS: tuple[tuple[str, str, float], ...] = (
     ("class_name", "s", 1),
     ("subclass", "s", 1),
@@ -62,7 +62,7 @@ FIELDS: tuple[tuple[str, str, float], ...] = (
     ("rear_bumpers", "B", 1),
     ("", "B", 1),  # charger
     ("sonar_period_s", "B", _MILLI),
-    ("auto_baud", "B", 1),  # 2: the client may ask for a faster line
+    ("auto_baud", "B", 1),  # 2: the client may request a faster line
     ("", "B", 1),  # gyroscope
     ("", "h", 1),  # drift factor
     ("", "B", 1),  # auxiliary ports' baud rates
@@ -75,9 +75,9 @@ TEXT_LIMIT = 19  # clients copy each name into twenty bytes, the NUL included
 
 
 class Configuration(Struct, frozen=True, kw_only=True):
-    """What a controller reports of itself. SI units; 0 where it does not.
+    """A controller's report of itself. SI units; 0 where it reports nothing.
 
-    `top` is what it can do at most, `max` the limit in force.
+    `top` is its greatest possible value, `max` the limit in force.
     """
 
     class_name: str = ""
@@ -96,12 +96,12 @@ class Configuration(Struct, frozen=True, kw_only=True):
     w_accel: float = 0  # rad/s^2
     w_decel: float = 0  # rad/s^2
     pwm_max: int = 0
-    stall_pwm: int = 0  # of pwm_max: held wheels that get more are stalled,
-    stall_s: float = 0  # and their motors off for so long
+    stall_pwm: int = 0  # of pwm_max: held wheels above this are stalled
+    stall_s: float = 0  # time for which their motors are off then
     cycle_s: float = 0
     watchdog_s: float = 0
     low_battery_v: float = 0
-    front_sonar: int = 0  # whether the ring is there
+    front_sonar: int = 0  # whether the ring exists
     rear_sonar: int = 0
     front_bumpers: int = 0
     rear_bumpers: int = 0
@@ -127,7 +127,7 @@ def encode_configuration(configuration: Configuration) -> bytes:
 
 
 def decode_configuration(payload: bytes) -> Configuration:
-    """Decode a CONFIGpac's payload; ValueError if it is none."""
+    """Decode a CONFIGpac's payload. Raises ValueError if it is of another type."""
     if payload[:1] != bytes([CONFIG]):
         raise ValueError(f"not a CONFIGpac: {payload[:1].hex()}")
     return Configuration(**dict(_read(payload[1:])))
@@ -140,18 +140,18 @@ def encode_encoders(encoders: Encoders) -> bytes:
 
 
 def encode_text(text: str) -> bytes:
-    """Text that ends in NUL, cut to what clients can hold."""
+    """Text that ends in NUL, cut to the clients' limit."""
     return text.encode("ascii", "replace")[:TEXT_LIMIT] + b"\0"
 
 
 def decode_texts(data: bytes, count: int) -> tuple[str, ...]:
-    """Read up to `count` texts that end in NUL; missing ones are empty."""
+    """Decode up to `count` texts that end in NUL; missing ones are empty."""
     texts = data.split(b"\0")[:count]
     return tuple(text.decode("ascii", "replace") for text in texts) + ("",) * (count - len(texts))
 
 
 def _read(data: bytes) -> Iterator[tuple[str, Any]]:
-    """Yield the named fields that `data` still has room for."""
+    """Yield the named fields that `data` contains."""
     for attribute, form, unit in FIELDS:
         value: Any
         if form == "s":
@@ -166,6 +166,6 @@ def _read(data: bytes) -> Iterator[tuple[str, Any]]:
 
 
 def _pack(form: str, value: float) -> bytes:
-    """Pack an unsigned field, or its end if the value lies beyond it."""
+    """Pack an unsigned field, clipped to its range."""
     highest = 2 ** (8 * struct.calcsize(form)) - 1
     return struct.pack(f"<{form}", min(max(round(value), 0), highest))

@@ -1,24 +1,24 @@
-"""The states of a session with a controller, as a table; `session.Session` walks it.
+"""The states of a session with a controller, as a table; `session.Session` executes it.
 
-The numbers of SYNC0, SYNC1 and SYNC2 are also those of PULSE, OPEN and CLOSE. So to a controller
-that a dead client left open, SYNC0 is a PULSE: the watchdog resets and the wheels run up again to
-the speeds last asked for, which the controller kept. Listening first does not help: one whose
-status packets are lost on the way is as silent as one that is closed. So what is sent first must be
-right for every controller, and is one packet, CLOSE, with SYNC0 behind it:
+The numbers of SYNC0, SYNC1 and SYNC2 are also those of PULSE, OPEN and CLOSE. To a controller that
+a dead client left open, SYNC0 is a PULSE: it resets the watchdog, and the wheels accelerate again
+to the last speeds, which the controller kept. Waiting for status packets first does not help: a
+controller whose packets are lost on the way is as silent as a closed one. So the first packets must
+be right for every controller. They are CLOSE, with SYNC0 behind it:
 
-- one that was left open closes, motors off, wheels at rest, and SYNC0 is SYNC0 to it;
-- a closed P2OS reads SYNC2 where SYNC0 is due, and waits for SYNC0, which follows;
-- MobileSim and AMRISim take the first packet for the SYNC of its number, whatever that is: for
-  SYNC2 they send their names and are in step, and SYNC0 is a PULSE to them. (After zero speeds, 11,
-  they were in step as well, and answered nothing more.)
+- one that was left open closes, motors off, wheels at rest, and takes SYNC0 as SYNC0;
+- a closed P2OS receives SYNC2 instead of SYNC0, and waits for SYNC0, which follows;
+- MobileSim and AMRISim take the first packet for the SYNC of its number, whichever that is: to
+  SYNC2 they answer with their names and are in step, and SYNC0 is a PULSE to them. (After zero
+  speeds, 11, they were in step as well, and answered nothing more.)
 
-Three things follow, and the table has them:
+The table contains three consequences:
 
 - names are an answer to SYNC0, too; zero speeds follow before the motors are on;
-- a status packet where an echo was due means that the controller is still open, or that CLOSE and
-  the packet crossed: it is closed again, and the handshake starts again. A controller that goes on
-  like that does not receive what we send, and that is reported;
-- silence starts the handshake again, too: SYNC2's answer may be what was lost, and a controller
+- a status packet instead of an echo means that the controller is still open, or that CLOSE and the
+  packet crossed: it is closed again, and the handshake starts again. A controller that continues to
+  send them does not receive, which is reported;
+- a timeout also starts the handshake again: SYNC2's answer may be what was lost, and a controller
   that is in step already takes the next SYNC0 for a PULSE and does not answer.
 """
 
@@ -26,17 +26,17 @@ from __future__ import annotations
 
 from enum import Enum, auto
 
-ECHO_TIMEOUT_S = 1.0  # for the answer to a SYNC, as ARIA waits
-DRAIN_S = 0.2  # after CLOSE, what was under way is let past, as ARIA does
+ECHO_TIMEOUT_S = 1.0  # for the answer to a SYNC, as in ARIA
+DRAIN_S = 0.2  # after CLOSE, time for packets that are under way, as in ARIA
 LINK_TIMEOUT_S = 1.0  # without a status packet, ten of them: half of the controller's own watchdog
-UNFIT_S = 5.0  # until a controller of another type is asked again: it may have been exchanged
+UNFIT_S = 5.0  # period of asking a controller of another type again: it may have been exchanged
 
 
 class State(Enum):
-    """Where a session stands: what it waits for."""
+    """What a session waits for."""
 
     CLOSED = "nothing"
-    DRAIN = "what the controller still had to say"
+    DRAIN = "the controller's last packets"
     SYNC0 = "the echo of SYNC0"
     SYNC1 = "the echo of SYNC1"
     SYNC2 = "the robot's names"
@@ -45,7 +45,7 @@ class State(Enum):
 
 
 class Signal(Enum):
-    """What makes a session go on."""
+    """What triggers a transition."""
 
     START = auto()
     ECHO0 = auto()
@@ -54,15 +54,15 @@ class Signal(Enum):
     MISFIT = auto()  # names that are not the profile's
     STATUS = auto()
     RESET = auto()  # the controller reports that it restarted
-    SILENCE = auto()  # the state's time-out
-    PAUSE = auto()  # nothing follows the handshake, again and again
+    SILENCE = auto()  # the state's timeout
+    PAUSE = auto()  # repeated handshakes without status packets
     CLOSE = auto()
 
 
 class Action(Enum):
-    """What a session does on its way."""
+    """What a session does in a transition."""
 
-    FORGET = auto()  # what is queued
+    FORGET = auto()  # drop what is queued
     ZERO = auto()  # zero speeds
     SEND_SYNC0 = auto()
     SEND_SYNC1 = auto()
@@ -71,8 +71,8 @@ class Action(Enum):
     SET_UP = auto()  # OPEN, motors and sonar on, limits; report the link as open
     LEAVE = auto()  # motors off, CLOSE
     LOSE = auto()  # report the link as lost
-    UNANSWERED = auto()  # report that nothing answers
-    UNHEARD = auto()  # report that it sends status packets and does not receive
+    UNANSWERED = auto()  # report that there is no answer
+    NOT_RECEIVING = auto()  # report that it sends status packets and does not receive
 
 
 TIMEOUTS_S = {
@@ -86,7 +86,7 @@ TIMEOUTS_S = {
 
 _BEGIN = (State.SYNC0, (Action.FORGET, Action.SEND_CLOSE, Action.SEND_SYNC0))
 _CLOSE = (Action.FORGET, Action.ZERO, Action.SEND_CLOSE)
-_DISLODGE = (State.DRAIN, (Action.UNHEARD, *_CLOSE))
+_DISLODGE = (State.DRAIN, (Action.NOT_RECEIVING, *_CLOSE))
 _RETRY = (State.DRAIN, (Action.UNANSWERED, *_CLOSE))
 _LOST = (State.DRAIN, (Action.LOSE, *_CLOSE))
 _LEAVE = (State.CLOSED, (Action.FORGET, Action.ZERO, Action.LEAVE))
@@ -94,7 +94,7 @@ _REFUSE = (State.UNFIT, (Action.FORGET, Action.SEND_CLOSE))  # no motors, no spe
 _SYNCS = (State.SYNC0, State.SYNC1, State.SYNC2)
 _LIVE = (State.DRAIN, *_SYNCS)
 
-# A signal that has no row in a state is none of its business: a late echo, say.
+# A signal without a row in a state is ignored there: a late echo, for example.
 TRANSITIONS: dict[tuple[State, Signal], tuple[State, tuple[Action, ...]]] = {
     (State.CLOSED, Signal.START): _BEGIN,
     (State.DRAIN, Signal.SILENCE): _BEGIN,

@@ -1,4 +1,4 @@
-"""Continuous odometry out of the controller's, which wraps every 27.5 m and may be set to zero."""
+"""Continuous odometry from the controller's, which wraps every 27.5 m and may be reset."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from armadico.bridge.session import Pose
 class Odometry(Continuous):
     """The controller's own odometry, unwrapped, and continuous over its resets.
 
-    It begins where the controller's is: one that was open before us has counted on, and what it
-    counted without a client is the robot's way. It wraps at some 27.5 m, so `near` is about where
-    it was. A step that the speeds do not explain is a reset: SETO, or the power was off.
+    It starts at the controller's: one that was open before has counted on, and its counts without a
+    client are the robot's motion. It wraps at about 27.5 m, so `near` is needed. A step that the
+    speeds do not explain is a reset: SETO, or a power cycle.
 
     A reset within `SPARE_M` and `SPARE_RAD` of the controller's origin looks like a step, and
     moves the pose by that much.
     """
 
     def __init__(self, units: P2osUnits, near: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Begin with the first status packet; about `near`, m, in the odometry's own frame."""
+        """Start with the first status packet; near `near`, m, in the odometry's own frame."""
         super().__init__(units.cycle_s)
         self._near: tuple[float, float] | None = near
         self._turn_s_m = units.diff_conv * 1e3 / 2  # rad/s for one m/s between the wheels
@@ -30,12 +30,12 @@ class Odometry(Continuous):
         self.convert(units)
 
     def convert(self, units: P2osUnits) -> None:
-        """Count by other factors from the next status packet on, which is a base, not a step."""
+        """Use other factors from the next status packet on, which is a base, not a step."""
         self._span_m = POSITION_COUNTS * units.distance_mm * 1e-3
         self._last: Status | None = None
 
     def update(self, status: Status, now: float) -> Pose:
-        """Take a status packet received at `now` (s) and return the continuous pose."""
+        """Add a status packet received at `now` (s) and return the continuous pose."""
         last, elapsed = self._last, now - self._at
         self._last, self._at = status, now
         if self._near is not None:
@@ -56,7 +56,7 @@ class Odometry(Continuous):
         return self.pose
 
     def _fastest(self, last: Status, status: Status) -> tuple[float, float]:
-        """Of the speeds reported before and after a step, m/s and rad/s."""
+        """The greater of the speeds reported before and after a step, m/s and rad/s."""
         speed = max(abs(s.left_m_s) + abs(s.right_m_s) for s in (last, status)) / 2
         spin = max(abs(s.right_m_s - s.left_m_s) for s in (last, status)) * self._turn_s_m
         return speed, spin

@@ -1,8 +1,8 @@
 """Framing of P2OS packets, the same in both directions; sans-IO.
 
 A packet is FA FB, a count of the bytes that follow it, the payload, and a checksum over the payload
-alone. The checksum is the one big-endian item on the wire. Nothing is acknowledged and a bad packet
-is dropped in silence by both sides, so a receiver's whole duty is to find the next good one.
+alone. The checksum is the one big-endian item on the wire. No packet is acknowledged, and both
+sides drop bad ones silently, so a receiver only has to find the next good one.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ HEADER = b"\xfa\xfb"
 MIN_COUNT = 3  # one byte of payload and the checksum
 MAX_COUNT = 200  # P2OS ignores longer packets
 MAX_PAYLOAD = MAX_COUNT - 2
-QUIET_S = 0.1  # a packet broken off for this long is given up (as ARIA does)
+QUIET_S = 0.1  # a packet incomplete for this long is dropped (as in ARIA)
 
 
 def checksum(payload: bytes | bytearray) -> int:

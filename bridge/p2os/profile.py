@@ -1,6 +1,6 @@
 """The section [p2os] of a profile: a robot with a controller that speaks P2OS.
 
-The codec's conversion factors are in the controller's own units.
+The conversion factors are in the controller's own units.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from armadico.core.messages import Patience
 
 
 class Variant(Struct, frozen=True, forbid_unknown_fields=True):
-    """Another subclass of the same robot; factors that are not given are those of the profile."""
+    """Another subclass of the same robot; factors not given are those of the profile."""
 
     subclass: Annotated[str, Meta(max_length=19)]  # "": a controller that reports none
     distance_mm: Positive | None = None
@@ -24,7 +24,7 @@ class Variant(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class P2osUnits(Section, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The codec's conversion factors, and what the controller says of itself."""
+    """Conversion factors, and the controller's report of itself."""
 
     distance_mm: Positive  # mm for one count of XPOS
     angle_rad: Positive  # rad for one unit of THPOS
@@ -39,7 +39,7 @@ class P2osUnits(Section, frozen=True, forbid_unknown_fields=True, kw_only=True):
     variants: tuple[Variant, ...] = ()
 
     def of(self, class_name: str, subclass: str) -> P2osUnits | None:
-        """The factors for a controller that names itself so; None: the profile does not fit it."""
+        """The factors for a controller with these names; None: the profile does not match it."""
         if class_name.casefold() != self.class_name.casefold() and (class_name or subclass):
             return None
         if subclass.casefold() == self.subclass.casefold():
@@ -56,7 +56,7 @@ class P2osUnits(Section, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class P2osRobot(IdentifiedRobot, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A robot with a controller that speaks P2OS, whose masses and motors are known."""
+    """A robot with a controller that speaks P2OS, with known masses and motors."""
 
     section: ClassVar[str] = "p2os"
 
@@ -65,7 +65,7 @@ class P2osRobot(IdentifiedRobot, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 def profiles_for(class_name: str, subclass: str) -> tuple[str, ...]:
-    """The names of the shipped profiles that fit a controller with these names, sorted."""
+    """The names of the shipped profiles that match a controller with these names, sorted."""
     profiles = {name: load_profile(name) for name in names("robots")}
     return tuple(
         name

@@ -1,11 +1,11 @@
 """A client's session with a P2OS controller; sans-IO: bytes and time in, events and bytes out.
 
-The owner hands in what it read (`receive`), calls `tick` at `next_wakeup` at the latest, and writes
-what `outgoing` returns after each call. The session opens itself, and opens itself again whenever
-the link was lost, until `close`. The rules of the handshake are the table in `handshake`.
+The owner passes the bytes it read to `receive`, calls `tick` at `next_wakeup` at the latest, and
+writes what `outgoing` returns after each call. The session opens the link, and opens it again
+whenever it was lost, until `close`. The rules of the handshake are the table in `handshake`.
 
-The session never feeds the controller's watchdog by itself: an owner that hangs or dies must leave
-the robot to stop. `drive` does, and `pulse` where there is nothing to drive.
+The session never feeds the controller's watchdog by itself: if its owner hangs or dies, the robot
+must stop. `drive` feeds it, and `pulse` if there is nothing to drive.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ from armadico.bridge.session import Reported as Neutral
 from armadico.config.profile import Limits
 from armadico.core.messages import Line
 
-ASK_AGAIN_S = 0.2  # CONFIG and ENABLE are repeated this often
-ASK_TIMES = 5  # at most so often: packets get lost, and some robots never send a good CONFIGpac
-HANG_S = 1.5  # between two calls: the owner hung, and comes back to a robot that will lurch
-LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
-LATE_S = 0.1  # an owner that calls so much later than that hung
-A_CYCLE = 3  # status packets that are decoded in a cycle, on average; a controller sends one
-PAUSE_S = 5.0  # at most, before the next handshake if nothing followed the last ones
-ABSURD = 2.0  # times the profile's top speeds: no wheel turns so fast
+REPEAT_S = 0.2  # period of repeating CONFIG and ENABLE
+MOST_REPEATS = 5  # greatest number of repetitions: some robots never send a good CONFIGpac
+HANG_S = 1.5  # time between two calls after which the owner hung, and the robot may jerk
+CALL_S = LINK_TIMEOUT_S / 2  # period of calls with an open link
+LATE_S = 0.1  # an owner that calls later than that by this hung
+A_CYCLE = 3  # status packets decoded per cycle, on average; a controller sends one
+PAUSE_S = 5.0  # greatest pause before the next handshake if no status packet followed the last ones
+ABSURD = 2.0  # factor on the profile's top speeds: no wheel turns faster
 
 ZERO = command(Cmd.VEL, 0) + command(Cmd.RVEL, 0)
 
 
 class Reported(Neutral, frozen=True, kw_only=True):
-    """A status packet came; `pose` is the continuous odometry."""
+    """A status packet arrived; `pose` is the continuous odometry."""
 
     status: Status
 
@@ -75,28 +75,28 @@ _REASONS = {
 
 @dataclass
 class Setup:
-    """What a controller is asked at the beginning, until it has been seen to obey it.
+    """Requests to a controller after opening, repeated until it has carried them out once.
 
-    Only until then: whoever switches the motors off at the robot later has a reason.
+    Not later: a person who switches the motors off at the robot has a reason.
     """
 
-    due: float | None = None  # when it is asked again, s; None: not any more
+    due: float | None = None  # when they are repeated, s; None: not any more
     configured: bool = False
     enabled: bool = False
-    asked: int = 0
+    repeats: int = 0
 
     def repeat(self, held: bool, now: float) -> bytes:
-        """The packets that are to be repeated; motors that are `held` stay off."""
-        self.asked += 1
+        """The packets to repeat; motors that are `held` stay off."""
+        self.repeats += 1
         enabled = self.enabled or held
         settled = self.configured and enabled
-        self.due = None if self.asked == ASK_TIMES or settled else now + ASK_AGAIN_S
+        self.due = None if self.repeats == MOST_REPEATS or settled else now + REPEAT_S
         packets = b"" if self.configured else command(Cmd.CONFIG, 1)
         return packets if enabled else packets + command(Cmd.ENABLE, 1)
 
 
 class Session:
-    """One client's dealings with one controller, from SYNC0 to CLOSE and again: a `bridge.session`.
+    """One client's session with one controller, from SYNC0 to CLOSE and again: a `bridge.session`.
 
     Attributes:
         state: What the session waits for.
@@ -108,7 +108,7 @@ class Session:
     ) -> None:
         """Begin at time `now` (s, any clock).
 
-        `near` is about where the odometry was last known to be, m: it wraps every 27.5 m.
+        `near` is the approximate last position of the odometry, m: it wraps every 27.5 m.
         """
         self.state = State.CLOSED
         self._ration = Ration()  # of status packets
@@ -117,14 +117,14 @@ class Session:
         self.held = False
         self._profile, self._units = profile, profile.p2os
         self._out = bytearray()
-        self._speeds = b""  # the latest `drive`, not yet fetched
+        self._speeds = b""  # the latest `drive`, not yet sent
         self._events: list[Event] = []
         self._now = self._sent_at = now
         self._deadline: float | None = None
         self._setup = Setup()
         self._attempts = 0
-        self._fruitless = 0  # handshakes since the last status packet
-        self._go(Signal.START)
+        self._failed_handshakes = 0  # handshakes since the last status packet
+        self._transition(Signal.START)
 
     @property
     def is_open(self) -> bool:
@@ -143,7 +143,7 @@ class Session:
     def next_wakeup(self) -> float | None:
         times = [time for time in (self._deadline, self._setup.due) if time is not None]
         if self.is_open:
-            times.append(self._now + LOOK_S)
+            times.append(self._now + CALL_S)
         return min(times, default=None)
 
     def receive(self, data: bytes, now: float) -> list[Event]:
@@ -156,17 +156,16 @@ class Session:
     def tick(self, now: float) -> list[Event]:
         self._advance(now)
         if self._deadline is not None and now >= self._deadline:
-            self._go(Signal.SILENCE)
+            self._transition(Signal.SILENCE)
         if self._setup.due is not None and now >= self._setup.due:
             self._out += self._setup.repeat(self.held, now)
         return self._drain_events()
 
     def outgoing(self) -> bytes:
-        """Hand over, once, what is to be written.
+        """The bytes to write, returned once.
 
-        What follows a silence in which the controller's watchdog may have stopped the wheels
-        begins with zero speeds: any packet, a pulse too, would send them off again at the speeds
-        of before.
+        After a pause in which the controller's watchdog may have stopped the wheels, zero speeds
+        are sent first: any packet, even a pulse, would make the wheels resume the old speeds.
         """
         data = bytes(self._out) + self._speeds
         self._out.clear()
@@ -178,61 +177,61 @@ class Session:
         return data
 
     def drive(self, v: float, w: float) -> None:
-        """Ask for speeds, m/s and rad/s; only the latest before `outgoing` is sent.
+        """Request speeds, m/s and rad/s; only the latest before `outgoing` is sent.
 
-        Asked of a link that is not open they are forgotten: old speeds must not wait for a robot.
-        ValueError if P2OS cannot carry them (not finite, or beyond 32.7 m/s).
+        They are dropped if the link is not open: old speeds must not wait for a robot. Raises
+        ValueError if P2OS cannot encode them (not finite, or beyond 32.7 m/s).
 
         VEL and RVEL carry whole mm/s and whole degrees/s: rounding costs up to 0.5 mm/s and
-        0.0087 rad/s, and what is slower than half a degree a second does not turn at all. VEL2
-        would halve the bytes (9 for 18), but its wheels go in steps of 20 mm/s: up to 10 mm/s and
-        0.056 rad/s off, six times worse, so small corrections of the heading vanish.
+        0.0087 rad/s, and below half a degree per second the robot does not turn. VEL2 would halve
+        the bytes (9 instead of 18), but its wheels have steps of 20 mm/s: errors up to 10 mm/s and
+        0.056 rad/s, six times worse, so small corrections of the heading vanish.
         """
         packets = quantity(Cmd.VEL, v) + quantity(Cmd.RVEL, w)
         if self.is_open:
             self._speeds = packets
 
     def stop(self) -> None:
-        """Ask for zero speeds, down the controller's ramps; the motors stay on."""
+        """Request zero speeds, down the controller's ramps; the motors stay on."""
         self.drive(0, 0)
 
     def emergency_stop(self) -> None:
-        """See `bridge.session`. Zero speeds follow: they hold once it rests."""
+        """See `bridge.session`. Zero speeds follow: they hold once the robot rests."""
         if self.is_open:
             self._out += command(Cmd.E_STOP)
             self._speeds = ZERO
 
     def pulse(self) -> None:
-        """Feed the watchdog, if nothing that is queued does so already."""
+        """Feed the watchdog, if no queued packet does."""
         if self.is_open and not self._out and not self._speeds:
             self._out += command(Cmd.PULSE)
 
     def restart(self, now: float) -> list[Event]:
         self._advance(now)
         self.decoder.begin()
-        self._go(Signal.START)
-        if self._fruitless > 1:
-            self._go(Signal.PAUSE)
+        self._transition(Signal.START)
+        if self._failed_handshakes > 1:
+            self._transition(Signal.PAUSE)
         return self._drain_events()
 
     def close(self) -> None:
         """Stop, motors off, end of session; `restart` begins another."""
-        self._fruitless = 0
-        self._go(Signal.CLOSE)
+        self._failed_handshakes = 0
+        self._transition(Signal.CLOSE)
 
     def _advance(self, now: float) -> None:
-        """Note the time. After a hang the time-out begins anew; if open, zero speeds go first."""
+        """Set the time. After a hang the timeout starts anew; if open, zero speeds go first."""
         if self._deadline is not None:
-            # By what passed since the last call, not by the time-out: a hang may end just on it.
+            # By the time since the last call, not by the timeout: a hang may end just on it.
             patience = max(HANG_S, self._deadline - self._now + LATE_S)
-            late = now - self._now > (LOOK_S + LATE_S if self.is_open else patience)
+            late = now - self._now > (CALL_S + LATE_S if self.is_open else patience)
             if late:
                 self._out += ZERO if self.is_open else b""
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
 
     def _rationed(self, payloads: list[bytes], earned: float) -> Iterator[bytes]:
-        """Of a flood of status packets the newest."""
+        """All payloads, but of a flood of status packets only the newest."""
         count = sum(payload[0] in STATUS_TYPES for payload in payloads)
         surplus = self._ration.surplus(count, earned)
         self.counts.surplus += surplus
@@ -250,12 +249,12 @@ class Session:
             self.counts.malformed += 1
             return
         if payload[0] == 0x02 and (self.state, Signal.NAMES) in TRANSITIONS:
-            self._go(self._named(*decode_texts(payload[1:], 3)))
+            self._transition(self._named(*decode_texts(payload[1:], 3)))
         elif payload[0] in _SIGNALS:
-            self._go(_SIGNALS[payload[0]])
+            self._transition(_SIGNALS[payload[0]])
 
     def _named(self, name: str, class_name: str, subclass: str) -> Signal:
-        """Whether the profile fits the controller that names itself so; its factors count."""
+        """Whether the profile matches a controller with these names; applies its factors."""
         units = self._profile.p2os.of(class_name, subclass)
         if units is None:
             self._events.append(Unfit(name, class_name, subclass))
@@ -267,14 +266,14 @@ class Session:
         return Signal.NAMES
 
     def _report(self, payload: bytes) -> None:
-        """Make events of an open controller's packet."""
+        """Make events from an open controller's packet."""
         kind = payload[0]
         if kind in STATUS_TYPES:
             status = decode_status(payload, self._units)
             if max(abs(status.left_m_s), abs(status.right_m_s)) > self._fastest():
                 self.counts.absurd += 1
                 return
-            self._fruitless = 0
+            self._failed_handshakes = 0
             self._setup.enabled = self._setup.enabled or status.motors_enabled
             self.held = self.held and not status.motors_enabled
             self._deadline = self._now + LINK_TIMEOUT_S
@@ -300,14 +299,14 @@ class Session:
             status=status,
         )
 
-    def _go(self, signal: Signal) -> None:
+    def _transition(self, signal: Signal) -> None:
         if (self.state, signal) not in TRANSITIONS:
             return
         before = self.state
         self.state, actions = TRANSITIONS[before, signal]
         timeout = TIMEOUTS_S.get(self.state)
-        if timeout is not None and self.state is State.DRAIN and self._fruitless > 1:
-            timeout = min(timeout * 2.0 ** (self._fruitless - 1), PAUSE_S)
+        if timeout is not None and self.state is State.DRAIN and self._failed_handshakes > 1:
+            timeout = min(timeout * 2.0 ** (self._failed_handshakes - 1), PAUSE_S)
         self._deadline = None if timeout is None else self._now + timeout
         self._setup.due = None
         for action in actions:
@@ -323,19 +322,19 @@ class Session:
             self._open()
         elif action is Action.LOSE:
             self._events.append(LinkLost(_REASONS[signal], signal is Signal.RESET))
-        elif action in {Action.UNANSWERED, Action.UNHEARD}:
+        elif action in {Action.UNANSWERED, Action.NOT_RECEIVING}:
             self._attempts += 1
-            streaming = action is Action.UNHEARD
+            streaming = action is Action.NOT_RECEIVING
             self._events.append(Unanswered(before.value, self._attempts, streaming))
 
     def _open(self) -> None:
         self._out += _opening(motors=not self.held) + _limits(self._profile.limits)
-        self._fruitless += 1
+        self._failed_handshakes += 1
         self._attempts = 0
-        self._setup = Setup(self._now + ASK_AGAIN_S)
+        self._setup = Setup(self._now + REPEAT_S)
 
     def _fastest(self) -> float:
-        """No rim of a wheel is faster, m/s."""
+        """Greatest possible speed of a wheel's rim, m/s."""
         limits, units = self._profile.limits, self._profile.p2os
         return ABSURD * (limits.v_max + limits.w_max / (units.diff_conv * 1e3))
 
@@ -355,13 +354,13 @@ _SENDS = {
 
 
 def _opening(*, motors: bool) -> bytes:
-    """What follows the handshake first: zero speeds, motors on unless they are held off, sonar."""
+    """The first packets after the handshake: zero speeds, motors on unless held off, sonar."""
     enable = command(Cmd.ENABLE, 1) if motors else b""
     return command(Cmd.OPEN) + ZERO + enable + command(Cmd.SONAR, 1)
 
 
 def _limits(limits: Limits) -> bytes:
-    """What follows then: the profile's limits, and CONFIG."""
+    """The next packets: the profile's limits, and CONFIG."""
     packets = quantity(Cmd.SETV, limits.v_max) + quantity(Cmd.SETRV, limits.w_max)
     packets += quantity(Cmd.SETA, limits.v_accel) + quantity(Cmd.SETA, -limits.v_decel)
     packets += quantity(Cmd.SETRA, limits.w_accel) + quantity(Cmd.SETRA, -limits.w_decel)

@@ -1,7 +1,7 @@
-"""The standard status packet (SIP, types 32 and 33): the robot's state, ten times a second.
+"""The standard status packet (SIP, types 32 and 33): the robot's state, ten times per second.
 
-`Status` is in SI units and REP-103 frames; the controller's units end in this file. The odometry is
-the controller's own, wrapped: `odometry.Odometry` makes it continuous.
+`Status` has SI units and REP-103 frames; the controller's units are used only in this file. The
+odometry is the controller's own, wrapped: `odometry.Odometry` makes it continuous.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ STOPPED, MOVING = 0x32, 0x33
 STATUS_TYPES = (STOPPED, MOVING)
 
 MOTORS_ENABLED = 0x0001
-SONAR_ARRAYS = 0x001E  # a bit for each of the four arrays
+SONAR_ARRAYS = 0x001E  # one bit for each of the four arrays
 STOP_BUTTON = 0x0020
 CHARGING = 0x0400  # the charger's power is good
 
@@ -52,8 +52,8 @@ class Status(Struct, frozen=True, kw_only=True):
     sonar_arrays: int = 0  # bits 0 to 3: array 1 to 4 is on
     stop_button: bool = False
     charging: bool = False
-    flags: int = 0  # as sent, the flags named here included
-    front_bumpers: int = 0  # a bit each
+    flags: int = 0  # as sent, including the flags named here
+    front_bumpers: int = 0  # one bit each
     rear_bumpers: int = 0
     control_rad: float = 0.0  # set point of the heading servo
     compass_rad: float = 0.0
@@ -66,7 +66,7 @@ class Status(Struct, frozen=True, kw_only=True):
 def encode_status(status: Status, units: P2osUnits, *, short: bool = False) -> bytes:
     """Encode a payload: of ARCOS, up to the turn rate, or in the short form of P2OS.
 
-    Clients of P2OS read no farther than the short form; those of ARCOS may need what follows it.
+    Clients of P2OS decode no more than the short form; those of ARCOS may need the rest.
     """
     count_m = units.distance_mm * 1e-3
     speed_m = units.velocity_mm * 1e-3
@@ -95,10 +95,10 @@ def encode_status(status: Status, units: P2osUnits, *, short: bool = False) -> b
 
 
 def decode_status(payload: bytes, units: P2osUnits) -> Status:
-    """Decode a payload; ValueError if it is none of the sort or cut short.
+    """Decode a payload. Raises ValueError if it is of another type or truncated.
 
-    Everything behind the sonar readings is optional: later controllers append fields, some leave
-    even the short form's last ones out.
+    Everything behind the sonar readings is optional: later controllers append fields, some omit
+    even the last ones of the short form.
     """
     if len(payload) < SHORTEST or payload[0] not in STATUS_TYPES:
         raise ValueError(f"not a status packet: {payload[:SHORTEST].hex(' ')}")
@@ -166,7 +166,7 @@ def _angle_units(angle_rad: float, units: P2osUnits) -> int:
 
 
 def _wrap_units(count: int) -> int:
-    """Bring an angle into -2048 to 2047; some controllers count 0 to 4095."""
+    """Wrap an angle to -2048 to 2047; some controllers count 0 to 4095."""
     return (count + TURN_UNITS // 2) % TURN_UNITS - TURN_UNITS // 2
 
 

@@ -21,13 +21,13 @@ from armadico.bridge.ros2.samples import Address, SampleTransport, Wire
 SCHEMES = ("ros2", "ros2+zenoh")
 
 DOMAINS = 233
-"""How many there are: ports of higher ones do not exist."""
+"""ROS 2 domain ids are below this: higher ones would need ports that do not exist."""
 
 PORT = 7447
-"""Where a router of rmw_zenoh's listens."""
+"""Default port of a router of rmw_zenoh."""
 
 NODE = "armadico"
-"""What `ros2 node list` calls us."""
+"""The node name of the robot agent in `ros2 node list`."""
 
 EXTRA = "ros2:// needs Cyclone DDS, which is not installed: pip install 'armadico[ros2]'"
 
@@ -36,7 +36,7 @@ _INTERFACE = re.compile(r"[A-Za-z0-9_.:@-]{1,64}")
 
 
 def read_address(url: str) -> Address:
-    """Read an address. Raises ValueError, which says what is wrong."""
+    """Read an address. Raises ValueError."""
     parts = urlsplit(url)
     known = {"domain", "interface"} if parts.scheme == "ros2" else {"domain"}
     options = parse_qs(parts.query, keep_blank_values=True)
@@ -68,12 +68,12 @@ def open_ros2(url: str) -> SampleTransport:
 
 
 def client_transport(url: str) -> SampleTransport:
-    """The same, not yet open. Raises ValueError."""
+    """A transport that is not yet open. Raises ValueError."""
     return _transport(url, NODE, listens=False)
 
 
 def robot_transport(url: str, name: str) -> SampleTransport:
-    """The same for a simulated robot; of rmw_zenoh's it is the router. Raises ValueError."""
+    """The transport of a simulated robot; with rmw_zenoh it is the router. Raises ValueError."""
     return _transport(url, name, listens=True)
 
 
@@ -84,8 +84,8 @@ def _transport(url: str, node: str, listens: bool) -> SampleTransport:
 
 
 def join(address: Address, node: str, *, listens: bool = False) -> Wire:
-    """Join a network as a node; if it `listens`, be the router that is there. Raises OSError."""
-    # Loading them takes long, or is not possible.
+    """Join a network as a node; with `listens`, be the Zenoh router. Raises OSError."""
+    # Imported here: slow to load, and Cyclone DDS is optional.
     if address.endpoint:
         from armadico.bridge.ros2.rmw_zenoh import ZenohWire
 

@@ -1,13 +1,14 @@
-"""ROS 2 messages as bytes (CDR), and what a type is called on DDS and on rmw_zenoh.
+"""ROS 2 messages as bytes (CDR), and the names of their types on DDS and in rmw_zenoh.
 
 Sources: OMG DDSI-RTPS 2.5, section 10 (CDR); REP-2011 and REP-2016 (type descriptions, RIHS01);
 design.ros2.org, "Topic and Service name mapping to DDS".
 
-`rosbags` 0.11.9 has the types and their CDR, too, and decodes faster. It brings 22 MB to each
-robot's computer (SQLite, LZ4, Zstandard, YAML) where pycdr2 has 0.7 MB, its messages have no
-defaults, which 130 places here use, and its constructors would be unchecked. It refuses Humble's
-longer discovery messages and hashes `rmw_dds_common/Gid` otherwise than ROS 2 does, so both would
-be patched here.
+`rosbags` 0.11.9 also has the types and their CDR, and decodes faster. It is not used:
+
+- it adds 22 MB (SQLite, LZ4, Zstandard, YAML) to each robot's computer; pycdr2 has 0.7 MB;
+- its messages have no defaults, which 130 places here use, and its constructors are unchecked;
+- it rejects Humble's longer discovery messages and hashes `rmw_dds_common/Gid` differently from
+  ROS 2, so both would need patches here.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from armadico.bridge.ros2 import types
 M = TypeVar("M", bound=IdlStruct)
 
 _HEADER = 4
-# rosidl's numbers (type_description_interfaces/msg/FieldType), and `.msg`'s words.
+# The numbers of type_description_interfaces/msg/FieldType, by the type's name in `.msg` files.
 _PRIMITIVES = {
     "int8": 2,
     "uint8": 3,
@@ -44,23 +45,23 @@ _ARRAY, _SEQUENCE = 48, 144
 
 
 class _Bounded(Buffer):
-    """Bytes that end: pycdr2's own read nothing four thousand million times, if so told."""
+    """A buffer that checks lengths: pycdr2's own loops 4e9 times for a false length."""
 
     def read_bytes(self, length: int) -> bytes:
-        """Read bytes; a text's length of 0 comes as -1, and takes back the end's zero."""
+        """Read bytes. pycdr2 passes -1 for a text of length 0, to step back over the final zero."""
         if self._pos + length > self._size:
-            raise ValueError(f"{length} bytes are said to follow")
+            raise ValueError(f"a length of {length} bytes exceeds the message")
         return super().read_bytes(length)
 
 
 def encode(message: IdlStruct) -> bytes:
-    """Say a message as CDR, little endian, with its header.
+    """Encode a message as little-endian CDR with its header.
 
     Raises:
         ValueError: A field is of another type, or does not fit.
     """
     try:
-        # A buffer each: pycdr2 keeps one for each type, which two threads would share.
+        # A new buffer each time: pycdr2 shares one per type between threads.
         return message.serialize(buffer=Buffer())
     except Exception as error:  # pycdr2 raises whatever struct or its own code raises
         raise ValueError(f"{ros_name(type(message))} cannot be encoded: {_first(error)}") from error
@@ -70,31 +71,33 @@ def decode(kind: type[M], data: bytes) -> M:
     """Read a message from CDR.
 
     Raises:
-        ValueError: The bytes are none of these.
+        ValueError: The bytes are not such a message.
     """
-    # Only plain CDR of either endianness: ROS 2 says nothing else.
+    # ROS 2 uses plain CDR only, in either byte order.
     if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
-        raise ValueError(f"{len(data)} bytes are no CDR of {ros_name(kind)}")
+        raise ValueError(f"{len(data)} bytes are not CDR of {ros_name(kind)}")
     try:
         buffer = _Bounded(data, align_offset=_HEADER)
-        return kind.deserialize(cast("Any", buffer))  # it takes buffers, and says bytes alone
+        return kind.deserialize(cast("Any", buffer))  # it accepts buffers; its annotation does not
     except Exception as error:  # struct.error, UnicodeDecodeError, and pycdr2's own
-        raise ValueError(f"{len(data)} bytes are no {ros_name(kind)}: {_first(error)}") from error
+        raise ValueError(
+            f"{len(data)} bytes are not a {ros_name(kind)}: {_first(error)}"
+        ) from error
 
 
 def ros_name(kind: type[IdlStruct]) -> str:
-    """What ROS 2 calls the type: `sensor_msgs/msg/LaserScan`."""
+    """The type's name in ROS 2: `sensor_msgs/msg/LaserScan`."""
     return str(kind.__idl_typename__)
 
 
 def dds_name(kind: type[IdlStruct]) -> str:
-    """What it is called on DDS and in rmw_zenoh's keys: `sensor_msgs::msg::dds_::LaserScan_`."""
+    """The type's name on DDS and in keys of rmw_zenoh: `sensor_msgs::msg::dds_::LaserScan_`."""
     package, _, name = ros_name(kind).split("/")
     return f"{package}::msg::dds_::{name}_"
 
 
 def from_dds_name(name: str) -> str:
-    """Turn a DDS type name into ROS 2's; what is no ROS 2 type stays as it is."""
+    """Turn a DDS type name into that of ROS 2; other names are returned unchanged."""
     parts = name.split("::")
     if len(parts) == 4 and parts[2] == "dds_" and parts[3].endswith("_"):
         return f"{parts[0]}/{parts[1]}/{parts[3][:-1]}"
@@ -115,7 +118,7 @@ def type_hash(kind: type[IdlStruct]) -> str:
 
 @functools.cache
 def definition(kind: type[IdlStruct]) -> str:
-    """The type as `.msg` text, its nested types after lines of 80 `=`: rosbag2's `ros2msg`."""
+    """The type as `.msg` text; nested types follow lines of 80 `=` (rosbag2's `ros2msg`)."""
     texts = [_msg(kind)]
     for other in sorted(_referenced(kind), key=ros_name):
         package, _, name = ros_name(other).split("/")
@@ -125,7 +128,7 @@ def definition(kind: type[IdlStruct]) -> str:
 
 @functools.cache
 def known() -> dict[str, type[IdlStruct]]:
-    """The types of `types`, by ROS 2's names."""
+    """The types of `types`, by their ROS 2 names."""
     found = (value for value in vars(types).values() if isinstance(value, type))
     return {
         ros_name(kind): kind
@@ -135,7 +138,7 @@ def known() -> dict[str, type[IdlStruct]]:
 
 
 def _first(error: Exception) -> str:
-    """The cause at the bottom: pycdr2 wraps each field's in one with all its values."""
+    """The innermost cause: pycdr2 wraps each field's error in one with all its values."""
     cause: BaseException = error
     while cause.__cause__ is not None:
         cause = cause.__cause__
@@ -143,9 +146,9 @@ def _first(error: Exception) -> str:
 
 
 def _fields(kind: type[IdlStruct]) -> list[tuple[str, Any, int, int]]:
-    """Name, element (a word of `.msg` or a type), what is added to its number, and capacity.
+    """Name, element (a `.msg` type name or a class), offset of its type number, and capacity.
 
-    A field whose metadata has a word for `msg` is called so there: CDR knows no `byte`.
+    A field's metadata may have another `.msg` type under `msg`: CDR has no `byte`.
     """
     hints = get_type_hints(kind, include_extras=True)
     found = []
@@ -157,8 +160,8 @@ def _fields(kind: type[IdlStruct]) -> list[tuple[str, Any, int, int]]:
 
 def _shape(hint: Any) -> tuple[Any, int, int]:
     if get_origin(hint) is not Annotated:
-        words = {str: "string", bool: "bool"}
-        return words.get(hint, hint), 0, 0
+        names = {str: "string", bool: "bool"}
+        return names.get(hint, hint), 0, 0
     mark = get_args(hint)[1]
     if isinstance(mark, array):
         return _shape(mark.subtype)[0], _ARRAY, mark.length

@@ -1,7 +1,7 @@
-"""ROS 2 by DDS: Cyclone DDS without ROS, as `rmw_cyclonedds` and `rmw_fastrtps` name things.
+"""ROS 2 by DDS: Cyclone DDS without ROS, with the names of `rmw_cyclonedds` and `rmw_fastrtps`.
 
-A topic `/odom` is DDS's `rt/odom`; a type's hash goes along in the endpoint's user data; which node
-owns an endpoint is said on `ros_discovery_info`. Payloads pass as they are: CDR in, CDR out.
+A topic `/odom` is `rt/odom` on DDS. A type's hash is in the endpoint's user data. The topic
+`ros_discovery_info` says which node owns an endpoint. Payloads are CDR and pass unchanged.
 
 Sources: design.ros2.org, "Topic and Service name mapping to DDS"; github.com/ros2/rmw_dds_common
 and rmw_fastrtps, branch jazzy.
@@ -48,19 +48,19 @@ from armadico.bridge.ros2.samples import Address
 from armadico.bridge.ros2.types import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 
 NAMELESS_S = 3.0
-"""So long whose an endpoint is may take to come; what has no name then is no node of ROS 2's."""
+"""Time for an endpoint's node name to arrive; an endpoint without one then is no ROS 2 node."""
 
 OLDER_S = 2.0
-"""So long nodes of an older ROS 2 have to tell that they are there, before our own is told."""
+"""Wait for nodes of an older ROS 2 to announce themselves before this node does."""
 
 BATCH = 100
-"""Samples that are taken at once."""
+"""Samples that are read at once."""
 
 _PREFIX = "rt"
 _DISCOVERY = "ros_discovery_info"
 _EVERYTHING = ViewState.Any | SampleState.Any | InstanceState.Any
-_PADDING = 4  # a payload may have less at its end
-_BLOCK_NS = 100_000_000  # for a reliable reader that is slow; what it cannot take is lost
+_PADDING = 4  # a payload may have fewer bytes of padding at its end
+_BLOCK_NS = 100_000_000  # wait for a slow reliable reader; samples that it cannot take are lost
 _POLICIES = {
     3: "presentation",
     4: "deadline",
@@ -78,18 +78,18 @@ _domains: dict[int, tuple[str, Domain]] = {}
 
 
 class Form(Enum):
-    """How the nodes around say which endpoints are theirs."""
+    """How the nodes of the domain announce their endpoints."""
 
     UNKNOWN = 0
-    PRESENT = 1  # Iron's and later
-    OLDER = 2  # Humble's: its nodes stop discovering when they hear the present one
+    PRESENT = 1  # Iron and later
+    OLDER = 2  # Humble: its nodes stop discovering when they receive the present form
 
 
 class DdsWire:
     """One participant of a domain."""
 
     def __init__(self, address: Address, node: str) -> None:
-        """Join, as a node of that name."""
+        """Join the domain, as a node of that name."""
         domain = address.domain
         try:
             if address.interface:
@@ -117,10 +117,10 @@ class DdsWire:
         self._form = Form.UNKNOWN
         self._joined_at = time.monotonic()
 
-    # What is read and written ---------------------------------------------------------------------
+    # Samples --------------------------------------------------------------------------------------
 
     def want(self, topics: Sequence[Wanted]) -> None:
-        """Make readers and writers, instead of those before."""
+        """Make readers and writers; those made before end."""
         for condition in self._conditions:
             self._waitset.detach(condition)
         self._conditions, self._readers, self._writers = [], {}, {}
@@ -148,10 +148,10 @@ class DdsWire:
             return
         try:
             writer.write(writer.topic.data_type.of(payload))
-            if not self._announced:  # who only publishes may look at nobody
-                self._hear_nodes()
+            if not self._announced:  # a wire that only publishes may never poll the nodes
+                self._update_nodes()
         except DDSException as error:
-            if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # of a reader that is slow
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # a slow reader
                 raise TransportError(f"DDS does not send {topic}: {_why(error)}") from error
 
     def receive(self, timeout_s: float) -> list[Frame]:
@@ -160,7 +160,7 @@ class DdsWire:
                 time.sleep(timeout_s)
                 return []
             self._waitset.wait(int(timeout_s * 1e9))
-            self._hear_nodes()
+            self._update_nodes()
             return [
                 (topic, sample.payload)
                 for topic, reader in self._readers.items()
@@ -171,18 +171,18 @@ class DdsWire:
             raise TransportError(f"DDS broke: {_why(error)}") from error
 
     def close(self) -> None:
-        """Leave the domain; what was said reliably is handed over first."""
-        # Dropping it would not do: built-in readers and their conditions hold each other, and it.
+        """Leave the domain, after reliable samples were delivered."""
+        # Deleting the reference is not enough: built-in readers and conditions refer to each other.
         self._participant.__del__()
 
-    # Who is there ---------------------------------------------------------------------------------
+    # Other nodes ----------------------------------------------------------------------------------
 
     def others(self) -> Iterable[Endpoint]:
         self._poll()
         owners = {gid: node for nodes in self._owners.values() for gid, node in nodes.items()}
         for key, (since, writes, found) in self._remote.items():
             if not found.topic_name.startswith(f"{_PREFIX}/"):
-                continue  # services, and what is no ROS 2 at all
+                continue  # services, and topics that are not ROS 2's
             node = owners.get(key.bytes)
             if node is None and time.monotonic() - since < NAMELESS_S:
                 continue
@@ -197,11 +197,11 @@ class DdsWire:
             )
 
     def complaints(self) -> Sequence[str]:
-        """Policies that do not match, beyond what `judge` names."""
+        """Policies that do not match, apart from those that `judge` reports."""
         found = []
         for topic, reader in self._readers.items():
             status = reader.get_requested_incompatible_qos_status()
-            found.append((topic, "asked for", status))
+            found.append((topic, "requested", status))
         for topic, writer in self._writers.items():
             found.append((topic, "offered", writer.get_offered_incompatible_qos_status()))
         return [
@@ -219,30 +219,30 @@ class DdsWire:
                     self._remote.pop(found.key, None)
                 elif found.participant_key != own:
                     self._remote.setdefault(found.key, (time.monotonic(), writes, found))
-        self._hear_nodes()
+        self._update_nodes()
 
-    def _hear_nodes(self) -> None:
-        """Whose endpoints are whose; ours are told when nobody is about who cannot read it."""
+    def _update_nodes(self) -> None:
+        """Read which node has which endpoints; announce ours once no older ROS 2 is present."""
         for sample in self._nodes_in.take(BATCH):
             if sample.sample_info.valid_data:
-                self._named(sample.payload)
+                self._on_entities(sample.payload)
         if self._form is Form.UNKNOWN and time.monotonic() - self._joined_at >= OLDER_S:
             self._form = Form.PRESENT
         if self._form is Form.PRESENT and not self._announced:
             self._announced = True
             self._announce()
 
-    def _named(self, payload: bytes) -> None:
+    def _on_entities(self, payload: bytes) -> None:
         try:
             info = cdr.decode(ParticipantEntitiesInfo, payload)
         except ValueError:
-            return  # nobody has names by that
-        if len(payload) - len(cdr.encode(info)) >= _PADDING:  # more bytes than it has fields
+            return
+        if len(payload) - len(cdr.encode(info)) >= _PADDING:  # Humble's message has more fields
             self._form = Form.OLDER
             return
         if self._form is Form.UNKNOWN:
             self._form = Form.PRESENT
-        # A node that ends takes its names back first, and its endpoints may be there for long.
+        # A node that ends withdraws its names first; its endpoints may be present long after.
         alive = {key.bytes for key in self._remote}
         before = self._owners.get(bytes(info.gid.data), {})
         kept = {gid: name for gid, name in before.items() if gid in alive}
@@ -253,7 +253,7 @@ class DdsWire:
         }
 
     def _announce(self) -> None:
-        """Say which node reads and writes what is read and written here."""
+        """Publish which node has the readers and writers of this process."""
         node = NodeEntitiesInfo(
             node_namespace=resolve("", f"/{self._namespace.strip('/')}"),
             node_name=self._node,
@@ -264,7 +264,7 @@ class DdsWire:
         kind = self._nodes_out.topic.data_type
         self._nodes_out.write(kind.of(cdr.encode(info)))
 
-    # Making them ----------------------------------------------------------------------------------
+    # Readers and writers --------------------------------------------------------------------------
 
     def _reader(self, name: str, kind: type[IdlStruct], qos: _Quality) -> DataReader[Any]:
         topic = Topic(self._participant, name, passing(kind))
@@ -292,7 +292,7 @@ def _qos(kind: type[IdlStruct], quality: _Quality) -> Qos:
 
 @functools.cache
 def passing(kind: type[IdlStruct]) -> Any:
-    """The type for Cyclone, field by field the same, whose samples are bytes as they came."""
+    """The same type for Cyclone, field by field, whose samples are the bytes that came."""
     made = _same(kind)
 
     def of(payload: bytes) -> Any:
@@ -302,7 +302,7 @@ def passing(kind: type[IdlStruct]) -> Any:
 
     made.of = staticmethod(of)
     made.deserialize = staticmethod(of)
-    made.deserialize_key = staticmethod(of)  # of an instance that has ended
+    made.deserialize_key = staticmethod(of)  # for an instance that has ended
     made.serialize = lambda self, use_version_2=None: self.payload  # noqa: ARG005
     return made
 
@@ -332,14 +332,14 @@ def _field(hint: Any) -> Any:
 
 
 def _bind(domain: int, interface: str) -> None:
-    """Have a domain use one network interface; Cyclone takes that once a process."""
+    """Bind a domain to one network interface; Cyclone accepts that once per process."""
     before = _domains.get(domain)
     if before is not None:
         if before[0] != interface:
             text = f"domain {domain} is joined by {before[0]!r} in this process, not {interface!r}"
             raise TransportError(text)
         return
-    # On the loopback nothing is multicast: its programs are asked one by one.
+    # The loopback has no multicast: processes are found by unicast.
     peers = '<Peers><Peer address="127.0.0.1"/></Peers>' if interface == "lo" else ""
     text = (
         '<CycloneDDS><Domain Id="any"><General><Interfaces>'

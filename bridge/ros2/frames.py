@@ -1,12 +1,12 @@
-"""Frames of (topic, CDR payload): what crosses a line to a ROS 2 robot, both ways; sans-IO.
+"""Frames of (topic, CDR payload), in both directions of a line to a ROS 2 robot; sans-IO.
 
-A frame is `MAGIC`, the length of the topic's name (2 bytes) and of the payload (4), two bytes of
-the head's own check, the CRC-32 of name and payload, then those two. All numbers little-endian. So
-one line of bytes, in memory, over TCP or a pty, carries what a robot publishes and obeys; where DDS
-or Zenoh carry it, their transport turns samples into frames and back.
+A frame is `MAGIC`, the length of the topic's name (2 bytes) and of the payload (4), a check of the
+head (2), the CRC-32 of name and payload (4), then these two. Numbers are little-endian. So a stream
+of bytes in memory, over TCP or a pty carries what a robot publishes and receives. With DDS or
+Zenoh, the transport turns samples into frames and back.
 
-A topic's name is as the robot's profile has it, below the robot's namespace. Names that begin with
-`@`, which ROS 2 has not, are the line's own (`Wants`, `Seen`): JSON.
+Topic names are those of the robot's profile, below the robot's namespace. Names that begin with
+`@`, which ROS 2 does not allow, are the line's own messages (`Wants`, `Seen`), as JSON.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from armadico.bridge.framing import Framing
 
 MAGIC = b"\xf5R2\x01"
 LARGEST = 262_144
-"""Bytes of a payload: a scan of 2048 rays with intensities has 16 kB."""
+"""Most bytes of a payload: a scan of 2048 rays with intensities has 16 kB."""
 
 LONGEST = 255
-"""Bytes of a topic's name."""
+"""Most bytes of a topic's name."""
 
 QUIET_S = 0.5
-"""A frame broken off for this long is given up."""
+"""A frame that is incomplete for this long is discarded."""
 
 _HEAD = struct.Struct("<4sHIHI")
-_CHECKED = 10  # of the head, by its own check
+_CHECKED = 10  # bytes of the head that its check covers
 
 WANTS, SEEN = "@wants", "@seen"
 
 Frame = tuple[str, bytes]
-"""A topic's name and what was said there."""
+"""A topic's name and a payload."""
 
 
 def frame(topic: str, payload: bytes) -> bytes:
-    """A whole frame. Raises ValueError for what is too long."""
+    """A whole frame. Raises ValueError if the name or the payload is too long."""
     name = topic.encode()
     if not 0 < len(name) <= LONGEST:
         raise ValueError(f"a topic's name has 1 to {LONGEST} bytes, this one {len(name)}")
@@ -52,7 +52,7 @@ def frame(topic: str, payload: bytes) -> bytes:
 
 
 class Decoder(Framing[Frame]):
-    """The good frames of a stream."""
+    """Decodes the valid frames of a stream."""
 
     def __init__(self) -> None:
         super().__init__(MAGIC, _HEAD.size, QUIET_S)
@@ -76,7 +76,7 @@ class Decoder(Framing[Frame]):
         return None
 
 
-# The line's own -----------------------------------------------------------------------------------
+# The line's own messages --------------------------------------------------------------------------
 
 
 class Wanted(Struct, frozen=True):
@@ -91,7 +91,7 @@ class Wanted(Struct, frozen=True):
 
 
 class Wants(Struct, frozen=True):
-    """From the robot agent, first of all after the line was opened: what it reads and writes."""
+    """From the robot agent, first on an open line: the topics that it reads and writes."""
 
     topics: tuple[Wanted, ...] = ()
 
@@ -101,22 +101,22 @@ _Names = Annotated[tuple[_Name, ...], Meta(max_length=100)]
 
 
 class Seen(Struct, frozen=True):
-    """To the robot agent, whenever it changes, as far as the line can tell: who is there."""
+    """To the robot agent, when it changes and as far as the line can know: the nodes present."""
 
-    robot: _Name = ""  # who publishes the odometry
-    drivers: _Names = ()  # who else publishes commands
-    notes: _Names = ()  # what does not match, and what is there instead
-    several: bool = False  # more than one publishes the odometry, and would obey
+    robot: _Name = ""  # the node that publishes the odometry
+    drivers: _Names = ()  # other nodes that publish commands
+    notes: _Names = ()  # what does not match, and what is present instead
+    several: bool = False  # several nodes publish the odometry, and would obey
 
 
 _T = TypeVar("_T")
 
 
-def said(what: Wants | Seen) -> bytes:
-    """The frame of what the line itself has to say."""
+def control_frame(what: Wants | Seen) -> bytes:
+    """The frame of one of the line's own messages."""
     return frame(WANTS if isinstance(what, Wants) else SEEN, msgspec.json.encode(what))
 
 
 def read(payload: bytes, kind: type[_T]) -> _T:
-    """What the line itself said. Raises ValueError."""
+    """Decode one of the line's own messages. Raises ValueError."""
     return msgspec.json.decode(payload, type=kind)

@@ -1,4 +1,4 @@
-"""Poses and times as ROS 2 has them: a heading is a rotation in three dimensions, a quaternion."""
+"""Poses and times in the form of ROS 2, where a heading is a quaternion."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from armadico.mobile.geometry import Pose2, wrap
 
 
 class Rotation(Protocol):
-    """A geometry_msgs/Quaternion, from wherever it came."""
+    """A geometry_msgs/Quaternion, of any library."""
 
     @property
     def x(self) -> float:
-        """Of the axis, times the sine of half the angle."""
+        """The axis times the sine of half the angle; likewise y and z."""
 
     @property
     def y(self) -> float: ...
@@ -28,25 +28,25 @@ class Rotation(Protocol):
 
 
 def rotation(theta: float) -> Quaternion:
-    """A heading (rad) about the vertical."""
+    """The quaternion of a heading (rad)."""
     return Quaternion(z=sin(0.5 * theta), w=cos(0.5 * theta))
 
 
 def norm2(q: Rotation) -> float:
-    """The square of the norm: 1 of a rotation."""
+    """The square of the norm: 1 for a rotation."""
     return q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z
 
 
 def yaw(q: Rotation) -> float:
-    """The heading of a rotation, rad; how it rolls and pitches is not asked, nor its norm."""
+    """The heading of a rotation, rad, whatever its roll, pitch and norm."""
     return atan2(2.0 * (q.w * q.z + q.x * q.y), norm2(q) - 2.0 * (q.y * q.y + q.z * q.z))
 
 
 def pose_of(where: Pose2) -> Pose:
-    """A pose on the floor, m, m, rad."""
+    """The pose of a place on the floor: m, m, rad."""
     return Pose(Point(where[0], where[1]), rotation(wrap(where[2])))
 
 
 def stamp_of(at: int) -> Time:
-    """A time, ns."""
+    """The `Time` of a time in ns."""
     return Time(*divmod(at, 1_000_000_000))

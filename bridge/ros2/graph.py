@@ -1,6 +1,6 @@
-"""Who publishes and reads what around a ROS 2 robot, and what of it does not match; sans-IO.
+"""The publishers and subscriptions around a ROS 2 robot, and which do not match; sans-IO.
 
-DDS and rmw_zenoh tell of endpoints each in their own way; what follows from them is the same.
+DDS and rmw_zenoh report endpoints each in their own way; both are judged here.
 """
 
 from __future__ import annotations
@@ -12,25 +12,25 @@ from msgspec import Struct
 from armadico.bridge.ros2.frames import Seen, Wanted
 
 ODOMETRY = "nav_msgs/msg/Odometry"
-"""Who publishes it is the robot."""
+"""The robot is the node that publishes this."""
 
-TOLD = 8
-"""So many of the topics that are there are named where the robot is not."""
+SHOWN = 8
+"""Most topics that are named where the robot is missing."""
 
-_NOBODY = "nobody else is there: is it on, in this network, and in this domain?"
+_ALONE = "no other node is present: is it on, in this network, and in this domain?"
 
 _TWISTS = {"geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"}
-"""Both are in use for commands; a profile says which."""
+"""Both are in use for commands; a profile selects one."""
 
 _PLUMBING = ("/rosout", "/parameter_events", "/ros_discovery_info")
 
 
 class Endpoint(Struct, frozen=True):
-    """A publisher or a subscription of somebody else."""
+    """A publisher or a subscription of another node."""
 
     topic: str  # its whole name: /odom
     type: str  # as ROS 2 writes it
-    node: str  # whose: /turtlebot3_node, or what it is called without a name
+    node: str  # its node: /turtlebot3_node, or a description if it has no name
     writes: bool
     reliable: bool = True
     latched: bool = False
@@ -51,21 +51,21 @@ def judge(
     settled: bool,
     lonely: str = "",
 ) -> Seen:
-    """What there is to say of a robot's surroundings.
+    """Judge the endpoints around a robot agent.
 
     Args:
-        wanted: What is read and written here.
-        namespace: Where names without a slash lie.
+        wanted: The topics that are read and written here.
+        namespace: The namespace of names without a leading slash.
         where: The network, in words: "domain 0".
         others: All endpoints but one's own.
-        settled: Whether they have had time to be found: until then nobody is missed.
-        lonely: What else may be wrong where nobody else is there.
+        settled: Whether discovery has had time; until then nothing is reported as missing.
+        lonely: A hint for the case that no other node is found.
     """
     others = tuple(others)
-    robots: list[str] = []  # one for each publisher: two of one make have the same name
+    robots: list[str] = []  # one per publisher: two robots of one make have the same name
     drivers: set[str] = set()
     notes: list[str] = []
-    absent: list[str] = []  # the robot
+    absent: list[str] = []  # the robot itself
     missed: list[str] = []
     for want in wanted:
         name = resolve(namespace, want.topic)
@@ -81,12 +81,12 @@ def judge(
             notes += _quality(want, name, other)
         if settled and not opposite:
             if want.type == ODOMETRY and not want.writes:
-                instead = _instead(want.topic, others) or f"{_NOBODY}{lonely}"
+                instead = _instead(want.topic, others) or f"{_ALONE}{lonely}"
                 absent = [f"no robot publishes {name} ({want.type}) in {where}; {instead}"]
             else:
                 does = "reads" if want.writes else "publishes"
-                missed.append(f"nobody {does} {name} in {where}")
-    # Where there is no robot, what else there is not is no news.
+                missed.append(f"no node {does} {name} in {where}")
+    # Without a robot the other missing topics are no news.
     notes += absent or missed
     several = len(robots) > 1
     if several:
@@ -97,7 +97,7 @@ def judge(
 
 
 def _types(want: Wanted, name: str, opposite: Iterable[Endpoint]) -> list[str]:
-    """Those of another type: they hear nothing of us, and we of them."""
+    """Endpoints of another type, which exchange nothing with ours."""
     does = "reads" if want.writes else "publishes"
     ours = "published" if want.writes else "read"
     return [
@@ -109,34 +109,34 @@ def _types(want: Wanted, name: str, opposite: Iterable[Endpoint]) -> list[str]:
 
 
 def _quality(want: Wanted, name: str, other: Endpoint) -> list[str]:
-    """Where one asks for more than the other offers nothing is sent at all."""
-    offered, asked = (want, other) if want.writes else (other, want)
-    words = []
-    if asked.reliable and not offered.reliable:
-        words.append(("best effort", "reliable"))
-    if asked.latched and not offered.latched:
-        words.append(("volatile", "transient local"))
-    who = (f"{other.node} asks for", "offered here") if want.writes else ("asked for here", "")
+    """Mismatches of QoS: nothing is sent where one end requests more than the other offers."""
+    offered, requested = (want, other) if want.writes else (other, want)
+    pairs = []
+    if requested.reliable and not offered.reliable:
+        pairs.append(("best effort", "reliable"))
+    if requested.latched and not offered.latched:
+        pairs.append(("volatile", "transient local"))
+    ours = (f"{other.node} requests", "offered here") if want.writes else ("requested here", "")
     if want.writes:
-        return [f"QoS of {name}: {who[0]} {b}, {a} is {who[1]}" for a, b in words]
-    return [f"QoS of {name}: {other.node} offers {a}, {b} is {who[0]}" for a, b in words]
+        return [f"QoS of {name}: {ours[0]} {b}, {a} is {ours[1]}" for a, b in pairs]
+    return [f"QoS of {name}: {other.node} offers {a}, {b} is {ours[0]}" for a, b in pairs]
 
 
 def _instead(topic: str, others: Sequence[Endpoint]) -> str:
-    """What is there and not the robot's odometry; "": nobody is there."""
+    """What is present instead of the robot's odometry; "": nothing."""
     writers = [o for o in others if o.writes and o.topic not in _PLUMBING]
     robots = sorted({o.topic for o in writers if o.type == ODOMETRY})
     if robots:
         same = any(name.endswith(f"/{topic}") for name in robots)
-        ask = "is that its namespace?" if same else "is it another make, with another profile?"
-        return f"there is odometry on {', '.join(robots[:TOLD])}: {ask}"
+        question = "is that its namespace?" if same else "is it another make, with another profile?"
+        return f"there is odometry on {', '.join(robots[:SHOWN])}: {question}"
     if not others:
         return ""
     nodes = sorted({other.node for other in others})
     topics = sorted({f"{o.topic} ({o.type})" for o in writers})
-    more = f" and {len(topics) - TOLD} more" if len(topics) > TOLD else ""
-    said = f"{', '.join(topics[:TOLD])}{more}" if topics else "no topics"
-    return f"there is {', '.join(nodes[:TOLD])} with {said}"
+    more = f" and {len(topics) - SHOWN} more" if len(topics) > SHOWN else ""
+    listed = f"{', '.join(topics[:SHOWN])}{more}" if topics else "no topics"
+    return f"there is {', '.join(nodes[:SHOWN])} with {listed}"
 
 
 def _cut(text: str) -> str:

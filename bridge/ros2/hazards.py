@@ -1,54 +1,53 @@
-"""What a Create 3 feels, as a Pioneer's bumpers and stall bits would say it; sans-IO.
+"""Hazards of a Create 3 as bumpers and stall bits of a Pioneer; sans-IO.
 
-Its bumper and its cliff sensors are all in front (iroboteducation.github.io/create3_docs, hazards
-and safety). What it backs off by itself it does before anybody here knows.
+Its bumper and cliff sensors are all in front (iroboteducation.github.io/create3_docs, hazards and
+safety). It backs off by itself before a report arrives here.
 """
 
 from __future__ import annotations
 
 from armadico.bridge.ros2 import types
 
-_AHEAD = {types.BUMP: 1, types.CLIFF: 2}  # a bit each, as bumpers have
+_AHEAD = {types.BUMP: 1, types.CLIFF: 2}  # one bit per kind, like bumpers
 _BEHIND = {types.BACKUP_LIMIT: 1}
-_TOLD = {
+_TEXTS = {
     types.CLIFF: "a cliff",
     types.WHEEL_DROP: "a wheel that hangs in the air",
-    types.BACKUP_LIMIT: "its limit of backing, for it does not see what is behind: drive it ahead",
+    types.BACKUP_LIMIT: "its limit of backing (it does not see what is behind): drive it ahead",
 }
 
 
 class Hazards:
-    """All that was felt since a cycle.
+    """The hazards detected in a cycle.
 
     Attributes:
-        ahead: What was touched in front, or is no floor there; a bit each.
+        ahead: Contacts or missing floor in front, one bit per kind.
         behind: The same behind.
-        stalled: Whether something holds its wheels.
+        stalled: Whether something blocks the wheels.
         lifted: Whether a wheel hangs in the air.
-        told: What is new of it, for people.
+        texts: The hazards that are new in this cycle, for people.
     """
 
     def __init__(self) -> None:
-        self._felt: dict[int, str] = {}  # since the cycle before: by kind, where
+        self._detected: dict[int, str] = {}  # since the last cycle: the frame, by kind
         self._before: dict[int, str] = {}
         self.ahead = self.behind = 0
         self.stalled = self.lifted = False
-        self.told: tuple[str, ...] = ()
+        self.texts: tuple[str, ...] = ()
 
-    def feel(self, said: types.HazardDetectionVector) -> None:
-        """Take what it feels now."""
-        for each in said.detections:
-            self._felt[each.type] = each.header.frame_id
+    def on_hazards(self, message: types.HazardDetectionVector) -> None:
+        for each in message.detections:
+            self._detected[each.type] = each.header.frame_id
 
     def collect(self) -> None:
-        """A cycle has come: what was felt since the last one is what it reports."""
-        felt, self._felt = self._felt, {}
-        self.ahead = sum(bit for kind, bit in _AHEAD.items() if kind in felt)
-        self.behind = sum(bit for kind, bit in _BEHIND.items() if kind in felt)
-        self.stalled, self.lifted = types.STALL in felt, types.WHEEL_DROP in felt
-        self.told = tuple(
-            f"it feels {text} ({felt[kind]})"
-            for kind, text in _TOLD.items()
-            if kind in felt and kind not in self._before
+        """Set the attributes to what was detected since the last call, once per cycle."""
+        detected, self._detected = self._detected, {}
+        self.ahead = sum(bit for kind, bit in _AHEAD.items() if kind in detected)
+        self.behind = sum(bit for kind, bit in _BEHIND.items() if kind in detected)
+        self.stalled, self.lifted = types.STALL in detected, types.WHEEL_DROP in detected
+        self.texts = tuple(
+            f"it detects {text} ({detected[kind]})"
+            for kind, text in _TEXTS.items()
+            if kind in detected and kind not in self._before
         )
-        self._before = felt
+        self._before = detected

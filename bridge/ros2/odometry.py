@@ -1,4 +1,4 @@
-"""Continuous odometry out of what a ROS 2 robot says of its own, which may be reset."""
+"""Continuous odometry from that of a ROS 2 robot, which may be reset."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from armadico.bridge.session import Pose
 
 
 class Measured(Struct, frozen=True):
-    """One odometry: m, m, rad (wrapped), m/s and rad/s."""
+    """One odometry message: m, m, rad (wrapped), m/s and rad/s."""
 
     x: float
     y: float
@@ -22,24 +22,24 @@ class Measured(Struct, frozen=True):
 
 
 class Odometry(Continuous):
-    """The robot's own odometry, continuous over its resets.
+    """The robot's odometry, continuous over its resets.
 
-    It begins where the robot's is, which may have counted on without us.
+    It starts from the robot's own value, which need not be zero.
     """
 
     def __init__(self, cycle_s: float) -> None:
-        """Begin with the first odometry; one is taken in each `cycle_s` (s)."""
+        """Wait for the first odometry; `cycle_s` is the time between updates, s."""
         super().__init__(cycle_s)
         self._last: Measured | None = None
         self._at = 0.0
 
     @property
     def speeds(self) -> Speeds:
-        """The newest that were measured."""
+        """The last speeds that were measured."""
         return REST if self._last is None else (self._last.v, self._last.w)
 
     def update(self, here: Measured, now: float) -> Pose:
-        """Take what came at `now` (s) and return the continuous pose."""
+        """Add an odometry received at `now` (s) and return the continuous pose."""
         last, elapsed = self._last, now - self._at
         self._last, self._at = here, now
         if last is None:

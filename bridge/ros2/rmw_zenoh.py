@@ -1,6 +1,6 @@
-"""ROS 2 by Zenoh, as `rmw_zenoh` puts it there: no ROS, no DDS.
+"""ROS 2 by Zenoh, in the form of `rmw_zenoh`: no ROS, no DDS.
 
-A session of its own, apart from the mesh's: it speaks to the robot's router, as ROS 2's nodes do.
+The session is apart from the mesh's: it connects to the robot's router, as ROS 2 nodes do.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ CLOSE_S: Final = 1.0
 CONNECT_MS: Final = 2000
 
 WAITING: Final = 1000
-"""Samples that wait to be read; the oldest go first."""
+"""Most samples that wait to be read; the oldest are discarded."""
 
 _SETTINGS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "transport/shared_memory/enabled": False,
-    "timestamping/enabled": True,  # or nothing can be kept for those who come late
+    "timestamping/enabled": True,  # advanced publishers need it to keep samples
     "connect/timeout_ms": CONNECT_MS,
     "connect/exit_on_failure": True,
 }
 
 
 class ZenohWire:
-    """One session, with a router or as one."""
+    """One session, as a client or as the router."""
 
     def __init__(self, address: Address, node: str, listens: bool) -> None:
-        """Join by the router, or be it if nobody is, as a node of that name."""
+        """Join as a node of that name; with `listens`, be the router if there is none."""
         session = (_joined(address.endpoint, "router") if listens else None) or _joined(
             address.endpoint, "client"
         )
@@ -61,7 +61,7 @@ class ZenohWire:
         self._tokens: set[str] = set()
         self._declared: list[Any] = []
         self._publishers: dict[str, tuple[Any, bytes]] = {}
-        self._said: dict[str, int] = {}
+        self._sequences: dict[str, int] = {}
         self._watcher = self._session.liveliness().declare_subscriber(
             f"{names.SPACE}/{domain}/**",
             zenoh.handlers.Callback(self._changed, indirect=False),
@@ -69,13 +69,13 @@ class ZenohWire:
         )
 
     def want(self, topics: Sequence[Wanted]) -> None:
-        """Declare publishers and subscriptions, instead of those before."""
+        """Declare publishers and subscriptions; those declared before end."""
         for want in topics:
             if want.type not in cdr.known():
                 raise TransportError(f"{want.topic}: type {want.type} is not known here")
         for declared in self._declared:
             declared.undeclare()
-        self._declared, self._publishers, self._said = [], {}, {}
+        self._declared, self._publishers, self._sequences = [], {}, {}
         member = names.Member(self._domain, self._own, self._namespace.strip("/"), self._node)
         alive = self._session.liveliness()
         self._declared.append(alive.declare_token(member.token()))
@@ -85,7 +85,7 @@ class ZenohWire:
             if want.writes:
                 declared = self._publisher(key, want)
                 self._publishers[want.topic] = declared, secrets.token_bytes(names.GID_BYTES)
-                self._said[want.topic] = 0
+                self._sequences[want.topic] = 0
             else:
                 declared = self._subscriber(key, want)
             token = member.endpoint(number, topic, want.type, want)
@@ -95,8 +95,8 @@ class ZenohWire:
         if topic not in self._publishers:
             return
         publisher, gid = self._publishers[topic]
-        self._said[topic] += 1
-        along = names.attachment(self._said[topic], time.time_ns(), gid)
+        self._sequences[topic] += 1
+        along = names.attachment(self._sequences[topic], time.time_ns(), gid)
         try:
             publisher.put(payload, attachment=along)
         except zenoh.ZError as error:
@@ -112,7 +112,7 @@ class ZenohWire:
             return found
 
     def close(self) -> None:
-        """Leave. Closing may block for long: the end of the program waits for it, nobody else."""
+        """Leave. Closing may take long: only the end of the program waits for it."""
         closing = threading.Thread(target=self._session.close, name="closing")
         closing.start()
         closing.join(CLOSE_S)
@@ -124,7 +124,7 @@ class ZenohWire:
         return [each for each in found if each is not None]
 
     def complaints(self) -> Sequence[str]:
-        """Nothing: whatever the QoS, rmw_zenoh matches."""
+        """None: rmw_zenoh matches endpoints with any QoS."""
         return ()
 
     def _changed(self, sample: zenoh.Sample) -> None:
@@ -136,11 +136,11 @@ class ZenohWire:
                 self._tokens.discard(token)
 
     def _publisher(self, key: str, want: Wanted) -> Any:
-        """One that is latched keeps its last samples, and gives them to who asks."""
+        """A publisher; a latched one keeps its last samples for late subscribers."""
         settings: dict[str, Any] = {
             "encoding": zenoh.Encoding.APPLICATION_CDR,
             "congestion_control": zenoh.CongestionControl.DROP,
-            "express": True,  # a command does not wait for others to be sent along
+            "express": True,  # a command is not held back for batching
         }
         if not want.latched:
             return self._session.declare_publisher(key, **settings)
@@ -175,7 +175,7 @@ class ZenohWire:
 
 
 def _joined(endpoint: str, mode: str) -> zenoh.Session | None:
-    """A session at an endpoint, in a mode; None if that cannot be."""
+    """A session with an endpoint, in a mode; None if it cannot be opened."""
     config = zenoh.Config()
     where = "listen/endpoints" if mode == "router" else "connect/endpoints"
     for setting, value in (_SETTINGS | {"mode": mode, where: [endpoint]}).items():

@@ -1,7 +1,7 @@
-"""A transport that turns the samples of DDS or Zenoh into frames, and frames into samples.
+"""A transport that turns the samples of DDS or Zenoh into frames, and back.
 
-The robot agent says first what it wants to read and write (`Wants`), so that nothing here knows
-profiles; it is told who is there whenever that changes (`Seen`).
+The robot agent first sends the topics that it reads and writes (`Wants`), so this module needs no
+profile. It receives the nodes present whenever they change (`Seen`).
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from armadico.bridge.ros2.frames import (
     Seen,
     Wanted,
     Wants,
+    control_frame,
     frame,
     read,
-    said,
 )
 from armadico.bridge.ros2.graph import Endpoint, judge
 
 LOOK_S = 0.5
-"""How often is looked at who is there."""
+"""Period of polling for other nodes."""
 
 SETTLE_S = 3.0
-"""Who is there is found within this; Fast DDS and Cyclone DDS need about one second."""
+"""Time for discovery; Fast DDS and Cyclone DDS need about one second."""
 
 
 class Address(Struct, frozen=True):
     namespace: str
     domain: int
-    interface: str = ""  # DDS: by which network interface; "": as Cyclone's configuration says
+    interface: str = ""  # DDS: the network interface; "": by Cyclone's configuration
     endpoint: str = ""  # Zenoh: the router's
 
     @property
@@ -49,32 +49,32 @@ class Address(Struct, frozen=True):
 
     @property
     def lonely(self) -> str:
-        """What may be wrong with it where nobody is found."""
+        """A hint for the case that no other node is found."""
         if self.endpoint or self.interface:
             return ""
         return " A simulated one is on this machine's loopback: ros2://?interface=lo"
 
 
 class Wire(Protocol):
-    """A network of samples. What goes wrong with it is an OSError."""
+    """A network of samples. Its errors are OSErrors."""
 
     def want(self, topics: Sequence[Wanted]) -> None:
-        """Read and write these topics, and no others. Raises OSError for a type it has not."""
+        """Read and write only these topics. Raises OSError for an unknown type."""
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Say a sample on a wanted topic; one that is not wanted goes nowhere."""
+        """Publish a sample; ignored if the topic is not among the wanted ones."""
 
     def receive(self, timeout_s: float) -> list[Frame]:
-        """Wait for samples; none after `timeout_s`."""
+        """Wait up to `timeout_s` for samples."""
 
     def others(self) -> Iterable[Endpoint]:
-        """Who else is there."""
+        """Endpoints of other nodes."""
 
     def complaints(self) -> Sequence[str]:
-        """What else does not match."""
+        """Further mismatches."""
 
     def close(self) -> None:
-        """Leave."""
+        """Leave the network."""
 
 
 class SampleTransport:
@@ -86,13 +86,13 @@ class SampleTransport:
         self._address = address
         self._connect = connect
         self._wire: Wire | None = None
-        self._lock = threading.Lock()  # nobody closes what another thread just writes on
+        self._lock = threading.Lock()  # a wire is not closed while another thread writes to it
         self._begin()
 
     def _begin(self) -> None:
         self._decoder = Decoder()
         self._wanted: tuple[Wanted, ...] = ()
-        self._wanted_at = self._looked_at = -LOOK_S
+        self._wanted_at = self._polled_at = -LOOK_S
         self._seen: Seen | None = None
         self._large: dict[str, int] = {}
 
@@ -102,7 +102,7 @@ class SampleTransport:
         self._wire = self._connect()
 
     def want(self, topics: Sequence[Wanted]) -> None:
-        """Read and write these topics: what the frame of `Wants` does; again it does nothing."""
+        """Read and write these topics, as a frame of `Wants` does; a repetition has no effect."""
         if tuple(topics) == self._wanted:
             return
         with self._lock:
@@ -111,7 +111,7 @@ class SampleTransport:
             self._seen = None
 
     def read(self, timeout_s: float) -> bytes:
-        """Wait for samples; they come as frames, and with them who is there, if that is news."""
+        """Wait for samples. Returns their frames, and one of `Seen` if that has changed."""
         wire = self._opened()
         frames = []
         for topic, payload in wire.receive(timeout_s):
@@ -120,12 +120,12 @@ class SampleTransport:
             else:
                 frames.append(frame(topic, payload))
         now = time.monotonic()
-        if self._wanted and now - self._looked_at >= LOOK_S:
-            self._looked_at = now
+        if self._wanted and now - self._polled_at >= LOOK_S:
+            self._polled_at = now
             seen = self._poll(wire, now)
             if seen != self._seen:
                 self._seen = seen
-                frames.append(said(seen))
+                frames.append(control_frame(seen))
         return b"".join(frames)
 
     def write(self, data: bytes) -> None:
@@ -135,9 +135,7 @@ class SampleTransport:
                 try:
                     wants = read(payload, Wants)
                 except ValueError as error:
-                    raise TransportError(
-                        f"{self.url}: what is wanted is unclear: {error}"
-                    ) from error
+                    raise TransportError(f"{self.url}: invalid list of topics: {error}") from error
                 self.want(wants.topics)
                 continue
             with self._lock:

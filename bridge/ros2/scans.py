@@ -1,8 +1,8 @@
-"""What a `LaserScan` says, as far as it can be believed; the rest is `armadico.mobile.scans`' work.
+"""Decodes and checks a `LaserScan`; `armadico.mobile.scans` does the rest.
 
-REP-117 and sensor_msgs/LaserScan: NaN is no measurement, +inf nothing within reach, -inf something
-nearer than can be measured. Many a driver says 0 for a ray that it has no measurement of. Rays may
-follow clockwise, and turn more than once around.
+REP-117 and sensor_msgs/LaserScan: NaN is no measurement, +inf no echo within range, -inf an
+obstacle nearer than can be measured. Many drivers publish 0 for no measurement. Rays may be
+clockwise, and turn more than once around.
 """
 
 from __future__ import annotations
@@ -21,39 +21,36 @@ from armadico.config.profile import Laser
 from armadico.mobile.messages import REACH_M
 
 SLACK_RAYS, SLACK = 2.0, 0.01
-"""By so many rays, or such a share of them, angle_max may differ: some drivers' is one too far."""
+"""Tolerance of angle_max, in rays or as a share of them: in some drivers it is one ray too far."""
 
 
 class Scans:
     """The newest scan of a laser."""
 
     def __init__(self, laser: Laser, old_s: float) -> None:
-        """A scan that is `old_s` (s) older or newer than the odometry is not used."""
+        """A scan that differs from the odometry by more than `old_s` (s) is not used."""
         self.laser, self._old_s = laser, old_s
-        self._payload: bytes | None = None  # since the cycle before
+        self._payload: bytes | None = None  # received since the last cycle
         self._stamp, self._count = 0.0, 0
         self._swept: Swept | None = None
 
     def begin(self) -> None:
-        """Forget the newest scan."""
+        """Discard the newest scan."""
         self._payload = self._swept = None
 
     def receive(self, payload: bytes) -> None:
-        """Take a scan; only the newest of a cycle is decoded."""
+        """Keep a scan; only the newest of a cycle is decoded."""
         self._payload = payload
 
     def newest(self, stamp: float) -> Swept | None:
-        """The newest scan, if it is new enough for an odometry of this stamp (s)."""
+        """The newest scan, if it is fresh enough for an odometry of this stamp (s)."""
         if self._swept is None:
             return None
         age = stamp - self._stamp
         return replace(self._swept, age_s=age) if abs(age) <= self._old_s else None
 
     def decode(self, stamp: float) -> types.LaserScan | None:
-        """The scan that came in this cycle; None: none did.
-
-        Raises ValueError, which says what is wrong with it.
-        """
+        """The scan received in this cycle, or None. Raises ValueError if it is unusable."""
         payload, self._payload = self._payload, None
         if payload is None:
             return None
@@ -64,7 +61,7 @@ class Scans:
             raise UnusableScanError("its scans have no time stamp (it is 0): set one in its driver")
         if self._stamp == before:
             self._swept = swept
-            raise UnusableScanError("it says the same scan again and again")
+            raise UnusableScanError("it repeats the same scan")
         age = stamp - self._stamp
         if abs(age) > self._old_s:
             where = "older than" if age > 0.0 else "ahead of"
@@ -75,7 +72,7 @@ class Scans:
         return decode(types.LaserScan, payload)
 
     def accept(self, scan: types.LaserScan, mount: Mount) -> None:
-        """Take a scan of the laser, mounted so. Raises ValueError if it cannot be believed."""
+        """Use a scan of the laser with this mount. Raises ValueError if it is implausible."""
         if mount.tilt > LEVEL_RAD:
             tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
             raise ValueError(f"its frame {scan.header.frame_id} is tilted, {tilt}")
@@ -83,15 +80,15 @@ class Scans:
 
 
 class UnusableScanError(ValueError):
-    """A scan is sound, and does not belong to this cycle."""
+    """A valid scan that does not belong to this cycle."""
 
 
 def swept(scan: types.LaserScan, laser: Laser, mount: Mount, number: int) -> Swept:
-    """A scan, the `number`-th, of a laser that is mounted so.
+    """A scan, the `number`-th, of a laser with this mount.
 
-    Its own range counts where that makes sense, and the profile's where it does not.
+    Its own limits of range are used if they make sense, else the profile's.
 
-    Raises ValueError if its angles contradict each other: which of them is right is not known.
+    Raises ValueError if its angles contradict each other: which one is right is unknown.
     """
     _check_angles(scan)
     least, most = float(scan.range_min), float(scan.range_max)
@@ -106,12 +103,12 @@ def swept(scan: types.LaserScan, laser: Laser, mount: Mount, number: int) -> Swe
 
 def _check_angles(scan: types.LaserScan) -> None:
     count, first, step = len(scan.ranges), float(scan.angle_min), float(scan.angle_increment)
-    if not step or count < 2:  # refused, or believed, for what that is
+    if not step or count < 2:  # handled elsewhere
         return
     last = first + (count - 1) * step
     if not abs(last - scan.angle_max) <= max(SLACK_RAYS, SLACK * count) * abs(step):
         raise ValueError(
             f"its angles contradict each other: {count} rays from {first:.3f} rad on, each"
             f" {step:.4g} rad from the one before, end at {last:.3f} rad, and angle_max is"
-            f" {scan.angle_max:.3f}; mend its driver's settings"
+            f" {scan.angle_max:.3f}; check its driver's settings"
         )

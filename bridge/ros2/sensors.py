@@ -1,6 +1,6 @@
-"""What a ROS 2 robot publishes beside its odometry: scans, ranges, battery, hazards; sans-IO.
+"""What a ROS 2 robot publishes beside odometry: scans, ranges, battery, hazards; sans-IO.
 
-All of it is as old as the odometry of the cycle that it is reported with.
+All readings are reported with the odometry of their cycle, and count as of its age.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from armadico.bridge.session import Differs, Event, Pose, Reported, Swept
 from armadico.mobile.geometry import Pose2
 
 OLD_TURNS, OLD_CYCLES = 2.0, 2.0
-"""A reading older than both is not used, nor one that is as much newer than the odometry."""
+"""A reading is stale if it differs from the odometry's stamp by more than both."""
 
 
 class Sensors:
-    """The sensors of a robot, and what they have measured since the cycle before."""
+    """The sensors of a robot, and their readings since the last cycle."""
 
     def __init__(self, profile: Ros2Robot, events: list[Event], counts: Counts, now: float) -> None:
         self.notices = Notices(events)
@@ -36,12 +36,12 @@ class Sensors:
         self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * profile.ros2.cycle_s)
         self._scans = None if laser is None else Scans(laser, self._old_s)
         self._hazards = Hazards()
-        self._battery = (0.0, False)  # V, and whether it is charged
+        self._battery = (0.0, False)  # V, and whether it is charging
         self._rangers: Rangers | None = None
-        self._compared: set[str] = set()  # topics that were compared with the profile
+        self._compared: set[str] = set()  # topics already compared with the profile
 
     def begin(self, now: float) -> None:
-        """The session waits for the robot: what was measured before does not count."""
+        """Wait for the robot; earlier readings are discarded."""
         ring = self._profile.sonar
         self._rangers = None if ring is None else Rangers(ring, self._old_s, now)
         self._compared.clear()
@@ -50,7 +50,7 @@ class Sensors:
             self._scans.begin()
 
     def receive(self, topic: str, payload: bytes, now: float) -> bool:
-        """Take what was published; whether it is a sensor's. Raises ValueError if it is damaged."""
+        """Process a message. Returns whether the topic is a sensor's. Raises ValueError."""
         ros2 = self._profile.ros2
         if ros2.scan is not None and topic == ros2.scan.name and self._scans is not None:
             self._scans.receive(payload)
@@ -61,15 +61,15 @@ class Sensors:
         elif any(topic == each.name for each in ros2.sonar):
             self._on_range(payload, now)
         elif ros2.hazards is not None and topic == ros2.hazards.name:
-            self._hazards.feel(decode(types.HazardDetectionVector, payload))
+            self._hazards.on_hazards(decode(types.HazardDetectionVector, payload))
         elif ros2.tf_static is not None and topic == ros2.tf_static.name:
-            self.mounting.learn(decode(types.TFMessage, payload))
+            self.mounting.on_tf_static(decode(types.TFMessage, payload))
         else:
             return False
         return True
 
     def on_odometry(self, odometry: types.Odometry) -> None:
-        """Take the frames of an odometry."""
+        """Compare the frames of an odometry, and adopt the one that it moves."""
         self._compare(self._profile.ros2.odom.name, odometry)
         self.mounting.move_base(odometry.child_frame_id)
 
@@ -77,7 +77,7 @@ class Sensors:
         """The report of a cycle whose odometry has this stamp (s)."""
         hazards, (volts, charging) = self._hazards, self._battery
         hazards.collect()
-        for text in hazards.told:
+        for text in hazards.texts:
             self.notices.note(text, now, COMPLAIN_S)
         return Reported(
             pose=pose,
@@ -108,7 +108,7 @@ class Sensors:
         if self._rangers is None:
             return ()
         echoes = self._rangers.collect(stamp, now)
-        self.notices.complain("the sonars are", self._rangers.wrong, now)
+        self.notices.report_fault("the sonars are", self._rangers.wrong, now)
         return echoes
 
     def _places(self, now: float) -> tuple[Pose2, ...]:
@@ -128,16 +128,16 @@ class Sensors:
                 ours = Mount(scans.laser.place, scans.laser.upside_down)
                 scans.accept(scan, self.mounting.mount(scan.header.frame_id, ours, "laser", now))
                 self._compare("scan", scan)
-                self.notices.complain("the laser is", "", now)
+                self.notices.report_fault("the laser is", "", now)
         except UnusableScanError as error:
-            self.notices.complain("the laser is", str(error), now)
+            self.notices.report_fault("the laser is", str(error), now)
         except ValueError as error:
             self._counts.malformed += 1
-            self.notices.complain("the laser is", str(error), now)
+            self.notices.report_fault("the laser is", str(error), now)
         return scans.newest(stamp)
 
     def _compare(self, topic: str, message: types.Odometry | types.LaserScan) -> None:
-        """Report where the first sound message of a topic differs from the profile."""
+        """Report the differences between a topic's first valid message and the profile."""
         if topic in self._compared:
             return
         self._compared.add(topic)

@@ -1,12 +1,12 @@
 """A session with a robot that speaks ROS 2, sans-IO: frames and time in, events and frames out.
 
-It first publishes what it reads and writes (`Wants`), and is open once odometry comes (`states`).
-The odometry's stamps make the cycles: of what comes between two of them only the stamp is read.
-Everything else is as old as the odometry that it comes with (`sensors`).
+It first publishes the topics that it reads and writes (`Wants`). It is open once odometry arrives
+(`states`). Cycles follow the odometry's stamps: between two cycles only the stamp is decoded.
+Other data is reported with the odometry of its cycle (`sensors`).
 
-What it is told to drive goes out up and down the ramps of the profile's limits, step by step: many
-a base obeys as hard as its motors can. It publishes nothing of its own accord, so a base that
-receives no more commands of the society stops by its own watchdog.
+Speeds are commanded in steps along the ramps of the profile's limits, because many bases accelerate
+as hard as their motors can. The session sends no commands of its own accord: without commands of
+the society the base stops by its own watchdog.
 """
 
 from __future__ import annotations
@@ -19,7 +19,16 @@ from armadico.bridge.counting import Counts, Ration
 from armadico.bridge.ramps import REST, Ramps, finite
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode, ros_name
-from armadico.bridge.ros2.frames import SEEN, Decoder, Seen, Wanted, Wants, frame, read, said
+from armadico.bridge.ros2.frames import (
+    SEEN,
+    Decoder,
+    Seen,
+    Wanted,
+    Wants,
+    control_frame,
+    frame,
+    read,
+)
 from armadico.bridge.ros2.geometry import norm2, yaw
 from armadico.bridge.ros2.odometry import Measured, Odometry
 from armadico.bridge.ros2.profile import Ros2, Ros2Robot, Topic
@@ -30,27 +39,27 @@ from armadico.bridge.session import Connected, Event, LinkLost, Noted, Unanswere
 from armadico.core.messages import Line
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3
-"""Without a cycle for so long, or so many that were due, the link is lost. After as long without
-odometry the robot is reported as not answering."""
+"""The link is lost after this time without a cycle, and this many cycles that were due. After as
+long without odometry the robot is reported as not answering."""
 
-LOOK_S = LINK_TIMEOUT_S / 2  # from a call to the next, with an open link
-LATE_S = 0.1  # an owner that calls so much later than that hung
+LOOK_S = LINK_TIMEOUT_S / 2  # longest time between calls while the link is open
+LATE_S = 0.1  # a caller that is later than this has hung
 SILENT_S = 0.5
-"""After such a silence the last command does not tell what the wheels do now."""
+"""After this time without a command, the last one no longer tells the speeds of the wheels."""
 
-ABSURD, ABSURD_M_S, ABSURD_RAD_S = 2.0, 0.5, 1.0  # times the tops, and more: no wheel turns so fast
-OFTEN = 3  # times its rate odometry is decoded, on average
+ABSURD, ABSURD_M_S, ABSURD_RAD_S = 2.0, 0.5, 1.0  # times the top speeds, plus this: impossible
+OFTEN = 3  # odometry is decoded at most at this multiple of its rate, on average
 
-# Odometry is begun anew at a jump now and then. If it jumps again and again, two robots publish it,
-# or it does not tell its speeds: then the pose is not known.
-JUMPS, JUMP_FADES = 3.0, 0.2  # so many, less this for each cycle without one
-JUMPING = "the odometry jumps again and again: is it that of one robot?"
+# An occasional jump restarts the odometry. Repeated jumps mean that two robots publish it, or that
+# it does not report its speeds: then the pose is unknown.
+JUMPS, JUMP_FADES = 3.0, 0.2  # the limit; each cycle without a jump subtracts the latter
+JUMPING = "the odometry jumps repeatedly: is it that of one robot?"
 
-RESTARTED = "its odometry begins elsewhere, as that of a robot that was started again"
+RESTARTED = "its odometry starts elsewhere, as after a restart of the robot"
 UNSTAMPED = "the odometry has no time stamp (it is 0)"
 SEVERAL = "more than one robot publishes odometry here, and would obey"
 
-TINY = 1e-9  # m/s or rad/s: a top speed is so much more than the whole steps that it is
+TINY = 1e-9  # m/s or rad/s: tolerance where the top speed is a whole number of steps
 
 UNWATCHED = (
     "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
@@ -58,14 +67,14 @@ UNWATCHED = (
 
 
 class Session:
-    """One agent's dealings with one ROS 2 robot; see `bridge.session`.
+    """A robot agent's session with one ROS 2 robot; see `bridge.session`.
 
     Attributes:
-        held: Of no use here: no message switches motors on.
+        held: Not used: no message switches motors on.
     """
 
     def __init__(self, profile: Ros2Robot, now: float) -> None:
-        """Begin at time `now`, s of any clock."""
+        """Start at time `now`, s of any clock."""
         self.state, self.held = State.CLOSED, False
         self.decoder, self.counts = Decoder(), Counts()
         self.odometry = Odometry(profile.ros2.cycle_s)
@@ -79,18 +88,18 @@ class Session:
         self._seen = Seen()
         self._deadline = now
         self._attempts = 0
-        self._wrong, self._received = "", ""  # with the odometry; what comes instead of it
+        self._wrong, self._received = "", ""  # the odometry's fault; what arrives instead of it
         self._jumps = 0.0
         self._go(Signal.START)
 
     @property
     def is_open(self) -> bool:
-        """Whether odometry comes, so that speeds that are asked for reach the robot."""
+        """Whether odometry arrives, so that commanded speeds reach the robot."""
         return self.state is State.DRIVING
 
     @property
     def motors_due(self) -> bool:
-        """See `bridge.session`: no message says whether they are on."""
+        """See `bridge.session`: no message reports whether motors are on."""
         return self.is_open
 
     @property
@@ -105,7 +114,7 @@ class Session:
         return min(due, self._now + LOOK_S) if self.is_open else due
 
     def receive(self, data: bytes, now: float) -> list[Event]:
-        """Take in frames; of a flood of odometry only the newest counts."""
+        """Process frames; surplus odometry, beyond `OFTEN`, is skipped."""
         passed = now - self._now
         self._advance(now)
         frames = self.decoder.feed(data, now)
@@ -139,32 +148,32 @@ class Session:
 
     def drive(self, v: float, w: float) -> None:
         """See `bridge.session`. Raises ValueError if they are not finite."""
-        asked = finite(v, w)
+        requested = finite(v, w)
         if self.is_open:
-            self._ramps.ask(asked, self._now)
+            self._ramps.request(requested, self._now)
 
     def stop(self) -> None:
         self.drive(*REST)
 
     def emergency_stop(self) -> None:
-        """See `bridge.session`: zero speeds, past the ramps."""
+        """See `bridge.session`: zero speeds, without ramps."""
         if self.is_open:
             self._ramps.begin()
             self._ramps.at = self._now
             self._out += self._command(*REST)
 
     def pulse(self) -> None:
-        """See `bridge.session`: a base at rest has no use for it."""
+        """See `bridge.session`: a base at rest needs none."""
 
     def close(self) -> None:
-        """See `bridge.session`: zero speeds at once, because the session ends."""
+        """See `bridge.session`: zero speeds at once."""
         self._go(Signal.CLOSE)
 
     def outgoing(self) -> bytes:
         if self.is_open:
             if self._now - self._ramps.at > SILENT_S:
-                # The base may have stopped by itself, or was driven by others. What is measured
-                # may be old, so it does not make the command greater than what is asked for.
+                # The base may have stopped by itself, or another node drove it. The measured speeds
+                # may be old, so they must not make the command greater than the requested one.
                 self._ramps.resume(self.odometry.speeds)
             if (speeds := self._ramps.step(self._now)) is not None:
                 self._out += self._command(*speeds)
@@ -198,9 +207,9 @@ class Session:
             self._ramps.begin()
 
     def _begin(self) -> None:
-        """Wait for odometry; a robot that a dead agent left driving is stopped."""
+        """Wait for odometry, and stop a robot that a dead agent left driving."""
         self._out.clear()
-        self._out += said(wants(self._profile.ros2)) + self._command(*REST)
+        self._out += control_frame(wants(self._profile.ros2)) + self._command(*REST)
         self._ramps.begin()
         self._stamps.begin()
         self._sensors.begin(self._now)
@@ -209,7 +218,7 @@ class Session:
         self._wait()
 
     def _wait(self) -> None:
-        """The next cycle has to come within the time-out."""
+        """Set the deadline of the next cycle."""
         self._deadline = self._now + self._patience
 
     @property
@@ -217,27 +226,27 @@ class Session:
         return max(LINK_TIMEOUT_S, LINK_CYCLES * self._profile.ros2.cycle_s)
 
     def _advance(self, now: float) -> None:
-        """Note the time. After a hang the time-out begins anew, and what was asked is forgotten."""
+        """Update the time. After a hang, restart the timeout and drop the requested speeds."""
         hung = self.is_open and now - self._now > LOOK_S + LATE_S
         self._now = now
         if hung:
-            self._ramps.ask(REST, now)
+            self._ramps.request(REST, now)
             self._ramps.at = float("-inf")
             self._wait()
 
     def _silence(self) -> str:
-        """Why there is no cycle any more."""
+        """Why no cycle arrives any more."""
         at = self._stamps.at
         if self._wrong:
             return self._wrong
         if at is not None and self._now - at < self._patience / 2:
-            return f"the odometry's clock hardly goes on: no cycle in {self._patience} s"
+            return f"the odometry's clock hardly advances: no cycle in {self._patience} s"
         return f"no odometry for {self._patience} s"
 
     def _ask(self) -> None:
-        """Publish again what is read and written: the other end may have started since."""
+        """Publish `Wants` again: the other end may have started since."""
         self._attempts += 1
-        self._out += said(wants(self._profile.ros2))
+        self._out += control_frame(wants(self._profile.ros2))
         received = self._wrong or self._received
         hint = "; ".join((*self._seen.notes, *((received,) if received else ())))
         awaited = f"odometry on {self._profile.ros2.odom.name}"
@@ -247,19 +256,19 @@ class Session:
     def _connected(self) -> Connected:
         return Connected(self._seen.robot, "ROS 2", "")
 
-    # What comes -----------------------------------------------------------------------------------
+    # Received -------------------------------------------------------------------------------------
 
     def _on_frame(self, topic: str, payload: bytes) -> None:
-        """Raises ValueError for what is none of its type."""
+        """Raises ValueError for an invalid payload."""
         if topic == self._profile.ros2.odom.name:
             self._on_odometry(payload)
         elif topic == SEEN:
             self._on_seen(read(payload, Seen))
         elif not self._sensors.receive(topic, payload, self._now) and not self.is_open:
-            self._received = f"{topic} comes"
+            self._received = f"{topic} arrives"
 
     def _on_seen(self, seen: Seen) -> None:
-        """Report what is new of the other nodes."""
+        """Report changes of the other nodes."""
         drivers = tuple(name for name in seen.drivers if name not in self._seen.drivers)
         if drivers:
             others, topic = ", ".join(drivers), self._profile.ros2.cmd_vel.name
@@ -272,7 +281,7 @@ class Session:
         self._seen = seen
         if seen.several:
             self._go(Signal.BROKEN, SEVERAL)
-        if named and self.is_open:  # it drove before its name was known
+        if named and self.is_open:  # connected before its name was known
             self._events.append(self._connected())
 
     def _on_odometry(self, payload: bytes) -> None:
@@ -295,7 +304,7 @@ class Session:
             self._on_cycle(here, first)
 
     def _on_cycle(self, here: Measured, first: bool) -> None:
-        """An odometry makes a cycle, if it is believed."""
+        """Report a cycle, unless its odometry is doubtful."""
         resets = self.odometry.resets
         pose = self.odometry.update(here, self._now)
         if self._is_doubtful(first, self.odometry.resets > resets):
@@ -307,8 +316,8 @@ class Session:
         self._events.append(self._sensors.report(pose, here, self._stamps.stamp, self._now))
 
     def _is_doubtful(self, first: bool, jumped: bool) -> bool:
-        """Whether the odometry is not believed: see `JUMPS`."""
-        if first and jumped and self._jumps < 1.0:  # a person who carries it wants it to stand
+        """Whether the odometry is rejected: see `JUMPS`."""
+        if first and jumped and self._jumps < 1.0:  # carried or restarted, and then at rest
             self._events.append(LinkLost(RESTARTED, reset=True))
         more = self._jumps + (1.0 if jumped else -JUMP_FADES)
         self._jumps = min(max(more, 0.0), JUMPS)
@@ -316,33 +325,33 @@ class Session:
             self._wrong = JUMPING
             self._go(Signal.BROKEN, JUMPING)
             return True
-        if self._seen.several:  # their odometry may come in turns that are never seen to jump
+        if self._seen.several:  # with alternating odometry no jump may be detected
             self._wrong = SEVERAL
         return self._seen.several
 
     def _measure(self, payload: bytes) -> Measured | None:
-        """What an odometry contains; None: no robot is, or does, that. Raises ValueError."""
+        """The contents of an odometry; None if no robot can do that. Raises ValueError."""
         odometry = decode(types.Odometry, payload)
         place, q = odometry.pose.pose.position, odometry.pose.pose.orientation
         v, w = odometry.twist.twist.linear.x, odometry.twist.twist.angular.z
         norm = norm2(q)
         if not all(map(isfinite, (place.x, place.y, norm, v, w))) or not 0.5 < norm < 2.0:
             self.counts.malformed += 1
-            self._wrong = "the odometry says what is no pose"
+            self._wrong = "the odometry has an invalid pose"
             return None
         limits = self._profile.limits
         most, most_w = ABSURD * limits.v_max + ABSURD_M_S, ABSURD * limits.w_max + ABSURD_RAD_S
         if abs(v) > most or abs(w) > most_w or max(abs(place.x), abs(place.y)) > 1e5:
             self.counts.absurd += 1
-            self._wrong = f"the odometry says {v:.2f} m/s, {w:.2f} rad/s"
+            self._wrong = f"the odometry has impossible speeds: {v:.2f} m/s, {w:.2f} rad/s"
             return None
         self._sensors.on_odometry(odometry)
         return Measured(place.x, place.y, yaw(q), v, w)
 
-    # What goes ------------------------------------------------------------------------------------
+    # Sent -----------------------------------------------------------------------------------------
 
     def _command(self, v: float, w: float) -> bytes:
-        """The frame of a command, to the nearest speeds that the base can obey."""
+        """The frame of a command, rounded to speeds that the base can obey."""
         ros2, limits = self._profile.ros2, self._profile.limits
         v, w = _rounded(v, ros2.v_step, limits.v_max), _rounded(w, ros2.w_step, limits.w_max)
         twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
@@ -352,10 +361,10 @@ class Session:
         return frame(ros2.cmd_vel.name, encode(types.TwistStamped(header=header, twist=twist)))
 
     def _robots_time(self) -> types.Time:
-        """By the robot's clock, as its odometry tells it: a base may refuse what seems old."""
+        """The robot's clock, by its odometry: a base may reject a command that seems old."""
         time_s = self._stamps.time(self._now)
         if time_s is None:
-            return types.Time()  # many take 0 for now
+            return types.Time()  # many bases take 0 for now
         sec, rest = divmod(time_s, 1.0)
         return types.Time(sec=int(sec) & 0x7FFFFFFF, nanosec=min(int(rest * 1e9), 999_999_999))
 
@@ -366,7 +375,7 @@ class Session:
 
 
 def _rounded(speed: float, step: float, top: float) -> float:
-    """To whole steps, but not beyond the top speed."""
+    """Round to whole steps, but not beyond the top speed."""
     if not step:
         return speed
     steps = round(abs(speed) / step)
@@ -374,10 +383,10 @@ def _rounded(speed: float, step: float, top: float) -> float:
 
 
 def wants(ros2: Ros2) -> Wants:
-    """What is read of a robot and written to it.
+    """The topics that the robot agent reads and writes.
 
-    Its tf is not read: it repeats the odometry, how far each wheel has turned, and what a viewer
-    of the society has made of that.
+    The robot's tf is not read: it repeats the odometry and the angles of the wheels, and may
+    contain the frames that a gateway publishes.
     """
     read: tuple[tuple[Topic | None, type[IdlStruct]], ...] = (
         (ros2.odom, types.Odometry),
@@ -393,5 +402,5 @@ def wants(ros2: Ros2) -> Wants:
 
 
 def wanted(topic: Topic, kind: type[IdlStruct], *, writes: bool = False) -> Wanted:
-    """A topic of a profile, as the robot agent reads or writes it."""
+    """A topic of a profile, in the form of `Wants`."""
     return Wanted(topic.name, ros_name(kind), writes, topic.reliable, topic.latched, topic.depth)

@@ -1,4 +1,4 @@
-"""The robot's clock, and the cycles that the stamps of its odometry make; sans-IO."""
+"""The robot's clock, and the cycles by the stamps of its odometry; sans-IO."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _STAMP_AT = 4
 
 
 class Timing(Enum):
-    """What the stamp of an odometry makes of it."""
+    """How an odometry's stamp relates to the earlier ones."""
 
-    REPEATED = auto()  # the stamp of the one before
-    BACKWARDS = auto()  # an earlier one
-    BETWEEN = auto()  # between two cycles
-    DUE = auto()  # a cycle
+    REPEATED = auto()  # the same stamp as before
+    BACKWARDS = auto()  # an earlier stamp
+    BETWEEN = auto()  # before the next cycle is due
+    DUE = auto()  # makes a cycle
 
 
 class Stamps:
@@ -25,7 +25,7 @@ class Stamps:
 
     Attributes:
         stamp: The newest, s by the robot's clock.
-        at: When that was received, s by ours; None: none was since `begin`.
+        at: When it was received, s by our clock; None: not since `begin`.
     """
 
     def __init__(self, ros2: Ros2) -> None:
@@ -35,11 +35,11 @@ class Stamps:
         self._slack = 0.5 / ros2.odom_hz
 
     def begin(self) -> None:
-        """The next odometry is the first."""
+        """Treat the next odometry as the first."""
         self.at = None
 
     def judge(self, stamp: float) -> Timing:
-        """What the stamp of an odometry (s) makes of it."""
+        """Classify the stamp of an odometry, s."""
         if stamp == self.stamp:
             return Timing.REPEATED
         if self.at is not None and stamp < self.stamp:
@@ -48,11 +48,11 @@ class Stamps:
         return Timing.BETWEEN if early else Timing.DUE
 
     def note(self, stamp: float, now: float) -> None:
-        """An odometry is sound, as far as it was read."""
+        """Keep the stamp of a valid odometry."""
         self.stamp, self.at = stamp, now
 
     def count(self, stamp: float, now: float) -> bool:
-        """An odometry makes a cycle; whether it is the first."""
+        """Count a cycle. Returns whether it is the first."""
         first = self.at is None
         late = first or stamp - self._due >= self._cycle_s
         self._due = (stamp if late else self._due) + self._cycle_s
@@ -60,16 +60,16 @@ class Stamps:
         return first
 
     def set_back(self, stamp: float) -> None:
-        """From this stamp on the odometry has to go forwards."""
+        """Continue from an earlier stamp."""
         self.stamp, self._due = stamp, stamp + self._cycle_s
 
     def time(self, now: float) -> float | None:
-        """The robot's time, s; None: it is not known."""
+        """The robot's time, s; None: unknown."""
         return None if self.at is None else max(self.stamp + now - self.at, 0.0)
 
 
 def stamp_of(payload: bytes) -> float:
-    """When a message with a header was measured, s of the robot's clock. Raises ValueError."""
+    """The stamp of a message with a header, s of the robot's clock. Raises ValueError."""
     order = _STAMP.get(payload[1] if len(payload) >= _STAMP_AT + 8 else -1)
     if order is None:
         raise ValueError(f"{len(payload)} bytes have no stamp")

@@ -1,4 +1,4 @@
-"""The states of a session with a ROS 2 robot, as a table; `session.Session` walks it."""
+"""The states of a session with a ROS 2 robot, as a table for `session.Session`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 
 class State(Enum):
-    """Where a session stands: what it waits for."""
+    """What a session waits for."""
 
     CLOSED = "nothing"
     WAITING = "odometry"
@@ -17,24 +17,24 @@ class State(Enum):
 
 
 class Signal(Enum):
-    """What makes a session go on."""
+    """What changes the state of a session."""
 
     START = auto()  # the transport was opened
-    FIRST = auto()  # the first odometry since the session waits for it
+    FIRST = auto()  # the first odometry since the session began to wait
     CYCLE = auto()  # a later odometry that makes a cycle
     SILENCE = auto()  # no cycle until the deadline
-    BROKEN = auto()  # the odometry is that of several robots, or jumps again and again
+    BROKEN = auto()  # the odometry is that of several robots, or jumps repeatedly
     CLOSE = auto()
 
 
 class Step(Enum):
-    """What a session does on its way."""
+    """What a session does on a change of state."""
 
-    BEGIN = auto()  # publish what is read and written, and zero speeds; forget what came
+    BEGIN = auto()  # publish `Wants` and zero speeds; discard what was received
     CONNECT = auto()  # report the link as open
     LOSE = auto()  # report the link as lost
-    ASK = auto()  # publish again what is read and written, and report that nothing answers
-    STOP = auto()  # zero speeds, past the ramps
+    ASK = auto()  # publish `Wants` again, and report that nothing answers
+    STOP = auto()  # zero speeds, without ramps
 
 
 _BEGIN: Final = (State.WAITING, (Step.BEGIN,))
@@ -49,8 +49,8 @@ TRANSITIONS: Final[Mapping[tuple[State, Signal], tuple[State, tuple[Step, ...]]]
     (State.WAITING, Signal.CYCLE): _OPEN,
     (State.WAITING, Signal.SILENCE): (State.WAITING, (Step.ASK,)),
     (State.WAITING, Signal.CLOSE): _CLOSE,
-    # After a loss the first odometry opens nothing. A robot whose odometry stands still, or runs
-    # backwards in time, would otherwise make a cycle and a command each time.
+    # After a loss the first odometry does not open the link. Otherwise a robot whose odometry
+    # stands still, or runs backwards in time, would cause a cycle and a command each time.
     (State.LOST, Signal.START): (State.LOST, (Step.BEGIN,)),
     (State.LOST, Signal.CYCLE): _OPEN,
     (State.LOST, Signal.SILENCE): (State.LOST, (Step.ASK,)),
@@ -60,4 +60,4 @@ TRANSITIONS: Final[Mapping[tuple[State, Signal], tuple[State, tuple[Step, ...]]]
     (State.DRIVING, Signal.BROKEN): _LOSE,
     (State.DRIVING, Signal.CLOSE): _CLOSE,
 }
-"""Every change of state. A signal that is not here for a state changes nothing."""
+"""Every change of state. A signal without an entry for a state changes nothing."""

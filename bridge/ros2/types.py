@@ -1,13 +1,13 @@
-"""The ROS 2 messages that are used, field by field as ROS 2's `.msg` files say (Jazzy's).
+"""The ROS 2 messages that are used, with the fields of ROS 2's `.msg` files (Jazzy).
 
-Units and frames are ROS's own: SI, REP-103, REP-105. `cdr` turns these into bytes and back, and
-knows their names and hashes. Sequences take lists (numpy's arrays: `tolist()`), `uint8` also bytes.
+Units and frames are those of ROS: SI, REP-103, REP-105. `cdr` encodes and decodes them, and has
+their names and hashes. Sequences take lists (numpy arrays: `tolist()`), `uint8` also bytes.
 
 Source: github.com/ros2/common_interfaces, rcl_interfaces, geometry2, rmw_dds_common, branch jazzy;
 github.com/iRobotEducation/irobot_create_msgs.
 """
 
-# No `from __future__ import annotations`: pycdr2 reads the annotations themselves.
+# No `from __future__ import annotations`: pycdr2 reads the annotations at runtime.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -33,7 +33,7 @@ def _zeros36() -> Sequence[float]:
 
 @dataclass
 class Time(IdlStruct, typename="builtin_interfaces/msg/Time"):
-    """Seconds since 1970, or since the robot's start where it has no clock."""
+    """Seconds since 1970, or since the robot's start if it has no clock."""
 
     sec: i32 = 0
     nanosec: uint32 = 0
@@ -41,7 +41,7 @@ class Time(IdlStruct, typename="builtin_interfaces/msg/Time"):
 
 @dataclass
 class Header(IdlStruct, typename="std_msgs/msg/Header"):
-    """When it was measured, and in which frame."""
+    """Time of the measurement, and frame."""
 
     stamp: Time = field(default_factory=Time)
     frame_id: str = ""
@@ -49,8 +49,6 @@ class Header(IdlStruct, typename="std_msgs/msg/Header"):
 
 @dataclass
 class String(IdlStruct, typename="std_msgs/msg/String"):
-    """Text."""
-
     data: str = ""
 
 
@@ -65,7 +63,7 @@ class Vector3(IdlStruct, typename="geometry_msgs/msg/Vector3"):
 
 @dataclass
 class Point(IdlStruct, typename="geometry_msgs/msg/Point"):
-    """A place, m."""
+    """A position, m."""
 
     x: f64 = 0.0
     y: f64 = 0.0
@@ -74,8 +72,6 @@ class Point(IdlStruct, typename="geometry_msgs/msg/Point"):
 
 @dataclass
 class Quaternion(IdlStruct, typename="geometry_msgs/msg/Quaternion"):
-    """An orientation."""
-
     x: f64 = 0.0
     y: f64 = 0.0
     z: f64 = 0.0
@@ -84,16 +80,12 @@ class Quaternion(IdlStruct, typename="geometry_msgs/msg/Quaternion"):
 
 @dataclass
 class Pose(IdlStruct, typename="geometry_msgs/msg/Pose"):
-    """A place and an orientation."""
-
     position: Point = field(default_factory=Point)
     orientation: Quaternion = field(default_factory=Quaternion)
 
 
 @dataclass
 class PoseStamped(IdlStruct, typename="geometry_msgs/msg/PoseStamped"):
-    """A pose in a frame."""
-
     header: Header = field(default_factory=Header)
     pose: Pose = field(default_factory=Pose)
 
@@ -108,8 +100,6 @@ class PoseWithCovariance(IdlStruct, typename="geometry_msgs/msg/PoseWithCovarian
 
 @dataclass
 class PoseWithCovarianceStamped(IdlStruct, typename="geometry_msgs/msg/PoseWithCovarianceStamped"):
-    """A pose with its covariance, in a frame."""
-
     header: Header = field(default_factory=Header)
     pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
 
@@ -124,8 +114,6 @@ class Twist(IdlStruct, typename="geometry_msgs/msg/Twist"):
 
 @dataclass
 class TwistStamped(IdlStruct, typename="geometry_msgs/msg/TwistStamped"):
-    """Speeds in a frame."""
-
     header: Header = field(default_factory=Header)
     twist: Twist = field(default_factory=Twist)
 
@@ -140,7 +128,7 @@ class TwistWithCovariance(IdlStruct, typename="geometry_msgs/msg/TwistWithCovari
 
 @dataclass
 class Transform(IdlStruct, typename="geometry_msgs/msg/Transform"):
-    """Where one frame lies in another."""
+    """The pose of one frame in another."""
 
     translation: Vector3 = field(default_factory=Vector3)
     rotation: Quaternion = field(default_factory=Quaternion)
@@ -148,7 +136,7 @@ class Transform(IdlStruct, typename="geometry_msgs/msg/Transform"):
 
 @dataclass
 class TransformStamped(IdlStruct, typename="geometry_msgs/msg/TransformStamped"):
-    """Where the child frame lies in the header's."""
+    """The pose of the child frame in the header's."""
 
     header: Header = field(default_factory=Header)
     child_frame_id: str = ""
@@ -157,8 +145,6 @@ class TransformStamped(IdlStruct, typename="geometry_msgs/msg/TransformStamped")
 
 @dataclass
 class TFMessage(IdlStruct, typename="tf2_msgs/msg/TFMessage"):
-    """Frames that have moved."""
-
     transforms: Annotated[Sequence[TransformStamped], sequence(TransformStamped)] = field(
         default_factory=list
     )
@@ -196,15 +182,13 @@ class OccupancyGrid(IdlStruct, typename="nav_msgs/msg/OccupancyGrid"):
 
 @dataclass
 class Path(IdlStruct, typename="nav_msgs/msg/Path"):
-    """Poses to follow."""
-
     header: Header = field(default_factory=Header)
     poses: Annotated[Sequence[PoseStamped], sequence(PoseStamped)] = field(default_factory=list)
 
 
 @dataclass
 class LaserScan(IdlStruct, typename="sensor_msgs/msg/LaserScan"):
-    """One turn of a laser: rad, s, m; a range outside `range_min`..`range_max` is none."""
+    """One turn of a laser: rad, s, m; a range outside `range_min`..`range_max` is invalid."""
 
     header: Header = field(default_factory=Header)
     angle_min: f32 = 0.0
@@ -259,19 +243,19 @@ CHARGING, DISCHARGING = 1, 2
 
 @dataclass
 class HazardDetection(IdlStruct, typename="irobot_create_msgs/msg/HazardDetection"):
-    """What a Create 3 feels: `type` is one of the below, the header's frame the sensor's."""
+    """A hazard of a Create 3: `type` is one of those below; the header has the sensor's frame."""
 
     header: Header = field(default_factory=Header)
     type: uint8 = 0
 
 
 BACKUP_LIMIT, BUMP, CLIFF, STALL, WHEEL_DROP, OBJECT_PROXIMITY = range(6)
-"""It backs no farther for its own safety; ...; an object is near."""
+"""Hazards; BACKUP_LIMIT: it backs no farther for safety, OBJECT_PROXIMITY: an obstacle is near."""
 
 
 @dataclass
 class HazardDetectionVector(IdlStruct, typename="irobot_create_msgs/msg/HazardDetectionVector"):
-    """All that it feels just now."""
+    """All present hazards."""
 
     header: Header = field(default_factory=Header)
     detections: Annotated[Sequence[HazardDetection], sequence(HazardDetection)] = field(
@@ -306,15 +290,13 @@ class PointCloud2(IdlStruct, typename="sensor_msgs/msg/PointCloud2"):
 
 @dataclass
 class KeyValue(IdlStruct, typename="diagnostic_msgs/msg/KeyValue"):
-    """A value by its name."""
-
     key: str = ""
     value: str = ""
 
 
 @dataclass
 class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs/msg/DiagnosticStatus"):
-    """How one thing is: `level` 0 well, 1 to be warned of, 2 in error, 3 stale."""
+    """State of one component: `level` 0 is OK, 1 warning, 2 error, 3 stale."""
 
     level: uint8 = field(default=0, metadata={"msg": "byte"})
     name: str = ""
@@ -325,8 +307,6 @@ class DiagnosticStatus(IdlStruct, typename="diagnostic_msgs/msg/DiagnosticStatus
 
 @dataclass
 class DiagnosticArray(IdlStruct, typename="diagnostic_msgs/msg/DiagnosticArray"):
-    """How several things are."""
-
     header: Header = field(default_factory=Header)
     status: Annotated[Sequence[DiagnosticStatus], sequence(DiagnosticStatus)] = field(
         default_factory=list
@@ -335,14 +315,14 @@ class DiagnosticArray(IdlStruct, typename="diagnostic_msgs/msg/DiagnosticArray")
 
 @dataclass
 class Gid(IdlStruct, typename="rmw_dds_common/msg/Gid"):
-    """Whose endpoint: 12 bytes of participant, 4 of entity."""
+    """Id of an endpoint: 12 bytes of participant, 4 of entity."""
 
     data: Gid16 = bytes(16)
 
 
 @dataclass
 class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common/msg/NodeEntitiesInfo"):
-    """What one node reads and writes."""
+    """The readers and writers of one node."""
 
     node_namespace: Name = ""
     node_name: Name = ""
@@ -352,7 +332,7 @@ class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common/msg/NodeEntitiesInfo"
 
 @dataclass
 class ParticipantEntitiesInfo(IdlStruct, typename="rmw_dds_common/msg/ParticipantEntitiesInfo"):
-    """The nodes of a participant, on `ros_discovery_info`: how ROS 2 gives endpoints names."""
+    """The nodes of a participant, on `ros_discovery_info`: it relates endpoints to nodes."""
 
     gid: Gid = field(default_factory=Gid)
     node_entities_info_seq: Annotated[Sequence[NodeEntitiesInfo], sequence(NodeEntitiesInfo)] = (

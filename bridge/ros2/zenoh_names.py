@@ -1,4 +1,4 @@
-"""What rmw_zenoh calls things: keys of samples, liveliness tokens, attachments; sans-IO.
+"""Names of rmw_zenoh: keys of samples, liveliness tokens, attachments; sans-IO.
 
 Source: github.com/ros2/rmw_zenoh, docs/design.md and liveliness_utils.hpp, branch jazzy.
 """
@@ -31,11 +31,11 @@ class Member(Struct, frozen=True):
     name: str
 
     def token(self) -> str:
-        """What says that the node is alive."""
+        """The node's liveliness token."""
         return self._token(0, NODE)
 
     def endpoint(self, number: int, topic: str, type_name: str, want: Wanted) -> str:
-        """What says that one of its publishers or subscriptions is; `topic` is the whole name."""
+        """The token of one of its publishers or subscriptions; `topic` is the whole name."""
         qos = _QOS.format(
             reliability=1 if want.reliable else 2,
             durability=1 if want.latched else 2,
@@ -52,20 +52,20 @@ class Member(Struct, frozen=True):
 
 
 def key(domain: int, topic: str, type_name: str) -> str:
-    """Where the samples of a topic are published; `topic` is its whole name."""
+    """The key of a topic's samples; `topic` is its whole name."""
     kind = cdr.known()[type_name]
     return f"{domain}/{topic.strip('/')}/{cdr.dds_name(kind)}/{cdr.type_hash(kind)}"
 
 
 def attachment(sequence: int, time_ns: int, gid: bytes) -> bytes:
-    """What goes along with each sample: without it a subscription of ROS 2's drops it."""
+    """The attachment of a sample; ROS 2 subscriptions discard samples without one."""
     return _ATTACHMENT.pack(sequence, time_ns, GID_BYTES, gid)
 
 
 def endpoint(token: str) -> Endpoint | None:
-    """What a token tells; None for nodes, services, and what is no token.
+    """The endpoint of a token; None for nodes, services and other texts.
 
-    rmw_zenoh matches whatever the QoS, so that is told as fitting.
+    rmw_zenoh matches endpoints with any QoS, so the endpoint is described as matching.
     """
     parts = token.split("/")
     if len(parts) != 13 or parts[0] != SPACE or parts[5] not in (PUBLISHER, SUBSCRIPTION):
@@ -83,7 +83,7 @@ def endpoint(token: str) -> Endpoint | None:
 
 
 def session(token: str) -> str:
-    """Whose token it is: Zenoh's id; "" if it is none."""
+    """The Zenoh id of a token's session; "" if it is no token."""
     parts = token.split("/")
     return parts[2] if len(parts) > 5 and parts[0] == SPACE else ""
 

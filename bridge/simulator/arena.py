@@ -1,8 +1,8 @@
-"""Robots that live in one world: they are brought forward together.
+"""Robots in one world, which are advanced together.
 
-What a robot knows of the others is as they were at the beginning of a stretch of time, which is one
-step of the physics where two are near each other. A stretch ends at the same times whenever anybody
-asks what has come of it.
+A robot sees the others where they were at the beginning of a stretch of time: one step of the
+physics if two robots are near each other, else longer. Stretches end at fixed times, whenever
+`advance` is called.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from armadico.bridge.simulator.moving import STEP_S as STRETCH_S
 from armadico.bridge.simulator.plant import STEP_S, Plant
 
 NEAR_M = 0.3
-"""Nearer than this, corner to corner, they go step by step: at 1.5 m/s each they come half as far
-in a stretch."""
+"""Robots nearer than this, corner to corner, advance step by step. At 1.5 m/s each they approach by
+half of it in a stretch."""
 
 
 class Robot(Protocol):
@@ -25,16 +25,16 @@ class Robot(Protocol):
     bring_forward: Callable[[float], None]
 
     def live(self, now: float) -> None:
-        """Live up to a time, s of simulation, whoever else is there."""
+        """Advance this robot alone to a time, s of simulation."""
 
 
 class Arena:
     """One world, and the robots in it."""
 
     def __init__(self, robots: Sequence[Robot]) -> None:
-        """Put them there, each where it stands. Raises ValueError if one stands in something."""
+        """Join the robots, each at its pose. Raises ValueError if one overlaps an obstacle."""
         self._robots = tuple(robots)
-        self._steps = 0  # of the physics, that all have lived
+        self._steps = 0  # of the physics, completed by all
         bodies = [robot.plant.body for robot in robots]
         for robot in robots:
             robot.plant.show_body()
@@ -45,11 +45,11 @@ class Arena:
             if robot.plant.clearance() <= 0.0:
                 x, y, _ = robot.plant.pose
                 raise ValueError(
-                    f"a robot cannot start at {x:g}, {y:g}: it would stand in something"
+                    f"a robot cannot start at {x:g}, {y:g}: it would overlap an obstacle"
                 )
 
     def advance(self, now: float) -> None:
-        """All live up to a time, s of simulation."""
+        """Advance all robots to a time, s of simulation."""
         until = int(now / STEP_S + 1e-6)
         while self._steps < until:
             stretch = 1 if self._near() else round(STRETCH_S / STEP_S)
@@ -59,7 +59,7 @@ class Arena:
                 robot.live(self._steps * STEP_S)
             if self._steps == end:
                 for robot in self._robots:
-                    robot.plant.look_around()
+                    robot.plant.locate_others()
 
     def _near(self) -> bool:
         bodies = [robot.plant.body for robot in self._robots]

@@ -1,4 +1,4 @@
-"""A lead-acid battery: its voltage falls as it empties, and sags under load; docks charge it."""
+"""A lead-acid battery: its voltage falls with its charge, and under load; docks charge it."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ SECONDS_PER_HOUR = 3600.0
 
 
 CONTACT_M, CONTACT_RAD = 0.05, radians(8)
-"""Chosen: so far off the dock's pose, and turned so much, its contacts still meet the robot's."""
+"""Largest offset from a dock's pose at which the contacts still meet. Chosen."""
 
 
 class Battery:
-    """Open-circuit voltage linear in the charge left, behind an internal resistance.
+    """Open-circuit voltage linear in the charge, behind an internal resistance.
 
-    Linear is what lead-acid is between full and empty, to about 0.1 V; the profile's `empty_v` is
-    where the robot has to be charged, not where the chemistry ends. The motors are chopped, so they
-    draw power rather than their own current: I = idle + P / U, and braking gives nothing back.
-    A charger gives a constant current, and from some charge on less and less, which is what its
-    constant voltage comes to.
+    Lead-acid is linear between full and empty, to about 0.1 V. The profile's `empty_v` is where the
+    robot has to be charged, not the chemical limit. The motors are chopped, so they draw power:
+    I = idle + P / U. Braking returns none. A charger gives a constant current, then from some
+    charge on a falling one, which approximates its constant voltage.
 
     Attributes:
         charge: 1 full, 0 empty.
         volts: At the terminals, under the present load.
-        charging: Whether it is on a charger.
-        used_j: What motors and electronics have taken so far, J.
+        charging: Whether the robot is on a charger.
+        used_j: Energy used by motors and electronics so far, J.
     """
 
     __slots__ = (
@@ -59,7 +58,7 @@ class Battery:
         self.drain(0.0, 0.0)
 
     def drain(self, motors_w: float, dt: float) -> None:
-        """`dt` seconds in which the motors take `motors_w` watts."""
+        """Advance by `dt` seconds in which the motors take `motors_w` watts."""
         empty, span, internal, idle = self._parameters
         amperes = idle + motors_w / self.volts if motors_w > 0.0 else idle
         self.used_j += self.volts * amperes * dt
@@ -70,18 +69,18 @@ class Battery:
         self.volts = empty + span * charge - internal * amperes
 
     def charge_in(self, pose: Pose) -> None:
-        """Be charged if the robot stands in one of the docks; m, m, rad."""
+        """Charge if the robot is in one of the docks; m, m, rad."""
         if self._docks:
             self.charging = in_contact(pose, self._docks)
 
     def _given(self) -> float:
-        """What the charger gives now, A."""
+        """Present current of the charger, A."""
         most, taper = self._charger
         return most * min(1.0, (1.0 - self.charge) / taper)
 
 
 def in_contact(pose: Pose, docks: Iterable[Pose]) -> bool:
-    """Whether a robot stands in one of the docks, so well that it is charged; m, m, rad."""
+    """Whether a robot's contacts meet those of a dock; m, m, rad."""
     x, y, theta = pose
     for at_x, at_y, heading in docks:
         dx, dy = x - at_x, y - at_y

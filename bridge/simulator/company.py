@@ -1,8 +1,8 @@
-"""Several robots in one world: they see each other, are in each other's way, and push.
+"""Several robots in one world: they detect, block and push each other.
 
-Each robot has a plant of its own, with all the walls. To its sonars the others are boxes that
-scatter; to its outline they are bodies that give way, by what they weigh and as their wheels allow:
-the two ends of a contact take the same force. `arena` brings them forward together.
+Each robot has its own plant with all the walls. Its sonars see the others as boxes that scatter.
+Its footprint meets them as bodies that yield according to their mass and wheels: both ends of a
+contact take the same force. `arena` advances them together.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ NOWHERE: Pose = (inf, inf, 0.0)
 
 
 class Body:
-    """A robot as the others meet it: an `Other`. Its plant keeps it up to date."""
+    """A robot as an obstacle of others (an `Other`). Its plant updates it."""
 
     def __init__(self, box: Box, mass_kg: float, step_s: float) -> None:
         self.box = box
         self.pose: Pose = (0.0, 0.0, 0.0)
         self.v = self.u = self.w = 0.0  # m/s ahead and to the left, rad/s
-        self.mobility = (0.0, 0.0, 0.0)  # what a force gains in a step, as `Dynamics` has it
+        self.mobility = (0.0, 0.0, 0.0)  # change of speed per force and step, as in `Dynamics`
         self._sideways = step_s / mass_kg
         self.reach_m = hypot(abs(box.ahead) + box.half_length, box.half_width)
 
@@ -83,7 +83,7 @@ class Company:
         self.locate()
 
     def locate(self) -> float:
-        """Where they are now; how far any part of one has come at the most, m."""
+        """Update the others' poses. Returns the longest way of any part of one, m."""
         farthest = 0.0
         for index, (other, body, (x, y, theta)) in enumerate(self._there):
             pose = other.pose

@@ -1,13 +1,13 @@
-"""What the walls do to the robot's body.
+"""Contacts between walls and the robot's body.
 
-pymunk finds where the outline is close to a wall (a rectangle with a skin of `SKIN_M`: its contacts
-are known before they happen, with their gaps). What follows from them is solved here, in the
-robot's own coordinates: a free body would slide off sideways where tyres hold, and the motors'
-inertia is in J only. Contacts are rigid, without bounce and without friction.
+pymunk finds contacts between the walls and the footprint, a rectangle with a skin of `SKIN_M`, so
+they are known with their gaps before they happen. They are solved here in the robot's coordinates:
+a free body would slide sideways where tyres hold, and the motors' inertia is in J only. Contacts
+are rigid, without bounce and friction.
 
-The tyres hold sideways up to `GRIP` of the weight that they carry (the caster carries the rest, and
-rolls). So a robot flush along a wall can turn away from it, pushing itself off, if its motors push
-hard; with tyres that never slip it could not, whatever they do.
+The tyres hold sideways up to `GRIP` times the weight on them (the caster carries the rest, and
+rolls). So a robot along a wall can turn away from it if its motors push hard. If tyres never
+slipped, it could not.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ import pymunk
 from armadico.bridge.simulator.walls import Arm, Box, Other, Walls
 from armadico.config.profile import RobotProfile
 
-SKIN_M = 0.05  # contacts are seen from here on; no step at less than 10 m/s passes it unseen
+SKIN_M = 0.05  # contacts are detected from here; no step at less than 10 m/s jumps over it
 GRIP = 0.5  # of rubber on an office floor: sideways force over weight
 GRAVITY = 9.81  # m/s^2
 SWEEPS = 50
-SETTLED_N = 1e-4  # forces that change by less are solved
+SETTLED_N = 1e-4  # smaller changes of force end the iteration
 
 
 class Contact(NamedTuple):
-    """A place where outline and wall are close, as the speed that closes its gap.
+    """A place where footprint and wall are close, as the speed that closes its gap.
 
-    The gap shrinks at `v` * v + `u` * u + `w` * w (u: m/s to the left); less what another robot,
-    if that is what is there, goes the same way at its end of the contact.
+    The gap shrinks at `v` * v + `u` * u + `w` * w (u: m/s to the left), less the speed of another
+    robot in that direction, if the contact is with one.
     """
 
     v: float
@@ -38,7 +38,7 @@ class Contact(NamedTuple):
     w: float  # m
     gap: float  # m, negative inside the wall
     other: Other | None = None
-    arm: Arm | None = None  # of the other's
+    arm: Arm | None = None  # the other robot's
 
 
 class Motion(NamedTuple):
@@ -50,14 +50,14 @@ class Motion(NamedTuple):
 
 
 def box_of(profile: RobotProfile) -> Box:
-    """The outline of a robot."""
+    """The footprint of a robot."""
     body = profile.body
     length = body.front_m + body.rear_m
     return Box(0.5 * (body.front_m - body.rear_m), 0.5 * length, 0.5 * body.width_m)
 
 
 class Outline:
-    """The robot's rectangle among the walls, and what it weighs with its wheels."""
+    """The robot's footprint among the walls, and its mass with wheels."""
 
     def __init__(self, profile: RobotProfile, walls: Walls) -> None:
         body = profile.body
@@ -67,7 +67,7 @@ class Outline:
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         self._shape = pymunk.Poly(self._body, corners, radius=SKIN_M)
         inertia, caster = profile.inertia, profile.caster
-        self.mass_kg, carried = body.mass_kg, 0.0  # by a caster, which rolls aside
+        self.mass_kg, carried = body.mass_kg, 0.0  # carried by a caster, which rolls sideways
         if inertia is not None and caster is not None:
             self.mass_kg += 2.0 * inertia.wheel_mass_kg + caster.mass_kg
             behind = max(0.0, -inertia.mass_centre_x_m) / (caster.arm_m + caster.trail_m)
@@ -75,7 +75,7 @@ class Outline:
         self._grip_n = GRIP * GRAVITY * (self.mass_kg - carried)
 
     def contacts(self, pose: tuple[float, float, float]) -> list[Contact]:
-        """Every wall within `SKIN_M` of the outline at a pose."""
+        """Every wall within `SKIN_M` of the footprint at a pose."""
         x, y, theta = pose
         self._body.position = (x, y)
         self._body.angle = theta
@@ -101,7 +101,7 @@ class Outline:
         mobility: tuple[float, float, float],
         dt: float,
     ) -> tuple[Motion, float]:
-        """Speeds that close no gap within `dt` (s), and the greatest force (N) that it takes."""
+        """Speeds that close no gap within `dt` (s), and the greatest force needed, N."""
         v, u, w = motion
         i00, i01, i11 = mobility
         iu = dt / self.mass_kg
@@ -134,7 +134,7 @@ class Outline:
 def _row(
     contact: Contact, mobility: tuple[float, float, float], iu: float, dt: float
 ) -> tuple[float, float, float, float, float]:
-    """The contact's direction, the speed that would just close its gap, and its compliance."""
+    """The contact's direction, the speed that closes its gap in `dt`, and its compliance."""
     v, u, w, gap, other, arm = contact
     i00, i01, i11 = mobility
     compliance = i00 * v * v + 2.0 * i01 * v * w + i11 * w * w + iu * u * u

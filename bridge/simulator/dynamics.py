@@ -11,12 +11,12 @@ the equation of motion (4.8), the mass centre at (cx, cy) and mc = m1 + Ir1 / R1
     J = [mA, -M cy; -M cy, IA] + mc a a' + Ip1 g g'
     J eta_dot + M cx (-w^2, v w) + mc a (a_dot . eta) + Ip1 g (g_dot . eta) = forces - friction
 
-The text's slips are mended: the sign of y_m in M13 (the mass centre lies behind the axle), twice Ip
-in M33, and the sign of the wheel's speed on tau_fr.
+Errors of the text are corrected: the sign of y_m in M13 (the mass centre is behind the axle), twice
+Ip in M33, and the sign of the wheel's speed on tau_fr.
 
-Friction that is a sign() of the speed chatters about zero, by millimetres per second. Here it is an
-impulse: each step asks what would stop the wheel and grants as much of it as Coulomb's law allows,
-so a robot at rest under too little voltage is exactly at rest.
+Friction as a sign() of the speed oscillates about zero, by millimetres per second. Here it is an
+impulse: each step computes what would stop the wheel, limited by Coulomb's law. So a robot at rest
+with too little voltage is exactly at rest.
 """
 
 from __future__ import annotations
@@ -30,15 +30,14 @@ from armadico.config.profile import IdentifiedRobot
 
 
 class Wheels(Struct, frozen=True):
-    """What a driving wheel does, motor and gearbox included (equations 4.22 to 4.28)."""
+    """A driving wheel with motor and gearbox (equations 4.22 to 4.28)."""
 
-    gain_nm_v: float  # torque for a volt
-    viscous_nms: float  # back EMF and C_v together: torque lost for a rad/s
+    gain_nm_v: float  # torque per volt
+    viscous_nms: float  # back EMF and C_v together: torque lost per rad/s
     coulomb_nm: float  # C_s and the motor's tau_fr together
 
     @classmethod
     def of(cls, profile: IdentifiedRobot) -> Wheels:
-        """The wheels of a robot."""
         motor = profile.motor
         geared = motor.gear_ratio * motor.efficiency
         gain = geared * motor.torque_constant_nm_a / motor.resistance_ohm
@@ -71,7 +70,7 @@ def _masses(profile: IdentifiedRobot) -> tuple[float, ...]:
 
 
 def _forces(profile: IdentifiedRobot) -> tuple[float, ...]:
-    """N and Nm for a volt, N for a m/s and Nm for a rad/s lost (a15, a26), and C_v1."""
+    """N and Nm per volt, N per m/s and Nm per rad/s lost (a15, a26), and C_v1."""
     radius, track, wheels = (
         profile.body.wheel_radius_m,
         profile.body.half_track_m,
@@ -85,7 +84,7 @@ def _forces(profile: IdentifiedRobot) -> tuple[float, ...]:
 def _coulomb(profile: IdentifiedRobot, dt: float) -> tuple[float, ...]:
     """N at a rim, Nm at the caster's pivot, the half track, and the speed that is far from rest.
 
-    Far is four times what friction takes from a rim in a step: sliding on is then certain.
+    Far is four times the speed that friction takes from a rim in a step: the wheel then slides.
     """
     body = profile.body
     rim = Wheels.of(profile).coulomb_nm / body.wheel_radius_m
@@ -97,9 +96,9 @@ def _coulomb(profile: IdentifiedRobot, dt: float) -> tuple[float, ...]:
 class Dynamics:
     """Speeds of the robot under two motor voltages, `dt` seconds at a time.
 
-    Left is the thesis's wheel 3 (V3) and right its wheel 2 (V2): a larger V2 turns to the left.
-    `mobility` holds elements 00, 01 and 11 of `dt` / J in the last step: the speed that a force
-    gains in a step, which is what contacts have to know.
+    Left is the thesis's wheel 3 (V3) and right its wheel 2 (V2): a larger V2 turns left.
+    `mobility` has elements 00, 01 and 11 of `dt` / J in the last step, for contacts: the change of
+    speed per force and step.
     """
 
     __slots__ = (
@@ -124,7 +123,7 @@ class Dynamics:
         self._caster = (0.0, 0.0)
         motor = profile.motor
         self._conductance = 1.0 / motor.resistance_ohm
-        self._emf = (  # V for a m/s of a rim
+        self._emf = (  # V per m/s of a rim
             motor.back_emf_v_s * motor.gear_ratio / profile.body.wheel_radius_m
         )
 
@@ -145,34 +144,34 @@ class Dynamics:
         return 0.5 * (j00 * self.v**2 + j11 * self.w**2) + j01 * self.v * self.w
 
     def step(self, left_v: float, right_v: float) -> None:
-        """One step of `dt` with nothing in the way."""
+        """One step of `dt` without contacts."""
         v, w = self.v, self.w
         self.accelerate(left_v, right_v)
         self.roll(0.5 * (v + self.v), 0.5 * (w + self.w))
 
     def roll(self, v: float, w: float) -> None:
-        """Turn the caster as the body moves at these mean speeds for `dt` (row 4 of S, 4.12)."""
+        """Turn the caster for mean speeds of the body over `dt` (row 4 of S, 4.12)."""
         b0, b1 = self._caster
         self.beta += self.dt * (b0 * v + b1 * w)
 
     def watts(
         self, left_v: float, right_v: float, left: float, right: float, _half_track: float
     ) -> float:
-        """What the motors take at these voltages and speeds of the rims, m/s."""
+        """Power of the motors at these voltages and rim speeds (m/s), W."""
         emf = self._emf
         watts = left_v * (left_v - emf * left) + right_v * (right_v - emf * right)
         return watts * self._conductance
 
     def accelerate(self, left_v: float, right_v: float) -> None:
-        """New speeds after `dt` at these motor voltages; the caster stays where it is.
+        """New speeds after `dt` at these motor voltages; the caster's angle stays.
 
-        Back EMF and viscous friction are taken at the middle of the step (trapezoidal rule), the
-        centrifugal terms at its beginning, Coulomb friction at its end.
+        Back EMF and viscous friction are evaluated at the middle of the step (trapezoidal rule),
+        the centrifugal terms at its beginning, Coulomb friction at its end.
         """
         v, w, dt, hold = self.v, self.w, self.dt, self._hold_v
         if v == 0.0 == w and -hold <= left_v <= hold and -hold <= right_v <= hold:
             return
-        # The caster is what changes: a, g, and what is needed of them more than once.
+        # Only the caster's terms change: a, g, and what is used of them more than once.
         mass, moment, cross, mc, ip, arm, per_trail, offset = self._masses
         per_volt, turn_per_volt, loss, loss_w, viscous = self._forces
         s, c = sin(self.beta), cos(self.beta)
@@ -186,7 +185,7 @@ class Dynamics:
         force = per_volt * (right_v + left_v) - loss * v + offset * w * w - pull * c - twist * g0
         couple = turn_per_volt * (right_v - left_v) - loss_w * w - offset * v * w
         couple += rub - pull * a1 - twist * g1
-        # J + dt D / 2, of the trapezoidal rule, and dt over it
+        # J + dt D / 2 of the trapezoidal rule, and dt divided by it
         drag, drag_w = self._drag
         j00 = mass + mc_a0 * c + ip_g0 * g0 + drag
         j01 = cross + mc_a0 * a1 + ip_g0 * g1
@@ -196,11 +195,11 @@ class Dynamics:
         self.mobility, self._caster = (i00, i01, i11), (g0, swing)
         v += scale * (j11 * force - j01 * couple)
         w += scale * (j00 * couple - j01 * force)
-        # Coulomb friction at the rims: as sliding on, unless it could bring a wheel to rest
+        # Coulomb friction at the rims: as if sliding, unless it could stop a wheel
         rim, pivot, track, far = self._coulomb
         across = track * w
         right, left = v + across, v - across
-        if right > far and left > far:  # ahead, as nearly always: both the same, so no couple
+        if right > far and left > far:  # ahead, the usual case: equal forces, so no couple
             v -= i00 * (rim + rim)
             w -= i01 * (rim + rim)
         elif -far < right < far or -far < left < far:
@@ -214,14 +213,14 @@ class Dynamics:
             force, couple = right + left, track * (right - left)
             v -= i00 * force + i01 * couple
             w -= i01 * force + i11 * couple
-        # and at the caster's pivot: `_clamped`, written out
+        # and at the caster's pivot: `_clamped`, inlined
         d0, d1 = i00 * g0 + i01 * swing, i01 * g0 + i11 * swing
         force = -(g0 * v + swing * w) / (g0 * d0 + swing * d1)
         force = pivot if force > pivot else -pivot if force < -pivot else force
         self.v, self.w = v + d0 * force, w + d1 * force
 
     def _stops(self, v: float, w: float, momentum: tuple[float, float, float]) -> bool:
-        """Whether friction at the rims can take all the momentum within this step."""
+        """Whether friction at the rims can take all momentum within this step."""
         rim, _, track, _ = self._coulomb
         j00, j01, j11 = momentum
         along, across = j00 * v + j01 * w, (j01 * v + j11 * w) / track
@@ -231,7 +230,7 @@ class Dynamics:
 def _clamped(
     v: float, w: float, row: tuple[float, float], limit: float, mobility: tuple[float, float, float]
 ) -> tuple[float, float]:
-    """Bring the speed row . (v, w) towards zero by a force that does not exceed `limit`."""
+    """Bring the speed row . (v, w) towards zero by a force of at most `limit`."""
     c0, c1 = row
     i00, i01, i11 = mobility
     d0, d1 = i00 * c0 + i01 * c1, i01 * c0 + i11 * c1

@@ -1,10 +1,10 @@
-"""The wheel encoders, and the odometry that the microcontroller makes of them (thesis 4.4).
+"""The wheel encoders, and the odometry that the microcontroller computes from them (thesis 4.4).
 
-The encoders see the wheels turn, not the floor pass. What the wheels turn in vain or in excess is
-drawn for each wheel and for each 0.1 m of its way (a patch of floor): drawn at each step it would
-average out, drawn once it would be a miscalibration. Those are drawn once a run: the drift (the
-wheels differ: the heading error grows with the way), and what all turning and all ways are measured
-too large by (a wheel base and wheels of another size than the controller believes).
+Encoders measure the turning of the wheels, not the motion over the floor. Slip is drawn for each
+wheel and each 0.1 m (a patch of floor): drawn at each step it would average out, drawn once it
+would be a miscalibration. Two miscalibrations are drawn once per run: drift (the wheels differ, so
+the heading error grows with the distance), and the scale of turns and distances (a wheel base and
+wheels of another size than configured in the controller).
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class Encoder:
 
     Attributes:
         ticks: Counted since power-on.
-        turned: The same with their fraction.
-        scale: Ticks for a metre of the wheel's way over this patch of floor.
-        slips: Whether one patch differs from the next.
+        turned: The same, with the fraction.
+        scale: Ticks per metre of rim on this patch of floor.
+        slips: Whether patches differ.
     """
 
     __slots__ = ("_patch_m", "_rng", "_slip", "_unslipped", "scale", "slips", "ticks", "turned")
@@ -37,11 +37,11 @@ class Encoder:
         self.scale = self._unslipped = scale
         self.slips = slip != 0.0
         self._slip = slip
-        self._patch_m = 0.0  # what is left of it
+        self._patch_m = 0.0  # the rest of the patch
         self._rng = rng
 
     def slip(self, rim_m: float) -> None:
-        """The wheel rolls so far, perhaps onto the next patch."""
+        """Roll by a distance, perhaps onto the next patch."""
         self._patch_m -= abs(rim_m)
         if self._patch_m <= 0.0:
             self._patch_m += PATCH_M
@@ -49,10 +49,10 @@ class Encoder:
 
 
 class Odometry:
-    """Speeds and pose as the microcontroller has them from its two encoders.
+    """Speeds and pose as the microcontroller computes them from its two encoders.
 
-    Speeds (m/s, rad/s) are ticks over the last step. The pose (m, rad) starts at zero and goes on
-    from where it is when the robot is lifted; its heading is not wrapped.
+    Speeds (m/s, rad/s) are ticks over the last step. The pose (m, rad) starts at zero and is not
+    affected by lifting the robot; its heading is not wrapped.
     """
 
     __slots__ = (
@@ -69,7 +69,7 @@ class Odometry:
     ) -> None:
         track, rng = profile.body.half_track_m, streams("odometry")
         turn_error = sensors.turn_error
-        if turn_error and profile.drive is not None:  # which floor it is on, too
+        if turn_error and profile.drive is not None:  # scrubbing depends on the floor
             turn_error += profile.drive.scrub
         skew, turn, way = (
             rng.uniform(-most, most)
@@ -91,11 +91,11 @@ class Odometry:
         return self._left.ticks, self._right.ticks
 
     def reset(self) -> None:
-        """Call the present pose (0, 0, 0)."""
+        """Set the odometry to (0, 0, 0)."""
         self.x = self.y = self.theta = 0.0
 
     def move(self, left_m: float, right_m: float) -> None:
-        """The rims roll so far over the floor in one step."""
+        """The rims roll this far over the floor in one step."""
         one, other = self._left, self._right
         if one.slips:
             one.slip(left_m)
@@ -106,7 +106,7 @@ class Odometry:
         left, right = (ticks - one.ticks) / TICKS_PER_M, (others - other.ticks) / TICKS_PER_M
         one.ticks, other.ticks = ticks, others
         along, turned, dt = 0.5 * (left + right), (right - left) / self._track, self._dt
-        if self._gyro:  # how the body turns, and not the wheels
+        if self._gyro:  # measures the body's turning, not the wheels'
             turned += self._gyro * ((right_m - left_m) / self._wide - turned)
         self.left_m_s, self.right_m_s = left / dt, right / dt
         self.v, self.w = along / dt, turned / dt

@@ -1,8 +1,8 @@
-"""How a base moves that is told its speeds, and whose motors nobody has identified.
+"""Motion of a base that receives speeds and whose motors were not identified.
 
-Its speed loops follow what it is told with a lag, no faster than its own acceleration allows (the
-profile's table of the drive). It weighs what its profile says and turns as a plate of its outline
-would, which is what walls, and others that it pushes, have to know; a wheel that is held stands.
+Its speed loops follow the command with a lag, within its own acceleration limits (the profile's
+table of the drive). For contacts it has the mass of its profile and the inertia of a plate of its
+footprint; a blocked wheel stops.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from armadico.config.profile import ModelledRobot
 
 
 class Kinematics:
-    """Speeds of a base that is told speeds, `dt` seconds at a time: a `plant.Drive`."""
+    """Speeds of a base that receives speeds, `dt` seconds at a time: a `plant.Drive`."""
 
     __slots__ = ("_drive", "_gained", "_mass_kg", "_share", "_steps", "dt", "mobility", "v", "w")
 
@@ -31,10 +31,10 @@ class Kinematics:
         self._drive = (drive.rolling_n, drive.turning_nm, 1.0 / drive.efficiency)
         self._share = 1.0 - exp(-dt / drive.lag_s)
         self._steps = (drive.v_accel * dt, drive.w_accel * dt)
-        self._gained = 0.0  # J, of speed ahead, in the last step
+        self._gained = 0.0  # J of kinetic energy, in the last step
 
     def accelerate(self, v: float, w: float) -> None:
-        """New speeds after `dt`, told these, m/s and rad/s."""
+        """New speeds after `dt` with these commanded, m/s and rad/s."""
         most, most_w = self._steps
         change, change_w = self._share * (v - self.v), self._share * (w - self.w)
         change = most if change > most else -most if change < -most else change
@@ -45,10 +45,10 @@ class Kinematics:
         self._gained = 0.5 * self._mass_kg * (self.v * self.v - before * before)
 
     def roll(self, v: float, w: float) -> None:
-        """No caster is known to turn."""
+        """Nothing: the model has no caster."""
 
     def watts(self, _v: float, _w: float, left: float, right: float, half_track: float) -> float:
-        """What it takes to roll and turn, and to gain speed; braking gives nothing back."""
+        """Power for rolling, turning and gaining speed, W; braking returns none."""
         rolling, turning, per_watt = self._drive
         watts = rolling * abs(0.5 * (left + right)) + turning * abs(right - left) * 0.5 / half_track
         if self._gained > 0.0:

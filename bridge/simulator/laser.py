@@ -1,15 +1,15 @@
-"""A scanning laser range finder: the ranges of its rays among walls, columns and who moves.
+"""A scanning laser range finder: the ranges of its rays among walls, columns and people.
 
-Each thing is met by the rays between its two edges and by no others, so pairs of a ray and a thing
-are made for those alone: of 720 rays and 300 walls some thousand, worked out at once. A scan is
-taken in one instant.
+Only rays between the two edges of an obstacle can meet it. Pairs of a ray and an obstacle are made
+for those only, some thousand for 720 rays and 300 walls, and computed at once. A scan is taken in
+one instant.
 
-Light is scattered by nearly all surfaces, whatever the angle: there are no mirrors here. A black
-wall is seen from near by only, and nothing behind it; glass where it is square to the ray, and
-else what is behind. Which walls are so is drawn for each, by streams of their own.
+Nearly all surfaces scatter light at any angle, so there are no mirrors. A black wall is seen only
+from near, and hides what is behind it. Glass is seen where it is perpendicular to the ray, else
+what is behind it. Which walls are black or glass is drawn per wall, from separate streams.
 
-The result is the same on one machine from run to run; another processor's sine may differ in the
-last place, a millionth of a millimetre.
+Results are equal between runs on one machine; the sine of another processor may differ in the last
+place, a millionth of a millimetre.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from armadico.bridge.simulator.walls import Columns, Floats, Segments, Walls
 from armadico.config.profile import Laser, SensorProfile
 
 SEAM_RAD = 1e-9
-"""Edges are so much wider, or rays would slip through where walls are joined."""
+"""Edges are widened by this, or rays would slip through where walls are joined."""
 
 Indices = npt.NDArray[np.intp]
 
 
 class _Pairs(NamedTuple):
-    """Rays and things that they may meet, each pair once."""
+    """Rays and the obstacles that they may meet, each pair once."""
 
     ray: Indices
     thing: Indices
 
 
 class LaserScanner:
-    """One laser on a robot, among the walls. What it says is a LaserScan's `ranges`."""
+    """One laser on a robot, among the walls. It returns a LaserScan's `ranges`."""
 
     def __init__(
         self,
@@ -52,16 +52,16 @@ class LaserScanner:
         self._laser, self._sensors, self._walls = laser, sensors, walls
         self._noise = np.random.default_rng(streams("laser").getrandbits(64))
         self._blackness, self._glazing = streams("black walls"), streams("glass walls")
-        self._dark: list[float] = []  # from how far each wall is seen, m,
-        self._square: list[float] = []  # and at which cosine of the angle to its normal, at least
+        self._dark: list[float] = []  # by wall: the largest distance at which it is seen, m
+        self._square: list[float] = []  # by wall: the least cosine of the angle to its normal
         turns = -1.0 if laser.upside_down else 1.0
         self._first = radians(laser.bearing_deg) + turns * radians(laser.angle_min_deg)
         self._step = turns * radians(laser.step_deg)
 
     def scan(self, pose: tuple[float, float, float]) -> Floats:
-        """The ranges with the robot at a pose (m, m, rad), m, in the order of its own rays.
+        """The ranges at a pose (m, m, rad), m, in the order of the laser's rays.
 
-        Infinity where nothing is within its reach, 0 where something is too near to be measured.
+        Infinity without an obstacle within range, 0 for one that is too near to be measured.
         """
         laser, sensors = self._laser, self._sensors
         noise = laser.noise_m * self._noise.standard_normal(laser.rays)
@@ -121,13 +121,13 @@ class LaserScanner:
             way[np.abs(cosine) < most[wall]] = inf
         np.minimum.at(nearest, ray, way)
         if min(self._dark, default=inf) < inf:
-            seen_m = np.full(len(walls.length), inf)
-            seen_m[: len(self._dark)] = self._dark
-            drunk = (way > seen_m[wall]) & (way <= nearest[ray])
-            nearest[ray[drunk]] = np.nan  # nothing behind it is seen either
+            visible_m = np.full(len(walls.length), inf)
+            visible_m[: len(self._dark)] = self._dark
+            absorbed = (way > visible_m[wall]) & (way <= nearest[ray])
+            nearest[ray[absorbed]] = np.nan  # hides what is behind it
 
     def _draw(self, walls: int) -> None:
-        """How the walls that are new answer light."""
+        """Draw the surfaces of the new walls."""
         s = self._sensors
         for _ in range(len(self._dark), walls):
             self._dark.append(s.black_m if self._blackness.random() < s.black_walls else inf)
@@ -156,19 +156,19 @@ def _meet_columns(
 
 
 def _pairs(lowest: Floats, wide: Floats, step: float, rays: int) -> _Pairs:
-    """The rays that go between the edges of things.
+    """The rays between the edges of obstacles.
 
     Args:
-        lowest: Bearing of each one's right edge from the first ray, rad.
-        wide: From there to its left edge, rad.
-        step: From one ray to the next, rad; below 0: clockwise.
-        rays: How many there are.
+        lowest: Bearing of each right edge from the first ray, rad.
+        wide: Angle from there to the left edge, rad.
+        step: Angle from one ray to the next, rad; negative: clockwise.
+        rays: Number of rays.
     """
     if step < 0.0:  # as in a mirror
         lowest, step = -(lowest + wide), -step
     lowest = np.remainder(lowest, tau) - SEAM_RAD
     lows, highs = [], []
-    for turned in (lowest, lowest - tau):  # what lies across the first ray begins before it
+    for turned in (lowest, lowest - tau):  # an obstacle across the first ray begins before it
         lows.append(np.maximum(np.ceil(turned / step), 0.0))
         highs.append(np.minimum(np.floor((turned + wide + 2.0 * SEAM_RAD) / step), rays - 1.0))
     low, high = np.concatenate(lows), np.concatenate(highs)

@@ -1,9 +1,9 @@
 """The robot's controller; sans-IO: the client's bytes and the time in, the robot's bytes out.
 
-It behaves as a Pioneer's controller does, traps included. Its watchdog stops the wheels of a client
-that fell silent, but the set-points stay, and the next packet, were it a pulse, sends the robot off
-again. A session that was not closed stays open, and takes a new client's SYNC0, SYNC1 and SYNC2 for
-PULSE, OPEN and CLOSE.
+It behaves like a Pioneer's controller, traps included. Its watchdog stops the wheels when the
+client falls silent, but the set-points stay: the next packet, even a pulse, sets the robot in
+motion again. A session that was not closed stays open, and takes a new client's SYNC0, SYNC1 and
+SYNC2 for PULSE, OPEN and CLOSE.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.traps import KIND, Trap
 
-SERIAL_NUMBER = "SIM"  # by this ARIA knows a simulator and looks for no further hardware
-IDLE_S = 10.0  # MobileSim gives a handshake so long
-PWM_MAX = 500  # as a real P3-DX says
-WORLD_M = 1e4  # no world reaches farther; 32 bits of mm would put the robot 2000 km away
+SERIAL_NUMBER = "SIM"  # tells ARIA that this is a simulator, so it searches no further hardware
+IDLE_S = 10.0  # MobileSim's timeout for a handshake
+PWM_MAX = 500  # as on a real P3-DX
+WORLD_M = 1e4  # larger than any world; 32 bits of mm would put the robot 2000 km away
 PULSE = command(Cmd.PULSE)
 FLOOD = 40 * PULSE
-"""Longer than any packet, so it is pulses. One means the same, and delays no stop behind them."""
+"""Longer than any packet, so only pulses. One pulse replaces it, so that no stop is delayed."""
 _STANDING_MM_S = 0.5  # below this a wheel's speed is reported as zero
 
 
@@ -54,8 +54,8 @@ class Steps(NamedTuple):
     cycle: int  # from one status packet to the next
     period: int  # from one ping to the next
     patience: int  # of the watchdog
-    quiet: int  # until a packet that is broken off is given up
-    idle: int  # until a client that is silent is to go
+    quiet: int  # until an incomplete packet is discarded
+    idle: int  # until a silent client is disconnected
 
     @classmethod
     def of(cls, profile: P2osRobot, step_s: float) -> Steps:
@@ -68,8 +68,7 @@ class Steps(NamedTuple):
 class Microcontroller(Controller):
     """A Pioneer's controller on a simulated robot.
 
-    The owner hands in what it read (`receive`), then lets time pass and writes what that returns
-    (`advance`).
+    The owner passes what it read to `receive`, then calls `advance` and writes the result.
     """
 
     def __init__(
@@ -85,7 +84,7 @@ class Microcontroller(Controller):
         self._motion = Motion(profile, plant, loops)
         self._firing = Firing(profile.sonar, plant.ping)
         self._steps = Steps.of(profile, plant.step_s)
-        self._heard_at = self._fed_at = self._next_status = self._next_ping = 0
+        self._received_at = self._fed_at = self._next_status = self._next_ping = 0
         self._sync = 0  # the SYNC awaited; 3 or more once in step
         self._open = self._closed = False
         self._encoder_packets = 0
@@ -94,35 +93,35 @@ class Microcontroller(Controller):
 
     @property
     def is_open(self) -> bool:
-        """Whether a client has it send status packets."""
+        """Whether a client has requested status packets."""
         return self._open
 
     @property
     def hangs_up(self) -> bool:
-        """Whether a connection that can be ended is to be: so the next client comes in.
+        """Whether the connection should end, so that the next client can connect.
 
-        CLOSE ends it, even if the client keeps it, as AriaCoda does; so does a long silence in
-        which nobody has status packets sent. A client that has may listen as long as it likes.
+        CLOSE ends it, even if the client keeps it, as AriaCoda does. A long silence ends it if no
+        status packets were requested. A client that requested them may listen without limit.
         """
-        idle = not self._open and self._now - self._heard_at >= self._steps.idle
+        idle = not self._open and self._now - self._received_at >= self._steps.idle
         return Trap.PORT not in self._traps and (self._closed or idle)
 
     def break_sonars(self, how: Broken | None) -> None:
-        """Have the sonar board fail from now on, or work again."""
+        """Make the sonar board fail from now on; None: repair it."""
         self._firing.broken = how
 
     def receive(self, data: bytes) -> None:
-        """Take in what the client wrote; it takes effect at once, at the time reached."""
+        """Process the client's bytes; they take effect at the time reached."""
         self._fed_at = self._now
         for payload in self.decoder.feed(data.replace(FLOOD, PULSE), self.time_s):
-            self._heard_at = self._now
+            self._received_at = self._now
             if self._sync < 3:
                 self._synchronise(payload)
             else:
                 self._obey(decode_command(payload))
 
     def disconnect(self) -> None:
-        """End the session, as CLOSE does: the connection that carried it is gone, or is a new one.
+        """End the session as CLOSE does: the connection has ended, or is a new one.
 
         A serial line does not show that its client died; a TCP connection does.
         """
@@ -130,7 +129,7 @@ class Microcontroller(Controller):
         self._out.clear()
         self._close()
         self._closed = False
-        self._heard_at = self._now
+        self._received_at = self._now
 
     def _next_report(self) -> int:
         return self._next_status
@@ -141,7 +140,7 @@ class Microcontroller(Controller):
             until = min(until, self._next_ping)
         if self.decoder.pending:
             until = min(until, self._fed_at + self._steps.quiet)
-        trip = self._heard_at + self._steps.patience
+        trip = self._received_at + self._steps.patience
         return trip if self._now < trip < until else until
 
     def _move(self, steps: int) -> None:
@@ -149,12 +148,12 @@ class Microcontroller(Controller):
 
     def _report(self) -> None:
         if self.decoder.pending and self._now == self._fed_at + self._steps.quiet:
-            self.receive(b"")  # what it held back for a packet's sake is let go: a stop, say
+            self.receive(b"")  # discards the incomplete packet, and decodes what follows: a stop
         if self._open:
             self._on_schedule()
 
     def _watchdog_tripped(self) -> bool:
-        return self._now >= self._heard_at + self._steps.patience
+        return self._now >= self._received_at + self._steps.patience
 
     def _on_schedule(self) -> None:
         if self._now >= self._next_ping:
@@ -165,7 +164,7 @@ class Microcontroller(Controller):
             self._next_status += self._steps.cycle
 
     def _synchronise(self, payload: bytes) -> None:
-        """Answer SYNC0, SYNC1, SYNC2 in that order; anything else, and it is SYNC0's turn again."""
+        """Answer SYNC0, SYNC1, SYNC2 in that order; anything else restarts the sequence."""
         if Trap.FIRST_PACKET in self._traps:
             payload = payload[:1]
             self._sync = payload[0]
@@ -185,7 +184,7 @@ class Microcontroller(Controller):
         return b"".join(map(encode_text, (units.name, units.class_name, units.subclass)))
 
     def _obey(self, command: Command) -> None:
-        """Carry out a command; those that the tables do not have are ignored."""
+        """Execute a command; unknown ones are ignored."""
         if command.number in MOTIONS:
             self._motion.obey(command)
         elif command.number in LIMITS:
@@ -194,7 +193,7 @@ class Microcontroller(Controller):
             _COMMANDS[command.number](self, command)
 
     def _start(self) -> None:
-        """OPEN: status packets from one cycle on, sonar on, motors as they are."""
+        """OPEN: status packets after one cycle, sonar on, motors unchanged."""
         if self._open:
             return
         self._open = True
@@ -215,7 +214,7 @@ class Microcontroller(Controller):
         mask, values = command.value >> 8, command.value & 0xFF
         self._digital_out = self._digital_out & ~mask | values & mask
 
-    def _ask_encoders(self, command: Command) -> None:
+    def _request_encoders(self, command: Command) -> None:
         self._encoder_packets = command.value
         if command.value == 1:
             self._send_encoders()
@@ -235,7 +234,7 @@ class Microcontroller(Controller):
         self._pretended_v = command.si
 
     def _send_status(self) -> None:
-        """Send the status packet, the encoders' before it if they were asked for."""
+        """Send the status packet, preceded by the encoders' if requested."""
         if self._encoder_packets > 1:
             self._send_encoders()
         plant, motion = self._plant, self._motion
@@ -271,7 +270,7 @@ _COMMANDS: dict[int, Callable[[Microcontroller, Command], None]] = {
     Cmd.ENABLE: lambda self, command: self._motion.enable(command.value != 0),
     Cmd.SETO: lambda self, _: self._motion.reset_odometry(),
     Cmd.CONFIG: lambda self, _: self._send_configuration(),
-    Cmd.ENCODER: lambda self, command: self._ask_encoders(command),
+    Cmd.ENCODER: lambda self, command: self._request_encoders(command),
     Cmd.SONAR: lambda self, command: self._firing.switch(command.value),
     Cmd.DIGOUT: lambda self, command: self._set_digital_out(command),
     Cmd.E_STOP: lambda self, _: self._motion.emergency_stop(),

@@ -1,4 +1,4 @@
-"""The motion half of the controller: what each command asks of the axes, and the speed loops."""
+"""The motion half of the controller: set-points by command, and the speed loops."""
 
 from __future__ import annotations
 
@@ -11,47 +11,47 @@ from armadico.bridge.simulator.motion_profile import Axis
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 
-TOLERANCE_M = 0.005  # a position servo this near leaves the wheels in peace
+TOLERANCE_M = 0.005  # the position servo corrects no smaller error
 TOLERANCE_RAD = 0.5 * pi / 180
-AT_REST_M_S = 0.01  # after an emergency stop, commands count again below these
+AT_REST_M_S = 0.01  # after an emergency stop, commands are obeyed again below these
 AT_REST_RAD_S = 0.02
 V_ACCEL_TOP = 2.0  # m/s^2, a P3-DX's; ARIA sends no SETA to a controller whose top is 0
 W_ACCEL_TOP = 300 * pi / 180  # rad/s^2, a P3-DX's
-STALL_SHARE = 0.4  # of the supply: a motor that gets more and is held is stalled (StallVal; chosen)
-STALL_S = 0.2  # a stalled motor is off for so long (StallCount; chosen)
+STALL_SHARE = 0.4  # of the supply: a blocked motor with more is stalled (StallVal; chosen)
+STALL_S = 0.2  # a stalled motor is switched off for this time (StallCount; chosen)
 
 
 class Motion:
-    """Set-points, ramps, motors on or off.
+    """Set-points, ramps, and the state of the motors.
 
     Attributes:
-        enabled: Whether the motors are on. While they are off, what is asked is not remembered.
-        stalled: Whether an obstacle held the motors at the last look.
-        heading_set: Heading last asked for (rad, odometry).
+        enabled: Whether the motors are on. While they are off, commands are discarded.
+        stalled: Whether an obstacle blocked the motors at the last check.
+        heading_set: The last heading set-point (rad, odometry).
     """
 
     def __init__(self, profile: P2osRobot, plant: Plant, loops: SpeedLoops) -> None:
         self._profile, self._plant, self._loops = profile, plant, loops
         self.enabled = self.stalled = False
         self.heading_set = 0.0
-        self._cut = 0  # looks until stalled motors are on again
+        self._cut = 0  # checks until stalled motors are on again
         self._cut_for = max(1, round(STALL_S / profile.p2os.cycle_s))
         self._emergency = False
         self.restore_limits()
 
     @property
     def active(self) -> bool:
-        """Whether the motors are on and asked to move."""
+        """Whether the motors are on and have a set-point to reach."""
         return self.enabled and (self.linear.active or self.angular.active)
 
     def restore_limits(self) -> None:
-        """Return to the profile's limits and ramps, at rest."""
+        """Restore the profile's limits and ramps, at rest."""
         limits = self._profile.limits
         self.linear = Axis(limits.v_max, limits.v_accel, limits.v_decel, TOLERANCE_M)
         self.angular = Axis(limits.w_max, limits.w_accel, limits.w_decel, TOLERANCE_RAD)
 
     def run(self, steps: int, held: bool) -> None:
-        """Let simulation steps pass; `held` by the watchdog or not."""
+        """Advance by simulation steps; `held`: the watchdog stops the wheels."""
         plant, linear, angular, voltages = (
             self._plant,
             self.linear,
@@ -73,10 +73,10 @@ class Motion:
             )
 
     def check_motors(self) -> None:
-        """With each status packet: cut motors that are stalled, put cut ones on again in time.
+        """With each status packet: switch stalled motors off, and on again after `STALL_S`.
 
-        What was asked is kept, the ramps begin at rest, and the loops forget how they pushed. So
-        they do when held wheels are told to stop or turn back: there is no speed to brake from.
+        Set-points are kept, ramps restart at rest, and the loops are reset. The same happens when
+        blocked wheels are commanded to stop or turn back: there is no speed to brake from.
         """
         held = self._plant.blocked and self.active
         self.stalled = held or self._cut > 0
@@ -91,12 +91,12 @@ class Motion:
                 self._loops.reset()
 
     def obey(self, command: Command) -> None:
-        """Carry out a command of `MOTIONS`, unless motors or emergency stop forbid it."""
+        """Execute a command of `MOTIONS`, unless motors or emergency stop forbid it."""
         if self.enabled and not self._stopping():
             MOTIONS[command.number](self, command)
 
     def enable(self, on: bool) -> None:
-        """Switch the motors; on with nothing asked, off at once."""
+        """Switch the motors; on without set-points, off at once."""
         if on == self.enabled:
             return
         self.enabled = on
@@ -110,18 +110,18 @@ class Motion:
         self._emergency = True
 
     def drive_wheels(self, command: Command) -> None:
-        """VEL2, whose unit is the profile's."""
+        """VEL2, in the profile's unit."""
         unit_m_s = self._profile.p2os.vel2_mm * 1e-3
         left, right = command.wheels
         self.set_wheels(left * unit_m_s, right * unit_m_s)
 
     def set_wheels(self, left: float, right: float) -> None:
-        """Go at these speeds of the wheel rims, m/s."""
+        """Set the speeds of the wheel rims, m/s."""
         self.linear.set_speed((left + right) / 2)
         self.angular.set_speed((right - left) / (2 * self._profile.body.half_track_m))
 
     def head(self, heading: float) -> None:
-        """Turn to a heading of the odometry (rad), the short way round."""
+        """Turn to a heading of the odometry (rad), the shorter way."""
         self.heading_set = remainder(heading, tau)
         self.angular.set_goal(remainder(heading - self._plant.odometry[2], tau))
 
@@ -131,12 +131,12 @@ class Motion:
         self.angular.set_goal(angle)
 
     def reset_odometry(self) -> None:
-        """Set the odometry to zero; a turn under way goes on to the same place."""
+        """Set the odometry to zero; a turn in progress keeps its goal."""
         self.heading_set = remainder(self.heading_set - self._plant.odometry[2], tau)
         self._plant.reset_odometry()
 
     def limit(self, command: Command) -> None:
-        """SETV, SETRV, SETA, SETRA. Zero asks for nothing; the tops stay above all."""
+        """SETV, SETRV, SETA, SETRA. Zero has no effect; the profile's tops still limit."""
         limits, size = self._profile.limits, abs(command.si)
         linear = command.number in {Cmd.SETV, Cmd.SETA}
         axis = self.linear if linear else self.angular
@@ -151,7 +151,7 @@ class Motion:
             axis.decel = ramp
 
     def _push(self) -> float:
-        """What the stronger motor gets now, V."""
+        """Voltage of the stronger motor, V."""
         plant, wanted = self._plant, (self.linear.speed, self.angular.speed)
         return max(map(abs, self._loops.voltages(*wanted, plant.v, plant.w, 0.0)))
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from math import copysign, sqrt
 
-SERVO_GAIN = 2.0  # 1/s: what a metre (or radian) behind the plan adds to the speed
-LEAD_S = 0.2  # the speed loops follow a ramp this late (gain of a motor over that of the integral)
+SERVO_GAIN = 2.0  # 1/s: added speed per metre (or radian) behind the plan
+LEAD_S = 0.2  # lag of the speed loops on a ramp (gain of a motor over that of the integral)
 _NEAR = 1e-9  # the plan has arrived
 
 
 class Axis:
-    """Turns what was asked of an axis into a reference speed, up and down the ramps.
+    """Computes the reference speed of an axis from its set-point, along the ramps.
 
-    Asked for a speed, the reference ramps to it. Asked for a way to go, it follows a plan with
-    a trapezoid of speeds that ends on the goal, ahead of it by what the speed loops are late, and
-    corrected by what the wheels lag behind.
-    Units are m and m/s, or rad and rad/s.
+    With a speed set, the reference ramps to it. With a distance set, it follows a trapezoid of
+    speeds that ends on the goal. It leads by the lag of the speed loops, and corrects the lag of
+    the wheels. Units are m and m/s, or rad and rad/s.
 
     Attributes:
         speed: The reference on its ramp, before the correction.
@@ -37,56 +36,56 @@ class Axis:
     )
 
     def __init__(self, top: float, accel: float, decel: float, tolerance: float) -> None:
-        """Make an axis at rest; it hunts no error below `tolerance` (m or rad)."""
+        """Start at rest; errors below `tolerance` (m or rad) are not corrected."""
         self.top, self.accel, self.decel = top, accel, decel
         self.speed = 0.0
         self._tolerance = tolerance
-        self._target = 0.0  # speed asked for
-        self._goal: float | None = None  # way asked for, since the asking
-        self._planned = self._travelled = 0.0  # of that way
+        self._target = 0.0  # speed set-point
+        self._goal: float | None = None  # distance set-point, from where it was set
+        self._planned = self._travelled = 0.0  # of that distance
 
     @property
     def active(self) -> bool:
-        """Whether the axis is to move: a speed, or a goal not yet reached."""
+        """Whether the axis has to move: a speed, or a goal not yet reached."""
         return self.speed != 0 or self._target != 0 or self._goal not in {None, self._planned}
 
     @property
     def turned_back(self) -> bool:
-        """Whether the speed asked for is none, or the other way, of the one that still is."""
+        """Whether the set speed is zero or opposite to the present reference."""
         return self._goal is None and self.speed != 0 and self._target * self.speed <= 0
 
     def set_speed(self, speed: float) -> None:
-        """Go at a speed from now on."""
+        """Set a speed."""
         self._goal = None
         self._target = min(max(speed, -self.top), self.top)
 
     def set_goal(self, way: float) -> None:
-        """Go this way from where the axis is now, and stay there.
+        """Set a distance from the present place of the axis.
 
-        The plan's lead over the wheels is kept: the same goal asked for again restarts nothing.
+        The plan's lead over the wheels is kept, so repeating a goal restarts nothing.
         """
         lead = 0.0 if self._goal is None else self._planned - self._travelled
         self._goal, self._target = way, 0.0
         self._planned, self._travelled = lead, 0.0
 
     def halt(self) -> None:
-        """Forget what was asked, and have the reference at zero without a ramp."""
+        """Drop the set-point; the reference is zero without a ramp."""
         self._goal = None
         self._target = self.speed = 0.0
 
     def rest(self) -> None:
-        """Keep what was asked, and begin it anew from where the wheels stand."""
+        """Keep the set-point, and restart the reference from the wheels at rest."""
         self.speed = 0.0
         self._planned = self._travelled
 
     def steady(self, held: bool) -> bool:
-        """Whether the reference stays as it is until something else is asked."""
+        """Whether the reference stays constant until the set-point changes."""
         return self._goal is None and self.speed == (0.0 if held else self._target)
 
     def step(self, dt: float, measured: float, held: bool) -> float:
-        """Let `dt` (s) pass at the speed measured; return the speed to regulate to.
+        """Advance by `dt` (s) at the measured speed. Returns the speed to regulate to.
 
-        An axis that is held ramps to zero, keeps what was asked, and goes on afterwards.
+        A held axis ramps to zero, keeps its set-point, and continues afterwards.
         """
         if self._goal is not None:
             return self._follow(self._goal, dt, measured, held)
@@ -103,7 +102,7 @@ class Axis:
         self.speed = speed + (most if change > most else -most if change < -most else change)
 
     def _follow(self, goal: float, dt: float, measured: float, held: bool) -> float:
-        """One step of the plan, and the speed that keeps the wheels on it."""
+        """One step of the plan. Returns the speed that keeps the wheels on it."""
         self._travelled += measured * dt
         left, before = goal - self._planned, self.speed
         if abs(left) < _NEAR and abs(self.speed) <= self.decel * dt:
@@ -118,7 +117,7 @@ class Axis:
         return min(max(speed, -self.top), self.top)
 
     def _approach(self, left: float, dt: float) -> float:
-        """Speed from which the ramp, in steps of `dt`, ends exactly `left` farther on."""
+        """The speed from which the ramp, in steps of `dt`, ends after exactly `left`."""
         way, half = abs(left), self.decel * dt / 2
         return copysign(
             min(self.top, sqrt(half * half + 2 * self.decel * way) - half, way / dt), left

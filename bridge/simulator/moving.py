@@ -1,10 +1,9 @@
-"""What moves in the simulated world: people, doors that shut, boxes put down (`[[moving]]`).
+"""Moving parts of the simulated world: people, doors that close, boxes put down (`[[moving]]`).
 
-A person walks straight to a place that is drawn anew, in sight and with room, as in the random
-waypoint model, and turns to another velocity within `RELAX_S`, as in the social force model. Who
-heeds the robot is pushed aside by it and never walks up to it; who does not walks until it is
-touched. People walk through each other. Nothing comes where the robot or a person is: a door or a
-box waits.
+A person walks straight to a random visible place with room, as in the random waypoint model. The
+velocity changes with time constant `RELAX_S`, as in the social force model. A person who heeds the
+robot is pushed aside by it and never walks up to it. One who does not walks until contact. People
+walk through each other. A door or a box waits while the robot or a person is in its place.
 """
 
 from __future__ import annotations
@@ -23,39 +22,39 @@ from armadico.config.worlds import distance, enclosed, hull
 
 STEP_S = 0.05  # people move by steps of this
 RELAX_S = 0.5
-HEED_M = 0.1  # who heeds the robot comes no nearer,
-SWERVE_M = 0.4  # and is pushed aside e times less strongly with each of these
-SPACE_M = 0.1  # a place to go to, and the way there, have so much more room than it takes
-STROLL_M = (1.0, 6.0)  # how far it is
-DRAWS = 20  # places are looked at at a time; if none will do, it waits
+HEED_M = 0.1  # a person who heeds the robot keeps this distance
+SWERVE_M = 0.4  # the push aside falls by a factor e over this distance
+SPACE_M = 0.1  # extra room at a place to walk to, and on the way there
+STROLL_M = (1.0, 6.0)  # distance of that place
+DRAWS = 20  # places tried at a time; if none fits, the person waits
 WAIT_S = 1.0
-APPEAR_M = 0.05  # a door or a box comes if the robot is farther than this
+APPEAR_M = 0.05  # a door or a box appears only if the robot is farther than this
 PUSH_M2_S2, PUSH_M = 2.1, 0.3  # the potential's height and length: V0 and sigma
 AHEAD_S = 2.0  # delta t, the time of a step
 SIGHT = cos(radians(100))  # 2 phi is 200 degrees
 UNSEEN = 0.5  # c
-FASTEST = 1.3  # of the speed that is wished
-APART_M = 0.1  # nearer than this a touch that was is not over
-STANDS_M_S = 0.05  # a place of the robot that goes slower than this stands
-NOTICED_M = 1.0  # who has walked into the robot heeds it to here
-TOUCHED_M = 0.02  # a person is this near to what touches it: a sonar's person has corners
+FASTEST = 1.3  # times the desired speed
+APART_M = 0.1  # a contact ends beyond this distance
+STANDS_M_S = 0.05  # a place of the robot that is slower than this stands
+NOTICED_M = 1.0  # after walking into the robot, a person heeds it within this distance
+TOUCHED_M = 0.02  # tolerance of a contact with a person: a sonar's person has corners
 TINY_M = 1e-3
-SIDES = 8  # of a person, to a sonar
-CLOTHES = Surface(cos(pi / 3), 0.0)  # they scatter, whoever stands in front of the sonar
+SIDES = 8  # of the polygon that a sonar sees as a person
+CLOTHES = Surface(cos(pi / 3), 0.0)  # scatter at any angle to the sonar
 
 
 class Gap(NamedTuple):
-    """The way from the robot to a place, as unit vectors in the world's frame."""
+    """From the robot to a place, as unit vectors in the world frame."""
 
-    m: float  # from the outline
+    m: float  # from the footprint
     x: float
     y: float
     away_x: float  # from its middle
     away_y: float
-    comes_m_s: float  # so fast the outline comes nearer,
-    goes_m_s: float  # and so fast it goes there, wherever to
+    comes_m_s: float  # speed at which the footprint approaches
+    goes_m_s: float  # speed of its nearest point, in any direction
     middle_m: float  # from its middle
-    step_x: float  # how far that goes in `AHEAD_S`, m
+    step_x: float  # motion of the middle in `AHEAD_S`, m
     step_y: float
 
 
@@ -63,10 +62,10 @@ Gaps = Callable[[float, float], Gap]
 
 
 def pushed(gap: Gap) -> tuple[float, float]:
-    """The acceleration by which a robot that drives is kept clear of, m/s^2.
+    """The acceleration by which a driving robot repels a person, m/s^2.
 
-    Minus the gradient of V0 exp(-b / sigma), whose equipotential lines are ellipses about the way
-    that the robot goes next; b is the semi-minor axis of that through the place.
+    Minus the gradient of V0 exp(-b / sigma). Its equipotential lines are ellipses about the robot's
+    next way; b is the semi-minor axis of the ellipse through the place.
     """
     step = hypot(gap.step_x, gap.step_y)
     if step == 0.0:
@@ -86,17 +85,17 @@ class Person:
         self._moving, self._walls, self._bounds, self._rng = moving, walls, bounds, rng
         self._near = moving.radius + TINY_M
         self._vx = self._vy = 0.0
-        self._met = False  # has walked into the robot, which is near still
+        self._met = False  # has walked into the robot, which is still near
         self._noticed = moving.heeds
         self._goal: tuple[float, float] | None = None
         self._waits_until = 0.0
-        self._room = (inf, inf, 0.0, -1)  # so far it was from a wall, there, after so many changes
+        self._room = (inf, inf, 0.0, -1)  # place, its distance to walls, number of wall changes
         self._body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
         walls.space.add(self._body, pymunk.Circle(self._body, moving.radius))
         self._place()
 
     def step(self, now: float, gap: Gaps) -> tuple[float, bool]:
-        """One step; how far it went, m, and whether it met the robot."""
+        """Move by one step. Returns the distance, m, and whether it met the robot."""
         moving = self._moving
         if self._goal is None and now >= self._waits_until:
             self._goal = self._somewhere()
@@ -142,7 +141,7 @@ class Person:
         return went, False
 
     def _runs_into(self, x: float, y: float) -> bool:
-        """Whether a wall is nearer to a place than it is wide; asked only where one may be."""
+        """Whether a wall is nearer to a place than the radius; computed only if it may be."""
         at_x, at_y, room, changes = self._room
         if changes != self._walls.changes or room - hypot(x - at_x, y - at_y) < self._near:
             room = self._walls.distance(x, y)
@@ -151,24 +150,24 @@ class Person:
         return False
 
     def touched(self, gap: Gaps) -> bool:
-        """Whether it is what the robot touches."""
+        """Whether it touches the robot."""
         return gap(self.x, self.y).m - self._moving.radius < TOUCHED_M
 
     def walks_into(self, gap: Gaps) -> bool:
-        """Whether a touch now is its own doing."""
+        """Whether the person, not the robot, causes a contact now."""
         there = gap(self.x, self.y)
         comes = -(self._vx * there.x + self._vy * there.y)
         along = there.goes_m_s < STANDS_M_S < hypot(self._vx, self._vy)
         return self._met or along or comes > max(0.0, there.comes_m_s)
 
     def stands_at(self, outline: Sequence[Wall]) -> bool:
-        """Whether what comes there would be where it is."""
+        """Whether it is in the place of a door or a box."""
         away = min(distance(self.x, self.y, wall) for wall in outline)
         return away < self._near or (len(outline) > 1 and enclosed(self.x, self.y, outline))
 
     @property
     def outline(self) -> list[Wall]:
-        """What a sonar meets: a polygon around it."""
+        """The polygon that a sonar sees."""
         reach = self._moving.radius / cos(pi / SIDES)
         corners = [
             (self.x + reach * cos(tau * k / SIDES), self.y + reach * sin(tau * k / SIDES))
@@ -197,7 +196,7 @@ class Person:
 
 
 class Thing:
-    """A door or a box: there, or not."""
+    """A door or a box that appears and disappears."""
 
     def __init__(self, moving: Moving, walls: Walls) -> None:
         self.there = False
@@ -207,7 +206,7 @@ class Thing:
         self._shapes = [pymunk.Segment(static, w[:2], w[2:], 0.0) for w in self.outline]
 
     def step(self, now: float, free: Callable[[Sequence[Wall]], bool]) -> bool:
-        """Come or go if it is time, and nobody stands there; whether it did."""
+        """Appear or disappear when due and the place is free. Returns whether it did."""
         wanted = sum(time <= now for time in self._times) % 2 == 1
         if wanted == self.there or (wanted and not free(self.outline)):
             return False
@@ -240,9 +239,9 @@ class Movement:
     def step(
         self, now: float, pose: tuple[float, float, float], speeds: tuple[float, float]
     ) -> tuple[float, bool, bool]:
-        """Everybody moves, with the robot at a pose and its speeds (m/s, rad/s).
+        """Move everything, with the robot at a pose and its speeds (m/s, rad/s).
 
-        Returns how far anybody went, m; whether somebody met the robot, and walked into it.
+        Returns the largest distance moved, m; whether a person met the robot; and walked into it.
         """
         gap = self._gaps(pose, speeds)
         farthest, met, bumped = 0.0, False, True
@@ -255,7 +254,7 @@ class Movement:
         return 1e9 if any(moved) else farthest, met, met and bumped
 
     def walked_into(self, pose: tuple[float, float, float], speeds: tuple[float, float]) -> bool:
-        """Whether what the robot touches at a pose is somebody who walked into it."""
+        """Whether the robot at a pose is touched only by people who walked into it."""
         gap = self._gaps(pose, speeds)
         touched = [person for person in self._people if person.touched(gap)]
         return bool(touched) and all(person.walks_into(gap) for person in touched)

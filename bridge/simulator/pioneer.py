@@ -14,10 +14,8 @@ from armadico.bridge.simulator.traps import Trap
 
 
 class Pioneer(SimulatedRobot):
-    """A robot with a controller that speaks P2OS."""
-
     def __init__(self, profile: P2osRobot, stage: Stage) -> None:
-        """Stand where the stage has it begin, among all that is there."""
+        """Place the robot at the stage's start."""
         units = profile.p2os
         profile = replace(profile, p2os=replace(units, name=stage.name or units.name))
         if Trap.RAYS in stage.traps:

@@ -1,12 +1,12 @@
-"""The physical robot in its world: voltages in, motion, odometry, echoes and knocks out.
+"""The physical robot in its world: voltages in; motion, odometry, echoes and contacts out.
 
-`Plant` steps the dynamics by 5 ms and knows the truth. Contacts cost, so pymunk is asked only where
-they are possible: the plant keeps a lower bound of the way between outline and walls, takes off
-what the outline may have travelled in each step (every corner, turning included), and asks anew
-when nothing is left of it. The motion is bit for bit the one that asking in every step gives.
+`Plant` steps the dynamics by 5 ms and has the true state. Contacts are expensive, so pymunk is used
+only where they are possible. The plant keeps a lower bound of the distance between footprint and
+walls. Each step subtracts the largest possible motion of a corner, turning included; at zero the
+bound is computed anew. The motion is bit for bit the same as with a query in every step.
 
-All randomness comes from a function that gives a stream of numbers for a name (`seeded`, or the
-virtual mesh's `stream`): one stream a purpose, so that another purpose shifts no other's noise.
+All randomness comes from named streams (`seeded`, or the virtual mesh's `stream`): one per purpose,
+so that a new purpose does not change the noise of others.
 """
 
 from __future__ import annotations
@@ -35,65 +35,62 @@ from armadico.config.worlds import Column, Pose
 
 STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)
-APART_S = 0.5  # a contact after less than this apart belongs to the same collision
-FASTEST_M_S = 1e3  # of what is so light or stiff that the steps are too long for it
+APART_S = 0.5  # contacts less than this apart are one collision
+FASTEST_M_S = 1e3  # faster means that the robot is too light or stiff for the steps
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
-PUSH_OUT = 0.2  # share of a penetration that is mended in a step
-PUSH_OUT_M = 0.005  # the most that is mended in a step
-PRESSED_M = 0.002  # a bumper gives by more than what is left between body and wall
-PUSHING_M_S = 0.02  # who goes slower into another robot is run into, and runs into nobody
+PUSH_OUT = 0.2  # share of a penetration that is corrected in a step
+PUSH_OUT_M = 0.005  # largest correction in a step
+PRESSED_M = 0.002  # travel of a bumper, which is more than the gap left between body and wall
+PUSHING_M_S = 0.02  # a robot that is slower does not count as running into another
 
 Driver = Callable[[float, float], tuple[float, float]]
-"""Measured speeds ahead (m/s) and around (rad/s) to the voltages of left and right motor, V."""
+"""From measured speeds ahead (m/s) and around (rad/s) to voltages of left and right motor, V."""
 
 Streams = Callable[[str], Random]
-"""A random stream of one's own for a name; the same name gives the same numbers."""
+"""A random stream by name; the same name gives the same numbers."""
 
 
 def seeded(seed: int) -> Streams:
-    """Independent streams from one seed and each one's name."""
+    """Independent streams from one seed and their names."""
     return lambda name: Random(f"{seed}/{name}")
 
 
 @dataclass(frozen=True)
 class Site:
-    """Where a robot begins, and what is about it: m and rad, in the world frame."""
+    """A robot's start and surroundings: m and rad, in the world frame."""
 
     walls: Sequence[Wall] = ()
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     columns: Sequence[Column] = ()
     moving: Sequence[Moving] = ()
-    docks: Sequence[Pose] = ()  # poses of a robot that stands in one
-    charge: float = 1.0  # the share of its battery that is left
+    docks: Sequence[Pose] = ()  # poses of a docked robot
+    charge: float = 1.0  # of its battery, as a share
 
 
 Drive = Dynamics | Kinematics
-"""What makes the robot move: motors with their voltages, or a base that is told speeds.
+"""The robot's motion: motors with voltages, or a base that receives speeds.
 
-It is driven `by_volts` of the left and the right motor, which the battery limits, or else by the
-speed ahead and the turn rate. `mobility` is what a force gains in a step.
+With `by_volts` the inputs are the voltages of left and right motor, limited by the battery; else
+the speed ahead and the turn rate. `mobility` is the change of speed per force and step.
 """
 
 
 @dataclass
 class Touches:
-    """What the outline has touched.
+    """Contacts of the footprint; those less than `APART_S` apart are one episode."""
 
-    Contacts less than `APART_S` apart are one episode.
-    """
-
-    collisions: int = 0  # episodes, without
-    bumps: int = 0  # those in which a person walked into the robot
-    pushed: bool = False  # it touches something now that it pushes on
-    pressed_s: float = -inf  # when something last pressed on its front, s of simulation
-    step: float = -inf  # the last one in which it touched anything
+    collisions: int = 0  # episodes without bumps
+    bumps: int = 0  # episodes in which a person or robot ran into this one
+    pushed: bool = False  # the robot now pushes an obstacle
+    pressed_s: float = -inf  # time of the last contact at its front, s of simulation
+    step: float = -inf  # the last step with a contact
 
     def begin(self) -> None:
-        """The robot was put elsewhere."""
+        """Forget contacts: the robot was moved."""
         self.pushed, self.pressed_s, self.step = False, -inf, -inf
 
     def count(self, touching: bool, bumped: bool, step: int) -> None:
-        """Count a step in which it touches something or not, and whether it was walked into."""
+        """Count a step, with or without a contact; `bumped`: the other one caused it."""
         self.pushed = touching and not bumped
         if touching:
             if (step - self.step) * STEP_S > APART_S:
@@ -105,8 +102,8 @@ class Touches:
 class Plant:
     """A robot among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
 
-    `blocked` says that in the last step the robot pushed a wall and came no farther (rims below
-    2 cm/s). `pose` is the true one in the world: m, m, rad (not wrapped).
+    `blocked`: in the last step the robot pushed a wall without advancing (rims below 2 cm/s).
+    `pose` is the true one in the world: m, m, rad (not wrapped).
     """
 
     step_s = STEP_S
@@ -142,11 +139,11 @@ class Plant:
         self._box = box_of(profile)
         self._surfaces = Surfaces(sensors, rng)
         self._sideways = 0.0  # m/s to the left, only while a wall pushes
-        self._margin = 0.0  # no wall is nearer to the outline, m; 0 is unknown
+        self._margin = 0.0  # lower bound of the distance to walls, m; 0 is unknown
         self._steps = 0
         self.add_walls(site.walls)
         self.add_columns(site.columns)
-        self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # as other robots meet it
+        self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # for other robots
         self._company: Company | None = None
         self._movement = (
             Movement(site.moving, site.walls, self._walls, self._box, rng) if site.moving else None
@@ -156,27 +153,27 @@ class Plant:
     # The world -----------------------------------------------------------------------------------
 
     def add_walls(self, walls: Sequence[Wall]) -> None:
-        """More walls; how each answers the sonars depends on the seed and their order."""
+        """Add walls; their surfaces depend on the seed and the order of adding."""
         self._walls.add(walls, [self._surfaces.draw() for _ in walls])
         self._margin = 0.0
 
     def add_columns(self, columns: Sequence[Column]) -> None:
-        """Something round, and more of it; their surfaces are drawn as those of walls."""
+        """Add columns; their surfaces are drawn like those of walls."""
         self._walls.add_columns(columns, [self._surfaces.draw() for _ in columns])
         self._margin = 0.0
 
     def meet(self, others: Sequence[Body]) -> None:
-        """Be in one world with other robots; whoever brings them all forward says `look_around`."""
+        """Join other robots in one world; the caller then calls `locate_others`."""
         self._company = Company(self._walls, others)
         self._margin = 0.0
 
-    def look_around(self) -> None:
-        """The others are now where they are."""
+    def locate_others(self) -> None:
+        """Update the poses of the other robots."""
         if self._company is not None:
             self._margin = max(0.0, self._margin - self._company.locate())
 
     def set_pose(self, x: float, y: float, theta: float) -> None:
-        """Lift the robot and put it down elsewhere, at rest; its odometry does not notice."""
+        """Lift the robot and put it down elsewhere, at rest; its odometry does not change."""
         self.pose = (x, y, theta)
         self._dynamics.v = self._dynamics.w = self._sideways = 0.0
         self._margin = 0.0
@@ -188,31 +185,31 @@ class Plant:
         """The true speed ahead (m/s) and turn rate (rad/s)."""
         return self._dynamics.v, self._dynamics.w
 
-    # What the robot measures ---------------------------------------------------------------------
+    # Measurements --------------------------------------------------------------------------------
 
     @property
     def v(self) -> float:
-        """Speed ahead as the encoders measure it, m/s."""
+        """Speed ahead by the encoders, m/s."""
         return self._odometry.v
 
     @property
     def w(self) -> float:
-        """Turn rate as the encoders measure it, rad/s."""
+        """Turn rate by the encoders, rad/s."""
         return self._odometry.w
 
     @property
     def left_m_s(self) -> float:
-        """Speed of the left wheel's rim as its encoder measures it, m/s."""
+        """Speed of the left wheel's rim by its encoder, m/s."""
         return self._odometry.left_m_s
 
     @property
     def right_m_s(self) -> float:
-        """Speed of the right wheel's rim as its encoder measures it, m/s."""
+        """Speed of the right wheel's rim by its encoder, m/s."""
         return self._odometry.right_m_s
 
     @property
     def odometry(self) -> tuple[float, float, float]:
-        """Pose since the last reset, as the encoders have it: m, m, rad (not wrapped)."""
+        """Pose since the last reset, by the encoders: m, m, rad (not wrapped)."""
         return self._odometry.x, self._odometry.y, self._odometry.theta
 
     @property
@@ -221,7 +218,6 @@ class Plant:
         return self._odometry.ticks
 
     def reset_odometry(self) -> None:
-        """Call the present pose (0, 0, 0)."""
         self._odometry.reset()
 
     def ping(self, index: int) -> float | None:
@@ -229,12 +225,12 @@ class Plant:
         return None if self._sonars is None else self._sonars.ping(index, self.pose)
 
     def scan(self) -> Floats:
-        """What its laser says now: see `LaserScanner.scan`."""
-        assert self._laser is not None, "it has one"
+        """A scan: see `LaserScanner.scan`."""
+        assert self._laser is not None, "the profile has a laser"
         return self._laser.scan(self.pose)
 
     def clearance(self) -> float:
-        """True way from the outline to the nearest wall, m; 0 when touching, inf without walls."""
+        """True distance from footprint to the nearest wall, m; 0: touching, inf: without walls."""
         nearest = self._walls.clearance(self.pose, self._box)
         self._margin = max(self._margin, nearest - TOUCH_M)
         return nearest
@@ -242,16 +238,16 @@ class Plant:
     # Motion --------------------------------------------------------------------------------------
 
     def step(self, left_v: float, right_v: float) -> None:
-        """`step_s` seconds with these motor voltages, V (or speeds: see `Drive`)."""
+        """Advance by `step_s` with these motor voltages, V (or speeds: see `Drive`)."""
         self.run(1, lambda _v, _w: (left_v, right_v))
 
     def run(self, steps: int, driver: Driver) -> None:  # noqa: PLR0915 - calls would cost
-        """Steps of `step_s` seconds; the drive gets what the driver says, see `Drive`.
+        """Advance by steps of `step_s`; `driver` returns the inputs of `Drive` for each.
 
-        Voltages are cut at the battery's.
+        Voltages are limited to the battery's.
 
-        All the robot does in a simulation happens here, 200 times a simulated second: what does
-        not change is looked up before, and the pose stays in locals while no wall is near.
+        This loop runs 200 times per simulated second. So constants are looked up before it, and the
+        pose stays in locals while no wall is near.
         """
         dynamics, odometry, battery = self._dynamics, self._odometry, self.battery
         corner, half_track = self.body.reach_m, self._profile.body.half_track_m
@@ -260,11 +256,11 @@ class Plant:
         x, y, theta = self.pose
         margin, walls_push = self._margin, self.touches.pushed or self._sideways != 0.0
         v, w = dynamics.v, dynamics.w
-        pace = abs(v) + corner * abs(w)  # no point of the outline is faster, m/s
+        pace = abs(v) + corner * abs(w)  # upper bound of the footprint's speeds, m/s
         self.blocked = self.blocked and not steps
         moves = self._movement is not None
-        battery.charge_in(self.pose)  # as often as the controller does anything: 40 ms at the most
-        rests = False  # whether the step before changed nothing but the battery's charge
+        battery.charge_in(self.pose)  # once per call, which is every 40 ms or more often
+        rests = False  # the step before changed only the battery's charge
         for _ in range(steps):
             if moves and not self._steps % MOVE_STEPS:
                 self.pose, self._margin = (x, y, theta), margin
@@ -282,7 +278,7 @@ class Plant:
             dynamics.accelerate(one, other)
             v0, w0, v, w = v, w, dynamics.v, dynamics.w
             pace0, pace = pace, abs(v) + corner * abs(w)
-            if not pace < FASTEST_M_S:  # nor is it NaN
+            if not pace < FASTEST_M_S:  # also if it is NaN
                 raise self._runaway()
             reach = STEP_S * (pace if pace > pace0 else pace0)
             margin -= reach
@@ -312,7 +308,7 @@ class Plant:
         self.show_body()
 
     def _take_push(self) -> None:
-        """What others have done to its speeds since its last step."""
+        """Adopt the speeds after pushes by others since the last step."""
         dynamics, body = self._dynamics, self.body
         if self._company is None:
             return
@@ -321,14 +317,14 @@ class Plant:
             self._margin = 0.0
 
     def show_body(self) -> None:
-        """Be met as it is now."""
+        """Update the body that other robots meet."""
         dynamics, body = self._dynamics, self.body
         body.pose = self.pose
         body.v, body.u, body.w = dynamics.v, self._sideways, dynamics.w
         body.mobility = dynamics.mobility
 
     def _move_world(self) -> None:
-        """What moves does, and may be nearer for it."""
+        """Move people, doors and boxes, which may come nearer."""
         if self._movement is None:
             return
         went, met, bumped = self._movement.step(self._steps * STEP_S, self.pose, self.speeds)
@@ -337,14 +333,14 @@ class Plant:
             self.touches.count(True, bumped, self._steps)
 
     def _move(self, v: float, u: float, w: float) -> None:
-        """The body goes a step ahead, to the left and around."""
+        """Move the body by a step ahead, to the left and around."""
         x, y, theta = self.pose
         heading = theta + 0.5 * STEP_S * w
         c, s = STEP_S * cos(heading), STEP_S * sin(heading)
         self.pose = (x + v * c - u * s, y + v * s + u * c, theta + STEP_S * w)
 
     def _near(self, reach: float, v: float, w: float) -> tuple[float, float]:
-        """A step in which the outline may meet a wall; the mean speeds that come of it."""
+        """A step in which the footprint may meet a wall. Returns the resulting mean speeds."""
         self.blocked = False
         contacts = self._outline.contacts(self.pose)
         gap = min((contact.gap for contact in contacts), default=SKIN_M)
@@ -369,7 +365,7 @@ class Plant:
         return v, w
 
     def _is_met(self, contacts: list[Contact]) -> bool:
-        """Whether what it may touch is another robot, and it does not go there."""
+        """Whether the nearest contact is with a robot that this one does not drive into."""
         met = min(contacts, key=lambda contact: contact.gap, default=None)
         if met is None or met.other is None:
             return False
@@ -378,7 +374,7 @@ class Plant:
         return speed < PUSHING_M_S
 
     def _collide(self, contacts: list[Contact]) -> float:
-        """Move as the walls allow; the greatest force of a contact, N."""
+        """Move as the walls allow. Returns the greatest force of a contact, N."""
         dynamics = self._dynamics
         motion = Motion(dynamics.v, self._sideways, dynamics.w)
         motion, force = self._outline.resolve(contacts, motion, dynamics.mobility, STEP_S)

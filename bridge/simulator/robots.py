@@ -1,4 +1,4 @@
-"""Where a scenario puts its simulated robot, of whichever kind that is."""
+"""The stage of a scenario's simulated robot, for any kind of robot."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from armadico.config.worlds import load_world
 
 @dataclass(frozen=True)
 class Stage:
-    """What is about a simulated robot."""
+    """The surroundings of a simulated robot."""
 
     sensors: SensorProfile
     site: Site
     streams: Streams  # of random numbers, by name
-    name: str = ""  # of its controller, where other simulators may be about; "": the profile's
+    name: str = ""  # of its controller, to tell simulators apart; "": the profile's
     traps: frozenset[Trap] = KIND
-    clock_s: float = 0.0  # what the robot's clock shows when it begins
+    clock_s: float = 0.0  # of the robot's clock at the start
 
 
 def staged(
     scenario: Scenario, streams: Streams, name: str, traps: frozenset[Trap], clock_s: float
 ) -> tuple[RobotProfile, Stage]:
-    """The profile of a scenario's robot, with the battery that it has there, and its stage."""
+    """The profile of a scenario's robot, with the scenario's battery, and its stage."""
     start = scenario.start
     profile, world = load_profile(scenario.robot), load_world(scenario.world)
     capacity_ah = scenario.battery.capacity_ah or profile.battery.capacity_ah

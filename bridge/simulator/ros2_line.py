@@ -1,36 +1,36 @@
-"""A simulated robot among ROS 2's nodes: everybody may read what it publishes, and drive it."""
+"""A simulated robot among ROS 2 nodes: any node may read its topics, and drive it."""
 
 from __future__ import annotations
 
 from msgspec.structs import replace
 
 from armadico.bridge.ros2 import types
-from armadico.bridge.ros2.frames import Wanted, Wants, said
+from armadico.bridge.ros2.frames import Wanted, Wants, control_frame
 from armadico.bridge.ros2.profile import Ros2
 from armadico.bridge.ros2.samples import SampleTransport
 from armadico.bridge.ros2.session import wanted, wants
 
 
 def published(ros2: Ros2) -> tuple[Wanted, ...]:
-    """All that a client may want of the robot: also what ours does without, for others look."""
+    """All topics of the robot, also those that the robot agent does not read."""
     others = () if ros2.tf is None else (wanted(ros2.tf, types.TFMessage),)
     return (*wants(ros2).topics, *others)
 
 
 class Ros2Line:
-    """The robot's end of a network of samples, for as long as it lives: a `Line`.
+    """The robot's end of a network of samples, as long as it runs: a `Line`.
 
-    To the robot it is one client, there from the start, who wants everything: whoever reads it out
-    there, the robot publishes, as real ones do.
+    The robot sees one permanent client that reads every topic: real robots also publish whether or
+    not a node subscribes.
     """
 
     def __init__(self, transport: SampleTransport, ros2: Ros2) -> None:
-        """Join. Raises OSError if that cannot be."""
+        """Join the network. Raises OSError."""
         topics = published(ros2)
         self._transport = transport
         self._transport.open()
         self._transport.want([replace(topic, writes=not topic.writes) for topic in topics])
-        self._begins = said(Wants(topics))
+        self._begins = control_frame(Wants(topics))
 
     def read(self, timeout_s: float) -> bytes:
         begins, self._begins = self._begins, b""
@@ -40,7 +40,7 @@ class Ros2Line:
         self._transport.write(data)
 
     def hang_up(self) -> bool:
-        """Nobody can be hung up on."""
+        """Return False: there is no connection."""
         return False
 
     def close(self) -> None:

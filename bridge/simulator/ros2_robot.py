@@ -1,8 +1,7 @@
 """A simulated robot that speaks ROS 2: what its base publishes, and how it obeys; sans-IO.
 
-It publishes what the client wants of its topics (`frames.Wants`), each at its rate, as real ones do
-whether anybody drives or not. It obeys a command some time after it came, until it has come no more
-for as long as its watchdog waits.
+It publishes those of its topics that the client reads (`frames.Wants`), each at its rate, driven or
+not. A command takes effect after a latency, and until the watchdog's timeout after the last one.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
-from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, frame, read, said
+from armadico.bridge.ros2.frames import WANTS, Decoder, Seen, Wants, control_frame, frame, read
 from armadico.bridge.ros2.geometry import rotation
 from armadico.bridge.ros2.profile import Ros2Robot, Topic
 from armadico.bridge.simulator.plant import Plant
@@ -25,20 +24,20 @@ from armadico.bridge.simulator.simulated import Controller, SimulatedRobot
 from armadico.mobile.geometry import Pose2
 
 IDLE_S = 10.0
-"""A client that wants nothing for so long is not one."""
+"""A client that reads no topic for so long is disconnected."""
 
 BATTERY_HZ = 1.0
 HAZARDS_HZ = 20.0
 
 
 class Base(Controller):
-    """The base on its simulated robot.
+    """The base of a simulated robot.
 
     A laser's scan is taken in one instant, which is its stamp.
 
     Attributes:
-        decoder: Of what the client says.
-        clock_s: What its clock showed when the simulation began: stamps count from there.
+        decoder: Of the client's frames.
+        clock_s: Its clock at the start of the simulation; stamps count from there.
     """
 
     def __init__(self, profile: Ros2Robot, plant: Plant, name: str, clock_s: float = 0.0) -> None:
@@ -48,13 +47,13 @@ class Base(Controller):
         self._profile, self._ros2 = profile, profile.ros2
         self._name = name
         self._wanted: frozenset[str] = frozenset()
-        self._heard_at = 0  # these and all times below in steps of the plant
+        self._received_at = 0  # this and all times below in steps of the plant
         self._latency = round(profile.ros2.latency_s / plant.step_s)
         watchdog_s = profile.ros2.watchdog_s
         self._patience = inf if watchdog_s is None else round(watchdog_s / plant.step_s)
-        self._commands: deque[tuple[int, float, float]] = deque()  # when each is obeyed
+        self._commands: deque[tuple[int, float, float]] = deque()  # step of effect, m/s, rad/s
         self._set = (0.0, 0.0)
-        self._trips: float = inf  # the watchdog, at this step
+        self._trips: float = inf  # step at which the watchdog trips
         self._odom: deque[tuple[float, ...]] = deque()
         rates: list[tuple[Topic | None, float, Callable[[], IdlStruct | None]]] = [
             (profile.ros2.odom, profile.ros2.odom_hz, self._odometry),
@@ -74,24 +73,25 @@ class Base(Controller):
         if profile.laser is not None:
             rates.append((profile.ros2.scan, profile.laser.rate_hz, self._scan))
         self._topics = [
-            (topic.name, rate_hz * plant.step_s, say) for topic, rate_hz, say in rates if topic
+            (topic.name, rate_hz * plant.step_s, make) for topic, rate_hz, make in rates if topic
         ]
-        self._counts = [0] * len(self._topics)  # how often each was said
+        self._counts = [0] * len(self._topics)  # of messages published
 
     @property
     def is_open(self) -> bool:
-        """Whether anybody wants to hear anything."""
+        """Whether a client reads any topic."""
         return bool(self._wanted)
 
     @property
     def hangs_up(self) -> bool:
-        """A client that wants something may stay as long as it likes, and no other."""
-        return not self._wanted and self._now - self._heard_at >= round(IDLE_S / self._plant.step_s)
+        """Whether to disconnect the client; never one that reads topics."""
+        silent = self._now - self._received_at
+        return not self._wanted and silent >= round(IDLE_S / self._plant.step_s)
 
     def receive(self, data: bytes) -> None:
-        """Take in what the client wrote, at the time reached; what is none of it is passed over."""
+        """Process the client's frames, at the time reached; invalid ones are ignored."""
         for topic, payload in self.decoder.feed(data, self.time_s):
-            self._heard_at = self._now
+            self._received_at = self._now
             try:
                 if topic == WANTS:
                     self._want(read(payload, Wants))
@@ -101,10 +101,10 @@ class Base(Controller):
                 continue
 
     def disconnect(self) -> None:
-        """The client is gone, or is a new one: nobody wants anything. The watchdog stops it."""
+        """Forget the client, which is gone or a new one. The watchdog stops the robot."""
         self.decoder = Decoder()
         self._wanted = frozenset()
-        self._heard_at = self._now
+        self._received_at = self._now
         self._out.clear()
 
     def _want(self, wants: Wants) -> None:
@@ -113,7 +113,7 @@ class Base(Controller):
             wanted.topic for wanted in wants.topics if not wanted.writes and wanted.topic in mine
         )
         self._counts = [int(self._now * per_step) for _, per_step, _ in self._topics]
-        self._out += said(Seen(robot=self._name))
+        self._out += control_frame(Seen(robot=self._name))
         static = self._ros2.tf_static
         if static is not None and static.name in self._wanted:
             self._out += frame(static.name, encode(self._mounted()))
@@ -141,7 +141,7 @@ class Base(Controller):
         )
 
     def _next_event(self, until: int) -> int:
-        """The step up to which nothing but motion happens."""
+        """The step until which there is only motion."""
         if self._wanted:
             until = min(until, max(self._next_report(), self._now + 1))
         if self._commands:
@@ -157,16 +157,16 @@ class Base(Controller):
         self._plant.run(steps, lambda _v, _w: (v, w))
 
     def _report(self) -> None:
-        """Obey the commands whose time has come, and publish all that is due, once."""
+        """Obey the commands that are due, and publish the topics that are due, once."""
         while self._commands and self._commands[0][0] <= self._now:
             _, *speeds = self._commands.popleft()
             self._set = (speeds[0], speeds[1])
             self._trips = self._now + self._patience
-        for index, (name, per_step, say) in enumerate(self._topics):
+        for index, (name, per_step, make) in enumerate(self._topics):
             due = int(self._now * per_step + 1e-9)
             if due > self._counts[index]:
                 self._counts[index] = due
-                if name in self._wanted and (message := say()) is not None:
+                if name in self._wanted and (message := make()) is not None:
                     self._out += frame(name, encode(message))
 
     def _stamp(self, steps: float = 0.0) -> types.Time:
@@ -196,13 +196,13 @@ class Base(Controller):
         return types.TFMessage(transforms=[moved])
 
     def _mounted(self) -> types.TFMessage:
-        """Where its sensors sit, said once."""
+        """The poses of its sensors, published once."""
         base, ring, laser = self._ros2.base_frame, self._profile.sonar, self._profile.laser
         sonars = () if ring is None else ring.sonars
         found = [self._transform(base, sonar.frame or "", sonar.place) for sonar in sonars]
         if laser is not None:
             found.append(self._transform(base, self._ros2.laser_frame, laser.place))
-            if laser.upside_down:  # half a turn about where it looks
+            if laser.upside_down:  # half a turn about its bearing
                 _, _, bearing = laser.place
                 q = types.Quaternion(x=cos(0.5 * bearing), y=sin(0.5 * bearing), w=0.0)
                 found[-1].transform.rotation = q
@@ -218,22 +218,22 @@ class Base(Controller):
         )
 
     def _range(self, order: Sequence[int]) -> types.Range:
-        """What the sonar says whose turn it is."""
+        """The reading of the sonar whose turn it is."""
         ring = self._profile.sonar
-        assert ring is not None, "or nothing would say so"
+        assert ring is not None, "published only with sonars"
         index = order[self._pings % len(order)]
         self._pings += 1
-        heard = self._plant.ping(index)
+        range_m = self._plant.ping(index)
         return types.Range(
             header=types.Header(stamp=self._stamp(), frame_id=ring.sonars[index].frame or ""),
             field_of_view=radians(ring.cone_deg),
             min_range=ring.min_m,
             max_range=ring.max_m,
-            range=inf if heard is None else heard,
+            range=inf if range_m is None else range_m,
         )
 
     def _hazards(self) -> types.HazardDetectionVector:
-        """What it has felt since it last said so: its bumper; there are no cliffs here."""
+        """The hazards since the last message: its bumper only, for there are no cliffs."""
         felt = []
         if self.time_s - self._plant.touches.pressed_s <= 1.0 / HAZARDS_HZ:
             where = types.Header(stamp=self._stamp(), frame_id="bump_front_center")
@@ -243,7 +243,7 @@ class Base(Controller):
 
     def _scan(self) -> types.LaserScan:
         laser = self._profile.laser
-        assert laser is not None, "or nothing would say so"
+        assert laser is not None, "published only with a laser"
         first, step = radians(laser.angle_min_deg), radians(laser.step_deg)
         return types.LaserScan(
             header=types.Header(stamp=self._stamp(), frame_id=self._ros2.laser_frame),
@@ -273,19 +273,17 @@ class Base(Controller):
 
 
 def _whole(speed: float, step: float) -> float:
-    """What a base that counts in whole steps makes of a speed: towards zero."""
+    """The speed that a base with whole steps obeys: rounded towards zero."""
     return speed if step == 0.0 else step * trunc(speed / step + copysign(1e-6, speed))
 
 
 class Ros2SimulatedRobot(SimulatedRobot):
-    """A robot that speaks ROS 2."""
-
     def __init__(
         self,
         profile: Ros2Robot,
         stage: Stage,
     ) -> None:
-        """Stand where the stage has it begin; its `name` is the node that it says it is."""
+        """Place the robot at the stage's start; `stage.name` is its node's name."""
         plant = Plant(profile, stage.sensors, stage.site, stage.streams)
         name = stage.name or profile.name
         base = Base(profile, plant, name, stage.clock_s)

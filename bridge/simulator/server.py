@@ -1,7 +1,8 @@
 """A simulated robot in real time, behind a TCP port or a pseudo-terminal.
 
-Only here does the simulator meet sockets and a clock. One client at a time, as on the robot: while
-one is connected the port is closed, and a second one is refused. CLOSE ends the connection.
+This is the only module of the simulator with sockets and a clock. It serves one client at a time,
+as the robot does: while one is connected the port is closed, and another one is rejected. CLOSE
+ends the connection.
 """
 
 from __future__ import annotations
@@ -18,30 +19,30 @@ from armadico.bridge.simulator.simulated import SimulatedRobot
 
 CHUNK: Final = 65536
 POLL_S: Final = 0.1
-"""The longest wait, so that a request to stop is noticed."""
+"""Longest wait, so that a request to stop is noticed."""
 
 BEHIND_S: Final = 0.5
-"""A simulator that was held up longer than this does not make the time up: it has passed for it."""
+"""After a longer delay the simulation does not catch up: the missed time is skipped."""
 
 
 class Line(Protocol):
-    """The robot's end of a line. None is read where a client has gone, or another has come."""
+    """The robot's end of a line."""
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Wait for bytes; none after `timeout_s`; None if the client has just gone or come."""
+        """Wait up to `timeout_s` for bytes; None if a client has just come or gone."""
 
     def write(self, data: bytes) -> None:
         """Send, if a client is connected."""
 
     def hang_up(self) -> bool:
-        """Have the client go; whether there was one, and the line can."""
+        """Disconnect the client. Returns whether there was one and the line supports it."""
 
 
 class TcpLine:
-    """Listens, and serves whoever comes first."""
+    """Listens on a port, and serves the first client that connects."""
 
     def __init__(self, address: str, port: int) -> None:
-        """Listen; port 0: one that is free. Raises OSError if that cannot be."""
+        """Listen; port 0: a free one. Raises OSError."""
         self._client: socket.socket | None = None
         self._listener: socket.socket | None = socket.create_server((address, port), backlog=1)
         name = self._listener.getsockname()
@@ -49,16 +50,15 @@ class TcpLine:
 
     @property
     def port(self) -> int:
-        """Where it listens, or will again."""
+        """The port where it listens, or will listen again."""
         return self._where[1]
 
     @property
     def connected(self) -> bool:
-        """Whether a client is there."""
         return self._client is not None
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Wait for bytes, and for clients."""
+        """Wait for bytes or a client."""
         client = self._client
         waited = client or self._listening()
         ready = select.select([] if waited is None else [waited], [], [], timeout_s)[0]
@@ -76,17 +76,17 @@ class TcpLine:
         return data or None
 
     def write(self, data: bytes) -> None:
-        """Send; to a client that does not read its status packets the line is cut."""
+        """Send; a client that does not read is disconnected."""
         if self._client is None:
             return
         try:
             self._client.sendall(data)
         except OSError:
-            with contextlib.suppress(OSError):  # the next `read` finds the end of it
+            with contextlib.suppress(OSError):  # the next `read` finds the end
                 self._client.shutdown(socket.SHUT_RDWR)
 
     def hang_up(self) -> bool:
-        """Have the client go, and listen for the next; whether there was one."""
+        """Disconnect the client, and listen for the next. Returns whether there was one."""
         client, self._client = self._client, None
         if client is None:
             return False
@@ -95,7 +95,7 @@ class TcpLine:
         return True
 
     def close(self) -> None:
-        """Listen no more, and let the client go."""
+        """Stop listening, and disconnect the client."""
         for end in (self._listener, self._client):
             if end is not None:
                 end.close()
@@ -117,14 +117,14 @@ class TcpLine:
 
 
 class Pace:
-    """Simulation time, s, of all robots of one world; what was missed is left out."""
+    """Simulation time, s, of all robots of one world; missed time is skipped."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._origin = clock()
 
     def now(self, reached: float) -> float:
-        """What it is, if the simulation has reached a time: no more than a little later."""
+        """The present time, at most a little later than the time `reached` by the simulation."""
         now = self._clock() - self._origin
         behind = now - reached
         if behind > BEHIND_S:
@@ -134,9 +134,9 @@ class Pace:
 
 
 class Simulation:
-    """Keeps a robot in step with the clock, and its port served.
+    """Advances a robot with the clock, and serves its port.
 
-    Several of one world each have a thread, one pace, and a lock: one at a time lives.
+    Robots of one world have a thread each, one pace, and a lock, so that one at a time advances.
     """
 
     def __init__(
@@ -159,18 +159,18 @@ class Simulation:
             self.step()
 
     def step(self) -> None:
-        """Wait for the next thing to happen, and let it."""
+        """Wait for the next event, and process it."""
         with self._turn:
             wait = min(max(self._robot.due - self._now(), 0.0), POLL_S)
         data = self._line.read(wait)
         with self._turn:
             now = self._now()
-            said = self._robot.advance(now)
-        if said:
-            self._line.write(said)
+            reply = self._robot.advance(now)
+        if reply:
+            self._line.write(reply)
         controller = self._robot.controller
-        # Here and not behind `receive`: what came before CLOSE has been answered by now.
-        # Who has just come has not been silent for as long as nobody was there.
+        # Not after `receive`: bytes before CLOSE must be answered first. And a client that has just
+        # connected is not idle, however long the port was without one.
         hangs_up = data is not None and controller.hangs_up and self._line.hang_up()
         with self._turn:
             if data is None or hangs_up:

@@ -1,6 +1,6 @@
-"""A simulated robot, whole: the plant and its controller behind one port.
+"""A simulated robot: the plant and its controller behind one port.
 
-Bytes and the time in, bytes out, and the truth for those who watch: the same object stands behind a
+Bytes and the time in, bytes out, and the true state for watchers. The same object is used behind a
 TCP port or pty in real time (`server`) and behind a port of the virtual mesh.
 """
 
@@ -15,9 +15,9 @@ from armadico.mobile.messages import Truth
 
 
 class Controller:
-    """What speaks for the robot, in its protocol, and drives it; a kind of robot derives its own.
+    """The robot's protocol and control; each kind of robot has a subclass.
 
-    Nothing happens between two steps of the plant; answers, too, wait for `advance`.
+    Nothing happens between two steps of the plant; replies, too, wait for `advance`.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -27,12 +27,12 @@ class Controller:
 
     @property
     def is_open(self) -> bool:
-        """Whether a client has it send."""
+        """Whether a client has requested data."""
         raise NotImplementedError
 
     @property
     def hangs_up(self) -> bool:
-        """Whether a connection that can be ended is to be."""
+        """Whether to disconnect the client, where possible."""
         return False
 
     @property
@@ -42,15 +42,15 @@ class Controller:
 
     @property
     def next_status_s(self) -> float:
-        """Simulation time at which it next sends of its own accord, s; infinite: it does not."""
+        """Simulation time of the next periodic message, s; infinite: none."""
         return self._next_report() * self._plant.step_s if self.is_open else inf
 
     def receive(self, data: bytes) -> None:
-        """Take in what the client wrote, at the time reached."""
+        """Process the client's bytes, at the time reached."""
         raise NotImplementedError
 
     def advance(self, now_s: float) -> bytes:
-        """Let the simulation run on to a time, and return what is to be sent to the client."""
+        """Advance to a simulation time. Returns the bytes for the client."""
         until = int(now_s / self._plant.step_s + 1e-6)
         while self._now < until:
             stop = self._next_event(until)
@@ -62,19 +62,19 @@ class Controller:
         return data
 
     def disconnect(self) -> None:
-        """The client is gone, or is a new one."""
+        """Forget the client, which is gone or a new one."""
         raise NotImplementedError
 
     def _next_report(self) -> int:
-        """The step in which it next sends of its own accord, while it is open."""
+        """The step of the next periodic message, while it is open."""
         raise NotImplementedError
 
     def _next_event(self, until: int) -> int:
-        """The step up to which nothing but motion happens, `until` at the latest."""
+        """The step until which there is only motion, at most `until`."""
         return min(until, self._next_report()) if self.is_open else until
 
     def _move(self, steps: int) -> None:
-        """Have the plant move for so many steps."""
+        """Move the plant by some steps."""
         raise NotImplementedError
 
     def _report(self) -> None:
@@ -83,49 +83,49 @@ class Controller:
 
 
 class SimulatedRobot:
-    """The robot as its port shows it."""
+    """The robot behind its port."""
 
     def __init__(self, plant: Plant, controller: Controller, name: str, cycle_s: float) -> None:
-        """`name` is what its controller calls itself, and who watches knows it by."""
+        """`name` is the controller's, and the `simulator` in published truth."""
         self.plant = plant
         self.controller = controller
         self._watchers: list[Callable[[Truth], None]] = []
         self._name, self._cycle = name, cycle_s
         self._answering = False
         self._truth_at = 0.0
-        self._said = bytearray()  # for the client
+        self._outgoing = bytearray()  # for the client
         self.bring_forward: Callable[[float], None] = self.live
-        """What lets time pass: for this robot alone, or for all that are in one world with it."""
+        """Advances time: of this robot alone, or of all robots of its world."""
 
     def watch(self, watcher: Callable[[Truth], None]) -> None:
         """Call `watcher` with the truth at every cycle."""
         self._watchers.append(watcher)
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take the client's bytes at a time, s of simulation."""
+        """Process the client's bytes at a time, s of simulation."""
         self._answering = True
         if now > self.controller.time_s:
             self.bring_forward(now)
         self.controller.receive(data)
 
     def live(self, now: float) -> None:
-        """Live up to a time, s of simulation, whoever else is in its world."""
-        self._said += self.controller.advance(now)
+        """Advance this robot alone to a time, s of simulation."""
+        self._outgoing += self.controller.advance(now)
 
     def advance(self, now: float) -> bytes:
-        """Live up to a time, s of simulation; the bytes for the client."""
+        """Advance to a time, s of simulation. Returns the bytes for the client."""
         self.bring_forward(now)
-        data = bytes(self._said)
-        self._said.clear()
+        data = bytes(self._outgoing)
+        self._outgoing.clear()
         self._answering = False
         if now + 1e-9 >= self._truth_at:
             self._truth_at += self._cycle
-            self._tell()
+            self._publish_truth()
         return data
 
     @property
     def due(self) -> float:
-        """When it next has something to send, s of simulation."""
+        """Time of its next message, s of simulation."""
         if self._answering:
             return self.controller.time_s + self.plant.step_s
         if not self.controller.is_open:
@@ -133,7 +133,7 @@ class SimulatedRobot:
         return self.controller.next_status_s
 
     def meet(self, *others: SimulatedRobot) -> None:
-        """Live in one world with others. Raises ValueError if one stands in something."""
+        """Join others in one world. Raises ValueError if one overlaps an obstacle."""
         Arena((self, *others))
 
     def truth(self) -> Truth:
@@ -157,7 +157,7 @@ class SimulatedRobot:
             used=plant.battery.used_j,
         )
 
-    def _tell(self) -> None:
+    def _publish_truth(self) -> None:
         if self._watchers:
             truth = self.truth()
             for watcher in self._watchers:

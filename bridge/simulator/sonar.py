@@ -1,25 +1,25 @@
-"""The ring of ultrasonic sensors (thesis 4.4): what a ping brings back.
+"""The ring of ultrasonic sensors (thesis 4.4): the echo of a ping.
 
-Rough walls scatter the sound. A ping is a cone of rays to them: each ends at the nearest wall,
-whatever it is; one that it meets at more than `glancing_deg` from its normal is not heard, nor a
-dead one, nor what is behind them. The echo is the nearest of what comes back. With the sensors
-`ideal` all walls are so.
+Rough walls scatter the sound. For them a ping is a cone of rays, each of which ends at the nearest
+wall. A wall returns no echo at more than `glancing_deg` from its normal, nor does a dead wall, and
+both hide what is behind. The echo is the nearest of those returned. With the sensors `ideal` all
+walls are rough.
 
-To smooth walls the sound is light to a mirror. They are heard where they are square to the sensor,
-ever more seldom the farther that is from its axis. An inner corner throws the sound back whence it
-came, an edge scatters a little of it. What meets a mirror at a slant goes on, may meet another wall
-squarely and come back by the same way: an echo from too far. A smooth column is heard where it is
-nearest: there it is always square to the sensor; as a mirror it throws nothing on to others. And
-what has come back to nobody is still in the air when the next sonar listens. `docs/worlds.md` has
-the sources.
+Smooth walls are mirrors to the sound. They return an echo where they are perpendicular to the
+sensor, less often the farther that is from its axis. An inner corner reflects the sound to its
+source; an edge scatters a little of it. Sound that meets a mirror at a slant continues, may meet
+another wall perpendicularly and return by the same way: an echo from too far. A smooth column
+returns an echo from its nearest point, which is always perpendicular to the sensor; as a mirror it
+reflects nothing to other walls. Sound that did not return is still in the air when the next sonar
+listens. `docs/worlds.md` has the sources.
 
-Noise, loss and surfaces come from streams of their own, and each ping draws the same number of
-times whatever it meets: one wall more does not change another one's noise. Rays start at the
-sensor, inside the outline.
+Noise, loss and surfaces have separate random streams, and each ping draws the same number of times
+whatever it meets. So one more wall does not change the noise of others. Rays start at the sensor,
+inside the footprint.
 
-Few walls stand in a cone, so plain numbers are several times faster than arrays here. And they are
-the same on every machine: numpy multiplies complex numbers in one rounding or in two, as the
-processor can.
+Few walls are in a cone, so plain numbers are several times faster than arrays. They are also equal
+on every machine: numpy multiplies complex numbers with one or two roundings, depending on the
+processor.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ from typing import NamedTuple
 from armadico.bridge.simulator.walls import DEAD, Corner, Round, Segment, Surface, Walls
 from armadico.config.profile import SensorProfile, SonarRing
 
-RAYS = 11  # 3 degrees apart in a cone of 30: nothing wider than 0.26 m at 5 m slips through
-SEAM_M = 1e-6  # walls are this much longer at both ends, so that no ray slips through a corner
-SLACK_M = 1e-3  # a wall is left out only if it is farther than this from the cone
+RAYS = 11  # 3 degrees apart in a cone of 30: nothing wider than 0.26 m at 5 m is missed
+SEAM_M = 1e-6  # walls are extended by this at both ends, so that no ray passes through a corner
+SLACK_M = 1e-3  # a wall is omitted only if it is farther than this from the cone
 
 Ray = tuple[float, float]
 """A unit vector in the sensor's frame: ahead, to the left."""
 
-Heard = tuple[float, float, float, float]
-"""A place that may answer: its range, how probably, and where it is in the sensor's frame."""
+Echo = tuple[float, float, float, float]
+"""A place that may return an echo: range, probability, and x and y in the sensor's frame."""
 
 
 class View(NamedTuple):
-    """What a sonar has before it of the walls that stand, and who of them answers by itself."""
+    """The standing walls in a sonar's view, and the places that return echoes."""
 
-    sensor: tuple[float, float, float]  # where it was
-    walls: list[Segment]  # of these
+    sensor: tuple[float, float, float]  # its pose
+    walls: list[Segment]  # all candidates
     seen: list[Segment]
     columns: list[Round]
-    nearest: float  # that scatters, m
-    heard: list[Heard]  # the nearest first
+    nearest: float  # surface that scatters, m
+    echoes: list[Echo]  # nearest first
 
 
 class Surfaces:
-    """Draws how walls answer, from the run's seed."""
+    """Draws the surfaces of walls, from the run's seed."""
 
     def __init__(self, sensors: SensorProfile, streams: Callable[[str], Random]) -> None:
         self._dead, self._dead_walls = streams("dead walls"), sensors.dead_walls
@@ -64,7 +64,7 @@ class Surfaces:
         self._scatters = cos(radians(sensors.glancing_deg))
 
     def draw(self) -> Surface:
-        """The next wall's."""
+        """The surface of the next wall."""
         dead, rough = self._dead.random() < self._dead_walls, self._rng.random() < self._rough
         gone = self._rng.uniform(*self._gone)
         if dead:
@@ -92,8 +92,8 @@ class Sonars:
         self._gone = radians(max(sensors.gone_deg))
         self._edge = (cos(self._gone), sin(self._gone)) if self._smooth else self._fan[0]
         self._mounts = [(s.x_m, s.y_m, radians(s.bearing_deg)) for s in ring.sonars]
-        self._views: dict[int, View] = {}  # each one's last
-        self._stray = False  # sound of the ping before is in the air
+        self._views: dict[int, View] = {}  # the last, by sonar
+        self._stray = False  # sound of the last ping is in the air
 
     def ping(self, index: int, pose: tuple[float, float, float]) -> float | None:
         """Range that sonar `index` measures with the robot at a pose, m; None without an echo."""
@@ -115,7 +115,7 @@ class Sonars:
         return min(most, max(least, nearest + noise))
 
     def _view(self, index: int, sensor: tuple[float, float, float]) -> View:
-        """What it has before it: the same again while the robot stands, but for what moves."""
+        """The sonar's view, kept while the robot stands; moving obstacles are added each time."""
         walls = self._walls.plain(sensor[0], sensor[1])
         view = self._views.get(index)
         if view is None or view.sensor != sensor or view.walls is not walls:
@@ -134,16 +134,16 @@ class Sonars:
         seen: list[Segment],
         columns: list[Round],
     ) -> View:
-        nearest, heard = inf, list[Heard]()
+        nearest, echoes = inf, list[Echo]()
         scatters = any(wall[5] <= 1.0 for wall in seen)
         if not self._smooth or scatters or any(column[3] <= 1.0 for column in columns):
             nearest = echo(seen, self._fan, columns)
         if self._smooth:
-            heard = [*self._feet(seen), *self._fronts(columns), *self._ends(seen, sensor)]
-        return View(sensor, walls, seen, columns, nearest, sorted(heard))
+            echoes = [*self._feet(seen), *self._fronts(columns), *self._ends(seen, sensor)]
+        return View(sensor, walls, seen, columns, nearest, sorted(echoes))
 
     def _by_mirrors(self, view: View, lost: bool) -> float:
-        """The range that comes back of smooth walls and rough ones, m; inf if none does."""
+        """The range of the echo among smooth and rough walls, m; inf without one."""
         strength, bounce, direction, crossed, stray = (self._rng.random() for _ in range(5))
         sensors, (least, most) = self._sensors, self._range
         nearest = inf if lost else self._direct(view, strength)
@@ -159,16 +159,16 @@ class Sonars:
         return nearest
 
     def _direct(self, view: View, strength: float) -> float:
-        """The nearest place that answers by itself and is not hidden, m."""
-        for way, chance, x, y in view.heard:
+        """The nearest visible place that returns a direct echo, m."""
+        for way, chance, x, y in view.echoes:
             if way >= view.nearest:
                 break
             if strength < chance and visible(view.seen, x, y, view.columns):
                 return way
         return view.nearest
 
-    def _feet(self, seen: Sequence[Segment]) -> Iterator[Heard]:
-        """Where smooth walls are square to the sensor."""
+    def _feet(self, seen: Sequence[Segment]) -> Iterator[Echo]:
+        """Echoes of smooth walls where they are perpendicular to the sensor."""
         for x, y, along_x, along_y, length, _, gone in seen:
             foot = -(x * along_x + y * along_y)
             if gone and 0.0 <= foot <= length:
@@ -177,15 +177,15 @@ class Sonars:
                     chance = fade(ahead, left, self._half, gone)
                     yield hypot(ahead, left), chance, ahead, left
 
-    def _fronts(self, columns: Sequence[Round]) -> Iterator[Heard]:
-        """Where smooth columns are nearest."""
+    def _fronts(self, columns: Sequence[Round]) -> Iterator[Echo]:
+        """Echoes of smooth columns at their nearest points."""
         for x, y, radius, _, gone in columns:
             away = hypot(x, y)
             if gone and away > radius and x > 0.0:
                 share = (away - radius) / away
                 yield away - radius, fade(x, y, self._half, gone), share * x, share * y
 
-    def _ends(self, seen: Sequence[Segment], sensor: tuple[float, float, float]) -> Iterator[Heard]:
+    def _ends(self, seen: Sequence[Segment], sensor: tuple[float, float, float]) -> Iterator[Echo]:
         if not seen:
             return
         sensor_x, sensor_y, heading = sensor
@@ -207,7 +207,7 @@ class Sonars:
 
 
 def fan(cone_deg: float, rays: int) -> list[Ray]:
-    """Rays evenly spread over a cone (less than 180 degrees), its right edge first."""
+    """Rays evenly spread over a cone (less than 180 degrees), from its right edge."""
     angles = [radians(cone_deg) * (k / (rays - 1) - 0.5) for k in range(rays)]
     return [(cos(angle), sin(angle)) for angle in angles]
 
@@ -215,7 +215,7 @@ def fan(cone_deg: float, rays: int) -> list[Ray]:
 def in_cone(
     walls: Sequence[Segment], sensor: tuple[float, float, float], edge: Ray, most: float
 ) -> list[Segment]:
-    """Walls that a ray may meet within `most` (m), in the sensor's frame, and perhaps some more."""
+    """Walls that a ray may meet within `most` (m), in the sensor's frame, and perhaps more."""
     sensor_x, sensor_y, heading = sensor
     c, s = cos(heading), sin(heading)
     slope, far = abs(edge[1] / edge[0]), most + SLACK_M
@@ -225,7 +225,7 @@ def in_cone(
         x, y = away_x * c + away_y * s, away_y * c - away_x * s
         along_x, along_y = wall_x * c + wall_y * s, wall_y * c - wall_x * s
         end_x, end_y = x + length * along_x, y + length * along_y
-        # A wall with both ends behind, too far ahead or beside the same edge is so all along.
+        # A wall whose ends are both behind, too far ahead or beyond one edge is entirely so.
         if (x < -SLACK_M and end_x < -SLACK_M) or (x > far and end_x > far):
             continue
         beside, end_beside = slope * x + SLACK_M, slope * end_x + SLACK_M
@@ -246,17 +246,17 @@ def round_in_cone(
     for column_x, column_y, radius, scatters, gone in columns:
         away_x, away_y = column_x - sensor_x, column_y - sensor_y
         x, y = away_x * c + away_y * s, away_y * c - away_x * s
-        beside = abs(y) * edge_x - x * edge_y  # of the cone's edge
+        beside = abs(y) * edge_x - x * edge_y  # distance beyond the cone's edge
         if beside <= radius and -radius <= x and x * x + y * y <= (most + radius) ** 2:
             seen.append((x, y, radius, scatters, gone))
     return seen
 
 
 def echo(walls: Sequence[Segment], rays: Sequence[Ray], columns: Sequence[Round] = ()) -> float:
-    """Way to the nearest that scatters, m; inf if nothing does. All in the sensor's frame."""
+    """Distance to the nearest that scatters, m; inf without any. All in the sensor's frame."""
     nearest = inf
     for ray_x, ray_y in rays if walls or columns else ():
-        first, heard = nearest, False  # an echo already found hides what is farther
+        first, returned = nearest, False  # an echo already found hides farther ones
         for x, y, along_x, along_y, length, scatters, _ in walls:
             cosine = ray_x * along_y - ray_y * along_x  # of the angle to the normal, signed
             if cosine == 0.0:
@@ -265,21 +265,21 @@ def echo(walls: Sequence[Segment], rays: Sequence[Ray], columns: Sequence[Round]
             if 0.0 <= way < first:
                 seam = (x * ray_y - y * ray_x) / cosine  # along the wall, from its start
                 if -SEAM_M <= seam <= length + SEAM_M:
-                    first, heard = way, abs(cosine) >= scatters
+                    first, returned = way, abs(cosine) >= scatters
         for x, y, radius, scatters, _ in columns:
             aside = x * ray_y - y * ray_x
             if abs(aside) < radius:
                 cosine = sqrt(1.0 - (aside / radius) ** 2)
                 way = x * ray_x + y * ray_y - radius * cosine
                 if 0.0 <= way < first:
-                    first, heard = way, cosine >= scatters
-        if heard:
+                    first, returned = way, cosine >= scatters
+        if returned:
             nearest = first
     return nearest
 
 
 def fade(x: float, y: float, within: float, gone: float) -> float:
-    """How probably what is there is heard: always `within` an angle, never when `gone` (rad)."""
+    """Probability of an echo: 1 `within` an angle, falling to 0 at `gone` (rad)."""
     angle = abs(atan2(y, x))
     if angle <= within:
         return 1.0
@@ -288,7 +288,7 @@ def fade(x: float, y: float, within: float, gone: float) -> float:
 
 
 def visible(walls: Sequence[Segment], x: float, y: float, columns: Sequence[Round] = ()) -> bool:
-    """Whether nothing stands between the sensor and a place (which may lie on what does)."""
+    """Whether a place, which may be on a wall, is not hidden from the sensor."""
     square = x * x + y * y
     for column_x, column_y, radius, *_ in columns:
         along = (column_x * x + column_y * y) / square if square else 1.0
@@ -311,7 +311,7 @@ def by_a_mirror(
     strength: float,
     within: float,
 ) -> float:
-    """The way over a smooth wall to another one that answers, m; inf if none does."""
+    """The distance over a smooth wall to another one that returns the echo, m; inf if none does."""
     x, y, heading = sensor
     c, s = cos(heading), sin(heading)
     ray_x, ray_y = ray[0] * c - ray[1] * s, ray[0] * s + ray[1] * c
@@ -335,7 +335,7 @@ def by_a_mirror(
 def _meets(
     walls: Sequence[Segment], x: float, y: float, ray_x: float, ray_y: float
 ) -> tuple[float, Segment | None]:
-    """The way along a ray to the first wall but one that it starts on, and which it is."""
+    """The distance along a ray to the first wall, other than that of its start, and the wall."""
     first, met = inf, None
     for wall in walls:
         start_x, start_y, along_x, along_y, length, *_ = wall
@@ -350,5 +350,5 @@ def _meets(
 
 
 def _faces(corner: Corner, away_x: float, away_y: float) -> bool:
-    """Whether a corner so far from the sensor opens towards it."""
+    """Whether a corner at this offset from the sensor opens towards it."""
     return (atan2(-away_y, -away_x) - corner.bearing) % tau < corner.width

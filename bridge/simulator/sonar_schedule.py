@@ -1,4 +1,4 @@
-"""The sonar half of the controller: which sonar pings when, and the echoes since a report."""
+"""The sonar half of the controller: the firing order, and the echoes since a report."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from enum import Enum
 
 from armadico.config.profile import SonarRing
 
-ARRAYS = 4  # of eight sonars each; one sonar of every array pings at a time
+ARRAYS = 4  # of eight sonars each; one sonar of each array pings at a time
 ARRAY_SIZE = 8
 ALL = (1 << ARRAYS) - 1
 
 
 class Broken(Enum):
-    """A fault of the sonar board, made on purpose."""
+    """A deliberate fault of the sonar board."""
 
     SILENT = "no sonar fires"
-    REPEATING = "each sonar says again what it heard last"
+    REPEATING = "each sonar repeats its last echo"
 
 
 class Firing:
-    """Pings the sonars in their order, one of each array a turn."""
+    """Pings the sonars in order, one of each array per turn."""
 
     def __init__(self, ring: SonarRing, ping: Callable[[int], float | None]) -> None:
-        self.arrays = 0  # bits 0 to 3: array 1 to 4 is on
+        self.arrays = 0  # bit 0 to 3: array 1 to 4 is on
         self.broken: Broken | None = None
         self._ring = ring
         self._ping = ping
-        self._heard: dict[int, float] = {}
+        self._echoes: dict[int, float] = {}
         self._last: dict[int, float] = {}
         self._turn = 0
         self._orders: list[tuple[int, ...]] = []
@@ -38,17 +38,17 @@ class Firing:
         self._set_order(self._ring.firing_order)
 
     def poll(self, order: bytes) -> None:
-        """POLLING: sonar numbers, from 1; an empty order is off. Unknown sonars are left out."""
+        """POLLING: sonar numbers, from 1; an empty order is off. Unknown sonars are omitted."""
         self._set_order(tuple(number - 1 for number in order))
         self.arrays = ALL if order else 0
 
     def switch(self, value: int) -> None:
-        """SONAR: bit 0 is on or off; the bits above name one array, 0 all of them."""
+        """SONAR: bit 0 is on or off; the bits above select one array, 0 all of them."""
         array = value >> 1
         which = 1 << array - 1 & ALL if array > 0 else ALL
         self.arrays = self.arrays | which if value & 1 else self.arrays & ~which
         if not self.arrays:
-            self._heard.clear()
+            self._echoes.clear()
 
     def fire(self) -> None:
         """Ping the next sonar of each array that is on."""
@@ -58,16 +58,16 @@ class Firing:
                 if self.broken is Broken.SILENT:
                     continue
                 if self.broken is not Broken.REPEATING or index not in self._last:
-                    heard = self._ping(index)
-                    self._last[index] = self._ring.max_m if heard is None else heard
-                self._heard[index] = self._last[index]
+                    echo = self._ping(index)
+                    self._last[index] = self._ring.max_m if echo is None else echo
+                self._echoes[index] = self._last[index]
         self._turn += 1
 
     def collect(self) -> tuple[tuple[int, float], ...]:
-        """Hand over, once, the echoes: sonar index and range (m), none as the maximum."""
-        heard = tuple(self._heard.items())
-        self._heard.clear()
-        return heard
+        """Return and clear the echoes: sonar index and range (m), none as the maximum."""
+        echoes = tuple(self._echoes.items())
+        self._echoes.clear()
+        return echoes
 
     def _set_order(self, order: tuple[int, ...]) -> None:
         known = [index for index in order if 0 <= index < len(self._ring.sonars)]

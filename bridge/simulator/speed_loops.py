@@ -1,9 +1,9 @@
 """The microcontroller's two PI speed loops (thesis 4.6.1), one for v and one for w, in volts.
 
-The sum of both goes to the right motor (V2), the difference to the left one (V3). When a motor
-would need more than the supply gives, the S-approximation scales both voltages, so that the command
-keeps its direction in (v, w); the T-approximation truncates each motor by itself, and the robot
-turns another way than asked. S is what drives the robot, T is there to be compared with.
+The right motor (V2) gets the sum of both, the left one (V3) the difference. If a motor would need
+more than the supply, the S-approximation scales both voltages, which keeps the direction in (v, w).
+The T-approximation truncates each motor separately, so the robot turns differently. The robot uses
+S; T is for comparison.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from armadico.config.profile import SpeedLoop
 Approximation = Literal["S", "T"]
 
 RESERVE_V = (2.2, 1.3)
-"""What friction and the lag behind a ramp take beside the back EMF, ahead and around. Chosen: where
-nothing is touched the robot drives as without this limit."""
+"""Voltage for friction and for the lag behind a ramp, beside the back EMF, ahead and around. Chosen
+so that without contact the robot drives as without this limit."""
 
 
 def scaled(left_v: float, right_v: float, supply_v: float) -> tuple[float, float]:
@@ -28,19 +28,19 @@ def scaled(left_v: float, right_v: float, supply_v: float) -> tuple[float, float
 
 
 def truncated(left_v: float, right_v: float, supply_v: float) -> tuple[float, float]:
-    """The T-approximation: each motor cut at the supply by itself, V."""
+    """The T-approximation: each motor limited to the supply separately, V."""
     return max(-supply_v, min(supply_v, left_v)), max(-supply_v, min(supply_v, right_v))
 
 
 class SpeedLoops:
     """Two PI controllers with a common limit of voltage.
 
-    What the limit took away is fed back into both integrators (back-calculation, gain
-    `antiwindup`, 1/s), so they do not wind up while the motors give all they can. What they wound
-    up while a wall held the wheels is dropped as soon as the wheels are faster than asked, down to
-    what that speed takes and `RESERVE_V`: else the robot would lurch off the wall. At rest with no
-    speed asked the integrals are dropped: else a robot that a wall has stopped would push on for
-    ever after a command to stop, its error being zero.
+    The excess over the limit is fed back into both integrators (back-calculation, gain
+    `antiwindup`, 1/s), so they do not wind up while the motors give all they can. An integral that
+    wound up against a wall is reduced as soon as the wheels are faster than the set-point, to what
+    that speed needs plus `RESERVE_V`. Otherwise the robot would lurch off the wall. At rest without
+    a set-point the integrals are reset. Otherwise a robot stopped by a wall would push on after a
+    command to stop, because its error is zero.
     """
 
     __slots__ = ("_emf", "_feasible", "_loop", "_sum_v", "_sum_w", "supply_v")
@@ -52,7 +52,7 @@ class SpeedLoops:
         approximation: Approximation = "S",
         emf: tuple[float, float] | None = None,
     ) -> None:
-        """`emf` is what the motors need for 1 m/s and for 1 rad/s, V; None: nothing is dropped."""
+        """`emf`: voltage needed per m/s and per rad/s, V; None: integrals are not reduced."""
         self.supply_v = supply_v
         self._emf = emf
         self._loop = (
@@ -64,7 +64,7 @@ class SpeedLoops:
         self._sum_v = self._sum_w = 0.0
 
     def reset(self) -> None:
-        """Forget the integrals, as when the motors are switched off."""
+        """Reset the integrals, as when the motors are switched off."""
         self._sum_v = self._sum_w = 0.0
 
     def voltages(
@@ -93,7 +93,7 @@ class SpeedLoops:
 
 
 def _dropped(integral: float, wanted: float, speed: float, most: float) -> float:
-    """What is left of an integral, V, on an axis that is faster than asked: so much at the most."""
+    """The reduced integral, V, of an axis that is faster than its set-point."""
     if wanted * speed < 0.0 or abs(speed) <= abs(wanted) or integral * speed <= 0.0:
         return integral
     return max(-most, min(most, integral))

@@ -1,7 +1,7 @@
-"""What other controllers and simulators do to a client that ours does not: traps, set on purpose.
+"""Traps: behaviour of other controllers and simulators that ours does not have, enabled on purpose.
 
-Each was seen on a controller that clients meet (docs/controller.md says which). Together they are
-the unkind controller: an agent that reaches its goals there relies on nobody's kindness.
+Each was observed on a controller that clients meet (docs/controller.md says which). Together they
+make the unkind controller, for testing that an agent depends on none of them.
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ from enum import Enum
 
 
 class Trap(Enum):
-    """A trap, by the name that `armadico sim --unkind` knows it by."""
+    """A trap, by its name for `armadico sim --unkind`."""
 
     FIRST_PACKET = "first-packet"
-    """A packet in the handshake is a SYNC whatever its number, and is answered with that number:
-    after a VEL (11) it is in step, and SYNC0 but a pulse, until CLOSE or until the client goes."""
+    """A packet in the handshake is a SYNC whatever its number, and is answered with that number.
+    After a VEL (11) the session is open, and SYNC0 is a pulse, until CLOSE or disconnection."""
 
     PORT = "port"
-    """Neither CLOSE nor silence ends a connection: the port is the client's until it hangs up."""
+    """Neither CLOSE nor silence ends a connection: the client keeps the port until it hangs up."""
 
     RAYS = "rays"
-    """A sonar is a single ray: what stands beside its middle is not there."""
+    """A sonar is a single ray: it misses what is beside its axis."""
 
     SHORT = "short"
-    """Status packets end at the digital outputs, as those of P2OS do; ARCOS has more."""
+    """Status packets end at the digital outputs, as in P2OS; ARCOS has more."""
 
     ODOMETRY = "odometry"
     """OPEN sets the odometry to zero."""

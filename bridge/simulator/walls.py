@@ -1,8 +1,8 @@
-"""The walls of the simulated world, line segments and round columns, and what is near.
+"""The walls of the simulated world, line segments and round columns.
 
-Segments live as numpy arrays of complex numbers (x + i y; turning by theta is a product with
-exp(i theta)) for what looks at many at once, in a pymunk space for contacts, and those near the
-robot as plain tuples for its sonars.
+Segments are stored three times: as numpy arrays of complex numbers (x + i y; turning by theta is a
+product with exp(i theta)) for computing many at once, in a pymunk space for contacts, and those
+near the robot as plain tuples for its sonars.
 """
 
 from __future__ import annotations
@@ -28,17 +28,20 @@ Segment = tuple[float, float, float, float, float, float, float]
 Round = tuple[float, float, float, float, float]
 """x, y and radius of a column (m), and its `Surface`."""
 
-NEAR_M = 7.0  # how far `near` reaches at least: the sonar's 5 m, and the robot
-ROAM_M = 1.0  # how far the robot may go before what is near is looked up again
+NEAR_M = 7.0  # least reach of `near`: the sonar's 5 m, and the robot
+ROAM_M = 1.0  # after this distance of the robot, `near` is computed anew
 TOUCH_M = 1e-4  # closer than this is touching
 JOINT_M = 1e-3  # ends of walls nearer to each other, or to a wall, are joined
-ARM_M = 0.1  # a corner's walls are at least this long: cells of a drawn map are none
-INNER = (radians(75.0), radians(105.0))  # a corner between these angles throws sound back
+ARM_M = 0.1  # least length of a corner's walls, which excludes cells of a drawn map
+INNER = (
+    radians(75.0),
+    radians(105.0),
+)  # a corner between these angles reflects sound back
 OUTER = radians(200.0)  # from here on it is an edge, which scatters a little
 
 
 class Box(NamedTuple):
-    """A rectangle in the robot's frame: how far its middle lies ahead, and half its sides, m."""
+    """A rectangle in the robot's frame: distance ahead of its middle, and half its sides, m."""
 
     ahead: float
     half_length: float
@@ -46,11 +49,11 @@ class Box(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """How a wall answers a sonar: rough ones scatter the sound, smooth ones are mirrors to it.
+    """Reflection of a wall for sonars: rough walls scatter the sound, smooth ones are mirrors.
 
-    `scatters` is the least cosine of the angle to its normal at which it is heard; over 1: at none.
-    As a mirror it is heard where it is square to the ear, not farther than `gone` from the axis
-    (rad); 0: nowhere.
+    `scatters` is the least cosine of the angle to its normal with an echo; over 1: none. As a
+    mirror it returns an echo where it is perpendicular to the sonar, up to `gone` from the sonar's
+    axis (rad); 0: none.
     """
 
     scatters: float
@@ -61,7 +64,7 @@ DEAD = Surface(2.0, 0.0)
 
 
 class Corner(NamedTuple):
-    """Where walls meet or end, for who stands within `width` (rad) to the left of `bearing`."""
+    """A joint or end of walls, as seen from within `width` (rad) to the left of `bearing`."""
 
     x: float
     y: float
@@ -70,7 +73,7 @@ class Corner(NamedTuple):
 
     @property
     def inner(self) -> bool:
-        """Whether it throws the sound back; else it is an edge."""
+        """Whether it reflects the sound to its source; else it is an edge."""
         return self.width < OUTER
 
 
@@ -83,19 +86,19 @@ class Arm(NamedTuple):
 
 
 class Other(Protocol):
-    """Another robot that may be met, and be pushed."""
+    """Another robot, as an obstacle that can be pushed."""
 
     def arm(self, x: float, y: float, nx: float, ny: float) -> Arm:
-        """How a force at a place (m) along a direction, in the world, works on it."""
+        """The effect of a force at a place (m) along a direction, in the world."""
 
     def speed_of(self, arm: Arm) -> float:
-        """How fast the place moves that way, m/s."""
+        """Speed of the place in that direction, m/s."""
 
     def compliance_of(self, arm: Arm) -> float:
-        """How much faster it is after a step with a newton, m/s."""
+        """Change of that speed by a step with 1 N, m/s."""
 
     def push(self, arm: Arm, force: float) -> None:
-        """Take a force for a step, N."""
+        """Apply a force for a step, N."""
 
 
 class Segments(NamedTuple):
@@ -118,7 +121,7 @@ class Segments(NamedTuple):
         return Segments(np.concatenate(start), np.concatenate(along), *columns)
 
     def plain(self) -> list[Segment]:
-        """The walls one by one."""
+        """The walls as tuples."""
         start, along, *others = self
         return list(
             zip(
@@ -130,7 +133,7 @@ class Segments(NamedTuple):
         )
 
     def corners(self) -> list[Corner]:
-        """The corners and edges that these walls make."""
+        """The corners and edges of these walls."""
         long = self.chosen(self.length >= ARM_M)
         found: dict[tuple[int, int], list[Corner]] = {}
         for end in (*long.start, *(long.start + long.along * long.length)):
@@ -154,14 +157,14 @@ class Columns(NamedTuple):
         return Columns(middle[mask], *(column[mask] for column in others))
 
     def plain(self) -> list[Round]:
-        """The columns one by one."""
+        """The columns as tuples."""
         middle, *others = self
         parts = middle.real, middle.imag, *others
         return list(zip(*(part.tolist() for part in parts), strict=True))
 
 
 class Walls:
-    """All walls and columns, and what moves. More may be added at any time."""
+    """All walls and columns, and moving obstacles. Walls may be added at any time."""
 
     def __init__(self) -> None:
         self.space = pymunk.Space()
@@ -169,11 +172,11 @@ class Walls:
         self._all = self._things = Segments(points, points, none, none, none)
         self._columns = self._near_columns = Columns(points, none, none, none)
         self._plain_columns: list[Round] = []
-        self.changes = 0  # of what people may run into: walls, columns, doors and boxes
+        self.changes = 0  # of obstacles for people: walls, columns, doors and boxes
         self._moving, self._robots = _Outlines(), _Outlines()
-        self._doors: list[Wall] = []  # and boxes, the things of what moves
-        self.shown: list[Segment] = []  # what moves, one by one
-        self.others: dict[pymunk.Shape, Other] = {}  # robots in the space, by their outlines
+        self._doors: list[Wall] = []  # and boxes
+        self.shown: list[Segment] = []  # moving obstacles
+        self.others: dict[pymunk.Shape, Other] = {}  # robots in the space, by their shapes
         self._clear: tuple[tuple[float, float, float], Segments, float] | None = None
         self._near = self._all
         self._plain: list[Segment] = []
@@ -184,7 +187,7 @@ class Walls:
         return len(self._all.length)
 
     def add(self, walls: Iterable[Wall], surfaces: Iterable[Surface]) -> None:
-        """More walls, and how each answers a sonar; one without length is left out."""
+        """Add walls and their surfaces; a wall without length is omitted."""
         rows, added = _segments(walls, surfaces)
         self._all = self._all.joined(added)
         self.changes += 1
@@ -195,7 +198,7 @@ class Walls:
         )
 
     def add_columns(self, columns: Iterable[Column], surfaces: Iterable[Surface]) -> None:
-        """More columns, and how each answers a sonar."""
+        """Add columns and their surfaces."""
         rows = np.array(list(columns), float).reshape(-1, 3)
         answers = np.array(list(surfaces), float).reshape(len(rows), 2)
         more = Columns(rows[:, 0] + 1j * rows[:, 1], rows[:, 2], answers[:, 0], answers[:, 1])
@@ -209,7 +212,7 @@ class Walls:
         self.space.add(*(pymunk.Circle(static, r, (x, y)) for x, y, r in rows.tolist()))
 
     def place(self, things: Sequence[Wall], people: Sequence[Wall], surface: Surface) -> None:
-        """What moves is now here, and answers so; who moves it sees to what it touches."""
+        """Set the present moving obstacles, with one surface; the caller handles contacts."""
         if things != self._doors:
             self._doors = list(things)
             self._things = _segments(things, [surface] * len(things))[1]
@@ -218,12 +221,12 @@ class Walls:
         self.shown = self._moving.plain + self._robots.plain
 
     def show_robots(self, outlines: Sequence[Wall], surface: Surface) -> None:
-        """Other robots are now here, and answer so."""
+        """Set the present outlines of other robots, with one surface."""
         self._robots = _Outlines(outlines, surface)
         self.shown = self._moving.plain + self._robots.plain
 
     def near(self, x: float, y: float) -> Segments:
-        """Every wall within `NEAR_M` of a point, and perhaps some more."""
+        """Every wall within `NEAR_M` of a point, and perhaps more."""
         if not hypot(x - self._anchor[0], y - self._anchor[1]) <= ROAM_M:
             self._anchor = (x, y)
             self._near = self._all.chosen(_distance(self._all, x, y) <= NEAR_M + ROAM_M)
@@ -235,19 +238,19 @@ class Walls:
         return self._near
 
     def all(self) -> tuple[Segments, Segments, Columns]:
-        """Every wall, in the order in which they came; what moves; and every column."""
+        """Every wall, in order of adding; the moving obstacles; and every column."""
         moving = self._moving.segments
         if self._robots.plain:
             moving = moving.joined(self._robots.segments)
         return self._all, moving, self._columns
 
     def plain_columns(self, x: float, y: float) -> list[Round]:
-        """Every column within `NEAR_M` of a point, and perhaps some more, one by one."""
+        """Every column within `NEAR_M` of a point, and perhaps more, as tuples."""
         self.near(x, y)
         return self._plain_columns
 
     def plain(self, x: float, y: float) -> list[Segment]:
-        """The same walls as `near`, one by one; the same list until they are others."""
+        """The walls of `near` as tuples; the same list object until they change."""
         self.near(x, y)
         return self._plain
 
@@ -259,7 +262,7 @@ class Walls:
         return self._corners
 
     def clearance(self, pose: tuple[float, float, float], box: Box) -> float:
-        """From a rectangle at a pose to the nearest wall, m; 0 when touching, inf if none is."""
+        """From a rectangle at a pose to the nearest wall, m; 0: touching, inf: without walls."""
         near = self.near(pose[0], pose[1])
         if self._clear is None or self._clear[0] != pose or self._clear[1] is not near:
             nearest = _clearance(near, pose, box)
@@ -276,11 +279,11 @@ class Walls:
         return nearest if nearest > TOUCH_M else 0.0
 
     def between(self, walls: Sequence[Wall], pose: tuple[float, float, float], box: Box) -> float:
-        """From a rectangle at a pose to some walls that are not (yet) here, m."""
+        """From a rectangle at a pose to walls that are not (yet) present, m."""
         return _clearance(_segments(walls, [DEAD] * len(walls))[1], pose, box)
 
     def distance(self, x: float, y: float) -> float:
-        """From a point to the nearest wall, column, door or box, m; inf if none is."""
+        """From a point to the nearest wall, column, door or box, m; inf without any."""
         ways = [_distance(walls, x, y) for walls in (self._all, self._things)]
         columns = self._columns
         ways.append(np.maximum(np.abs(columns.middle - complex(x, y)) - columns.radius, 0.0))
@@ -288,7 +291,7 @@ class Walls:
 
 
 class _Outlines:
-    """What moves, where it is now: one by one, and as arrays if anybody asks."""
+    """Moving obstacles: as tuples, and as arrays on demand."""
 
     def __init__(self, walls: Sequence[Wall] = (), surface: Surface = DEAD) -> None:
         self._walls, self._surface = walls, surface
@@ -302,7 +305,7 @@ class _Outlines:
                 self.plain.append((x1, y1, each * x, each * y, length, *surface))
 
     def reach(self, x: float, y: float) -> float:
-        """None of them is nearer to a place than this, m."""
+        """A lower bound of the distance from a place to them, m."""
         ways = (hypot(each[0] - x, each[1] - y) - each[4] for each in self.plain)
         return min(ways, default=inf)
 
@@ -316,7 +319,7 @@ class _Outlines:
 def _segments(
     walls: Iterable[Wall], surfaces: Iterable[Surface]
 ) -> tuple[npt.NDArray[np.float64], Segments]:
-    """Walls as rows of four and as arrays, without those that have no length."""
+    """Walls as rows of four and as arrays, without those of length zero."""
     rows = np.array(list(walls), float).reshape(-1, 4)
     answers = np.array(list(surfaces), float).reshape(len(rows), 2)
     length = np.hypot(rows[:, 2] - rows[:, 0], rows[:, 3] - rows[:, 1])
@@ -332,7 +335,7 @@ def _distance(walls: Segments, x: float, y: float) -> Floats:
 
 
 def _sectors(end: complex, walls: Segments) -> Iterator[Corner]:
-    """What is a corner or an edge of the ground around a wall's end."""
+    """The corners and edges at a wall's end."""
     start, along, length, *_ = walls
     offset = (end - start) * along.conj()  # along each wall, and beside it
     touched = (np.abs(offset.imag) <= JOINT_M) & (offset.real >= -JOINT_M)
@@ -347,7 +350,7 @@ def _sectors(end: complex, walls: Segments) -> Iterator[Corner]:
 
 
 def _clearance(walls: Segments, pose: tuple[float, float, float], box: Box) -> float:
-    """Two convex shapes that do not cross are nearest at a corner of the one or of the other."""
+    """Two convex shapes that do not cross are nearest at a corner of one of them."""
     if not len(walls.length):
         return inf
     turn = np.exp(-1j * pose[2])
@@ -358,7 +361,7 @@ def _clearance(walls: Segments, pose: tuple[float, float, float], box: Box) -> f
     outside_x = np.maximum(np.abs(ends.real) - size.real, 0.0)
     outside_y = np.maximum(np.abs(ends.imag) - size.imag, 0.0)
     corners = np.array((size, size.conjugate(), -size, -size.conjugate()))[:, None]
-    # corners as the wall sees them: real along it, imaginary away from it
+    # corners in the wall's frame: real along it, imaginary away from it
     seen = (corners - start) * along.conj()
     over = seen.real - np.minimum(np.maximum(seen.real, 0.0), walls.length)
     nearest = min(
@@ -370,7 +373,7 @@ def _clearance(walls: Segments, pose: tuple[float, float, float], box: Box) -> f
 
 
 def _clearance_of(columns: Columns, pose: tuple[float, float, float], box: Box) -> float:
-    """From the rectangle to the nearest column, m; inf if there is none."""
+    """From the rectangle to the nearest column, m; inf without any."""
     if not len(columns.radius):
         return inf
     middle = (columns.middle - complex(pose[0], pose[1])) * np.exp(-1j * pose[2]) - box.ahead

@@ -49,7 +49,7 @@ def before_a_wall(distance: float, speed: float, **parameters: Any) -> Alone:
     return made
 
 
-def test_without_a_goal_it_says_nothing_whatever_is_in_the_way() -> None:
+def test_without_a_goal_it_does_not_bid_whatever_is_in_the_way() -> None:
     made = stage(None, 0.5)
     assert made.cycle(points=wall(0.4, -0.4, 0.4)) == []
     assert made.bid.reason == "no goal"
@@ -112,12 +112,12 @@ def test_a_hand_over_takes_half_of_what_is_left_until_braking_at_most() -> None:
 def test_free_again_it_offers_the_wheels_and_then_lets_go() -> None:
     made = stage(speed=0.3)
     made.holding(points=wall(0.6, -0.4, 0.4))
-    said = made.cycle()
-    assert [claim.utility for claim in claims(said)] == [0.0]
-    assert speeds(commands(said)[0])[0] > 0.0  # whoever takes over finds it rolling
+    messages = made.cycle()
+    assert [claim.utility for claim in claims(messages)] == [0.0]
+    assert speeds(commands(messages)[0])[0] > 0.0  # the next holder takes over a moving robot
     for _ in range(4):
-        said += made.cycle()
-    assert claims(said)[-1].utility is None
+        messages += made.cycle()
+    assert claims(messages)[-1].utility is None
     assert not made.agent.holds(WHEELS)
     assert made.cycle() == []
 
@@ -195,7 +195,7 @@ def test_a_driven_robot_that_stands_still_far_from_its_goal_is_worked_free() -> 
     assert driven_by_goto(made, 4) == {None, 1.0}
 
 
-def test_who_stands_there_still_after_it_has_turned_out_is_backed_off() -> None:
+def test_a_robot_that_still_stands_after_turning_out_is_backed_off() -> None:
     """Too near to something to turn far enough, or turned back by another each time."""
     shut = [*wall(OUTLINE.front + 0.05, -1.5, 1.5), Point(0.1, -OUTLINE.half_width - 0.05)]
 
@@ -212,7 +212,7 @@ def test_who_stands_there_still_after_it_has_turned_out_is_backed_off() -> None:
     assert (backs(made), backs(free), backs(gone)) == (True, False, False)
 
 
-def test_a_robot_that_nobody_drives_may_stand_still() -> None:
+def test_a_robot_that_no_agent_drives_may_stand_still() -> None:
     made = stage()
     for _ in range(60):
         made.cycle()
@@ -250,7 +250,7 @@ def test_a_robot_that_is_slow_for_its_uncertain_pose_has_longer_to_leave_a_place
     assert any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.bids) == backed
 
 
-def test_a_robot_that_is_stalled_by_what_nobody_hears_is_backed_off_at_once() -> None:
+def test_a_robot_stalled_by_an_undetected_obstacle_is_backed_off_at_once() -> None:
     made = stage()
     driven_by_goto(made, 5)
     made.stalled = True
@@ -265,7 +265,7 @@ def test_a_robot_that_is_stalled_by_what_nobody_hears_is_backed_off_at_once() ->
     assert not any(backed[32:40])
 
 
-def test_who_is_stalled_on_the_way_back_too_does_not_push_on() -> None:
+def test_a_robot_that_stalls_while_backing_does_not_push_on() -> None:
     made = stage()
     driven_by_goto(made, 5)
     made.stalled = True
@@ -297,7 +297,7 @@ def test_a_robot_that_was_stopped_has_not_been_stuck() -> None:
     assert driven_by_goto(made, 10) == {None}
 
 
-def test_whom_it_is_too_late_for_brakes_until_it_can_stop_and_only_then_turns() -> None:
+def test_too_late_to_stop_it_brakes_first_and_then_turns() -> None:
     late = stage(speed=0.5)
     late.cycle(points=wall(0.25 + OUTLINE.front + MARGIN, -0.4, 0.4))
     assert late.bid.critical
@@ -318,7 +318,7 @@ def test_in_time_it_turns_as_it_brakes() -> None:
 # Another robot, and none -------------------------------------------------------------------------
 
 
-def test_before_the_robot_is_described_it_says_nothing() -> None:
+def test_before_the_robot_is_described_it_publishes_nothing() -> None:
     made = Alone(Avoid(Identity("avoid-1"), Parameters()), robot=None)
     made.give(FAR)
     assert made.cycle(points=wall(0.4, -0.4, 0.4)) == []

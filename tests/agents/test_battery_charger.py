@@ -35,7 +35,7 @@ SMALL = 0.8
 class Rounds(Sender):
     """Stands in for mission planning: has the robot driven to one goal after another."""
 
-    asks: ClassVar[tuple[type[Message], ...]] = (EnergyRequest,)
+    queries: ClassVar[tuple[type[Message], ...]] = (EnergyRequest,)
     utility = 0.45  # a mission of priority 0.5
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
@@ -142,6 +142,7 @@ def test_with_little_left_it_charges_and_the_mission_ends_afterwards() -> None:
     assert society.least_volts > 10.2
 
 
+@pytest.mark.long
 def test_with_plenty_left_nobody_hears_of_it() -> None:
     society = Society(0.9, capacity_ah=21.0)
     society.sender.goals = [E]
@@ -149,6 +150,7 @@ def test_with_plenty_left_nobody_hears_of_it() -> None:
     assert {state for _, state in society.states} == {ChargeState.NONE}
 
 
+@pytest.mark.long(but=("house-31",))
 @pytest.mark.parametrize(("world", "seed"), [("house", 31), ("floor", 33)])
 def test_by_sonars_and_localization_it_docks_within_a_few_centimetres(
     world: str, seed: int
@@ -188,6 +190,7 @@ def test_lined_up_it_does_not_let_go_of_the_trajectory() -> None:
     assert charger.bid_for(TRAJECTORY, None).action == bid.action
 
 
+@pytest.mark.long
 def test_below_10_4_volts_it_goes_before_every_mission() -> None:
     society = Society(0.12, capacity_ah=5.0, start=(E.x, E.y, E.theta))
     society.sender.utility = 0.9
@@ -197,6 +200,7 @@ def test_below_10_4_volts_it_goes_before_every_mission() -> None:
     assert society.sender.errand.under_way
 
 
+@pytest.mark.long
 def test_with_half_left_it_charges_only_when_nobody_else_wants_to_drive() -> None:
     society = Society(0.45, capacity_ah=21.0)
     society.run(2.0)
@@ -207,6 +211,7 @@ def test_with_half_left_it_charges_only_when_nobody_else_wants_to_drive() -> Non
     assert ChargeState.DOCKING not in {state for _, state in busy.states}
 
 
+@pytest.mark.long(but=("battery-sensor-charging",))
 @pytest.mark.parametrize(
     ("name", "when"),
     [
@@ -225,6 +230,7 @@ def test_whoever_dies_on_the_way_into_the_dock_it_is_charged(name: str, when: Ch
     assert society.truth.collisions == 0
 
 
+@pytest.mark.long
 def test_a_charger_that_dies_while_it_backs_out_leaves_a_robot_that_drives_on() -> None:
     x, y, theta = load_world("house").docks["dock"]
     society = Society(0.7, capacity_ah=2.0, start=(x, y, theta))
@@ -246,6 +252,7 @@ def test_a_silent_battery_sensor_is_told_of_and_the_voltage_itself_goes() -> Non
     assert any("no battery/level" in text for text in society.logs)
 
 
+@pytest.mark.long
 def test_a_dock_without_power_is_tried_beside_and_then_left() -> None:
     society = Society(0.4, capacity_ah=5.0)
     society.rehearsal.robot.plant.battery._docks = ()
@@ -274,16 +281,16 @@ def test_without_a_dock_on_the_map_people_are_told() -> None:
     society = Society(0.1, "sc4")
     society.run(10.0)
     assert any("no dock on the map" in text for text in society.logs)
-    reply = ask(society, E)
+    reply = query(society, E)
     assert "no dock on the map" in reply.note
 
 
 # Use case 2: is it enough? ------------------------------------------------------------------------
 
 
-def ask(society: Society, goal: Waypoint, energy: float = 0.0) -> EnergyReply:
+def query(society: Society, goal: Waypoint, energy: float = 0.0) -> EnergyReply:
     replies: list[Any] = []
-    society.sender.ask(EnergyRequest(goal, energy), replies.append, timeout=8.0)
+    society.sender.query(EnergyRequest(goal, energy), replies.append, timeout=8.0)
     society.until(lambda: bool(replies), 10.0)
     assert replies[0] is not None
     found: EnergyReply = replies[0]
@@ -299,28 +306,28 @@ def waiting() -> Society:
 
 def test_what_is_needed_is_the_way_there_the_way_on_to_a_dock_and_a_reserve() -> None:
     society = waiting()
-    near, far = ask(society, Waypoint(1.5, 1.5, 0.0)), ask(society, E)
+    near, far = query(society, Waypoint(1.5, 1.5, 0.0)), query(society, E)
     assert near.enough
     assert far.enough
     assert near.needed < far.needed
-    more = ask(society, E, 5000.0)
+    more = query(society, E, 5000.0)
     assert more.needed - far.needed == pytest.approx(1.3 * 5000.0, rel=0.05)
     assert far.left == pytest.approx(0.55 * 5.0 * 3600 * 10.8, rel=0.05)
     assert "kJ are left" in far.note
 
 
 def test_too_little_is_said_with_both_numbers() -> None:
-    reply = ask(waiting(), E, 1e6)
+    reply = query(waiting(), E, 1e6)
     assert not reply.enough
     assert "kJ are needed" in reply.note
 
 
 def test_a_goal_from_which_no_dock_is_reached_is_not_enough() -> None:
-    reply = ask(waiting(), Waypoint(99.0, 0.0, 0.0))
+    reply = query(waiting(), Waypoint(99.0, 0.0, 0.0))
     assert not reply.enough
     assert "no way from there to a dock" in reply.note
 
 
 def test_the_charger_declares_what_it_shares() -> None:
     assert BatteryCharger.competes_for == (PLANNER, TRAJECTORY)
-    assert RobotState in BatteryCharger.hears
+    assert RobotState in BatteryCharger.receives

@@ -1,4 +1,4 @@
-"""The board: whose turn it is, and that it can always be told."""
+"""The board: which mission is next, and that it always fits into a message."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def begin(missions: Missions) -> int:
     assert entry is not None
     before = missions.active
     if before is not None and before is not entry:
-        before.told = replace(before.told, state=MissionEnd.SUSPENDED)
-    entry.told = replace(entry.told, state=MissionEnd.ACTIVE)
-    return entry.told.mission
+        before.listed = replace(before.listed, state=MissionEnd.SUSPENDED)
+    entry.listed = replace(entry.listed, state=MissionEnd.ACTIVE)
+    return entry.listed.mission
 
 
 def test_the_most_urgent_is_done_and_of_equals_the_one_that_was_begun_first(
@@ -71,24 +71,24 @@ def test_those_that_are_over_are_forgotten_the_oldest_first(missions: Missions) 
     assert list(missions.entries) == list(range(8, 20))
 
 
-def test_who_waited_long_is_told_of_when_it_ends(missions: Missions) -> None:
+def test_the_end_of_a_long_waiting_mission_is_published(missions: Missions) -> None:
     missions.propose(1, order(priority=0.1), None)
     for number in range(2, 16):
         missions.propose(number, order(priority=0.9), None)
         missions.end(missions.entries[number], MissionEnd.DONE, "")
     missions.end(missions.entries[1], MissionEnd.DONE, "")
-    told = missions.board(Board(1, 1, ())).missions
-    assert {each.mission: each.state for each in told}[1] is MissionEnd.DONE
+    board = missions.board(Board(1, 1, ())).missions
+    assert {each.mission: each.state for each in board}[1] is MissionEnd.DONE
 
 
-def test_the_end_of_each_is_told_when_all_are_cancelled(missions: Missions) -> None:
+def test_the_end_of_each_is_published_when_all_are_cancelled(missions: Missions) -> None:
     for number in range(1, 13):
         missions.propose(number, order(), None)
     missions.cancel(0)
     assert len(missions.board(Board(1, 1, ())).missions) == 12
 
 
-def test_whatever_has_happened_it_fits_into_a_message_and_what_goes_on_keeps_the_most(
+def test_the_board_fits_into_a_message_and_unfinished_missions_keep_the_most(
     missions: Missions,
 ) -> None:
     results = tuple(
@@ -96,7 +96,7 @@ def test_whatever_has_happened_it_fits_into_a_message_and_what_goes_on_keeps_the
     )
     for number in range(1, 13):
         entry = missions.propose(number, order(), None)
-        entry.told = replace(entry.told, course=Course(results=results), note="y" * 2000)
+        entry.listed = replace(entry.listed, course=Course(results=results), note="y" * 2000)
         if number < 9:
             missions.end(entry, MissionEnd.FAILED, "z" * 2000)
     board = missions.board(Board(5, 6, (), ("R1",), ("R2",)))
@@ -118,7 +118,7 @@ def test_texts_that_would_fill_it_are_refused(missions: Missions) -> None:
         missions.propose(2, long, None)
 
 
-def test_what_is_remembered_by_others_is_taken_and_what_they_do_not_know_kept(
+def test_the_board_of_peers_is_taken_over_and_own_missions_stay(
     missions: Missions,
 ) -> None:
     own = missions.propose(1, order(), None)
@@ -136,7 +136,7 @@ def test_what_is_remembered_by_others_is_taken_and_what_they_do_not_know_kept(
     )
     assert missions.entries[1] is own
     assert missions.active is missions.entries[2]
-    assert missions.entries[3].told.state is MissionEnd.FAILED
+    assert missions.entries[3].listed.state is MissionEnd.FAILED
     assert not missions.entries[3].goes_on
     assert not missions.entries[4].goes_on
 
@@ -151,12 +151,12 @@ def test_a_text_that_swells_or_is_none_is_refused() -> None:
             text_of(packed)
 
 
-def test_steps_to_come_are_left_out_before_it_cannot_be_told_at_all(missions: Missions) -> None:
+def test_next_steps_are_left_out_if_the_board_is_too_large(missions: Missions) -> None:
     for number in range(1, 4):
         missions.propose(number, order(), None)
     for entry in missions.entries.values():
-        entry.told = replace(entry.told, ahead=("x" * 2000,) * 16)
-    told = missions.board(Board(1, 1))
-    encode(told)
-    assert len(told.missions) == 3
-    assert not any(mission.ahead for mission in told.missions)
+        entry.listed = replace(entry.listed, ahead=("x" * 2000,) * 16)
+    board = missions.board(Board(1, 1))
+    encode(board)
+    assert len(board.missions) == 3
+    assert not any(mission.ahead for mission in board.missions)

@@ -140,7 +140,8 @@ def test_it_brakes_for_what_lies_on_its_arc_before_it_must() -> None:
     assert unhurried(0.7, 1.5, near, Safety()) == v  # it goes straight on as yet
 
 
-def test_it_is_asked_for_by_a_set_of_parameters_and_drives_faster() -> None:
+@pytest.mark.long
+def test_a_parameter_set_selects_it_and_it_drives_faster() -> None:
     default, brisk = (
         run("sc4", virtual=True, seed=7, sensors="ideal", parameters=name).measures
         for name in (None, "brisk")

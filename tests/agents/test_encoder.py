@@ -1,4 +1,4 @@
-"""The encoder agent's pose: in the world, and continuous whoever restarts."""
+"""The encoder agent's pose: in the world, and continuous across restarts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.agents.localization.encoder import (
-    AGAIN_CYCLES,
     CREEP_M,
     CREEP_RAD,
     LEAP_M,
-    TOLD_CYCLES,
-    YOUNG_CYCLES,
+    ORIGIN_CYCLES,
+    WAIT_CYCLES,
+    YOUNG_EPOCH_CYCLES,
     Encoder,
     Parameters,
 )
@@ -34,7 +34,7 @@ Place = tuple[float, float, float]
 
 
 class Robot(Alone):
-    """Says where its odometry has got to, cycle by cycle."""
+    """Publishes its odometry in each cycle."""
 
     def __init__(self, x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> None:
         self.parameters = Parameters(x=x, y=y, theta=theta)
@@ -49,8 +49,8 @@ class Robot(Alone):
 
     def moved(self, x: float, y: float, theta: float, v: float = 0.0) -> Pose:
         self.odometry, self.speed = (x, y, theta), (v, 0.0)
-        said = self.state()
-        self.poses = [message for message in said if isinstance(message, Pose)]
+        messages = self.state()
+        self.poses = [message for message in messages if isinstance(message, Pose)]
         assert all(found.cycle == self.at for found in self.poses)
         return self.poses[0] if self.poses else Pose(self.at, nan, nan, nan)
 
@@ -58,13 +58,13 @@ class Robot(Alone):
         return self.last(Origin)
 
     def restart(self) -> None:
-        """Another robot agent; a new epoch is believed when the one before was silent."""
+        """Another robot agent; a new epoch counts once the one before is silent."""
         self.epoch += 1
         self.number = 0
         self.now += 1.0
 
     def restart_encoder(self, *, remembered: bool = True) -> None:
-        """Another encoder agent; those who remember the origin give it back."""
+        """Another encoder agent; other agents return the origin."""
         known = self.origin()
         self.agent = self.new_encoder()
         if remembered:
@@ -77,7 +77,7 @@ class Robot(Alone):
     x=metres,
     y=metres,
 )
-def test_no_lie_makes_it_unable_to_say_a_pose(
+def test_no_invalid_input_stops_its_pose(
     lies: list[tuple[Origin, Correction, RobotState]], x: float, y: float
 ) -> None:
     robot = Robot()
@@ -89,7 +89,7 @@ def test_no_lie_makes_it_unable_to_say_a_pose(
         robot.restart()
         checked(robot.moved(state.x, state.y, state.theta))
     robot.restart()
-    for _ in range(TOLD_CYCLES + AGAIN_CYCLES + 1):
+    for _ in range(WAIT_CYCLES + ORIGIN_CYCLES + 1):
         checked(robot.moved(x, y, 0.0))
     assert checked(robot.origin()) == robot.agent.memory.newest(Origin)
 
@@ -121,7 +121,7 @@ def test_headings_stay_in_one_turn() -> None:
 def test_a_robot_agent_whose_controller_counts_on_does_not_move_the_robot(
     begins: Place, before: Place, goes: Place
 ) -> None:
-    """However often it restarts: odometry that goes on is the robot's way."""
+    """At any number of restarts: continuous odometry is the robot's motion."""
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
     robot.moved(*begins)
     stood = robot.moved(*before)
@@ -145,7 +145,7 @@ def test_a_controller_that_zeroes_its_odometry_does_not_move_the_robot_either(
     robot.restart()
     assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx(pose(stood), abs=1e-6)
     assert any(
-        isinstance(message, Log) and "begun anew" in message.text for message in robot.published
+        isinstance(message, Log) and "odometry" in message.text for message in robot.published
     )
     expected = compose(pose(stood), goes)
     assert pose(robot.moved(*goes))[:2] == pytest.approx(expected[:2], abs=1e-6)
@@ -196,7 +196,7 @@ def test_an_encoder_agent_that_restarts_goes_on_by_what_the_others_remember(
 def test_both_may_restart_in_either_order(first: str, zeroes: bool) -> None:
     robot = Robot(x=1.0, y=-2.0, theta=0.5)
     robot.moved(0.0, 0.0, 0.0)
-    for _ in range(AGAIN_CYCLES):
+    for _ in range(ORIGIN_CYCLES):
         stood = robot.moved(3.5, 1.0, 0.7)
     if first == "robot":
         robot.restart()
@@ -208,7 +208,7 @@ def test_both_may_restart_in_either_order(first: str, zeroes: bool) -> None:
     assert pose(after) == pytest.approx(pose(stood), abs=1e-9)
 
 
-def test_one_that_nobody_remembers_is_where_its_parameters_say() -> None:
+def test_without_a_remembered_origin_the_parameters_count() -> None:
     """The odometry begins where the controller's is; before, its zero was put there."""
     robot = Robot(x=1.0)
     robot.moved(0.0, 0.0, 0.0)
@@ -217,44 +217,46 @@ def test_one_that_nobody_remembers_is_where_its_parameters_say() -> None:
     assert pose(robot.moved(2.0, 0.0, 0.0)) == pytest.approx((1.0, 0.0, 0.0))
 
 
-def test_who_comes_late_waits_a_while_to_be_told_of_the_origin() -> None:
+def test_a_late_agent_waits_a_while_for_the_origin() -> None:
     robot = Robot(x=5.0)
-    for _ in range(YOUNG_CYCLES):
+    for _ in range(YOUNG_EPOCH_CYCLES):
         robot.moved(1.0, 0, 0)
     known = robot.origin()
     robot.restart_encoder(remembered=False)
     robot.agent.start(robot.now)
-    said = [robot.moved(1.0, 0, 0) for _ in range(TOLD_CYCLES)]
-    assert all(isnan(pose.x) for pose in said)
+    messages = [robot.moved(1.0, 0, 0) for _ in range(WAIT_CYCLES)]
+    assert all(isnan(pose.x) for pose in messages)
     robot.give(known)
     assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
 
-def test_who_comes_late_and_is_told_nothing_begins_by_itself() -> None:
+def test_a_late_agent_without_an_origin_begins_by_itself() -> None:
     robot = Robot(x=5.0)
-    robot.number = YOUNG_CYCLES
-    for _ in range(TOLD_CYCLES):
+    robot.number = YOUNG_EPOCH_CYCLES
+    for _ in range(WAIT_CYCLES):
         robot.moved(1.0, 0, 0)
     assert pose(robot.moved(1.0, 0, 0)) == pytest.approx((5.0, 0, 0))
 
 
-def test_the_origin_is_said_at_once_and_each_second_with_where_the_odometry_is() -> None:
+def test_the_origin_is_published_at_once_and_each_second_with_the_odometry() -> None:
     robot = Robot(x=1.0)
-    cycles = 4 * AGAIN_CYCLES
+    cycles = 4 * ORIGIN_CYCLES
     for number in range(cycles):
         robot.moved(0.01 * number, 0.0, 0.0)
-    said = [message for message in robot.published if isinstance(message, Origin)]
-    assert len(said) == 1 + cycles // AGAIN_CYCLES
-    assert [origin.counter for origin in said] == sorted({origin.counter for origin in said})
-    assert {(origin.x, origin.y, origin.theta, origin.by) for origin in said} == {
-        (1.0, 0.0, 0.0, said[0].by)
+    messages = [message for message in robot.published if isinstance(message, Origin)]
+    assert len(messages) == 1 + cycles // ORIGIN_CYCLES
+    assert [origin.counter for origin in messages] == sorted(
+        {origin.counter for origin in messages}
+    )
+    assert {(origin.x, origin.y, origin.theta, origin.by) for origin in messages} == {
+        (1.0, 0.0, 0.0, messages[0].by)
     }
-    assert said[-1].at_x == pytest.approx(0.01 * (cycles - 1))
+    assert messages[-1].at_x == pytest.approx(0.01 * (cycles - 1))
 
 
 def test_of_two_origins_the_one_that_has_been_known_for_longer_is_everybodys() -> None:
     old, young = Robot(x=1.0), Robot(x=50.0)
-    for _ in range(3 * AGAIN_CYCLES):
+    for _ in range(3 * ORIGIN_CYCLES):
         old.moved(0.0, 0.0, 0.0)
     young.moved(0.0, 0.0, 0.0)
     known = old.origin()
@@ -295,12 +297,12 @@ def test_a_correction_moves_the_pose_by_steps_and_gets_there(
     assert before == pytest.approx(there, abs=1e-6)
 
 
-def test_a_pose_that_is_wrong_altogether_is_corrected_at_once_and_said() -> None:
+def test_a_pose_with_a_large_error_is_corrected_at_once_and_logged() -> None:
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
     assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
-    assert any(isinstance(said, Log) and "5.00 m" in said.text for said in robot.published)
+    assert any(isinstance(message, Log) and "5.00 m" in message.text for message in robot.published)
 
 
 def test_a_guess_without_confidence_moves_nothing_and_is_no_secret() -> None:
@@ -335,7 +337,7 @@ def test_a_correction_of_another_epoch_moves_nothing() -> None:
     assert pose(robot.moved(0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
 
 
-def test_without_corrections_nobody_knows_how_far_off_it_is_and_after_one_it_grows() -> None:
+def test_without_corrections_the_covariance_is_unknown_and_after_one_it_grows() -> None:
     robot = Robot()
     assert robot.moved(0.0, 0.0, 0.0).covariance == ()
     assert robot.moved(0.0, 0.0, 0.0).deviation == 0.0
@@ -349,7 +351,7 @@ def test_what_was_corrected_outlives_the_encoder_agent() -> None:
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0))
-    for _ in range(AGAIN_CYCLES + 1):
+    for _ in range(ORIGIN_CYCLES + 1):
         robot.moved(0.0, 0.0, 0.0)
     robot.restart_encoder()
     assert pose(robot.moved(0.0, 0.0, 0.0)) == pytest.approx((5.0, 0.0, 1.0))
@@ -359,7 +361,7 @@ def test_how_far_off_it_may_be_outlives_the_encoder_agent_and_grows_by_the_way_s
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (5.0, 0.0, 1.0), confidence=0.0)
-    for _ in range(AGAIN_CYCLES + 1):
+    for _ in range(ORIGIN_CYCLES + 1):
         found = robot.moved(0.0, 0.0, 0.0)
     robot.restart_encoder()
     assert robot.moved(0.0, 0.0, 0.0).covariance == found.covariance
@@ -368,7 +370,7 @@ def test_how_far_off_it_may_be_outlives_the_encoder_agent_and_grows_by_the_way_s
 
 
 @pytest.mark.parametrize(("at", "off"), [(0.0, 0.5), (2.0, 0.0)])
-def test_what_a_controller_that_begins_anew_has_not_counted_is_said(at: float, off: float) -> None:
+def test_what_a_reset_odometry_has_not_counted_widens_the_covariance(at: float, off: float) -> None:
     robot = Robot()
     robot.moved(2.0, 0.0, 0.0)
     correct(robot, (0.0, 0.0, 0.0))
@@ -384,14 +386,14 @@ def test_a_correction_does_not_have_the_origin_published_each_cycle() -> None:
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (0.4, 0.0, 0.0))
     robot.published.clear()
-    for _ in range(2 * AGAIN_CYCLES):
+    for _ in range(2 * ORIGIN_CYCLES):
         robot.moved(0.0, 0.0, 0.0)
     assert sum(isinstance(message, Origin) for message in robot.published) == 2
 
 
 @pytest.mark.parametrize("x", [0.1, 5.0])
 def test_an_encoder_agent_that_restarts_remembers_a_loss_or_a_leap_of_just_now(x: float) -> None:
-    """Both were forgotten for up to a second: the localization agent then began at a wrong pose."""
+    """Otherwise, for up to a second, the localization agent would start at a wrong pose."""
     robot = Robot()
     robot.moved(0.0, 0.0, 0.0)
     correct(robot, (0.0, 0.0, 0.0))
@@ -407,7 +409,7 @@ def test_an_encoder_agent_that_restarts_remembers_a_loss_or_a_leap_of_just_now(x
     assert after.covariance == pytest.approx(before.covariance)
 
 
-def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
+def test_an_initial_pose_counts_at_once_and_is_remembered() -> None:
     robot = Robot(1.0, 2.0)
     robot.moved(0.5, 0.0, 0.0)
     wrong = Correction(Cycle(1, 2), 1.0, 2.0, 0.0, (0.01, 0, 0, 0.01, 0, 0.01), 1.0)
@@ -422,7 +424,7 @@ def test_where_people_have_the_robot_counts_at_once_and_is_remembered() -> None:
     assert robot.origin().counter > 1
 
 
-def test_a_robot_that_drives_stays_where_it_is_whatever_people_said_before() -> None:
+def test_a_moving_robot_ignores_an_initial_pose() -> None:
     robot = Robot(1.0, 2.0)
     robot.moved(0.5, 0.0, 0.0, v=0.4)
     robot.give(InitialPose(7.0, 3.0, pi / 2))
@@ -430,7 +432,7 @@ def test_a_robot_that_drives_stays_where_it_is_whatever_people_said_before() -> 
     assert (pose.x, pose.y) == pytest.approx((1.0, 2.0))
 
 
-def test_a_correction_from_before_people_said_where_it_stands_changes_nothing() -> None:
+def test_a_correction_from_before_the_initial_pose_changes_nothing() -> None:
     robot = Robot(1.0, 2.0)
     for _ in range(5):
         robot.moved(0.5, 0.0, 0.0)

@@ -113,6 +113,7 @@ def test_one_who_wants_the_robot_somewhere_has_it_planned_and_driven() -> None:
     assert (pose.x, pose.y) == pytest.approx((NEAR.x, NEAR.y), abs=0.15)
 
 
+@pytest.mark.long
 def test_who_wants_it_more_takes_it_and_the_loser_goes_on_afterwards() -> None:
     society = Society()
     society.sender.goal = FAR
@@ -154,7 +155,7 @@ def test_people_are_told_that_the_robot_is_not_theirs() -> None:
     society.sender.goal = FAR
     society.until(lambda: society.sender.errand.stage is Stage.DRIVING, 10.0)
     with pytest.raises(MissionRefusedError, match=r"sender-.* has the robot driven"):
-        society.rehearsal.client.hand_over(MissionRequest(NEAR), find=5.0, again=0.0)
+        society.rehearsal.client.request_mission(MissionRequest(NEAR), find=5.0, again=0.0)
 
 
 def test_who_dies_is_waited_for_and_finds_its_way_still_driven() -> None:
@@ -232,7 +233,7 @@ def test_up_to_ends_at_a_place_on_the_way_and_looks_along_it() -> None:
 
 def test_an_order_that_is_withdrawn_before_its_answer_comes_is_not_the_next_one() -> None:
     order = Ordered()
-    order.ask(0.0)
+    order.request(0.0)
     order.drop()
     assert order.pending, "the next one waits until the robot is not sent off twice"
     assert not order.answered(MissionReply(7, length=3.0), 0.5)

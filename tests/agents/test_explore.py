@@ -155,7 +155,7 @@ class Desk(Alone):
 
     @property
     def sent(self) -> list[MissionRequest]:
-        return [each.request for each in self.asked if isinstance(each.request, MissionRequest)]
+        return [each.request for each in self.on_query if isinstance(each.request, MissionRequest)]
 
     def collect(self) -> list[Message]:
         """Each of its missions is taken on, or refused."""

@@ -163,7 +163,7 @@ def test_a_list_may_take_the_place_of_one_that_is_worked_on_and_that_is_not_brou
     band.cut(away, rest)
     two = FleetRequest(band.tasks[:2], replace=True)
     replies: list[Message | None] = []
-    band.mesh.ask(two, replies.append, namespace="f/r2")
+    band.mesh.query(two, replies.append, namespace="f/r2")
     band.mesh.run(100.0, lambda: band.over)
     (reply,) = replies
     assert isinstance(reply, FleetReply)
@@ -284,7 +284,7 @@ def test_a_robot_that_somebody_sends_elsewhere_gives_its_tasks_back() -> None:
     band.mesh.run(20.0)
     sharing = band.sharing("f/r1")
     away = MissionRequest(Waypoint(30.0, 30.0, 0.0))
-    band.mesh.ask(away, lambda _: None, namespace="f/r1")
+    band.mesh.query(away, lambda _: None, namespace="f/r1")
     band.mesh.run(24.0)
     assert not sharing.mine
     assert band.run(600.0)

@@ -56,7 +56,7 @@ def test_something_in_the_way_is_passed_on_the_nearer_side() -> None:
     assert right_of_it == pytest.approx(-edge + atan2(0.05, 0.8))
 
 
-def test_a_side_may_be_asked_for() -> None:
+def test_a_side_may_be_requested() -> None:
     wall = [Point(0.8, -0.05)]
     right = open_heading(wall, 0.0, HALF, REACH, side=-1.0)
     left = open_heading(wall, 0.0, HALF, REACH, side=1.0)

@@ -119,6 +119,7 @@ def test_two_that_come_from_both_sides_drive_through_one_after_the_other(world: 
     assert fleet.most == 1
 
 
+@pytest.mark.long
 def test_five_queue_and_no_two_are_inside_at_once(world: str) -> None:
     there = [Robot(f"a{k}", world, 3.0 - 1.2 * k, 16.0) for k in range(3)]
     back = [Robot(f"b{k}", world, 15.0 + 1.2 * k, 2.0) for k in range(2)]

@@ -45,7 +45,7 @@ def test_its_utility_is_3_7_of_half_the_distance_between_the_sides(
     assert made.bid.utility == pytest.approx(utility)
 
 
-def test_it_says_nothing_without_a_goal_nor_where_it_is_not_narrow() -> None:
+def test_it_does_not_bid_without_a_goal_nor_where_it_is_not_narrow() -> None:
     for made, points, why in (
         (stage(None), between(0.4), "no goal"),
         (stage(), [], "not between two things"),
@@ -136,13 +136,13 @@ def test_leaving_the_narrow_place_it_offers_the_wheels_while_they_turn() -> None
     made = stage()
     made.holding(points=between(0.5))
     wanted = made.bid.wanted
-    said = made.cycle()
-    assert [claim.utility for claim in claims(said)] == [0.0]
+    messages = made.cycle()
+    assert [claim.utility for claim in claims(messages)] == [0.0]
     assert made.bid.wanted == wanted
-    assert speeds(commands(said)[0]) == wanted
+    assert speeds(commands(messages)[0]) == wanted
     for _ in range(4):
-        said += made.cycle()
-    assert claims(said)[-1].utility is None
+        messages += made.cycle()
+    assert claims(messages)[-1].utility is None
     assert not made.agent.holds(WHEELS)
 
 
@@ -152,12 +152,12 @@ def test_what_it_offers_it_could_still_stop() -> None:
         made = stage()
         made.holding(points=between(0.5))
         made.speed = (v, 0.0)
-        said = made.cycle(points=across)
-        assert [claim.utility for claim in claims(said)] == [0.0]
-        offered = speeds(commands(said)[0])
+        messages = made.cycle(points=across)
+        assert [claim.utility for claim in claims(messages)] == [0.0]
+        offered = speeds(commands(messages)[0])
         found = touches_at(body(), made.speed, offered, across, 0.0)
         assert found == inf or offered == (0.0, 0.0)
-    assert speeds(commands(said)[0])[0] == 0.0
+    assert speeds(commands(messages)[0])[0] == 0.0
 
 
 def test_a_scenarios_speed_limit_holds() -> None:
@@ -170,8 +170,8 @@ def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding(points=between(0.5))
     made.give(Trajectory(2, 1, ()))
-    said = made.cycle(points=between(0.5))
-    assert [claim.utility for claim in claims(said)] == [None]
+    messages = made.cycle(points=between(0.5))
+    assert [claim.utility for claim in claims(messages)] == [None]
     assert made.cycle(points=between(0.5)) == []
 
 

@@ -39,13 +39,13 @@ def utility_at(made: Alone, x: float, y: float) -> float | None:
     return made.bid.utility
 
 
-def test_without_a_goal_it_says_nothing() -> None:
+def test_without_a_goal_it_publishes_nothing() -> None:
     made = stage(None)
     assert made.cycle() == []
     assert made.bid.reason == "no goal"
 
 
-def test_a_mission_that_waits_is_not_driven_and_who_holds_lets_go() -> None:
+def test_a_waiting_mission_is_not_driven_and_the_holder_releases() -> None:
     made = stage()
     made.holding()
     made.give(replace(ROUND_A_CORNER, counter=ROUND_A_CORNER.counter + 1, waits=True))
@@ -74,8 +74,8 @@ def test_an_ended_mission_ends_its_bids() -> None:
     made = stage()
     made.holding()
     made.give(Trajectory(2, 1, ()))
-    said = made.cycle()
-    assert [c.action for c in commands(said)] == [None]
+    messages = made.cycle()
+    assert [c.action for c in commands(messages)] == [None]
     assert made.cycle() == []
 
 
@@ -127,7 +127,7 @@ def test_a_scenarios_speed_limit_holds(mode: str) -> None:
 
 
 def test_by_sight_it_can_stop_within_what_it_sees_of_its_way() -> None:
-    """The way bends round a row of things 0.6 m ahead: nobody knows what is behind them."""
+    """The way bends round a row of things 0.6 m ahead: what is behind them is hidden."""
     row = tuple(Point(0.9, 0.45 + 0.05 * k) for k in range(20))
     fastest = {}
     for sight in (None, 2.5):
@@ -148,7 +148,7 @@ def test_at_the_goal_it_commands_rest(mode: str) -> None:
     assert speeds(commands(made.holding())[-1]) == (0.0, 0.0)
 
 
-def test_the_same_mission_said_again_changes_nothing_a_new_one_does() -> None:
+def test_the_same_mission_again_changes_nothing_a_new_one_does() -> None:
     made = stage()
     assert utility_at(made, 4.0, 0.1) == 0.6  # the corner is passed
     made.give(ROUND_A_CORNER)
@@ -157,7 +157,7 @@ def test_the_same_mission_said_again_changes_nothing_a_new_one_does() -> None:
     assert utility_at(made, 4.0, 2.9) == 0.6
 
 
-def test_who_did_not_see_a_waypoint_passed_is_told_by_the_same_mission() -> None:
+def test_the_repeated_mission_has_the_waypoints_passed() -> None:
     made = stage()
     assert utility_at(made, 0.5, 0.0) == 0.6
     assert utility_at(made, 3.7, 2.95) == 0.6  # it hung, and was led aside: it is on no leg
@@ -166,7 +166,7 @@ def test_who_did_not_see_a_waypoint_passed_is_told_by_the_same_mission() -> None
     assert made.bid.reason == "leg 1"
 
 
-def test_who_comes_late_goes_on_where_the_run_is() -> None:
+def test_a_late_agent_continues_where_the_run_is() -> None:
     late = Trajectory(1, 1, ROUND_A_CORNER.waypoints, Point(0.0, 0.0), 1)
     assert utility_at(stage(late), 4.0, 2.9) == 1.0
 
@@ -196,16 +196,18 @@ def test_it_takes_the_robots_size_limits_and_ramps_from_its_description() -> Non
     slow = replace(described(), v_max=0.2, v_accel=1.0)
     posts = [Point(0.5, 0.3), Point(0.5, -0.3)]
 
-    def wish(said: Description, *points: Point) -> float:
+    def desired(description: Description, *points: Point) -> float:
         made = stage(drive_to((8.0, 0.0, 0.0)))
-        made.give(said)
+        made.give(description)
         made.speed = (0.35, 0.0)
         made.cycle(points=points)
         return made.bid.wanted[0]
 
-    assert wish(described()) == wish(described(), *posts) == wish(wide) == pytest.approx(0.38)
-    assert wish(wide, *posts) == 0.0
-    assert wish(slow) == pytest.approx(0.2)
+    assert (
+        desired(described()) == desired(described(), *posts) == desired(wide) == pytest.approx(0.38)
+    )
+    assert desired(wide, *posts) == 0.0
+    assert desired(slow) == pytest.approx(0.2)
 
 
 def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> None:

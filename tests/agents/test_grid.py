@@ -99,7 +99,7 @@ def test_the_same_question_has_the_same_answer() -> None:
 def test_over_blocks_a_way_is_found_where_there_is_one_however_the_walls_lie(
     costs: Field, data: st.DataObject
 ) -> None:
-    """Walls one cell wide are no walls to blocks: then the exact search is asked."""
+    """Walls one cell wide are no walls to blocks: then the exact search decides."""
     cell = st.tuples(*(st.integers(0, size - 1) for size in costs.shape))
     start, goal = data.draw(cell), data.draw(cell)
     exact, found = search(costs, start, goal), search_far(costs, start, goal)
@@ -149,7 +149,7 @@ def test_what_is_put_beside_walls_is_as_if_it_had_been_there_from_the_beginning(
 
 
 @given(st.data())
-def test_a_way_that_a_few_looks_find_blocked_has_no_finite_cost(data: st.DataObject) -> None:
+def test_a_line_that_a_few_samples_find_blocked_has_no_finite_cost(data: st.DataObject) -> None:
     costs = data.draw(arrays(np.float64, (40, 60), elements=st.sampled_from([1.0] * 9 + [np.inf])))
     grid = Grid((), (0.0, 0.0, 3.0, 2.0))
     places = data.draw(st.lists(spots, min_size=2, max_size=6))
@@ -158,6 +158,7 @@ def test_a_way_that_a_few_looks_find_blocked_has_no_finite_cost(data: st.DataObj
         assert open_ or not math.isfinite(grid.cost_between(costs, places[0], there))
 
 
+@pytest.mark.long
 @settings(max_examples=50)
 @given(st.lists(segments, min_size=1, max_size=4), spots, spots)
 def test_the_clearance_of_a_way_is_the_least_over_its_places(
@@ -209,6 +210,7 @@ def test_without_walls_there_is_endless_room() -> None:
     assert (grid.costs(Margins(0.3)) == 1.0).all()
 
 
+@pytest.mark.long
 @settings(max_examples=30)
 @given(st.lists(segments, min_size=1, max_size=4))
 def test_between_free_neighbours_the_radius_is_kept(

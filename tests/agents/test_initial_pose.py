@@ -15,7 +15,7 @@ from armadico.mobile.messages import MissionReply, MissionRequest, Pose, Truth, 
 GOAL, HERE = Waypoint(12.6, 1.2, -1.57), Waypoint(2.2, 3.0, 1.57)
 
 
-def test_a_robot_that_was_carried_elsewhere_and_is_told_so_is_localized_there() -> None:
+def test_a_kidnapped_robot_is_localized_by_an_initial_pose() -> None:
     run = Rehearsal(replace(load_scenario("house"), goal=None), Options(seed=3))
     said: dict[type, Any] = {}
     run.mesh.watch(lambda _k, message, _t: said.update({type(message): message}), Pose, Truth)
@@ -23,7 +23,7 @@ def test_a_robot_that_was_carried_elsewhere_and_is_told_so_is_localized_there() 
     run.robot.plant.set_pose(HERE.x, HERE.y, HERE.theta)
     run.mesh.run(run.mesh.now + 2.0)
     assert hypot(said[Pose].x - HERE.x, said[Pose].y - HERE.y) > 1.0
-    reply = run.client.ask(MissionRequest(GOAL, start=HERE), 20.0)
+    reply = run.client.query(MissionRequest(GOAL, start=HERE), 20.0)
     assert isinstance(reply, MissionReply)
     assert reply.refusal == ""
     run.mesh.run(run.mesh.now + 15.0)

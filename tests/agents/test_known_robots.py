@@ -8,9 +8,9 @@ import pytest
 
 from armadico.agents.methods.known_robots import (
     BRAKES_M_S2,
-    OLD_S,
     REACH_M,
     REACTS_S,
+    STALE_S,
     WIDEST_M,
     KnownRobots,
     moved,
@@ -24,7 +24,7 @@ SURE = (1e-8, 0.0, 0.0, 1e-8, 0.0, 0.0)
 HERE = (0.0, 0.0, 0.0)
 
 
-def said(
+def report(
     x: float, y: float = 0.0, theta: float = 0.0, v: float = 0.0, w: float = 0.0, off: float = 0.0
 ) -> FleetPose:
     covariance = (off * off, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -37,32 +37,32 @@ def known(one: FleetPose) -> KnownRobots:
     return robots
 
 
-def test_a_robot_is_expected_where_it_says() -> None:
-    points = known(said(1.0)).points(HERE, SURE, 0.0)
+def test_a_robot_is_expected_where_it_reports() -> None:
+    points = known(report(1.0)).points(HERE, SURE, 0.0)
     assert min(p.x for p in points) == pytest.approx(1.0 - 0.23, abs=1e-3)
     assert max(p.x for p in points) == pytest.approx(1.0 + 0.21, abs=1e-3)
     assert max(p.y for p in points) == pytest.approx(0.165, abs=1e-3)
 
 
 def test_it_is_seen_from_where_this_robot_stands() -> None:
-    points = known(said(1.0)).points((1.0, 2.0, -pi / 2), SURE, 0.0)
+    points = known(report(1.0)).points((1.0, 2.0, -pi / 2), SURE, 0.0)
     assert min(p.x for p in points) == pytest.approx(2.0 - 0.165, abs=1e-3)
 
 
 def test_it_is_moved_on_by_its_speeds() -> None:
-    points = known(said(1.0, v=0.5)).points(HERE, SURE, 1.0)
+    points = known(report(1.0, v=0.5)).points(HERE, SURE, 1.0)
     assert min(p.x for p in points) == pytest.approx(1.5 - 0.23, abs=1e-3)
-    back = known(said(2.0, v=-0.5)).points(HERE, SURE, 1.0)
+    back = known(report(2.0, v=-0.5)).points(HERE, SURE, 1.0)
     assert max(p.x for p in back) == pytest.approx(1.5 + 0.21, abs=1e-3)
-    assert moved(said(0.0, v=0.5, w=pi / 2), 2.0)[2] == pytest.approx(pi)
+    assert moved(report(0.0, v=0.5, w=pi / 2), 2.0)[2] == pytest.approx(pi)
 
 
 @pytest.mark.parametrize("theta", [0.0, pi])
 @pytest.mark.parametrize("v", [0.5, -0.5])
 def test_the_way_that_it_needs_to_stop_is_kept_free_for_it(theta: float, v: float) -> None:
     """Or two that drive towards each other each stop too late, by what the other one needs."""
-    points = known(said(2.0, theta=theta, v=v)).points(HERE, SURE, 0.0)
-    standing = known(said(2.0, theta=theta)).points(HERE, SURE, 0.0)
+    points = known(report(2.0, theta=theta, v=v)).points(HERE, SURE, 0.0)
+    standing = known(report(2.0, theta=theta)).points(HERE, SURE, 0.0)
     stops = 0.5 * REACTS_S + 0.5**2 / (2 * BRAKES_M_S2)
     comes = (theta == pi) == (v > 0.0)
     nearer = min(p.x for p in standing) - min(p.x for p in points)
@@ -71,36 +71,36 @@ def test_the_way_that_it_needs_to_stop_is_kept_free_for_it(theta: float, v: floa
 
 
 def test_it_is_wider_by_what_both_poses_may_be_off() -> None:
-    theirs = known(said(1.0, off=0.1)).points(HERE, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
+    theirs = known(report(1.0, off=0.1)).points(HERE, (0.01, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
     assert max(p.y for p in theirs) == pytest.approx(0.165 + 0.2, abs=1e-3)
-    lost = known(said(1.0, off=5.0)).points(HERE, SURE, 0.0)
+    lost = known(report(1.0, off=5.0)).points(HERE, SURE, 0.0)
     assert max(p.y for p in lost) == pytest.approx(0.165 + WIDEST_M, abs=1e-3)
 
 
-def test_who_is_far_or_has_said_nothing_for_long_is_not_expected() -> None:
-    assert not known(said(REACH_M + 1.0)).points(HERE, SURE, 0.0)
-    robots = known(said(1.0))
-    assert robots.points(HERE, SURE, OLD_S - 0.1)
-    assert not robots.points(HERE, SURE, OLD_S + 0.1)
-    assert not known(said(1.0)).points(None, SURE, 0.0)
+def test_a_far_robot_or_a_stale_report_is_not_expected() -> None:
+    assert not known(report(REACH_M + 1.0)).points(HERE, SURE, 0.0)
+    robots = known(report(1.0))
+    assert robots.points(HERE, SURE, STALE_S - 0.1)
+    assert not robots.points(HERE, SURE, STALE_S + 0.1)
+    assert not known(report(1.0)).points(None, SURE, 0.0)
 
 
 def test_one_is_not_in_ones_own_way() -> None:
     robots = KnownRobots("r2")
-    robots.update(said(0.1), 0.0)
+    robots.update(report(0.1), 0.0)
     assert not robots.points(HERE, SURE, 0.0)
 
 
 @pytest.mark.parametrize("deviation", [0.02, 0.0])
-def test_behaviours_are_shown_another_robot_that_no_sonar_has_heard(deviation: float) -> None:
+def test_behaviours_receive_another_robot_that_no_sonar_has_detected(deviation: float) -> None:
     """Also where the pose has no covariance, as that of ideal sensors."""
     ring = Ring(Parameters(namespace="lab/r1"))
     ring.ping(pose=HERE, deviation=deviation)
-    ring.agent.receive(said(1.0), ring.now)
+    ring.agent.receive(report(1.0), ring.now)
     found = ring.ping(pose=HERE, deviation=deviation)
     assert found.closest is not None
     assert found.closest.x == pytest.approx(1.0 - 0.23, abs=0.03)
     own = Ring(Parameters(namespace="lab/r2"))
     own.ping(pose=HERE)
-    own.agent.receive(said(1.0), own.now)
+    own.agent.receive(report(1.0), own.now)
     assert own.ping(pose=HERE).closest is None

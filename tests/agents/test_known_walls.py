@@ -1,4 +1,4 @@
-"""The map's walls are expected near a robot that knows where it is, until it hears through them."""
+"""The map's walls are expected near a localized robot, until echoes pass through them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from armadico.agents.methods.near import Obstacle
 from armadico.agents.methods.settings import WallSettings
 from armadico.agents.perception.known_walls import (
     CLOSE_M,
-    HEARD_CYCLES,
-    LATELY_CYCLES,
+    MEASURED_CYCLES,
+    RECENT_CYCLES,
     STEP_M,
     KnownWalls,
     Segment,
@@ -46,7 +46,7 @@ def explains(known: KnownWalls, ping: Ping) -> bool:
     return known.on_echoes([ping]) == [True]
 
 
-def test_nothing_is_expected_where_nobody_knows_the_pose_or_how_uncertain_it_is() -> None:
+def test_nothing_is_expected_without_a_pose_or_its_covariance() -> None:
     assert not at(None).points()
     assert not at(HERE, ()).points()
     assert at(HERE).points()
@@ -69,8 +69,8 @@ def test_a_wall_that_is_met_edge_on_ends_where_it_ends() -> None:
     assert nearest(known) == pytest.approx(0.7)
 
 
-def test_what_is_forbidden_is_expected_however_much_is_heard_behind_it() -> None:
-    """Stairs: no sonar hears them, and what is beyond them answers."""
+def test_a_forbidden_area_is_expected_whatever_answers_behind_it() -> None:
+    """Stairs: they return no echo, and what is beyond them does."""
     known = KnownWalls([], forbidden=[WALL])
     for _ in range(20):
         known.on_pose(HERE, sure(0.0))
@@ -83,7 +83,7 @@ def test_what_is_forbidden_is_expected_however_much_is_heard_behind_it() -> None
 
 
 def test_what_is_forbidden_is_expected_by_a_robot_that_is_lost_too() -> None:
-    """It is mostly where its wheels say; a wall it would hear, or feel, and stairs it would not."""
+    """It is mostly where its odometry has it; sensors detect a wall in time, and stairs not."""
     known = KnownWalls([(-1.0, -2.0, -1.0, 2.0)], forbidden=[WALL])
     for covariance, old in ((sure(2.0), False), (sure(0.01), True)):
         known.on_pose(HERE, covariance, old=old)
@@ -115,7 +115,7 @@ def test_an_uncertain_pose_puts_a_wall_farther_off_by_as_much_as_it_may_be_off(s
     assert nearest(beside) == pytest.approx(0.5, abs=0.01)
 
 
-def test_the_less_sure_the_pose_the_less_doubt_will_do_and_lost_there_is_nothing() -> None:
+def test_the_less_certain_the_pose_the_less_doubt_removes_a_wall() -> None:
     once = WallSettings().miss
     through = [Ping(0.0, 0.0, 0.0, 3.0)]
 
@@ -134,7 +134,7 @@ def test_the_less_sure_the_pose_the_less_doubt_will_do_and_lost_there_is_nothing
     assert not straight_ahead(0.5, 0)
 
 
-def test_what_the_map_has_shut_and_a_sonar_hears_through_is_open_there_and_only_there() -> None:
+def test_an_echo_through_a_wall_opens_it_there_and_only_there() -> None:
     known = at(HERE)
     for _ in range(2):
         known.on_echoes([Ping(0.0, 0.0, 0.0, 2.5)])
@@ -161,7 +161,7 @@ def test_a_smooth_wall_at_a_slant_throws_the_sound_elsewhere_and_is_still_there(
     assert known.points() == before
 
 
-def test_an_echo_from_the_wall_or_about_there_is_no_doubt_and_ends_one() -> None:
+def test_an_echo_from_near_the_wall_raises_no_doubt_and_ends_one() -> None:
     known = at(HERE)
     before = known.points()
     for _ in range(2):
@@ -173,7 +173,7 @@ def test_an_echo_from_the_wall_or_about_there_is_no_doubt_and_ends_one() -> None
     assert known.points() == before
 
 
-def test_a_doubt_stays_with_its_place_while_the_robot_moves_and_is_forgotten_in_the_end() -> None:
+def test_a_doubt_stays_with_its_wall_while_the_robot_moves_and_decays() -> None:
     known = at(HERE)
     for _ in range(2):
         known.on_echoes([Ping(0.0, 0.0, 0.0, 2.5)])
@@ -207,21 +207,21 @@ def test_the_covariance_counts_as_the_wall_stands_to_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bearing", "heard", "explained"),
+    ("bearing", "measured", "explained"),
     [
         (0.0, 1.0, True),
         (radians(30.0), 1.0, True),  # by the wall's foot, outside of the cone
         (radians(65.0), 1.0, False),
-        (0.0, 0.7, False),  # somebody before it
+        (0.0, 0.7, False),  # a person in front of it
         (0.0, 1.3, False),
         (pi, 1.0, False),
         (0.0, None, False),
     ],
 )
 def test_an_echo_is_a_walls_that_is_as_far_in_the_sonars_cone(
-    bearing: float, heard: float | None, explained: bool
+    bearing: float, measured: float | None, explained: bool
 ) -> None:
-    assert explains(at(HERE), Ping(0.0, 0.0, bearing, heard)) == explained
+    assert explains(at(HERE), Ping(0.0, 0.0, bearing, measured)) == explained
 
 
 def test_where_the_pose_is_unsure_an_echo_may_be_a_walls_that_is_farther_off() -> None:
@@ -236,14 +236,14 @@ def test_a_wall_beyond_what_is_expected_explains_an_echo_too() -> None:
     assert explains(far, Ping(0.0, 0.0, 0.0, 2.2))
 
 
-def test_what_the_sonars_heard_through_explains_nothing() -> None:
+def test_a_doubted_wall_explains_no_echo() -> None:
     known = at(HERE)
     for _ in range(3):
         known.on_echoes([Ping(0.0, 0.0, radians(bearing), 1.6) for bearing in range(-18, 19, 6)])
     assert not explains(known, Ping(0.0, 0.0, radians(30.0), 1.0))
 
 
-def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
+def test_a_wall_is_no_farther_than_measured_for_a_while() -> None:
     known = at(HERE, sure(0.1))
 
     def ahead() -> float:
@@ -251,11 +251,11 @@ def test_a_wall_is_no_farther_than_it_was_heard_for_a_while() -> None:
         return min(o.x for o in known.points() if abs(o.y) < 0.05)
 
     far = ahead()
-    for heard in (0.9, 0.95):
-        assert explains(known, Ping(0.0, 0.0, 0.0, heard))
-        assert ahead() == pytest.approx(heard, abs=0.02)
+    for measured in (0.9, 0.95):
+        assert explains(known, Ping(0.0, 0.0, 0.0, measured))
+        assert ahead() == pytest.approx(measured, abs=0.02)
     assert far > 1.0
-    for _ in range(HEARD_CYCLES + 1):
+    for _ in range(MEASURED_CYCLES + 1):
         known.on_echoes([])
     assert ahead() == pytest.approx(far)
 
@@ -267,11 +267,11 @@ CORNER = hypot(0.25, 0.2)
 MAY = 0.06  # m that the pose may be off
 
 
-def beyond_corner(wall: float, *heard: float) -> float:
-    """How far a wall to the right is beyond the circle of the body, m, heard from so far or not."""
+def beyond_corner(wall: float, *measured: float) -> float:
+    """Distance of a wall to the right beyond the footprint's circle, m, measured or not."""
     known = KnownWalls([(-2.0, -wall, 2.0, -wall)])
     known.on_pose(HERE, sure(sqrt(2.0) * MAY))
-    for away in heard:
+    for away in measured:
         assert explains(known, Ping(0.0, 0.0, -pi / 2, away))
         known.on_pose(HERE, sure(sqrt(2.0) * MAY))
     return min(-o.y for o in known.points(BODY) if abs(o.x) < 0.05) - CORNER
@@ -284,14 +284,14 @@ def test_a_wall_beside_the_circle_of_the_body_is_where_the_map_has_it(away: floa
     assert beyond_corner(CORNER + away) == pytest.approx(expected, abs=0.004)
 
 
-def test_a_wall_that_was_heard_from_farther_is_there_only_away_from_that_circle() -> None:
-    """A dead one is not heard: it was its edge."""
+def test_a_wall_measured_farther_away_counts_only_outside_that_circle() -> None:
+    """An absorbing wall returns no echo: it was from its edge."""
     assert beyond_corner(CORNER + 0.02, CORNER + 0.06) == pytest.approx(0.02, abs=0.004)
     assert beyond_corner(CORNER + 0.2, CORNER + 0.24) == pytest.approx(0.24, abs=0.004)
 
 
 @pytest.mark.parametrize("off", [0.05, -0.05])
-def test_a_doors_post_that_was_heard_is_where_it_was_heard_however_near(off: float) -> None:
+def test_a_measured_door_post_stays_where_it_was_measured_however_near(off: float) -> None:
     """Off to one side of a door by the pose, it fits through all the same."""
     post = 0.23  # to the right, by the map
     known = KnownWalls([(0.3, -post, 0.3, -1.0)])
@@ -300,16 +300,16 @@ def test_a_doors_post_that_was_heard_is_where_it_was_heard_however_near(off: flo
         away = hypot(0.3, post + off)
         assert explains(known, Ping(0.0, 0.0, atan2(-post, 0.3), away))
     known.on_pose(HERE, sure(0.1))
-    heard = min(hypot(o.x, o.y) for o in known.points(BODY))
+    measured = min(hypot(o.x, o.y) for o in known.points(BODY))
     mapped = hypot(0.3, post)
-    assert heard > mapped + 0.02 if off > 0.0 else heard < mapped - 0.02
+    assert measured > mapped + 0.02 if off > 0.0 else measured < mapped - 0.02
 
 
 OFF = 0.08  # m that the pose may be off
 
 
 def along(known: KnownWalls, turned: float = 0.0) -> None:
-    """It believes that it drives along a wall 0.4 m to its left, and comes nearer to that."""
+    """By its pose it drives along a wall 0.4 m to its left, and in truth approaches it."""
     for step in range(5):
         x = 0.1 * step
         known.on_pose((x, 0.0, 0.0), sure(OFF))
@@ -328,14 +328,14 @@ FARTHEST = 0.4 + OFF / sqrt(2.0)
 
 
 @pytest.mark.parametrize(("turned", "within"), [(0.0, 0.002), (0.1, 0.03), (-0.1, 0.03)])
-def test_a_wall_goes_on_as_it_was_heard_not_as_a_turned_pose_has_it(
+def test_a_wall_continues_as_measured_not_as_a_turned_pose_has_it(
     turned: float, within: float
 ) -> None:
     known = KnownWalls([(-2.0, 0.4, 2.0, 0.4)])
     along(known, turned)
     for o in to_the_left(known, 0.2, 0.4):
         assert o.y == pytest.approx(min(0.36 - turned * (0.4 + o.x), FARTHEST), abs=within)
-    for _ in range(LATELY_CYCLES + 1):
+    for _ in range(RECENT_CYCLES + 1):
         known.on_echoes([])
     assert to_the_left(known, 0.4, 0.7)[-1].y == pytest.approx(FARTHEST)
 
@@ -346,8 +346,8 @@ def test_another_wall_does_not_go_on_as_this_one() -> None:
     assert to_the_left(known, 0.3, 0.6)[0].y == pytest.approx(FARTHEST)
 
 
-def test_from_the_end_of_a_wall_nobody_knows_how_it_goes_on() -> None:
-    """Heard at a slant, it may be longer than on the map, or nearer."""
+def test_the_end_of_a_wall_is_not_extrapolated() -> None:
+    """Measured at a slant, it may be longer than on the map, or nearer."""
     known = KnownWalls([(0.8, 0.4, 2.0, 0.4)])
     known.on_pose((0.4, 0.0, 0.0), sure(OFF))
     assert explains(known, Ping(0.0, 0.0, pi / 4, 0.5))
@@ -363,12 +363,12 @@ def beside(y: float = 0.74) -> KnownWalls:
 
 @pytest.mark.parametrize("bearing", [-10.0, 10.0])
 @pytest.mark.parametrize("away", [0.6, 0.85, 1.0, 1.2, 1.4])
-def test_somebody_who_walks_along_a_wall_is_not_that_wall(bearing: float, away: float) -> None:
+def test_a_person_walking_along_a_wall_is_not_that_wall(bearing: float, away: float) -> None:
     """Within 34 degrees of the axis the wall has a place at each of these distances."""
     assert not explains(beside(), Ping(0.17, -0.03, radians(bearing), away))
 
 
-def test_a_wall_at_a_slant_is_heard_where_it_is_square_or_nearest_in_the_beam() -> None:
+def test_a_wall_at_a_slant_answers_at_its_foot_or_where_nearest_in_the_beam() -> None:
     foot = Ping(0.0, 0.0, radians(-60.0), 0.74)
     rough = Ping(0.0, 0.0, radians(-50.0), 0.74 / sin(radians(65.0)))
     between = Ping(0.0, 0.0, radians(-50.0), 0.74 / sin(radians(35.0)))
@@ -384,7 +384,7 @@ def test_the_end_of_a_wall_answers_at_any_slant() -> None:
     assert not explains(known, Ping(0.0, 0.0, radians(-10.0), hypot(1.7, 0.4)))
 
 
-def test_somebody_who_comes_through_a_door_does_not_bring_the_posts_along() -> None:
+def test_a_person_coming_through_a_door_does_not_move_its_posts() -> None:
     """Each echo is near where a post would be, had the one before brought that post nearer."""
     known = KnownWalls([(1.2, -2.0, 1.2, -0.45), (1.2, 0.45, 1.2, 2.0)])
     explained = []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.methods.near import Look
+from armadico.agents.methods.near import RayResult
 from armadico.agents.methods.settings import ScanSettings
 from armadico.agents.perception.laser import LaserAgent, Parameters
 from armadico.agents.perception.scan_map import ScanMap
@@ -89,9 +89,9 @@ class Robot:
             covariance = (each, 0.0, 0.0, each, 0.0, 1e-4)
             self.agent.receive(Pose(cycle, *self.pose, covariance), self.now)
         self.agent.receive(self.scan(ranges), self.now)
-        said = [o for o in self.out() if isinstance(o.message, Obstacles)]
-        assert all(o.key == "laser/obstacles" for o in said)
-        return said[0].message if said else None  # type: ignore[return-value]
+        messages = [o for o in self.out() if isinstance(o.message, Obstacles)]
+        assert all(o.key == "laser/obstacles" for o in messages)
+        return messages[0].message if messages else None  # type: ignore[return-value]
 
     def out(self) -> list[Publish]:
         out, self.agent.outbox = self.agent.outbox, []
@@ -115,7 +115,7 @@ def off(obstacles: Obstacles | None, walls: list[Wall], pose: Pose2 = HERE) -> l
     return found
 
 
-def test_what_is_seen_is_where_it_is_and_few_points_say_so() -> None:
+def test_what_is_seen_is_represented_by_few_points() -> None:
     found = Robot([*BOX, *ROOM]).cycle()
     assert found is not None
     assert found.sensor == "laser"
@@ -152,7 +152,7 @@ def test_what_is_passed_is_remembered_behind_until_it_fades_with_the_way() -> No
     assert not behind.points
 
 
-def test_what_is_gone_when_it_is_looked_at_again_is_gone() -> None:
+def test_an_obstacle_that_a_later_scan_does_not_see_is_dropped() -> None:
     robot = Robot([*BOX, *ROOM])
     near = robot.cycle()
     assert near is not None
@@ -168,7 +168,7 @@ def test_what_is_gone_when_it_is_looked_at_again_is_gone() -> None:
     assert hypot(back.closest.x, back.closest.y) > 2.5
 
 
-def test_what_is_hidden_by_somebody_is_remembered_and_not_what_is_seen_through() -> None:
+def test_hidden_points_are_remembered_and_points_seen_through_are_not() -> None:
     person = [(0.8, -0.2, 0.8, 0.2)]
     robot = Robot(ROOM)
     robot.cycle()
@@ -185,7 +185,7 @@ def test_what_is_hidden_by_somebody_is_remembered_and_not_what_is_seen_through()
     )
 
 
-def test_rays_that_find_nothing_doubt_slowly_and_those_without_a_range_not_at_all() -> None:
+def test_rays_without_a_return_clear_slowly_and_invalid_ones_not_at_all() -> None:
     robot = Robot(BOX)
     robot.cycle()
     rays = LASER.rays
@@ -205,7 +205,7 @@ def test_rays_that_find_nothing_doubt_slowly_and_those_without_a_range_not_at_al
 
 
 @pytest.mark.parametrize("bad", [nan, 0.0, -1.0, 0.1])
-def test_a_laser_that_is_blind_publishes_nothing_and_says_so_once(bad: float) -> None:
+def test_a_blind_laser_publishes_nothing_and_is_reported_once(bad: float) -> None:
     robot = Robot(ROOM)
     assert robot.cycle() is not None
     logs = []
@@ -220,7 +220,7 @@ def test_a_laser_that_is_blind_publishes_nothing_and_says_so_once(bad: float) ->
         assert not [m for m in out if isinstance(m, Obstacles)]
         logs += [m for m in out if isinstance(m, Log)]
     assert [log.level for log in logs] == [ERROR]
-    assert "of 541 rays 0 tell anything: nobody drives blind" in logs[0].text
+    assert "0 of 541 rays" in logs[0].text
     assert robot.cycle() is not None
 
 
@@ -264,7 +264,7 @@ def test_what_touches_is_an_obstacle_where_nothing_is_seen() -> None:
     assert any(p.x == pytest.approx(0.25) for p in found.points)
 
 
-def test_walls_of_the_map_are_expected_where_the_laser_cannot_tell() -> None:
+def test_walls_of_the_map_are_expected_where_the_laser_sees_nothing() -> None:
     parameters = Parameters(world="sc2")
     laser = replace(LASER, angle_min_deg=-60.0, angle_max_deg=60.0)
     wall = [(5.0, -1.28, 5.0, 1.28)]
@@ -290,32 +290,37 @@ def test_walls_of_the_map_are_expected_where_the_laser_cannot_tell() -> None:
     assert any(p.x == pytest.approx(1.0, abs=0.05) for p in glass.points), "dark, or glass"
 
 
-def test_what_came_of_looking_is_told_by_both_rays_beside_a_place() -> None:
+def test_both_rays_beside_a_place_give_the_result() -> None:
     near = ScanMap()
     ranges = [2.0, 2.0, 1.0, inf, inf, nan, 2.0]
     near.update(message_of(Cycle(1, 1), ranges, (-0.3, 0.1), (0.1, 5.0), HERE))
-    angles = {-0.25: Look.THROUGH, -0.15: Look.NONE, 0.05: Look.NOTHING, 0.15: Look.NONE}
+    angles = {
+        -0.25: RayResult.THROUGH,
+        -0.15: RayResult.NONE,
+        0.05: RayResult.NOTHING,
+        0.15: RayResult.NONE,
+    }
     for bearing, expected in angles.items():
         assert near.probe([(1.5 * cos(bearing), 1.5 * sin(bearing))]) == [expected], bearing
-    assert near.probe([(2.0 * cos(-0.25), 2.0 * sin(-0.25))]) == [Look.SEEN]
-    assert near.probe([(-1.0, 0.0)]) == [Look.NONE]
+    assert near.probe([(2.0 * cos(-0.25), 2.0 * sin(-0.25))]) == [RayResult.SEEN]
+    assert near.probe([(-1.0, 0.0)]) == [RayResult.NONE]
     assert near.probe([]) == []
 
 
 def test_all_round_the_last_ray_is_the_first_ones_neighbour() -> None:
     near = ScanMap()
     near.update(message_of(Cycle(1, 1), [2.0] * 360, (0.0, tau / 360), (0.1, 5.0), HERE))
-    assert near.probe([(cos(-0.005), sin(-0.005))]) == [Look.THROUGH]
+    assert near.probe([(cos(-0.005), sin(-0.005))]) == [RayResult.THROUGH]
 
 
 def test_points_are_bounded_and_the_nearest_stay() -> None:
     near = ScanMap(ScanSettings(most=50, apart_m=0.001, sector_rad=0.001))
     ranges = np.linspace(1.0, 3.0, 720)
     near.update(message_of(Cycle(1, 1), ranges, (-pi, tau / 720), (0.1, 5.0), HERE))
-    heard = near.heard()
-    assert len(heard) == 50
-    assert heard[0].distance == pytest.approx(1.0, abs=1e-3)
-    assert heard[-1].distance < 1.2
+    measured = near.sensed()
+    assert len(measured) == 50
+    assert measured[0].distance == pytest.approx(1.0, abs=1e-3)
+    assert measured[-1].distance < 1.2
 
 
 def test_the_odometry_moves_what_is_remembered() -> None:
@@ -339,7 +344,7 @@ def test_whatever_scan_may_be_sent_is_taken(step: float, rays: int) -> None:
     for _ in range(2):
         near.update(Scan(Cycle(1, 1), 0, 0, 1e6, step, 30.0, bytes([232, 3]) * rays))
         near.probe([(0.5, 0.0)])
-    assert len(near.heard()) <= rays
+    assert len(near.sensed()) <= rays
 
 
 def test_its_key_is_its_own() -> None:

@@ -50,7 +50,7 @@ motions = st.lists(
 
 
 def hit(x: float, y: float) -> Ping:
-    """An echo from a point, as heard from the middle of the axle."""
+    """An echo from a point, received at the middle of the axle."""
     return Ping(0.0, 0.0, math.atan2(y, x), math.hypot(x, y))
 
 
@@ -80,7 +80,7 @@ def test_a_sonar_hits_the_point_itself_and_not_the_middle_of_its_cell(sonar: Pin
 
 
 @pytest.mark.parametrize("sonar", RING)
-def test_each_sonar_of_the_ring_looks_along_one_sector_from_half_a_metre_on(sonar: Ping) -> None:
+def test_each_sonar_of_the_ring_faces_one_sector_from_half_a_metre_on(sonar: Ping) -> None:
     cos, sin = math.cos(sonar.bearing), math.sin(sonar.bearing)
     sectors = {
         cell_at(sonar.x + along / 50 * cos, sonar.y + along / 50 * sin, 0.25) // RINGS
@@ -113,17 +113,17 @@ def test_silence_is_weak_evidence_a_slanted_wall_does_not_answer_either() -> Non
     assert local.points() == ()
 
 
-def test_a_corner_that_the_ring_hears_thrice_and_misses_once_is_still_there() -> None:
+def test_a_corner_with_three_echoes_and_one_miss_is_still_there() -> None:
     """Once wiped so, it was touched: the ring goes round in 3 to 4 cycles."""
     local = LocalMap(outline=BODY)
-    for heard in (1.1, 1.1, 1.1, None):
+    for measured in (1.1, 1.1, 1.1, None):
         for _ in range(4):
             local.move(STILL)
-        local.update([RING[2]._replace(range=heard)])
+        local.update([RING[2]._replace(range=measured)])
     assert len(local.points()) == 1
 
 
-def test_what_is_not_near_the_axis_need_not_be_heard() -> None:
+def test_a_point_off_the_axis_need_not_answer() -> None:
     local = mapped((1.0, 0.0))
     for bearing in (-12.0, 12.0):
         for _ in range(9):
@@ -131,14 +131,14 @@ def test_what_is_not_near_the_axis_need_not_be_heard() -> None:
     assert any(point[:2] == (1.0, 0.0) for point in local.points())
 
 
-@pytest.mark.parametrize(("slant", "heard", "left"), [(30, None, 1), (30, 2.0, 0), (50, 2.0, 1)])
+@pytest.mark.parametrize(("slant", "measured", "left"), [(30, None, 1), (30, 2.0, 0), (50, 2.0, 1)])
 def test_a_smooth_wall_at_a_glancing_angle_need_not_answer(
-    slant: float, heard: float | None, left: int
+    slant: float, measured: float | None, left: int
 ) -> None:
     """Silence is nothing beyond 20 degrees, an echo by way of a mirror nothing beyond 45."""
     local = mapped((1.0, 0.0))
     off = math.radians(slant)
-    aside = Ping(1.0 - 0.5 * math.cos(off), -0.5 * math.sin(off), off, heard)
+    aside = Ping(1.0 - 0.5 * math.cos(off), -0.5 * math.sin(off), off, measured)
     for _ in range(9):
         local.update([aside])
     assert sum(point[:2] == (1.0, 0.0) for point in local.points()) == left
@@ -172,14 +172,14 @@ def test_by_the_thesis_a_ping_clears_neither_behind_its_echo_nor_in_another_sect
         assert any(math.dist(p[:2], point) < 0.01 for p in local.points())
 
 
-def test_by_the_thesis_a_ping_clears_from_wherever_it_was_heard() -> None:
+def test_by_the_thesis_a_ping_clears_from_any_side() -> None:
     local = by_the_thesis((1.0, 0.0))
     for _ in range(9):
         local.update([Ping(1.0, -0.5, math.pi / 2, None)])
     assert local.points() == ()
 
 
-def test_by_the_thesis_what_a_sonar_looks_into_fades_sooner_than_the_rest() -> None:
+def test_by_the_thesis_cells_that_a_sonar_faces_fade_sooner() -> None:
     ahead, behind = by_the_thesis((1.0, 0.2)), by_the_thesis((1.0, 0.2))
     behind.move(HALF)
     for local in (ahead, behind):
@@ -195,7 +195,7 @@ def test_by_the_thesis_a_cell_holds_one_point() -> None:
     assert len(mapped(wall, end).points()) == 2
 
 
-def test_where_a_point_was_heard_from_turns_with_the_robot() -> None:
+def test_the_direction_of_a_hit_turns_with_the_robot() -> None:
     local = mapped((1.0, 0.0))
     local.move(Placed(0.0, 0.0, math.pi / 2))
     for _ in range(9):
@@ -203,7 +203,7 @@ def test_where_a_point_was_heard_from_turns_with_the_robot() -> None:
     assert local.points() == ()
 
 
-def test_what_is_expected_counts_as_what_is_heard_until_it_no_longer_is() -> None:
+def test_expected_points_count_as_sensed_ones_until_they_are_not_expected() -> None:
     local = mapped((1.0, 0.0))
     local.expect([Obstacle(0.5, 0.2, math.hypot(0.5, 0.2)), Obstacle(0.1, 0.1, 0.2)])
     assert [point[:2] for point in local.points()] == [(0.5, 0.2), (1.0, 0.0)]  # none in the body
@@ -212,8 +212,8 @@ def test_what_is_expected_counts_as_what_is_heard_until_it_no_longer_is() -> Non
     assert [point[:2] for point in local.points()] == [(1.0, 0.0)]
 
 
-def test_from_nearer_by_a_ping_may_miss_what_was_heard_in_a_wider_cone() -> None:
-    """Heard from 1 m it is 26 cm to either side; from 0.3 m the cone is 8 cm to either side."""
+def test_from_nearer_a_ping_may_miss_what_a_wider_cone_hit() -> None:
+    """From 1 m it is 26 cm to either side; from 0.3 m the cone is 8 cm to either side."""
     near, far = mapped((1.0, 0.0)), mapped((1.0, 0.0))
     near.move(Placed(0.7, 0.0))
     for _ in range(3):
@@ -285,8 +285,8 @@ def test_every_point_is_on_the_map_outside_the_robot_and_apart_from_the_others_o
         assert not (-0.23 < p.x < 0.21 and abs(p.y) < 0.165)
 
 
-def test_what_nobody_looks_at_is_kept_in_sight_or_out_of_it() -> None:
-    """Three seconds on the way round something, at a walking pace, and it has been heard once."""
+def test_points_that_no_sonar_faces_are_kept() -> None:
+    """Three seconds on the way round something, at a walking pace, with one echo."""
     local = LocalMap(outline=BODY)
     local.update([Ping(0.0, 0.0, 0.2, 1.6)])
     for _ in range(30):
@@ -306,7 +306,7 @@ def test_behind_it_is_remembered_for_seconds_but_not_for_ever() -> None:
 
 
 def test_memory_fades_with_the_way_and_not_only_with_time() -> None:
-    """There and back: the point ends where it was, and is believed less."""
+    """There and back: the point ends where it was, with a lower probability."""
     local = mapped((1.0, 0.2))
     local.move(HALF)
     for step in (0.1, -0.1) * 15:
@@ -360,8 +360,8 @@ def test_of_two_points_that_meet_in_a_cell_the_surer_stays() -> None:
     assert [(p.x, p.y) for p in local.points()] == [pytest.approx((1.10, 0.2))]
 
 
-def test_the_end_of_a_wall_is_where_it_was_heard_last_and_not_where_it_was_heard_first() -> None:
-    """Abeam the wall is heard, then its end 11 cm farther on: a corner turns into what lacks.
+def test_the_end_of_a_wall_is_at_its_last_echo_not_at_its_first() -> None:
+    """Abeam the wall answers, then its end 11 cm farther on: a corner turns into what lacks.
 
     Seed 2051: one point alone was known, and the body came to 1 cm from the end.
     """

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
 from armadico.agents.localization import reflectors
-from armadico.agents.localization.global_search import Alternative, Place, Search, anywhere
+from armadico.agents.localization.global_search import Alternative, Place, Search, uniform_poses
 from armadico.agents.localization.localization import (
     LASER,
     SONARS,
@@ -29,13 +29,13 @@ from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Setti
 from armadico.agents.localization.reflectors import WALL
 from armadico.agents.localization.relocate import Relocate
 from armadico.agents.localization.sonar_model import (
+    BATCH_PAIRS,
+    BEHIND,
     EXACT,
     EXCUSED,
+    MISSED,
     RANDOM,
     SHORT,
-    THROUGH,
-    UNHEARD,
-    WIDE,
     SonarModel,
 )
 from armadico.agents.methods.grid import Grid
@@ -120,8 +120,8 @@ def test_what_a_reading_may_be_besides_a_wall_of_the_map() -> None:
     others = 1.0 - EXACT
     assert one(pose, 3.0) > 0.6
     assert one(pose, 1.5) == pytest.approx(others * (SHORT + RANDOM), abs=0.02)
-    assert one(pose, 4.5) == pytest.approx(others * RANDOM * THROUGH, abs=0.02)
-    assert one(pose, None) == pytest.approx(UNHEARD + (1.0 - UNHEARD) * (1.0 - WALL), abs=0.04)
+    assert one(pose, 4.5) == pytest.approx(others * RANDOM * BEHIND, abs=0.02)
+    assert one(pose, None) == pytest.approx(MISSED + (1.0 - MISSED) * (1.0 - WALL), abs=0.04)
     assert one((3.0, 1.5, 0.0), 3.0) > one((3.0, 1.5, 0.5), 3.0)
 
 
@@ -142,25 +142,25 @@ def test_a_wall_that_is_square_to_a_beam_beside_its_axis_is_the_echo() -> None:
 
 
 @pytest.mark.parametrize("off", [18.0, 25.0])
-def test_a_mirror_is_heard_square_to_it_outside_of_the_cone_too(off: float) -> None:
+def test_a_smooth_wall_answers_at_its_foot_outside_the_cone_too(off: float) -> None:
     """The wall ahead is 3.0 m away, and 3.2 or 3.3 m along the axis."""
     turned = (3.0, 1.5, radians(off))
     assert one(turned, 3.0) > 2.0 * one(turned, 3.0 / cos(radians(off)))
 
 
-@pytest.mark.parametrize(("range_m", "heard"), [(1.0, True), (1.5, False)])
-def test_a_corner_is_heard_where_it_is(range_m: float, heard: bool) -> None:
-    """That of (6, 0), by who looks along the diagonal: both walls are 45 degrees off."""
+@pytest.mark.parametrize(("range_m", "received"), [(1.0, True), (1.5, False)])
+def test_a_corner_answers_where_it_is(range_m: float, received: bool) -> None:
+    """That of (6, 0), seen along the diagonal: both walls are 45 degrees off."""
     away = range_m / 2**0.5
-    assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == heard
+    assert (one((6.0 - away, away, radians(-45.0)), 1.0) > 0.5) == received
 
 
 @pytest.mark.parametrize("y", [3.85, 3.7, 3.6])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_who_comes_through_a_door_hears_the_rooms_far_corners(y: float, side: float) -> None:
+def test_in_a_doorway_the_far_corners_of_the_room_answer(y: float, side: float) -> None:
     """They are the last of all that is in sight there, and all there is if the wall ahead is dead.
 
-    Robots were lost in that door: nothing that they heard was on the map.
+    Robots were lost in that door: no echo was from the map.
     """
     world = load_world("surveillance")  # its room R1, from 4 to 8 and from 0 to 4 m
     model = SonarModel(Grid(world.walls, world.bounds))
@@ -169,13 +169,13 @@ def test_who_comes_through_a_door_hears_the_rooms_far_corners(y: float, side: fl
     assert model.likelihood(pose, [echo])[0, 0] > 0.4
 
 
-def test_what_a_nearer_wall_hides_is_not_heard() -> None:
+def test_a_wall_behind_a_nearer_one_does_not_answer() -> None:
     """From the arm of the L, the outer wall at y = 4 is behind the one at y = 3."""
     assert one((1.5, 1.5, pi / 2), 1.5) > 0.5
     assert one((1.5, 1.5, pi / 2), 2.5) < 0.1
 
 
-def test_of_what_is_in_sight_the_likeliest_are_kept_and_who_answers_hides_who_is_behind() -> None:
+def test_the_likeliest_reflectors_are_kept_and_hide_those_behind() -> None:
     """Looked at one by one, beside all at once."""
     rng = np.random.default_rng(9001)
     made = reflectors.of_walls(GRID.walls)
@@ -185,7 +185,7 @@ def test_of_what_is_in_sight_the_likeliest_are_kept_and_who_answers_hides_who_is
     ways = np.where(in_sight, rng.uniform(0.1, 5.0, in_sight.shape), 0.0).astype(np.float32)
     angles = rng.uniform(-pi, pi, in_sight.shape).astype(np.float32)
     table = np.empty(cells * reflectors.HEADINGS, dtype=reflectors.ROW)
-    reflectors._likely(made, which, ways, angles, table)
+    reflectors._fill_table(made, which, ways, angles, table)
     for number, row in enumerate(table.tolist()):
         cell, heading = divmod(number, reflectors.HEADINGS)
         silent, answers = 1.0, [(0.0, nothing)] * reflectors.LIKELY
@@ -208,7 +208,9 @@ def test_of_what_is_in_sight_the_likeliest_are_kept_and_who_answers_hides_who_is
 def test_echoes_are_weighed_together_as_each_alone() -> None:
     """Many at once, with some that found nothing among them, at places in the map and beyond it."""
     rng = np.random.default_rng(9001)
-    poses = rng.uniform((-1.0, -1.0, -20.0), (7.0, 5.0, 20.0), (WIDE // 4, 3)).astype(np.float32)
+    poses = rng.uniform((-1.0, -1.0, -20.0), (7.0, 5.0, 20.0), (BATCH_PAIRS // 4, 3)).astype(
+        np.float32
+    )
     echoes = ring((1.5, 1.5, 0.4))
     echoes[1] = replace(echoes[1], range=None)
     echoes[6] = replace(echoes[6], range=None)
@@ -239,7 +241,7 @@ def test_a_robot_beyond_the_map_is_no_error() -> None:
 
 
 def drive(start: Pose2, cycles: int, drift: float = 0.0) -> Iterator[tuple[Pose2, Pose2]]:
-    """A square with round corners: the true pose, and the motion that the odometry tells."""
+    """A square with round corners: the true pose, and the motion by the odometry."""
     pose = start
     for cycle in range(cycles):
         turn = 0.05 if cycle % 60 >= 28 else 0.0
@@ -273,7 +275,7 @@ def searched(particles: MonteCarlo, most: int | None = None) -> Search:
 
 
 def alternative(particles: MonteCarlo, here: Pose2) -> Alternative | None:
-    search = searched(particles, particles.history.news)
+    search = searched(particles, particles.history.new_readings)
     return search.alternative(here, particles.settings.trust)
 
 
@@ -327,7 +329,7 @@ def test_what_is_learnt_of_the_wheels_is_the_error_that_they_have() -> None:
     particles = MonteCarlo(MODEL, free(), np.random.default_rng(1), odometry=odometry)
     particles.start_at(START, 0.05, 0.03)
     follow(particles, START, 250, drift=0.06)
-    assert particles.learnt == pytest.approx((0.0, -0.06, 0.0), abs=0.04)
+    assert particles.wheel_errors == pytest.approx((0.0, -0.06, 0.0), abs=0.04)
 
 
 def test_they_find_a_robot_of_which_nothing_is_known() -> None:
@@ -341,7 +343,7 @@ def test_they_find_a_robot_of_which_nothing_is_known() -> None:
     assert followed[-1][1].share > 0.9
 
 
-def test_what_a_robot_hears_that_was_carried_away_speaks_for_where_it_is() -> None:
+def test_readings_of_a_kidnapped_robot_favour_its_true_place() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     before = follow(particles, START, 200)[-1][1]
@@ -351,17 +353,17 @@ def test_what_a_robot_hears_that_was_carried_away_speaks_for_where_it_is() -> No
     poses = particles.poses.copy()
     other = alternative(particles, after.pose)
     assert other is not None
-    # Some places fit alike: which one it is told is chance, that it is not here is not.
+    # Some places fit alike: which one is found is chance, that it is another is not.
     assert hypot(other.pose[0] - after.pose[0], other.pose[1] - after.pose[1]) > 0.5
     assert other.odds > 10.0
     assert other.fit > 1.5 * other.stay_fit
-    assert other.readings <= particles.history.news - 3, (
-        "what was heard before it was lifted is not of it"
+    assert other.readings <= particles.history.new_readings - 3, (
+        "readings from before the kidnapping are excluded"
     )
     assert np.array_equal(particles.poses, poses)
 
 
-def test_where_it_is_nothing_speaks_for_another_place() -> None:
+def test_at_the_true_place_no_reading_favours_another() -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     _, found = follow(particles, START, 200)[-1]
@@ -391,7 +393,7 @@ def test_the_same_seed_gives_the_same_particles() -> None:
     assert np.array_equal(*poses)
 
 
-def test_a_robot_that_stands_hears_the_same_again_and_learns_nothing() -> None:
+def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
     particles = filtered()
     particles.start_at(START, 0.3, 0.2)
     particles.weigh(ring(START))
@@ -411,14 +413,14 @@ def test_no_readings_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("echo", [Echo(0.1, 0.0, 0.3, 100.0), Echo(1e4, -1e4, 0.3, 1.0)])
-def test_an_echo_from_far_beyond_the_map_ends_nobody(echo: Echo) -> None:
+def test_an_echo_from_far_beyond_the_map_is_no_error(echo: Echo) -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     particles.weigh([echo])
     assert np.isfinite(particles.weights).all()
 
 
-def test_to_look_at_them_draws_by_weight_and_changes_nothing() -> None:
+def test_drawing_a_sample_is_by_weight_and_changes_nothing() -> None:
     looked, alone = filtered(), filtered()
     for particles in (looked, alone):
         particles.start_anywhere()
@@ -440,7 +442,7 @@ def lost(
     turn_error: float = 0.0,
     bounds: tuple[float, float, float, float] = (0.0, 0.0, 16.0, 4.0),
 ) -> MonteCarlo:
-    """It has no idea, and drives in the L; its wheels tell turns that are too long."""
+    """Lost, and driving in the L; its odometry overestimates turns."""
     grid = Grid([tuple(wall) for wall in walls], bounds)  # type: ignore[misc]
     rows, columns = np.nonzero(grid.clearance > 0.2)
     places = np.column_stack([grid.xs[columns], grid.ys[rows]])
@@ -456,7 +458,7 @@ def lost(
 
 
 @pytest.mark.parametrize("turn_error", [0.0, 0.04, -0.04])
-def test_one_look_at_all_that_it_heard_finds_it_on_the_whole_map(turn_error: float) -> None:
+def test_one_search_with_all_readings_finds_it_on_the_whole_map(turn_error: float) -> None:
     particles = lost(WALLS, 130, turn_error)
     search = searched(particles)
     best, *others = search.places
@@ -469,7 +471,7 @@ def test_one_look_at_all_that_it_heard_finds_it_on_the_whole_map(turn_error: flo
     assert off(pose, particles.estimate())[0] < 0.15  # and there the particles are
 
 
-def test_rooms_that_are_alike_share_what_is_believed() -> None:
+def test_similar_rooms_share_the_weight() -> None:
     particles = lost([*WALLS, *((x1 + 8, y1, x2 + 8, y2) for x1, y1, x2, y2 in WALLS)], 150)
     first, second, *_ = searched(particles).places
     assert abs(abs(first.pose[0] - second.pose[0]) - 8.0) < 0.3
@@ -489,7 +491,7 @@ def test_of_rooms_that_are_alike_the_one_where_it_was_is_likelier_and_no_other_p
     assert elsewhere.share < 0.05
 
 
-def test_where_all_that_it_hears_is_excused_nothing_fits() -> None:
+def test_where_all_readings_are_excused_no_place_fits() -> None:
     """Else a robot that is carried from a hall into a closet would be found in the hall."""
     x1, y1, x2, y2 = bounds = (-8.0, -8.0, 14.0, 12.0)
     hall = [(x1, y1, x2, y1), (x2, y1, x2, y2), (x2, y2, x1, y2), (x1, y2, x1, y1)]
@@ -501,12 +503,12 @@ def test_where_all_that_it_hears_is_excused_nothing_fits() -> None:
 
 def test_without_readings_no_place_is_found() -> None:
     particles = lost(WALLS, 60)
-    assert particles.history.news > 5
-    particles.history.forget()
+    assert particles.history.new_readings > 5
+    particles.history.discard_old()
     before = particles.poses.copy()
     search = searched(particles)
     particles.gather(search)
-    assert (particles.history.news, search.places) == (0, [])
+    assert (particles.history.new_readings, search.places) == (0, [])
     assert np.array_equal(particles.poses, before)
 
 
@@ -555,9 +557,9 @@ class Robot:
         self.agent.start(0.0)
         self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
-        self.stands = False  # somebody half a metre before the sonars that look to the right
+        self.stands = False  # a person 0.5 m in front of the sonars on the right
         self.deaf = False  # nothing answers
-        self.said: list[Message] = []
+        self.published: list[Message] = []
 
     def restart(self, motion: Pose2, *, anew: bool = False) -> None:
         """Another robot agent; meanwhile the robot rolled on, and was counted, or not."""
@@ -582,29 +584,32 @@ class Robot:
             pings = tuple(replace(p, range=None) for p in pings)
         for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
             self.agent.receive(message, now)
-        said = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
+        published = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
         self.agent.outbox.clear()
-        self.said += said
-        return [message for message in said if isinstance(message, Correction)]
+        self.published += published
+        return [message for message in published if isinstance(message, Correction)]
 
 
 def placed(correction: Correction, odometry: Pose2) -> Pose2:
     return compose((correction.x, correction.y, correction.theta), odometry)
 
 
-def test_it_says_where_the_odometry_begins_by_the_map(world: str) -> None:
+@pytest.mark.long
+def test_it_estimates_the_odometrys_origin_by_the_map(world: str) -> None:
     robot = Robot(Parameters(world=world))
     begin = relative((0.0, 0.0, 0.0), START)
     for pose, motion in drive(START, 400, drift=0.03):
-        told = compose(begin, robot.odometry)
-        corrections = robot.at(pose, motion, told)
+        by_encoder = compose(begin, robot.odometry)
+        corrections = robot.at(pose, motion, by_encoder)
     x, y, theta = placed(corrections[-1], robot.odometry)
     assert hypot(x - pose[0], y - pose[1]) < 0.12
     assert abs(wrap(theta - pose[2])) < 0.08
     assert corrections[-1].confidence > 0.9
     assert len(corrections[-1].covariance) == 6
-    told = compose(begin, robot.odometry)
-    assert hypot(told[0] - pose[0], told[1] - pose[1]) > 0.2  # what it was corrected from
+    by_encoder = compose(begin, robot.odometry)
+    assert (
+        hypot(by_encoder[0] - pose[0], by_encoder[1] - pose[1]) > 0.2
+    )  # what it was corrected from
 
 
 def test_what_may_be_does_not_go_through_a_wall_that_does_not_answer(world: str) -> None:
@@ -614,7 +619,7 @@ def test_what_may_be_does_not_go_through_a_wall_that_does_not_answer(world: str)
     for _ in range(110):
         pose = compose(pose, motion)
         robot.at(pose, motion, pose)
-    places = poses_of([m for m in robot.said if isinstance(m, Particles)][-1])
+    places = poses_of([m for m in robot.published if isinstance(m, Particles)][-1])
     assert sum(y < 0.03 for _, y, _ in places) < 0.05 * len(places)
 
 
@@ -635,18 +640,20 @@ def test_one_correction_a_cycle_once_it_has_a_pose(world: str) -> None:
     assert made == [1] * 10
 
 
-def test_a_robot_that_stands_is_said_to_be_where_it_was(world: str) -> None:
-    """Word for word, so that whoever works on it has nothing new; once the estimate has settled."""
+def test_a_robot_at_rest_has_a_constant_estimate(world: str) -> None:
+    """Byte for byte, once the estimate has settled, so that receivers have no new input."""
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 20):
         robot.at(pose, motion, pose)
-    robot.said.clear()
+    robot.published.clear()
     for _ in range(12):
         robot.at(pose, (0.0, 0.0, 0.0), pose)
-    said = [replace(m, cycle=Cycle(0, 0)) for m in robot.said if isinstance(m, Correction)]
-    assert len(said) == 12
-    assert all(one == said[3] for one in said[3:])
-    shown = [m.packed for m in robot.said if isinstance(m, Particles)]
+    published = [
+        replace(m, cycle=Cycle(0, 0)) for m in robot.published if isinstance(m, Correction)
+    ]
+    assert len(published) == 12
+    assert all(one == published[3] for one in published[3:])
+    shown = [m.packed for m in robot.published if isinstance(m, Particles)]
     assert len(shown) > 1
     assert len(set(shown)) == 1
 
@@ -655,14 +662,15 @@ def test_twice_a_second_some_particles_are_published_about_where_it_is(world: st
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 31):
         robot.at(pose, motion, pose)
-    shown = [message for message in robot.said if isinstance(message, Particles)]
+    shown = [message for message in robot.published if isinstance(message, Particles)]
     assert [message.cycle.number for message in shown] == [1, 6, 11, 16, 21, 26, 31]
     poses = poses_of(shown[-1])
     assert len(poses) == MOST
     assert hypot(poses[0][0] - pose[0], poses[0][1] - pose[1]) < 0.6
 
 
-def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> None:
+@pytest.mark.long
+def test_without_an_initial_pose_it_is_lost_until_it_is_found(world: str) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
     confidences = []
     for pose, motion in drive(START, 600):
@@ -672,18 +680,20 @@ def test_with_no_idea_it_says_that_it_is_lost_until_it_is_found(world: str) -> N
             assert correction.covariance[0] >= 1.0
     assert confidences[0] == 0.0
     assert confidences[-1] > 0.9
-    assert any(isinstance(said, Log) and "is found" in said.text for said in robot.said)
+    assert any(
+        isinstance(message, Log) and "is localized" in message.text for message in robot.published
+    )
 
 
-def test_it_is_looked_for_where_names_are_and_elsewhere_only_if_it_began_there() -> None:
+def test_it_is_searched_for_in_named_rooms_and_elsewhere_only_if_it_began_there() -> None:
     robot = Robot(Parameters(world="surveillance", start="anywhere"))
     void = (6.0, 8.0, 0.0)  # between two wings of the building
     robot.at((1.5, 2.0, 0.0), (0.0, 0.0, 0.0), (1.5, 2.0, 0.0))
-    guesses = anywhere(robot.agent._filter._free, 5000, np.random.default_rng(1))
+    guesses = uniform_poses(robot.agent._filter._free, 5000, np.random.default_rng(1))
     assert not ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
     robot = Robot(Parameters(world="surveillance"))
     robot.at(void, (0.0, 0.0, 0.0), void)
-    guesses = anywhere(robot.agent._filter._free, 5000, np.random.default_rng(1))
+    guesses = uniform_poses(robot.agent._filter._free, 5000, np.random.default_rng(1))
     assert ((guesses[:, 1] > 6.3) & (abs(guesses[:, 0] - 6.0) < 1.7)).any()
 
 
@@ -696,7 +706,9 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
         for pose, motion in drive((1.0, 1.5, 2.0), 100)
     ]
     assert 0.0 in confidences
-    assert any(isinstance(said, Log) and "is lost" in said.text for said in robot.said)
+    assert any(
+        isinstance(message, Log) and "is lost" in message.text for message in robot.published
+    )
 
 
 def test_it_is_found_where_it_was_carried_to(world: str) -> None:
@@ -712,17 +724,21 @@ def test_it_is_found_where_it_was_carried_to(world: str) -> None:
 
 def found(robot: Robot, cycles: int) -> list[float]:
     """How unsure it is of its place, from when it was found on, m."""
-    said = [robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, cycles)]
-    return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in said if one.confidence]
+    published = [
+        robot.at(pose, motion, (0.0, 0.0, 0.0))[0] for pose, motion in drive(START, cycles)
+    ]
+    return [(one.covariance[0] + one.covariance[3]) ** 0.5 for one in published if one.confidence]
 
 
-def test_nobody_drives_fast_by_a_place_that_has_just_been_found(world: str) -> None:
+@pytest.mark.long
+def test_a_place_just_found_limits_the_speed(world: str) -> None:
     unsure = found(Robot(Parameters(world=world, start="anywhere")), 350)
     assert unsure[0] >= Parameters().unproved_m
     assert max(unsure) < LOST_M
     assert unsure[-1] < UNSURE_M
 
 
+@pytest.mark.long
 def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -738,10 +754,13 @@ def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     monkeypatch.setattr(Search, "places", property(elsewhere))
     unsure = found(robot, 260)
     assert min(unsure) >= Parameters().unproved_m  # and never proved
-    assert any("fit better at (0.50, 0.50)" in m.text for m in robot.said if isinstance(m, Log))
+    assert any(
+        "fit better at (0.50, 0.50)" in m.text for m in robot.published if isinstance(m, Log)
+    )
 
 
-def test_who_stands_before_half_of_the_sonars_does_not_lose_it(world: str) -> None:
+@pytest.mark.long
+def test_a_person_before_half_of_the_sonars_does_not_make_it_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     for number, (pose, motion) in enumerate(drive(START, 300)):
         robot.stands = number >= 100
@@ -774,12 +793,12 @@ def doubting(
     confirm: Confirmation = SONARS,
 ) -> Robot:
     """Kidnapped; each search finds the next of these alternatives, the last one again and again."""
-    robot, told = Robot(Parameters(world=world, confirm=confirm)), list(others)
+    robot, left = Robot(Parameters(world=world, confirm=confirm)), list(others)
     for pose, motion in drive(START, 200):
         robot.at(pose, motion, pose)
 
     def alternative(*_: object) -> Alternative | None:
-        return told.pop(0) if len(told) > 1 else told[0]
+        return left.pop(0) if len(left) > 1 else left[0]
 
     monkeypatch.setattr(Search, "alternative", alternative)
     return robot
@@ -810,6 +829,7 @@ def other(odds: float, fit: float) -> Alternative:
     return Alternative((1.0, 1.5, 2.0), odds, 3, fit, 0.3, odds)
 
 
+@pytest.mark.long(but=("3.0-0.6-False",))
 @pytest.mark.parametrize(
     ("odds", "fit", "lost"),
     [(SURE, 0.6, True), (SURE, 0.46, True), (SURE, 0.35, False), (3.0, 0.6, False)],
@@ -824,6 +844,7 @@ def test_another_place_that_fits_much_better_in_search_after_search_makes_it_los
     assert all(slow(one) for one in published if one.elsewhere)
 
 
+@pytest.mark.long
 def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -835,6 +856,7 @@ def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
     assert sum(a.elsewhere < b.elsewhere for a, b in pairwise(published)) == 2
 
 
+@pytest.mark.long(but=("False",))
 @pytest.mark.parametrize("goes_along", [True, False])
 def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
     world: str, monkeypatch: pytest.MonkeyPatch, goes_along: bool
@@ -851,6 +873,7 @@ def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
     assert lost_in(carried(robot, 130, (0.04, 0.0, 0.06))) == goes_along
 
 
+@pytest.mark.long
 def test_verdicts_of_before_the_robot_was_found_do_not_count(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -863,6 +886,7 @@ def test_verdicts_of_before_the_robot_was_found_do_not_count(
     assert not lost_in(carried(robot, 80, (0.02, 0.0, 0.0)))
 
 
+@pytest.mark.long(but=("0.7-False",))
 @pytest.mark.parametrize(("fit", "lost"), [(0.9, True), (0.7, False)])
 def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     world: str, monkeypatch: pytest.MonkeyPatch, fit: float, lost: bool
@@ -874,33 +898,34 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
 
 
+@pytest.mark.long
 def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    robot, asked = doubting(world, monkeypatch, other(SURE, 0.6)), []
+    robot, requested = doubting(world, monkeypatch, other(SURE, 0.6)), []
 
     def staying(_search: Search, here: Pose2, _odds: float) -> None:
-        asked.append(here)
+        requested.append(here)
 
     monkeypatch.setattr(Search, "staying", staying)
     assert lost_in(carried(robot, 60, (0.1, 0.0, 0.0)))
-    assert asked
-    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in asked)
+    assert requested
+    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in requested)
 
 
-def test_a_doubt_that_a_robot_at_rest_cannot_settle_becomes_lost(
+def test_a_suspicion_that_a_robot_at_rest_cannot_settle_makes_it_lost(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Relocate then turns it; it used to stand for half a minute."""
     robot = doubting(world, monkeypatch, other(3.0, 0.6))
-    while not (said := carried(robot, 1, (0.02, 0.0, 0.0))[0]).elsewhere:
+    while not (published := carried(robot, 1, (0.02, 0.0, 0.0))[0]).elsewhere:
         pass
-    assert deviation(said) < LOST_M
+    assert deviation(published) < LOST_M
     published = carried(robot, 80, (0.0, 0.0, 0.0))
     assert deviation(published[40]) < LOST_M < deviation(published[-1])
 
 
-def test_it_doubts_until_nothing_speaks_for_another_place(
+def test_it_is_suspicious_until_no_reading_favours_another_place(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = doubting(world, monkeypatch, other(3.0, 0.6), None)
@@ -909,7 +934,8 @@ def test_it_doubts_until_nothing_speaks_for_another_place(
     assert not doubts[-1]
 
 
-def test_doubt_is_published_until_the_robot_is_found(
+@pytest.mark.long
+def test_suspicion_is_published_until_the_robot_is_found(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = doubting(world, monkeypatch, *[other(SURE, 0.6)] * SONARS.verdicts, None)
@@ -919,29 +945,33 @@ def test_doubt_is_published_until_the_robot_is_found(
     assert True not in doubts[doubts.index(False, doubts.index(True)) :]
 
 
-def test_who_is_merely_unsure_does_not_say_so(world: str) -> None:
+def test_mere_uncertainty_is_not_published_as_a_kidnapping(world: str) -> None:
     robot = Robot(Parameters(world=world, start="anywhere"))
     found(robot, 250)
-    said = [one for one in robot.said if isinstance(one, Correction)]
-    assert said[0].confidence == 0.0
-    assert said[-1].confidence > 0.9
-    assert not any(one.elsewhere for one in said)
+    published = [one for one in robot.published if isinstance(one, Correction)]
+    assert published[0].confidence == 0.0
+    assert published[-1].confidence > 0.9
+    assert not any(one.elsewhere for one in published)
 
 
 def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
     robot = Robot(Parameters(world=world))
     robot.at(START, (0.0, 0.0, 0.0), START)
     for x, y, room in ((-20.0, 1.0, False), (4.5, 1.5, True), (5.95, 1.5, True)):
-        before, robot.said = placed(robot.at(START, (0.0, 0.0, 0.0), START)[-1], robot.odometry), []
+        before, robot.published = (
+            placed(robot.at(START, (0.0, 0.0, 0.0), START)[-1], robot.odometry),
+            [],
+        )
         robot.agent.receive(InitialPose(x, y, 0.0), robot.begun + 0.1 * robot.number)
         after = placed(robot.at((x, y, 0.0), (0.0, 0.0, 0.0), START)[-1], robot.odometry)
         assert (hypot(after[0] - x, after[1] - y) < 0.3) == room
         assert (hypot(after[0] - before[0], after[1] - before[1]) < 0.3) != room
-        refused = [m for m in robot.said if isinstance(m, Log) and "rejected" in m.text]
+        refused = [m for m in robot.published if isinstance(m, Log) and "rejected" in m.text]
         assert bool(refused) != room
 
 
-def test_wheels_that_are_worse_than_the_profile_says_are_reported(world: str) -> None:
+@pytest.mark.long
+def test_wheels_worse_than_in_the_profile_are_reported(world: str) -> None:
     for drift, worn in ((0.02, False), (0.2, True)):
         robot = Robot(Parameters(world=world), seed=0)
         for pose, motion in drive(START, 400, drift=drift):
@@ -949,7 +979,10 @@ def test_wheels_that_are_worse_than_the_profile_says_are_reported(world: str) ->
         card = robot.agent.card()
         assert card.learnt
         assert bool(card.doubts) == worn
-        assert any("odometry is worse" in m.text for m in robot.said if isinstance(m, Log)) == worn
+        assert (
+            any("odometry is worse" in m.text for m in robot.published if isinstance(m, Log))
+            == worn
+        )
 
 
 def test_what_rolled_while_there_was_no_robot_agent_moves_the_particles_too(world: str) -> None:
@@ -988,8 +1021,8 @@ def test_what_was_not_counted_makes_a_lost_robot_no_surer_of_one_place(world: st
         (before,) = robot.at(START, (0.0, 0.0, 0.0), START)
     robot.restart((0.0, 0.0, 0.0), anew=True)
     (after,) = robot.at(START, (0.0, 0.0, 0.0), START)
-    spreads = [said.covariance[0] + said.covariance[3] for said in (before, after)]
-    assert min(spreads) > 2.5, "more than the least that one who is lost says"
+    spreads = [message.covariance[0] + message.covariance[3] for message in (before, after)]
+    assert min(spreads) > 2.5, "more than the least of a lost robot"
     assert spreads[1] > 0.7 * spreads[0]
 
 
@@ -1006,13 +1039,13 @@ def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_i
     assert robot.agent._search is None
 
 
-def test_one_that_starts_with_an_unsure_heading_looks_for_it_as_wide(world: str) -> None:
-    """The encoder agent says that half a radian was not counted; so it is for who starts then."""
+def test_an_uncertain_initial_heading_spreads_the_particles(world: str) -> None:
+    """The encoder agent publishes that half a radian was not counted."""
     off = 0.5
     covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
-    for told, least in ((covariance, 0.5 * off), ((), 0.0)):
+    for by_encoder, least in ((covariance, 0.5 * off), ((), 0.0)):
         robot = Robot(Parameters(world=world))
-        robot.at(START, (0.0, 0.0, 0.0), START, told)
+        robot.at(START, (0.0, 0.0, 0.0), START, by_encoder)
         headings = robot.agent._filter.poses[:, 2] - START[2]
         assert float(np.std(headings)) > least
         assert bool(least) == (float(np.std(headings)) > radians(10.0))
@@ -1022,7 +1055,7 @@ def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
     corrections = [robot.at(pose, motion, pose, wide) for pose, motion in drive(START, 5)]
-    assert [said.confidence for (said,) in corrections] == [0.0] * 5
+    assert [correction.confidence for (correction,) in corrections] == [0.0] * 5
 
 
 def test_without_walls_there_is_nothing_to_know_it_by() -> None:
@@ -1035,21 +1068,23 @@ def test_without_walls_there_is_nothing_to_know_it_by() -> None:
 def test_what_is_published_can_be_sent_however_far_off_the_odometry_is(
     world: str, far: Pose2
 ) -> None:
-    """What cannot be sent is dropped: the encoder agent would go on as if nothing had happened."""
+    """What cannot be sent is dropped: the encoder agent would continue without it."""
     robot = Robot(Parameters(world=world))
     wide = (1e6, 0.0, 0.0, 1e6, 0.0, 1e6)
     robot.at(START, (0.0, 0.0, 0.0), far, wide if far[0] < 2.0 else ())
     for pose, motion in drive(START, 20):
         robot.at(pose, motion, pose)
     robot.at(pose, (1e5, 1e5, 0.0), pose)
-    corrections = [checked(said) for said in robot.said if isinstance(said, Correction)]
+    corrections = [
+        checked(message) for message in robot.published if isinstance(message, Correction)
+    ]
     assert len(corrections) == (22 if far[0] < 2.0 else 21)
 
 
 # A laser ------------------------------------------------------------------------------------------
 
 
-def test_a_laser_may_sit_and_look_anywhere_and_a_scan_that_is_repeated_counts_once(
+def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "laser.map"
@@ -1072,8 +1107,8 @@ def test_a_laser_may_sit_and_look_anywhere_and_a_scan_that_is_repeated_counts_on
             for message in (state, Pose(cycle, *at), scan):
                 agent.receive(message, 0.1 * cycle.number)
             assert agent._filter.due == bool(again), "nothing was weighed since it moved"
-    said = [item.message for item in agent.outbox if isinstance(item, Publish)]
-    last = [one for one in said if isinstance(one, Correction)][-1]
+    published = [item.message for item in agent.outbox if isinstance(item, Publish)]
+    last = [one for one in published if isinstance(one, Correction)][-1]
     assert hypot(last.x, last.y) < 0.05  # the odometry is exact
     assert last.confidence > 0.9
 
@@ -1095,8 +1130,8 @@ def modelled() -> np.ndarray:
 
 def test_what_is_made_of_a_map_is_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = modelled()
-    (kept,) = cache.iterdir()
-    assert kept.suffix == ".npz"
+    (cached,) = cache.iterdir()
+    assert cached.suffix == ".npz"
     monkeypatch.delattr("armadico.agents.localization.localization.fields")
     assert np.array_equal(modelled(), made)
 
@@ -1104,19 +1139,19 @@ def test_what_is_made_of_a_map_is_kept(cache: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("damaged", [b"", b"no zip at all", None])
 def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None:
     made = modelled()
-    (kept,) = cache.iterdir()
-    whole = kept.read_bytes()
-    kept.write_bytes(whole[:5000] + b"?" + whole[5001:] if damaged is None else damaged)
+    (cached,) = cache.iterdir()
+    whole = cached.read_bytes()
+    cached.write_bytes(whole[:5000] + b"?" + whole[5001:] if damaged is None else damaged)
     assert np.array_equal(modelled(), made)
-    assert kept.read_bytes() == whole
+    assert cached.read_bytes() == whole
 
 
 def test_a_file_that_lacks_an_array_is_made_anew(cache: Path) -> None:
     made = modelled()
-    (kept,) = cache.iterdir()
-    with np.load(kept) as whole:
+    (cached,) = cache.iterdir()
+    with np.load(cached) as whole:
         parts = {name: whole[name] for name in whole.files[1:]}
-    np.savez(kept, **parts)
+    np.savez(cached, **parts)
     assert np.array_equal(modelled(), made)
 
 
@@ -1126,7 +1161,7 @@ def test_what_a_killed_process_has_left_does_not_stay_for_ever(
     def killed(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("armadico.agents.localization.kept.MOST", 2)
+    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
     with monkeypatch.context() as patch:
         patch.setattr("numpy.savez", killed)
         patch.setattr(Path, "unlink", killed)
@@ -1153,14 +1188,14 @@ def test_another_map_is_another_file(cache: Path) -> None:
 
 
 def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.kept.MOST", 2)
+    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
     for reach in (3.0, 4.0, 5.0):
         sonar_model(GRID, radians(30.0), reach)
     assert len(list(cache.iterdir())) == 2
 
 
 def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.kept.MOST_BYTES", 1)
+    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST_BYTES", 1)
     for reach in (3.0, 4.0):
         sonar_model(GRID, radians(30.0), reach)
         assert len(list(cache.iterdir())) == 1
@@ -1185,7 +1220,7 @@ def test_a_map_without_walls_or_room_is_no_error(walls: list[tuple[float, ...]])
 
 
 @pytest.mark.parametrize("kind", [Localization, PathPlanning, Relocate])
-def test_a_world_that_nobody_has_memory_for_is_refused(kind: type[Agent], tmp_path: Path) -> None:
+def test_a_world_too_large_for_memory_is_rejected(kind: type[Agent], tmp_path: Path) -> None:
     path = tmp_path / "huge.map"
     path.write_text(
         "2D-Map\nLineMinPos: 0 0\nLineMaxPos: 2000000 2000000\nLINES\n0 0 2000000 2000000\n"
@@ -1201,11 +1236,12 @@ def test_a_start_inside_a_wall_is_weighed_as_any_other() -> None:
     assert np.isfinite(particles.weights).all()
 
 
+@pytest.mark.long
 def test_a_map_of_another_place_is_reported_and_slows_the_robot(world: str, tmp_path: Path) -> None:
     path = tmp_path / "other.map"
     path.write_text(MAP + "0 0 9000 0\n9000 0 9000 9000\n9000 9000 0 9000\n0 9000 0 0\n")
     robot = Robot(Parameters(world=str(path)))
     for pose, motion in drive(START, 400):
         (correction,) = robot.at(pose, motion, pose)
-    assert any("map badly" in m.text for m in robot.said if isinstance(m, Log))
+    assert any("map badly" in m.text for m in robot.published if isinstance(m, Log))
     assert sqrt(correction.covariance[0] + correction.covariance[3]) > UNSURE_M

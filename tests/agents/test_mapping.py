@@ -1,4 +1,4 @@
-"""The mapping agent and its method: what a ping says of which cells."""
+"""The mapping agent and its method: the evidence of a ping for cells."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_what_has_gone_is_forgotten_after_seeing_through_it() -> None:
     assert mapper.cells().at(0.6, 0.0) == FREE
 
 
-def test_where_the_robot_stands_is_free_whatever_was_heard() -> None:
+def test_the_footprint_is_free_whatever_was_sensed() -> None:
     mapper = mapped((0.0, 0.6))
     mapper.stand(Placed(0.6, 0.0, 1.0), ((0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)))
     cells = mapper.cells()
@@ -142,7 +142,7 @@ def test_a_map_of_another_resolution_goes_on_where_its_cells_are() -> None:
 
 
 class Ring:
-    """A mapping agent, and a robot that stands and hears a wall."""
+    """A mapping agent, and a robot at rest with echoes from a wall."""
 
     def __init__(self, parameters: Parameters | None = None) -> None:
         self.agent = Mapping(Identity("mapping-1"), parameters)
@@ -153,8 +153,8 @@ class Ring:
         self.number += 1
         cycle, now = Cycle(1, self.number), 0.1 * self.number
         self.agent.cycles.advance(cycle, now)
-        said = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
-        messages = [*said, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
+        messages = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
+        messages = [*messages, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
         for message in messages[::-1] if pose_first else messages:
             self.agent.receive(message, now)
 
@@ -187,23 +187,23 @@ def test_a_ping_without_a_pose_of_its_cycle_is_left_out() -> None:
     assert not (cells_of(only).states == OCCUPIED).any()
 
 
-def test_the_map_is_given_when_it_is_asked_for() -> None:
+def test_the_map_is_returned_on_request() -> None:
     ring = Ring()
-    ring.agent.asked(Question(1, MapRequest()), 0.0)
+    ring.agent.on_query(Question(1, MapRequest()), 0.0)
     (nothing,) = ring.grids()
     assert not nothing.rows
     for _ in range(20):
         ring.cycle()
     ring.grids()
-    ring.agent.asked(Question(2, MapRequest()), 2.1)
+    ring.agent.on_query(Question(2, MapRequest()), 2.1)
     (grid,) = ring.grids()
     assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
 
 
-def test_it_goes_on_with_a_saved_map_or_says_why_not(tmp_path: Path) -> None:
+def test_it_resumes_a_saved_map_or_reports_the_error(tmp_path: Path) -> None:
     file, image = grid_map.save(mapped((0.0, 1.0)).cells(), tmp_path / "saved.yaml")
     ring = Ring(Parameters(resume=str(file)))
-    ring.agent.asked(Question(1, MapRequest()), 0.0)
+    ring.agent.on_query(Question(1, MapRequest()), 0.0)
     (grid,) = ring.grids()
     assert cells_of(grid).at(1.0, 0.0) == OCCUPIED
     image.unlink()
@@ -216,10 +216,10 @@ def test_it_logs_once_where_the_map_can_grow_no_more() -> None:
     logged = []
     for x in (2.0, 150.0, 250.0, 260.0, 2.0):
         ring.cycle(x=x)
-        said, ring.agent.outbox = ring.agent.outbox, []
+        messages, ring.agent.outbox = ring.agent.outbox, []
         logged += [
             (x, "250.0" in o.message.text, o.message.level)
-            for o in said
+            for o in messages
             if isinstance(o, Publish) and isinstance(o.message, Log)
         ]
     assert logged == [(250.0, True, WARNING)]
@@ -260,9 +260,7 @@ def test_a_ray_is_a_line_that_is_free_up_to_what_it_met(bearing: float) -> None:
     assert cells.at(0.02 + c - 0.1 * s, 0.02 + s + 0.1 * c) == UNKNOWN, "no cone"
 
 
-def test_a_ray_that_found_nothing_is_free_where_it_may_be_believed_and_one_without_tells_none() -> (
-    None
-):
+def test_a_ray_without_a_return_is_free_for_a_limited_range_and_an_invalid_one_is_none() -> None:
     cells = scanned((0.0, inf), (radians(90), 0.0), (radians(180), 12.0), at=MIDDLE).cells()
     p = Settings()
     assert cells.at(p.unseen_m - 0.2, 0.02) == FREE

@@ -262,34 +262,34 @@ def test_a_task_whose_code_raises_fails_its_step_with_name_file_and_line(
 
 
 @pytest.mark.parametrize(
-    ("verdict", "said"),
+    ("verdict", "named"),
     [
-        (None, "look gave None: that is no Going, Done or Failed"),
-        (Done(3), "look gave Done(said=3, event=None): said is a text"),  # type: ignore[arg-type]
-        (Failed(None), "look gave Failed(why=None): why is a text"),  # type: ignore[arg-type]
-        (Going(stage="two"), "stage is a whole number"),  # type: ignore[arg-type]
-        (Going(stage=-1), "stage is a whole number, 0 or more"),
-        (Going("R1"), "request is a Stand, Drive, Explore or Charge"),  # type: ignore[arg-type]
-        (Going(Drive(7)), "cannot unpack"),  # type: ignore[arg-type]
-        (Going(Drive((1.0, 2.0))), "not enough values"),  # type: ignore[arg-type]
-        (Going(Drive((1.0, nan, 0.0))), "Waypoint cannot be sent"),
-        (Going(Explore(("a", 0, 1, 1))), "ExploreRequest cannot be sent"),  # type: ignore[arg-type]
-        (Going(Charge(80.0)), "ChargeRequest cannot be sent"),
+        (None, "None"),
+        (Done(3), "said"),  # type: ignore[arg-type]
+        (Failed(None), "why"),  # type: ignore[arg-type]
+        (Going(stage="two"), "stage"),  # type: ignore[arg-type]
+        (Going(stage=-1), "stage"),
+        (Going("R1"), "request"),  # type: ignore[arg-type]
+        (Going(Drive(7)), "7"),  # type: ignore[arg-type]
+        (Going(Drive((1.0, 2.0))), "2.0"),  # type: ignore[arg-type]
+        (Going(Drive((1.0, nan, 0.0))), "Waypoint"),
+        (Going(Explore(("a", 0, 1, 1))), "ExploreRequest"),  # type: ignore[arg-type]
+        (Going(Charge(80.0)), "ChargeRequest"),
     ],
 )
 def test_a_task_that_gives_no_verdict_fails_its_step(
-    verdict: Any, said: str, others: Callable[[type[Task]], Mission]
+    verdict: Any, named: str, others: Callable[[type[Task]], Mission]
 ) -> None:
     class Gives(Task):
-        """Answers what nobody can act upon."""
+        """Returns a verdict that is none."""
 
         def tick(self, beliefs: Beliefs, progress: Any) -> Any:
             return verdict
 
     failed = Drill(others(Gives)).out.failed
     assert failed is not None
-    assert failed.startswith("take-photo: task 'take-photo': look gave ")
-    assert said in failed
+    assert failed.startswith("take-photo: task 'take-photo': ")
+    assert named in failed
 
 
 def test_a_task_may_want_one_thing_after_another(others: Callable[[type[Task]], Mission]) -> None:
@@ -422,28 +422,29 @@ def turns(draw: Any) -> list[Turn]:
 def drive(
     all_of_them: list[Turn], restarted: Callable[[Course], Course]
 ) -> tuple[Course, list[Any]]:
-    course, asked = Course(), []
+    course, on_query = Course(), []
     for turn in all_of_them:
         if turn.detour:
             course = merged(WORLD, broken_off(WORLD, restarted(course)), turn.detour)
         ahead(WORLD, restarted(course))
         out = advance(WORLD, restarted(course), turn.beliefs, turn.seconds, turn.state, "so it is")
         course = out.course
-        asked.append((out.request, out.failed, out.events, course.tasks))
+        on_query.append((out.request, out.failed, out.events, course.tasks))
         if out.request is None:
             break
-    return course, asked
+    return course, on_query
 
 
+@pytest.mark.long
 @settings(max_examples=100, deadline=None)
 @given(turns())
 def test_who_goes_on_from_the_published_state_goes_the_same_way(all_of_them: list[Turn]) -> None:
     through = drive(all_of_them, lambda course: course)
     restarted = drive(all_of_them, lambda course: decode(encode(course), Course))
     assert through == restarted
-    course, asked = through
+    course, on_query = through
     assert all(len(result.step) > 0 for result in course.results)
-    ended = [request is None for request, *_ in asked]
+    ended = [request is None for request, *_ in on_query]
     assert not any(ended[:-1])
     assert ended[-1] == (not course.frames)
     assert {result.end for result in course.results} <= {*StepEnd}
@@ -478,6 +479,7 @@ COURSE = st.builds(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=200, deadline=None)
 @given(COURSE, st.sampled_from(list(Reach)), STEPS)
 def test_no_state_that_anybody_can_say_raises(

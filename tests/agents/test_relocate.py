@@ -99,12 +99,12 @@ def test_backwards_too() -> None:
     assert back == pytest.approx(-cap_at(0.99 * LOST_M))
 
 
-def test_who_holds_lets_go_when_the_robot_is_lost() -> None:
+def test_the_holder_releases_when_the_robot_is_lost() -> None:
     made = stage(Goto(Identity("goto-1")), 0.0)
     made.holding()
     made.off_m = 2.0 * LOST_M
-    said = [made.cycle() for _ in range(6)]
-    assert [c.action for c in commands(m for cycle in said for m in cycle)][-1] is None
+    messages = [made.cycle() for _ in range(6)]
+    assert [c.action for c in commands(m for cycle in messages for m in cycle)][-1] is None
 
 
 def test_relocate_drives_only_a_robot_that_is_lost() -> None:
@@ -113,7 +113,7 @@ def test_relocate_drives_only_a_robot_that_is_lost() -> None:
     assert made.bid.reason == "the pose is known"
 
 
-def test_without_a_mission_nobody_drives_a_lost_robot() -> None:
+def test_without_a_mission_no_agent_drives_a_lost_robot() -> None:
     made = Alone(Relocate(Identity("relocate-1")))
     made.off_m = 2.0
     made.state()
@@ -130,7 +130,7 @@ def test_the_more_uncertain_the_pose_the_more_it_bids() -> None:
     assert bids[-1] == 1.0
 
 
-def test_it_looks_around_and_then_drives_on() -> None:
+def test_it_turns_once_and_then_drives_on() -> None:
     made = lost()
     made.holding()
     assert speeds(commands(made.published)[-1]) == (0.0, Parameters().w)
@@ -155,15 +155,17 @@ def test_where_it_cannot_drive_on_it_turns_to_the_freer_side() -> None:
     assert w > 0.0
 
 
-def test_not_found_in_time_it_stands_and_says_so() -> None:
+def test_not_found_in_time_it_stands_and_logs_it() -> None:
     made = lost(give_up_s=5.0)
     made.holding()
     for _ in range(60):
         last = made.cycle()
     assert claims(last) == []
-    assert "not found in 5 s" in made.bid.reason
-    told = [said for said in made.published if isinstance(said, Log) and "it stands" in said.text]
-    assert len(told) == 1
+    assert "5 s" in made.bid.reason
+    logs = [
+        message for message in made.published if isinstance(message, Log) and "lost" in message.text
+    ]
+    assert len(logs) == 1
 
 
 def test_where_it_can_neither_turn_nor_go_on_it_backs_out() -> None:
@@ -179,7 +181,7 @@ def test_where_it_can_neither_turn_nor_go_on_it_backs_out() -> None:
 
 
 def looked_around(*, answers: bool | None) -> Alone:
-    """It has turned once; the sonars that look ahead heard something meanwhile, or nothing."""
+    """It has turned once; the sonars ahead received an echo meanwhile, or none."""
     made = lost()
     made.holding()
     made.speed = (0.0, Parameters().w)
@@ -191,12 +193,12 @@ def looked_around(*, answers: bool | None) -> Alone:
 
 def ping(made: Alone, answers: bool | None, heard_m: float = 4.0) -> None:
     if answers is not None:
-        heard = (Echo(0.17, 0.03, radians(10), heard_m if answers else None),)
-        made.give(Sonar(made.at, 5.0, (*heard, Echo(0.07, 0.14, radians(90), 1.0))))
+        echo = (Echo(0.17, 0.03, radians(10), heard_m if answers else None),)
+        made.give(Sonar(made.at, 5.0, (*echo, Echo(0.07, 0.14, radians(90), 1.0))))
 
 
 def test_it_drives_to_where_something_answers_and_turns_on_where_nothing_does() -> None:
-    """A wall that answers to nobody may be there."""
+    """There may be a wall without an echo."""
     assert speeds(commands(looked_around(answers=True).published)[-1])[0] > 0.1
     made = looked_around(answers=False)
     v, w = speeds(commands(made.published)[-1])
@@ -207,7 +209,7 @@ def test_it_drives_to_where_something_answers_and_turns_on_where_nothing_does() 
     assert speeds(commands(made.published)[-1])[0] > 0.1
 
 
-def test_when_it_no_longer_answers_it_looks_elsewhere() -> None:
+def test_without_an_echo_ahead_any_more_it_turns() -> None:
     made = looked_around(answers=True)
     made.speed = (0.25, 0.0)
     for _ in range(round(10 * Parameters().silent_s) + 3):
@@ -226,7 +228,7 @@ def test_where_nothing_answers_all_around_it_drives_on_all_the_same() -> None:
 
 @pytest.mark.parametrize("heard_m", [0.2, 0.25, 4.0])
 def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: float) -> None:
-    """Also where the obstacles say nothing of it, as of a wall whose echo came once."""
+    """Also without an obstacle there, as of a wall whose echo came once."""
     made = looked_around(answers=True)
     made.speed = (0.0, 0.0)
     ping(made, answers=True, heard_m=heard_m)
@@ -237,9 +239,9 @@ def test_it_drives_no_faster_than_it_can_stop_before_what_answered(heard_m: floa
     assert (v == Parameters().v) == (heard_m > 1.0)
 
 
-def test_on_a_way_that_tells_places_apart_too_it_creeps_where_nothing_answers(world: str) -> None:
+def test_on_a_leg_that_tells_places_apart_it_creeps_without_an_echo(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     made.speed = (0.25, 0.0)
     made.agent._facing = True
     driven = set()
@@ -285,8 +287,8 @@ def world(tmp_path: Path) -> str:
     return str(path)
 
 
-def told(made: Alone, *places: Pose2) -> None:
-    """Once it has looked round it hears where it may be."""
+def distinguish(made: Alone, *places: Pose2) -> None:
+    """Turns once, then sends the places where the robot may be."""
     made.holding()
     made.speed = (0.0, Parameters().w)
     for _ in range(round(10 * tau / Parameters().w) + 5):
@@ -299,7 +301,7 @@ def told(made: Alone, *places: Pose2) -> None:
 def test_it_drives_by_the_places_where_the_robot_may_be(world: str) -> None:
     """A niche is 3.5 m ahead, or 1.5 m behind."""
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     assert made.bid.reason == "lost: to where places differ"
     v, w = speeds(commands(made.published)[-1])
     assert (v, abs(w)) == (0.0, Parameters().w)
@@ -307,16 +309,16 @@ def test_it_drives_by_the_places_where_the_robot_may_be(world: str) -> None:
 
 def test_with_one_place_or_no_map_it_drives_on_as_without(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0))
+    distinguish(made, (5.0, 1.0, 0.0))
     assert made.bid.reason == "lost: drive on"
     made = lost()
-    told(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
+    distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     assert made.bid.reason == "lost: drive on"
 
 
 def test_particles_that_are_none_change_nothing(world: str) -> None:
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
-    told(made, (5.0, 1.0, 0.0))
+    distinguish(made, (5.0, 1.0, 0.0))
     made.give(Particles(made.at, 0.0, 0.0, 0.1, b"12345"))
     made.cycle()
     assert made.bid.reason == "lost: drive on"

@@ -1,4 +1,4 @@
-"""What is seen and not on the map: believed, doubted, forgotten, and never a wall of the map."""
+"""Obstacles that are not on the map: their evidence, and that no wall of the map is one."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def looked(*distances: float | None, seen: Seen | None = None, at: Placed = HERE
     return seen
 
 
-def test_one_echo_may_be_anybody_s_and_two_are_something() -> None:
+def test_one_echo_may_be_a_persons_and_two_are_an_obstacle() -> None:
     assert looked(1.0).points(0.0) == ()
     ((x, y, *_),) = looked(1.0, 1.0).points(0.0)
     assert (x, y) == (3.0, 2.0)
@@ -48,7 +48,7 @@ def test_an_echo_that_a_wall_of_the_map_explains_is_nothing_new(bearing: float, 
 
 
 def test_what_would_stand_behind_a_wall_is_an_echo_that_went_astray() -> None:
-    """Of a room that goes on behind the wall."""
+    """Of a room that continues behind the wall."""
     known = Grid([*ROOM, (3.0, 0.0, 3.0, 4.0)], (0.0, 0.0, 6.0, 4.0))
     seen = Seen(known)
     for _ in range(10):
@@ -62,7 +62,7 @@ def test_beyond_the_world_and_beyond_the_reach_nothing_is_put_down() -> None:
     assert seen.points(0.0) == ()
 
 
-def test_a_person_who_walks_past_is_soon_nothing_and_what_stands_there_is_remembered() -> None:
+def test_a_passing_person_is_soon_dropped_and_a_standing_object_remembered() -> None:
     passed, stood = looked(1.0, 1.0), looked(*[1.0] * 30)
     assert passed.points(0.0)
     assert not passed.points(7.0)
@@ -70,7 +70,7 @@ def test_a_person_who_walks_past_is_soon_nothing_and_what_stands_there_is_rememb
     assert not stood.points(35.0)
 
 
-def test_a_ping_that_goes_past_it_doubts_it_and_one_beside_it_does_not() -> None:
+def test_a_ping_through_it_lowers_its_evidence_and_one_beside_it_does_not() -> None:
     stood = looked(*[1.0] * 30)
     for _ in range(30):
         stood.add(HERE, ahead(2.5, 0.5), 0.0, 0.0)
@@ -79,7 +79,7 @@ def test_a_ping_that_goes_past_it_doubts_it_and_one_beside_it_does_not() -> None
     assert not stood.points(0.0)
 
 
-def test_silence_doubts_it_too_but_slowly() -> None:
+def test_silence_lowers_its_evidence_too_but_slowly() -> None:
     stood = looked(*[0.8] * 30)
     looked(*[None] * 7, seen=stood)
     assert stood.points(0.0)
@@ -114,7 +114,7 @@ def scan(*ranges: float, bearing: float = -0.4, step: float = 0.1) -> Scan:
 
 def scanned(*ranges: float, seen: Seen | None = None, at: Placed = HERE) -> Seen:
     seen = seen or Seen(None)
-    seen.take_scan(at, scan(*ranges), 0.0, 0.0)
+    seen.add_scan(at, scan(*ranges), 0.0, 0.0)
     return seen
 
 
@@ -142,7 +142,7 @@ def test_what_is_hidden_or_behind_the_laser_is_remembered() -> None:
     assert any(abs(x - 4.0) < 0.01 for x, *_ in seen.points(0.0))
 
 
-def test_a_ray_without_a_valid_range_says_nothing() -> None:
+def test_an_invalid_ray_changes_nothing() -> None:
     seen = scanned(*NOWHERE[:4], 1.0, *NOWHERE[:4])
     for _ in range(10):
         scanned(*[float("nan")] * 9, seen=seen)
@@ -151,9 +151,9 @@ def test_a_ray_without_a_valid_range_says_nothing() -> None:
 
 def test_of_a_scan_too_a_wall_of_the_map_is_nothing_new_and_a_box_is() -> None:
     seen = Seen(KNOWN)
-    seen.take_scan(Placed(5.0, 2.0), scan(*[1.0] * 9), 0.0, 0.0)
+    seen.add_scan(Placed(5.0, 2.0), scan(*[1.0] * 9), 0.0, 0.0)
     assert seen.points(0.0) == ()
-    seen.take_scan(Placed(3.0, 2.0), scan(*NOWHERE[:4], 1.0, *NOWHERE[:4]), 0.0, 0.0)
+    seen.add_scan(Placed(3.0, 2.0), scan(*NOWHERE[:4], 1.0, *NOWHERE[:4]), 0.0, 0.0)
     assert len(seen.points(0.0)) == 1
 
 
@@ -161,23 +161,23 @@ def test_of_a_scan_too_a_wall_of_the_map_is_nothing_new_and_a_box_is() -> None:
 def test_a_laser_may_turn_either_way(step: float) -> None:
     seen = Seen(None)
     turns = scan(*NOWHERE[:2], 1.0, *NOWHERE[:6], bearing=-4 * step, step=step)
-    seen.take_scan(HERE, turns, 0.0, 0.0)
+    seen.add_scan(HERE, turns, 0.0, 0.0)
     ((x, y, *_),) = seen.points(0.0)
     assert atan2(y - 2.0, x - 2.0) == pytest.approx(-2 * step, abs=0.01)
     for _ in range(3):
-        seen.take_scan(HERE, scan(*NOWHERE, bearing=-4 * step, step=step), 0.0, 0.0)
+        seen.add_scan(HERE, scan(*NOWHERE, bearing=-4 * step, step=step), 0.0, 0.0)
     assert seen.points(0.0) == ()
 
 
-def test_what_stands_between_the_last_ray_of_a_turn_and_the_first_is_looked_through() -> None:
+def test_points_between_the_last_and_first_ray_of_a_turn_are_cleared() -> None:
     seen, ranges = Seen(None), [float("inf")] * 63
-    seen.take_scan(HERE, scan(1.0, *ranges[1:], bearing=0.0, step=tau / 63), 0.0, 0.0)
+    seen.add_scan(HERE, scan(1.0, *ranges[1:], bearing=0.0, step=tau / 63), 0.0, 0.0)
     for _ in range(3):
-        seen.take_scan(HERE, scan(*ranges, bearing=0.05, step=tau / 63), 0.0, 0.0)
+        seen.add_scan(HERE, scan(*ranges, bearing=0.05, step=tau / 63), 0.0, 0.0)
     assert seen.points(0.0) == ()
 
 
 def test_a_scan_of_bytes_that_are_no_ranges_is_refused() -> None:
     broken = structs.replace(scan(1.0), packed=b"\x01")
     with pytest.raises(ValueError, match="buffer size"):
-        Seen(None).take_scan(HERE, broken, 0.0, 0.0)
+        Seen(None).add_scan(HERE, broken, 0.0, 0.0)

@@ -82,14 +82,14 @@ def test_beyond_the_map_nothing_fits_and_guesses_may_lie_anywhere() -> None:
 def test_rays_without_a_hit_are_left_out_and_the_others_evenly_drawn() -> None:
     ranges = np.full(700, inf)
     ranges[100:300], ranges[300:310] = 2.0, nan
-    said = message_of(Cycle(1, 1), ranges, (-1.0, 0.003), (0.1, 30.0), (0, 0, 0), number=1)
-    beams = beams_of(said)
+    sent = message_of(Cycle(1, 1), ranges, (-1.0, 0.003), (0.1, 30.0), (0, 0, 0), number=1)
+    beams = beams_of(sent)
     assert 30 <= len(beams) <= BEAMS
     assert all(b.range == 2.0 for b in beams)
     assert beams[-1].bearing - beams[0].bearing > 0.55
-    other = beams_of(replace(said, number=2))
+    other = beams_of(replace(sent, number=2))
     assert {b.bearing for b in other}.isdisjoint({b.bearing for b in beams})
-    assert beams_of(replace(said, packed=b"")) == []
+    assert beams_of(replace(sent, packed=b"")) == []
 
 
 # The agent ----------------------------------------------------------------------------------------
@@ -116,12 +116,12 @@ class Society:
         if scans:
             take(scan_at(self.sees, self.pose, self.number, cycle), self.now)
         out, self.agent.outbox = self.agent.outbox, []
-        said = [o.message for o in out if isinstance(o, Publish)]
-        found = [message for message in said if isinstance(message, Correction)]
+        messages = [o.message for o in out if isinstance(o, Publish)]
+        found = [message for message in messages if isinstance(message, Correction)]
         return found[-1] if found else None
 
-    def off(self, said: Correction) -> float:
-        x, y, _ = compose((said.x, said.y, said.theta), self.odometry)
+    def off(self, correction: Correction) -> float:
+        x, y, _ = compose((correction.x, correction.y, correction.theta), self.odometry)
         return hypot(x - self.pose[0], y - self.pose[1])
 
 
@@ -131,41 +131,41 @@ JACKAL = Parameters(world="house", profile="jackal")
 def test_a_robot_with_a_laser_knows_where_it_is_to_centimetres() -> None:
     society = Society(JACKAL)
     for _ in range(60):
-        said = society.cycle()
-    assert said is not None
-    assert society.off(said) < 0.03
-    assert said.confidence > 0.9
-    assert said.covariance[0] + said.covariance[3] < 0.05**2
+        correction = society.cycle()
+    assert correction is not None
+    assert society.off(correction) < 0.03
+    assert correction.confidence > 0.9
+    assert correction.covariance[0] + correction.covariance[3] < 0.05**2
 
 
-def test_one_that_is_put_down_elsewhere_is_found_there() -> None:
+def test_a_kidnapped_robot_is_found() -> None:
     society = Society(JACKAL)
     for _ in range(20):
         society.cycle()
     society.pose = (9.0, 4.6, 2.0)
     lost = found = False
     for step in range(300):
-        said = society.cycle((0.03 if step % 80 < 30 else 0.0, 0.0, 0.08))
-        assert said is not None
-        unsure = said.covariance[0] + said.covariance[3] > LOST_M**2
+        correction = society.cycle((0.03 if step % 80 < 30 else 0.0, 0.0, 0.08))
+        assert correction is not None
+        unsure = correction.covariance[0] + correction.covariance[3] > LOST_M**2
         lost = lost or unsure
-        found = lost and not unsure and society.off(said) < 0.1
+        found = lost and not unsure and society.off(correction) < 0.1
         if found:
             break
     assert found, f"after {step} cycles"
 
 
-def test_one_that_stands_where_it_was_put_down_doubts_it_too() -> None:
+def test_a_kidnapped_robot_at_rest_is_suspicious_too() -> None:
     society = Society(JACKAL)
     for _ in range(20):
         society.cycle()
     society.pose = (9.0, 4.6, 2.0)
     for _ in range(25):
         society.cycle((0.0, 0.0, 0.04))  # it turns by a radian, and stands
-    said = [society.cycle((0.0, 0.0, 0.0)) for _ in range(50)]
-    assert said[-1] is not None
-    assert said[-1].covariance[0] + said[-1].covariance[3] > UNSURE_M**2
-    assert said[-1].elsewhere
+    correction = [society.cycle((0.0, 0.0, 0.0)) for _ in range(50)]
+    assert correction[-1] is not None
+    assert correction[-1].covariance[0] + correction[-1].covariance[3] > UNSURE_M**2
+    assert correction[-1].elsewhere
 
 
 def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:
@@ -179,14 +179,14 @@ def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:
     cycle = Cycle(1, society.number)
     society.agent.receive(Sonar(cycle, 5.0, (Echo(0, 0, 0, 1.0),)), society.now)
     assert weighed == []
-    said = scan_at(society.sees, society.pose, 77, cycle)
-    society.agent.receive(said, society.now)
+    sent = scan_at(society.sees, society.pose, 77, cycle)
+    society.agent.receive(sent, society.now)
     assert len(weighed) == 1
     assert weighed[0] > 0.9 * BEAMS
     society.cycle(scans=False)
-    again = replace(said, cycle=Cycle(1, society.number))
+    again = replace(sent, cycle=Cycle(1, society.number))
     society.agent.receive(again, society.now)
-    assert weighed[1:] == [0], "the same scan, said again"
+    assert weighed[1:] == [0], "the same scan again"
     society.agent.receive(replace(again, packed=b"abc", number=78), society.now)
     assert weighed[1:] == [0]
 
@@ -198,8 +198,13 @@ def test_a_large_map_takes_cells_of_its_own_size(monkeypatch: pytest.MonkeyPatch
     assert fits(model, [START], beams_of(scan_at(sees, START)))[0] > np.log(0.8)
 
 
-def test_the_pose_that_it_says_is_the_odometrys_origin() -> None:
+def test_its_correction_is_the_odometrys_origin() -> None:
     society = Society(JACKAL)
-    said = society.cycle()
-    assert said is not None
-    assert relative(START, compose((said.x, said.y, said.theta), society.odometry))[0] < 0.3
+    correction = society.cycle()
+    assert correction is not None
+    assert (
+        relative(START, compose((correction.x, correction.y, correction.theta), society.odometry))[
+            0
+        ]
+        < 0.3
+    )

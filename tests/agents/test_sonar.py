@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.perception.comers import AHEAD_S
-from armadico.agents.perception.sonar import LOOK_S, Parameters, SonarAgent
+from armadico.agents.perception.approaching import AHEAD_S
+from armadico.agents.perception.sonar import START_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Identity, Publish
 from armadico.core.messages import Cycle, Point, RobotState
@@ -25,13 +25,13 @@ AHEAD = radians(10.0)  # where a sonar looks; those of a Pioneer look at 10, 30,
 
 
 class Ring:
-    """A robot whose sonars say what they are told to."""
+    """A robot with given sonar readings."""
 
     def __init__(self, parameters: Parameters | None = None, robot: str = "pioneer-2dx") -> None:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
         self.agent.receive(described(robot), 0.0)
         self.epoch, self.number, self.now = 1, 0, 0.0
-        self.agent._listened = 99
+        self.agent._cycles = 99
 
     def ping(
         self,
@@ -52,16 +52,16 @@ class Ring:
             each = deviation * deviation / 2.0
             covariance = (each, 0.0, 0.0, each, 0.0, 1e-4) if deviation else ()
             self.agent.receive(Pose(cycle, *pose, covariance), self.now)
-        heard = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
-        self.agent.receive(Sonar(cycle, 5.0, heard), self.now)
+        measured = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
+        self.agent.receive(Sonar(cycle, 5.0, measured), self.now)
         out, self.agent.outbox = self.agent.outbox, []
-        said = [o.message for o in out if isinstance(o, Publish)]
-        (found,) = (message for message in said if isinstance(message, Obstacles))
+        messages = [o.message for o in out if isinstance(o, Publish)]
+        (found,) = (message for message in messages if isinstance(message, Obstacles))
         assert found.cycle == cycle
         return found
 
     def twice(self, *echoes: tuple[float, float | None]) -> Obstacles:
-        """What is heard twice is believed."""
+        """Two echoes make an obstacle."""
         self.ping(*echoes)
         return self.ping(*echoes)
 
@@ -76,30 +76,30 @@ def polar(distance: float, bearing: float) -> Point:
 
 
 @pytest.mark.parametrize("cycle_s", [0.05, 0.1])
-def test_one_that_has_just_started_says_nothing_until_it_has_looked_round(cycle_s: float) -> None:
+def test_after_a_start_it_publishes_nothing_for_one_turn_of_the_ring(cycle_s: float) -> None:
     agent = SonarAgent(Identity("sonar-2"))
     agent.receive(replace(described(), cycle_s=cycle_s), 0.0)
-    looks, said = round(LOOK_S / cycle_s), []
-    for number in range(1, looks + 2):
+    cycles, messages = round(START_S / cycle_s), []
+    for number in range(1, cycles + 2):
         now = cycle_s * number
         agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), now)
         agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), now)
-        said += [o.message for o in agent.outbox if isinstance(o, Publish)]
+        messages += [o.message for o in agent.outbox if isinstance(o, Publish)]
         agent.outbox.clear()
-    said_for = [m.cycle.number for m in said if isinstance(m, Obstacles)]
-    assert said_for == [looks, looks + 1]
+    published_in = [m.cycle.number for m in messages if isinstance(m, Obstacles)]
+    assert published_in == [cycles, cycles + 1]
 
 
-def test_before_the_robot_is_described_it_says_nothing() -> None:
-    agent, said = SonarAgent(Identity("sonar-2")), []
+def test_before_the_robot_is_described_it_publishes_nothing() -> None:
+    agent, messages = SonarAgent(Identity("sonar-2")), []
     for number in range(1, 13):
         if number == 11:
             agent.receive(described(), 0.1 * number)
         agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
         agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
-        said += [o.message for o in agent.outbox if isinstance(o, Publish)]
+        messages += [o.message for o in agent.outbox if isinstance(o, Publish)]
         agent.outbox.clear()
-    assert [m.cycle.number for m in said if isinstance(m, Obstacles)] == [11, 12]
+    assert [m.cycle.number for m in messages if isinstance(m, Obstacles)] == [11, 12]
 
 
 def test_with_no_echo_there_is_nothing(ring: Ring) -> None:
@@ -158,7 +158,7 @@ def test_the_map_moves_with_the_robot(ring: Ring) -> None:
 def test_odometry_that_begins_anew_does_not_move_the_map(ring: Ring) -> None:
     before = ring.ping((AHEAD, 1.0), odometry=(7.0, 2.0, 1.0))
     ring.epoch, ring.number = 2, 0
-    ring.now += 0.4  # another epoch is believed once this one has been silent
+    ring.now += 0.4  # another epoch counts once this one has been silent
     after = ring.ping(odometry=(0.0, 0.0, 0.0))
     assert before.closest is not None
     assert after.closest is not None
@@ -192,7 +192,7 @@ def test_what_is_touched_behind_is_behind(ring: Ring) -> None:
     assert sum(p.x > 0.21 for p in found.points) == sum(p.x < -0.23 for p in found.points) == 3
 
 
-def test_what_the_robot_touches_is_an_obstacle_though_nobody_hears_it(ring: Ring) -> None:
+def test_a_collision_is_an_obstacle_though_no_sonar_detects_it(ring: Ring) -> None:
     found = ring.ping((AHEAD, None), touch=0.21)
     assert found.points
     assert all(p.x > 0.21 and abs(p.y) < 0.165 for p in found.points)
@@ -202,11 +202,11 @@ def test_what_the_robot_touches_is_an_obstacle_though_nobody_hears_it(ring: Ring
     assert behind.points
 
 
-def test_a_wall_of_the_map_is_there_before_it_was_heard_if_the_pose_is_known() -> None:
+def test_a_wall_of_the_map_is_expected_before_an_echo_if_the_pose_is_known() -> None:
     for pose, deviation, known in (
         ((4.2, 0.0, 0.0), 0.02, True),
         ((4.2, 0.0, 0.0), 0.6, False),  # lost
-        ((4.2, 0.0, 0.0), 0.0, False),  # nobody knows how uncertain it is
+        ((4.2, 0.0, 0.0), 0.0, False),  # unknown covariance
         (None, 0.0, False),
     ):
         ring = Ring(MAPPED)
@@ -228,13 +228,15 @@ def test_the_walls_are_where_the_robot_is_now_and_not_where_its_last_pose_was() 
 
 
 @pytest.mark.parametrize("lost", [None, 1.0])
-def test_a_robot_that_gets_lost_is_for_a_while_where_its_wheels_say(lost: float | None) -> None:
+def test_a_lost_robot_is_for_a_while_where_its_odometry_has_it(lost: float | None) -> None:
     ring = Ring(MAPPED)
     ring.ping((AHEAD, None), pose=(4.2, 0.0, 0.0))
-    told = None if lost is None else (-7.0, 3.0, 1.0)
+    at_pose = None if lost is None else (-7.0, 3.0, 1.0)
     front = []
     for way in (0.0, 0.1, 0.2):
-        found = ring.ping((AHEAD, None), odometry=(way, 0.0, 0.0), pose=told, deviation=lost or 0.0)
+        found = ring.ping(
+            (AHEAD, None), odometry=(way, 0.0, 0.0), pose=at_pose, deviation=lost or 0.0
+        )
         assert found.front is not None
         front.append(found.front.x + way)
     assert front[0] == pytest.approx(0.8, abs=0.03)
@@ -271,7 +273,7 @@ def test_that_lasts_no_longer_than_odometry_can_be_trusted() -> None:
     assert found.points == ()
 
 
-def test_a_correction_of_the_pose_moves_the_maps_walls_and_not_what_was_heard() -> None:
+def test_a_pose_correction_moves_the_maps_walls_and_not_sensed_points() -> None:
     ring = Ring(MAPPED)
     for _ in range(2):
         ring.ping((radians(90), 0.5), pose=(4.2, 0.0, 0.0))
@@ -283,7 +285,7 @@ def test_a_correction_of_the_pose_moves_the_maps_walls_and_not_what_was_heard() 
     assert all(x == pytest.approx(0.7, abs=0.03) for x in ahead)
 
 
-def test_what_the_map_has_shut_and_the_sonars_hear_through_is_open() -> None:
+def test_a_wall_that_echoes_pass_is_open() -> None:
     ring = Ring(MAPPED)
     for _ in range(4):
         found = ring.ping((0.0, 2.4), pose=(4.2, 0.0, 0.0))
@@ -292,7 +294,7 @@ def test_what_the_map_has_shut_and_the_sonars_hear_through_is_open() -> None:
 
 def test_one_that_restarts_beside_a_wall_that_does_not_answer_knows_of_it_at_once() -> None:
     ring = Ring(MAPPED)
-    ring.agent._listened = round(LOOK_S / 0.1) - 1
+    ring.agent._cycles = round(START_S / 0.1) - 1
     assert ring.ping((AHEAD, None), pose=(4.5, 0.0, 1.57)).right is not None
 
 
@@ -308,13 +310,13 @@ def test_the_end_of_a_wall_does_not_stand_in_the_way_beside_it() -> None:
 
 
 @pytest.mark.parametrize(("away", "put"), [(0.28, True), (1.0, False)])
-def test_an_echo_from_close_by_is_put_where_it_was_heard_whatever_wall_it_is_of(
+def test_a_near_echo_is_put_where_it_was_measured_whatever_wall_explains_it(
     away: float, put: bool
 ) -> None:
     ring = Ring(MAPPED)
     for _ in range(3):
         ring.ping((0.0, away), pose=(5.0 - away, 0.0, 0.0))
-    assert bool([o for o in ring.agent._map.heard() if abs(o.x - away) < 0.02]) is put
+    assert bool([o for o in ring.agent._map.sensed() if abs(o.x - away) < 0.02]) is put
 
 
 def test_what_no_map_has_is_forgotten_sooner() -> None:
@@ -336,10 +338,10 @@ def test_what_was_touched_and_is_on_no_map_goes_on() -> None:
         assert any(p.x == pytest.approx(0.25) and p.y == 0.0 for p in points) == stays
 
 
-def test_who_comes_is_put_where_it_will_be_soon_too() -> None:
+def test_an_approaching_object_is_also_put_where_it_will_be() -> None:
     for speed, comes in ((0.6, True), (0.0, False)):
         ring = Ring(MAPPED)
-        ring.agent._pings = ring.agent._listened  # one a cycle, as here
+        ring.agent._pings = ring.agent._cycles  # one a cycle, as here
         for k in range(6):
             far = 1.5 - 0.1 * k * speed
             found = ring.ping((AHEAD, far), pose=(1.0, 0.0, 0.0))
@@ -348,7 +350,7 @@ def test_who_comes_is_put_where_it_will_be_soon_too() -> None:
 
 
 def test_it_is_told_of_the_world_unless_that_is_to_be_explored() -> None:
-    for plan, told in (("rooms", True), ("frontiers", False)):
+    for plan, at_pose in (("rooms", True), ("frontiers", False)):
         scenario = replace(load_scenario("sc4"), plan=plan)
         (sets,) = (m.sets for m in members(scenario, Options(), "") if m.name == "sonar")
-        assert any(one.startswith("world=") for one in sets) == told
+        assert any(one.startswith("world=") for one in sets) == at_pose

@@ -231,6 +231,7 @@ EVENTS = st.lists(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**32),
@@ -263,6 +264,7 @@ def test_no_task_is_done_twice_by_two_that_hear_each_other_and_none_is_lost(
         assert len(set(robot.did[:-1]) & set(alive)) == 0
 
 
+@pytest.mark.long
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32), apart_s=st.floats(3.0, 60.0), tasks=st.integers(1, 12))
 def test_two_halves_that_were_apart_lose_nothing_and_share_again(

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from armadico.agents.driving.goto import Goto
 from armadico.agents.teleop.messages import Stick, TeleopStatus
-from armadico.agents.teleop.teleop import LETTING_GO, Parameters, Teleop
+from armadico.agents.teleop.teleop import RELEASED, Parameters, Teleop
 from armadico.core.agent import Agent, Identity
 from armadico.core.exchange import Bid
 from armadico.core.messages import Cycle, Message, MessageError, Point, Stop, decode, encode
@@ -93,7 +93,7 @@ def test_a_hand_that_lets_go_has_it_brake_by_the_ramps_and_then_release() -> Non
         said = cab.drive(1)
         if claims(said)[-1].utility is None:
             break
-        assert claims(said)[-1].utility == LETTING_GO
+        assert claims(said)[-1].utility == RELEASED
         seen.append(cab.speed[0])
     assert commands(said)[-1].action is None
     assert seen[-1] == 0.0
@@ -109,7 +109,7 @@ def test_a_hand_that_falls_silent_has_it_for_half_a_second_more() -> None:
     while cab.status().hand:
         cab.drive(1)
     assert 0.5 <= cab.now - heard < 0.65  # and not later than the cycle after
-    assert cab.bid.utility == LETTING_GO
+    assert cab.bid.utility == RELEASED
     assert any("ann is silent" in getattr(message, "text", "") for message in cab.published)
 
 

@@ -1,4 +1,4 @@
-"""A robot agent on a bench: a controller that answers as it is told to, and the time, by hand."""
+"""A robot agent on a bench: a controller with scripted answers, and the time set by hand."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Bench:
         self.robot = Robot(Identity("robot-1", rng=random.Random(1)), parameters)
         self.now = 0.0
         self.x_m = 0.0
-        self.said: list[tuple[float, Message]] = []
+        self.published: list[tuple[float, Message]] = []
         self.written: list[tuple[float, int, int]] = []  # when, which command, its value
         self.raw = b""
         self._decoder = Decoder()
@@ -41,16 +41,16 @@ class Bench:
     # What happens ------------------------------------------------------------------------------
 
     def plug(self) -> None:
-        self.robot.take_link(True, "", self.now)
+        self.robot.update_link(True, "", self.now)
         self.take()
 
     def unplug(self) -> None:
-        self.robot.take_link(False, "pulled out", self.now)
+        self.robot.update_link(False, "pulled out", self.now)
         self.take()
 
     def answer(self, *packets: bytes) -> None:
         for packet in packets:
-            self.robot.take_bytes(packet, self.now)
+            self.robot.receive_bytes(packet, self.now)
             self.take()
 
     def connect(self) -> Bench:
@@ -102,13 +102,13 @@ class Bench:
     # What came of it ---------------------------------------------------------------------------
 
     def state(self) -> RobotState:
-        return next(m for _, m in reversed(self.said) if isinstance(m, RobotState))
+        return next(m for _, m in reversed(self.published) if isinstance(m, RobotState))
 
     def ack(self) -> Ack:
-        return next(m for _, m in reversed(self.said) if isinstance(m, Ack))
+        return next(m for _, m in reversed(self.published) if isinstance(m, Ack))
 
     def logs(self) -> list[str]:
-        return [m.text for _, m in self.said if isinstance(m, Log)]
+        return [m.text for _, m in self.published if isinstance(m, Log)]
 
     def speeds(self, since: float = 0.0) -> list[int]:
         """The VEL commands, mm/s."""
@@ -118,7 +118,7 @@ class Bench:
         return [at for at, which, _ in self.written if which == number and at >= since]
 
     def take(self) -> None:
-        """What it has written and said since."""
+        """Collect what it has written and published since."""
         for item in self.robot.outbox:
             if isinstance(item, Write):
                 self.raw += item.data
@@ -126,5 +126,5 @@ class Bench:
                     one = decode_command(payload)
                     self.written.append((self.now, one.number, one.value))
             elif isinstance(item, Publish):
-                self.said.append((self.now, item.message))
+                self.published.append((self.now, item.message))
         self.robot.outbox.clear()

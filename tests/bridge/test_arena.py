@@ -57,18 +57,18 @@ def run(arena: Arena, robots: Sequence[Driven], seconds: float) -> float:
     return least
 
 
-def test_a_robot_hears_the_other_and_knows_the_way_to_it() -> None:
+def test_a_robot_detects_the_other_at_its_distance() -> None:
     one, other = Driven((0.0, 0.0, 0.0)), Driven((2.0, 0.0, pi))
     together(one, other)
     alone = plant(ROOM).ping(AHEAD)
-    heard = one.plant.ping(AHEAD)
-    assert heard is not None
+    distance = one.plant.ping(AHEAD)
+    assert distance is not None
     assert alone is not None
-    assert heard < 2.0 - 2 * FRONT + 0.3 < alone
+    assert distance < 2.0 - 2 * FRONT + 0.3 < alone
     assert one.plant.clearance() == pytest.approx(2.0 - 2 * FRONT, abs=1e-6)
 
 
-def test_it_hears_where_the_other_has_gone() -> None:
+def test_it_detects_where_the_other_has_gone() -> None:
     one, other = Driven((0.0, 0.0, 0.0)), Driven((1.0, 0.0, 0.0), v=0.4)
     arena = together(one, other)
     before = one.plant.ping(AHEAD)
@@ -79,7 +79,7 @@ def test_it_hears_where_the_other_has_gone() -> None:
     assert after > before + 0.8
 
 
-def test_who_drives_into_another_pushes_it_and_is_to_blame() -> None:
+def test_a_robot_that_drives_into_another_pushes_it_and_is_to_blame() -> None:
     one, other = Driven((-1.0, 0.0, 0.0), v=0.3), Driven((0.0, 0.0, 0.0), v=None)
     least = run(together(one, other), (one, other), 6.0)
     assert other.plant.pose[0] > 0.2, "it was pushed ahead"
@@ -129,7 +129,7 @@ def test_one_by_a_wall_is_pushed_no_farther_than_the_wall() -> None:
     assert least > -0.004
 
 
-def test_what_happens_does_not_depend_on_when_one_asks() -> None:
+def test_results_do_not_depend_on_when_they_are_read() -> None:
     def driven(times: Sequence[float]) -> list[Pose]:
         robots = (Driven((-1.5, 0.0, 0.0), v=0.4), Driven((1.0, 0.3, pi), v=0.3, w=0.1))
         arena = together(*robots)
@@ -147,6 +147,6 @@ def test_alone_in_an_arena_is_alone() -> None:
     assert one.plant.pose == free.plant.pose
 
 
-def test_nobody_starts_in_another() -> None:
+def test_robots_may_not_start_inside_each_other() -> None:
     with pytest.raises(ValueError, match="cannot start at 0, 0"):
         together(Driven((0.0, 0.0, 0.0)), Driven((0.2, 0.0, 0.0)))

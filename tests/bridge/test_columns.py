@@ -75,12 +75,12 @@ def test_an_echo_of_a_column_is_of_its_nearest_edge() -> None:
     bearing = radians(sonar.bearing_deg)
     x, y = sonar.x_m + 1.5 * cos(bearing), sonar.y_m + 1.5 * sin(bearing)
     for sensors in (EXACT, REAL):
-        heard = [among([(x, y, 0.2)], sensors).ping(AHEAD) for _ in range(1)]
-        assert heard[0] is None or heard[0] == pytest.approx(1.3, abs=0.06)
+        ranges = [among([(x, y, 0.2)], sensors).ping(AHEAD) for _ in range(1)]
+        assert ranges[0] is None or ranges[0] == pytest.approx(1.3, abs=0.06)
     assert among([(x, y, 0.2)]).ping(AHEAD) == pytest.approx(1.3, abs=0.001)
 
 
-def test_a_column_hides_what_is_behind_and_beside_the_cone_it_is_not_heard() -> None:
+def test_a_column_hides_what_is_behind_and_is_not_detected_beside_the_cone() -> None:
     assert among([(1.5, 0.3, 0.2), (3.0, 0.5, 0.2)]).ping(AHEAD) == pytest.approx(1.15, abs=0.03)
     assert among([(0.5, 2.0, 0.2)]).ping(AHEAD) is None
     assert among([(-1.0, 0.0, 0.2)]).ping(AHEAD) is None

@@ -1,4 +1,4 @@
-"""An instance that speaks otherwise: what it says binds nobody."""
+"""An instance with another meaning of a resource: its messages have no effect."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ def test_the_robot_agent_refuses_its_commands_and_claims_and_names_it_once() -> 
     assert bench.ack().obeyed == ours
 
 
-def test_who_means_the_wheels_otherwise_is_refused_and_both_meanings_are_said() -> None:
+def test_another_meaning_of_the_wheels_is_refused_and_both_are_reported() -> None:
     bench = Bench().connect()
     for _ in range(5):
         state = bench.status()
     means = Card("avoid", "avoid-2", "lab2", 42, "1", PROTOCOL, (), (), ("wheels",))
     bench.robot.met(replace(means, declares=("wheels(left, right)", "gripper(f)")), bench.now)
     bench.take()
-    (said,) = [text for text in bench.logs() if "avoid-2" in text]
-    assert "means wheels(left, right) where this one means wheels(v, w)" in said
+    (text,) = [text for text in bench.logs() if "avoid-2" in text]
+    assert "declares wheels(left, right), this agent wheels(v, w)" in text
     bench.robot.receive(Command("wheels", state.cycle, STRANGER, (0.2, 0.0)), bench.now)
     bench.status()
     assert (bench.ack().largest, bench.ack().obeyed) == (None, None)
 
 
-def test_who_means_the_same_or_shares_nothing_is_listened_to() -> None:
+def test_agents_of_the_same_meaning_or_without_shared_resources_are_accepted() -> None:
     bench = Bench().connect()
     for _ in range(5):
         state = bench.status()

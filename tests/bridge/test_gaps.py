@@ -32,23 +32,23 @@ def test_it_stops_before_what_its_rays_may_miss(rays: int) -> None:
     free = reach + laser.x_m - body.front_m
     v = gaps.v_max
     assert v * 0.2 + v * v / (2.0 * decel) <= max(free, 0.0) + 1e-9 or v == SLOWEST_M_S
-    assert bool(gaps.told) is (v < profile.limits.v_max)
+    assert bool(gaps.reason) is (v < profile.limits.v_max)
 
 
 @pytest.mark.parametrize("name", ["jackal", "turtlebot3-burger", "turtlebot4", "create3"])
 def test_no_shipped_laser_is_limited(name: str) -> None:
     gaps = Gaps(load_profile(name))
     assert gaps.v_max > load_profile(name).limits.v_max
-    assert not gaps.told
+    assert not gaps.reason
 
 
-def test_fewer_rays_are_slower_and_8_and_16_are_said() -> None:
+def test_fewer_rays_are_slower_and_8_and_16_are_reported() -> None:
     found = [Gaps(jackal(rays)) for rays in (8, 16, 36)]
     assert found[0].v_max < found[1].v_max < found[2].v_max
-    assert all(gaps.told for gaps in found[:2])
+    assert all(gaps.reason for gaps in found[:2])
 
 
-def test_sonars_hear_what_is_between_the_rays() -> None:
+def test_sonars_detect_what_is_between_the_rays() -> None:
     profile = load_profile("jackal-sonars")
     assert profile.laser is not None
     assert Gaps(replace(profile, laser=replace(profile.laser, rays=8))).v_max == inf
@@ -62,4 +62,4 @@ def test_what_the_scan_itself_has_counts_and_is_news_once() -> None:
     assert gaps.update(scan)
     assert not gaps.update(scan)
     assert gaps.v_max < before
-    assert gaps.told
+    assert gaps.reason

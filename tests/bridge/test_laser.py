@@ -1,4 +1,4 @@
-"""The simulated laser: rays against walls, columns and who moves."""
+"""The simulated laser: rays against walls, columns and moving obstacles."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_a_wall_that_is_met_edge_on_is_seen_at_its_end() -> None:
     assert np.isinf(ranges[1:]).all()
 
 
-def test_who_moves_is_seen_and_hides_what_is_behind() -> None:
+def test_a_moving_obstacle_is_seen_and_hides_what_is_behind() -> None:
     seen, world = lasers(AROUND, [(3.0, -3.0, 3.0, 3.0)])
     assert seen.scan(AT)[0] == pytest.approx(3.0)
     world.place([], [(1.0, -0.2, 1.0, 0.2)], CLOTHES)
@@ -110,7 +110,7 @@ def test_who_moves_is_seen_and_hides_what_is_behind() -> None:
     assert seen.scan(AT)[0] == pytest.approx(2.0)
 
 
-def test_its_noise_is_as_the_profile_says_and_the_seeds() -> None:
+def test_noise_follows_the_profile_and_the_seed() -> None:
     walls = [(5.0, -50.0, 5.0, 50.0)]
     noisy = replace(AROUND, noise_m=0.02)
     seen = lasers(noisy, walls)[0]
@@ -148,7 +148,7 @@ def test_glass_is_seen_where_it_is_square_and_else_what_is_behind() -> None:
     assert ranges[30] == inf
 
 
-def test_rays_get_lost_as_often_as_the_sensors_say() -> None:
+def test_rays_are_lost_at_the_rate_of_the_sensors() -> None:
     sensors = replace(IDEAL, laser_dropout=0.1)
     ranges = lasers(AROUND, [], [(0.0, 5.0, 4.9)], sensors)[0]
     seen = np.concatenate([ranges.scan((0.0, 0.0, pi / 2))[:20] for _ in range(50)])

@@ -1,4 +1,4 @@
-"""People walk, doors shut and boxes are put down; sonars hear them, and blame is said."""
+"""People walk, doors close and boxes are put down; sonars detect them; who caused a contact."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_people_walk_about_the_room_and_stay_in_it() -> None:
     assert (robot.touches.collisions, robot.touches.bumps) == (0, 0)
 
 
-def test_who_heeds_the_robot_keeps_clear_of_it() -> None:
+def test_a_person_who_heeds_the_robot_keeps_clear_of_it() -> None:
     robot = plant(walker(1.0, 0.0), walls=PEN)
     least = inf
     for _ in range(600):
@@ -74,7 +74,7 @@ def test_who_heeds_the_robot_keeps_clear_of_it() -> None:
     assert (robot.touches.collisions, robot.touches.bumps) == (0, 0)
 
 
-def test_who_walks_into_a_standing_robot_is_to_blame() -> None:
+def test_a_person_who_walks_into_a_standing_robot_is_to_blame() -> None:
     robot = plant(walker(1.0, 0.0, heeds=False), walls=PEN)
     wait(robot, 60.0)
     assert robot.touches.bumps > 0
@@ -82,7 +82,7 @@ def test_who_walks_into_a_standing_robot_is_to_blame() -> None:
     assert robot.pose == (0.0, 0.0, 0.0)
 
 
-def test_a_robot_that_drives_into_somebody_is_to_blame_itself() -> None:
+def test_a_robot_that_drives_into_a_person_is_to_blame() -> None:
     nook: list[Wall] = [(1.6, -0.4, 1.6, 0.4), (1.6, 0.4, 0.9, 0.4), (0.9, -0.4, 1.6, -0.4)]
     robot = plant(walker(1.2, 0.0), walls=nook)
     wait(robot, 8.0, 6.0)
@@ -98,7 +98,7 @@ def spin(w: float) -> Moves:
     return lambda _v, turn: (-4.0 * (w - turn) - 6.0 * w, 4.0 * (w - turn) + 6.0 * w)
 
 
-def test_who_walks_faster_into_a_robot_that_turns_is_to_blame() -> None:
+def test_a_person_who_walks_faster_into_a_turning_robot_is_to_blame() -> None:
     for seed in range(1, 6):
         robot = plant(walker(1.0, 0.2, heeds=False, speed=1.2), walls=PEN, seed=seed)
         robot.run(round(20.0 / robot.step_s), spin(0.3))
@@ -106,14 +106,14 @@ def test_who_walks_faster_into_a_robot_that_turns_is_to_blame() -> None:
         assert robot.touches.collisions == 0
 
 
-def test_a_robot_that_is_faster_than_who_comes_is_to_blame() -> None:
+def test_a_robot_that_is_faster_than_the_person_is_to_blame() -> None:
     aisle: list[Wall] = [(-1, -0.4, 6, -0.4), (6, -0.4, 6, 0.4), (6, 0.4, -1, 0.4)]
     robot = plant(walker(5.0, 0.0, heeds=False, speed=0.2), walls=aisle)
     wait(robot, 10.0, 8.0)
     assert robot.touches.collisions > 0
 
 
-def test_who_has_walked_into_the_robot_steps_out_of_its_way() -> None:
+def test_a_person_who_has_walked_into_the_robot_steps_aside() -> None:
     robot = plant(walker(1.0, 0.0, heeds=False), walls=ROOM)
     while not robot.touches.bumps:
         wait(robot, 0.05)
@@ -122,7 +122,7 @@ def test_who_has_walked_into_the_robot_steps_out_of_its_way() -> None:
     assert robot.touches.bumps == 1
 
 
-def test_who_sees_a_robot_come_goes_out_of_its_way() -> None:
+def test_a_person_who_sees_the_robot_come_steps_aside() -> None:
     touched = 0
     for seed in range(1, 11):
         robot = plant(walker(2.5, 0.1), walls=[], seed=seed)
@@ -137,7 +137,7 @@ def test_who_sees_a_robot_come_goes_out_of_its_way() -> None:
     [(0.0, 0.02, True), (0.02, 0.02, True), (0.1, 0.1, False), (-0.2, 0.2, False)],
     ids=["it stands", "it hardly turns", "it turns into him", "it goes away along him"],
 )
-def test_who_walks_along_a_robot_that_stands_touches_it(
+def test_a_person_who_walks_along_a_standing_robot_touches_it(
     comes: float, goes: float, his: bool
 ) -> None:
     robot = plant(walker(1.0, 0.0, heeds=False))
@@ -161,7 +161,7 @@ def test_a_robot_pushes_to_where_it_does_not_go() -> None:
     assert pushed(gap(0.5, 0.0, 0.0)) == (0.0, 0.0)
 
 
-def test_the_truth_tells_whose_fault_it_was() -> None:
+def test_the_truth_has_the_cause_of_a_contact() -> None:
     someone = walker(1.0, 0.0, heeds=False)
     pioneer = Pioneer(PROFILE, Stage(IDEAL, Site(PEN, moving=[someone]), seeded(1)))
     wait(pioneer.plant, 60.0)
@@ -169,7 +169,7 @@ def test_the_truth_tells_whose_fault_it_was() -> None:
     assert truth.collisions == truth.bumped == pioneer.plant.touches.bumps > 0
 
 
-def test_a_sonar_hears_people_with_either_sensors() -> None:
+def test_a_sonar_detects_people_with_either_sensors() -> None:
     for sensors in (IDEAL, REAL):
         exact = msgspec.structs.replace(sensors, dropout=0.0, sonar_noise_m=0.0, sonar_noise=0.0)
         someone = walker(1.5, 0.1)
@@ -179,11 +179,11 @@ def test_a_sonar_hears_people_with_either_sensors() -> None:
 
 def test_a_door_shuts_and_opens_at_its_times() -> None:
     door = Moving(kind="door", wall=(1.5, -1.0, 1.5, 1.0), times=(2.0, 5.0))
-    robot, heard = plant(door, walls=[]), []
+    robot, detected = plant(door, walls=[]), []
     for _ in range(8):
         wait(robot, 1.0)
-        heard.append(robot.ping(AHEAD) is not None)
-    assert heard == [False, False, True, True, True, False, False, False]
+        detected.append(robot.ping(AHEAD) is not None)
+    assert detected == [False, False, True, True, True, False, False, False]
 
 
 def test_a_box_put_down_stops_the_robot() -> None:
@@ -222,16 +222,16 @@ def test_nothing_is_put_where_the_robot_stands(moving: Moving) -> None:
     ],
     ids=["upon", "around"],
 )
-def test_nothing_is_put_where_somebody_stands(moving: Moving) -> None:
+def test_nothing_appears_where_a_person_stands(moving: Moving) -> None:
     robot = plant(moving, walker(2.5, 1.5, heeds=False))
     begun = person(robot)
     wait(robot, 0.1)
     assert not robot._movement._things[0].there  # type: ignore[union-attr]
     wait(robot, 8.0)
-    assert dist(begun, person(robot)) > 0.5, "who was there has walked away"
+    assert dist(begun, person(robot)) > 0.5, "the person has walked away"
 
 
-def test_a_door_shuts_beside_somebody() -> None:
+def test_a_door_closes_beside_a_person() -> None:
     robot = plant(Moving(kind="door", wall=(1.0, 0.5, 1.0, 1.5)), walker(-0.5, 1.0))
     wait(robot, 0.1)
     assert robot._movement._things[0].there  # type: ignore[union-attr]
@@ -264,7 +264,7 @@ def test_what_moves_comes_from_the_seed_and_steps_in_one_go_are_those_one_by_one
     assert walked(1) == walked(1) != walked(2)
 
 
-def test_a_live_simulator_is_told_what_moves() -> None:
+def test_a_live_simulator_has_the_scenarios_moving_parts() -> None:
     moving = (walker(2.0, 2.0), Moving(kind="door", wall=(3.0, -1.0, 3.0, 1.0), times=(2.0,)))
     scenario = msgspec.structs.replace(ideal(load_scenario("sc1")), moving=moving)
     _, *words = simulator_words(scenario, 7, "")

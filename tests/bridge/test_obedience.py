@@ -31,13 +31,13 @@ def drives(
     **fields: object,
 ) -> Obedience | None:
     """Ordered so, and measured so; None once it is found not to obey."""
-    judge = Obedience(PROFILE)
+    obedience = Obedience(PROFILE)
     if after is not None:
-        judge.judge(report(*after), after, 0.0)
+        obedience.update(report(*after), after, 0.0)
     for cycle in range(1, round(for_s / CYCLE) + 1):
-        if judge.judge(report(v, w, **fields), (v_set, w_set), cycle * CYCLE):
+        if obedience.update(report(v, w, **fields), (v_set, w_set), cycle * CYCLE):
             return None
-    return judge
+    return obedience
 
 
 def report(v: float, w: float, **fields: object) -> Reported:
@@ -90,17 +90,17 @@ def test_one_that_is_slower_or_off_by_little_obeys(
     st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-2.0, 2.0)), min_size=1, max_size=40),
     st.floats(RAMPS, 3.0),
 )
-def test_whatever_is_ordered_who_follows_the_ramps_obeys(
+def test_a_robot_that_follows_the_ramps_obeys_any_command(
     orders: list[tuple[float, float]], hard: float
 ) -> None:
     """Ramps as steep as the profile's, within what a slope or a payload makes of them."""
-    limits, judge = PROFILE.limits, Obedience(PROFILE)
+    limits, obedience = PROFILE.limits, Obedience(PROFILE)
     v = w = 0.0
     for cycle in range(10 * len(orders)):
         v_set, w_set = orders[cycle // 10]
         v = ramped(v, v_set, (limits.v_accel * hard * CYCLE, limits.v_decel * hard * CYCLE))
         w = ramped(w, w_set, (limits.w_accel * hard * CYCLE, limits.w_decel * hard * CYCLE))
-        assert not judge.judge(report(v, w), (v_set, w_set), cycle * CYCLE)
+        assert not obedience.update(report(v, w), (v_set, w_set), cycle * CYCLE)
 
 
 def ramped(speed: float, target: float, steps: tuple[float, float]) -> float:
@@ -138,7 +138,7 @@ def goes(
 @pytest.mark.parametrize(
     ("left", "right", "v"), [(0.5, 0.5, 0.3), (0.3, 0.0, 0.3), (0.15, 0.15, None)]
 )
-def test_it_is_stopped_for_good_by_the_controllers_emergency_stop_and_said(
+def test_it_is_stopped_by_the_controllers_emergency_stop_and_logged(
     ready: Bench, left: float, right: float, v: float | None
 ) -> None:
     assert not goes(ready, left, right, v, for_s=PATIENCE_S).stopped
@@ -147,7 +147,7 @@ def test_it_is_stopped_for_good_by_the_controllers_emergency_stop_and_said(
     assert stop.by == Hand.DISOBEYS
     assert ready.sent(Cmd.E_STOP)
     assert ready.speeds()[-1] == 0
-    assert any(isinstance(m, Log) and m.level == ERROR for _, m in ready.said)
+    assert any(isinstance(m, Log) and m.level == ERROR for _, m in ready.published)
 
 
 def test_one_that_goes_on_under_a_stop_is_stopped_again_and_stays_stopped(ready: Bench) -> None:

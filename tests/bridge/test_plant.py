@@ -247,9 +247,9 @@ def test_walls_can_be_added_while_it_drives() -> None:
     assert robot.pose[0] + FRONT == pytest.approx(1.0, abs=PENETRATION_M)
 
 
-@pytest.mark.parametrize("ask", [1, 3])
-def test_asking_for_contacts_only_where_they_are_possible_changes_no_bit(ask: int) -> None:
-    """Against a plant that forgets its margin in each step, and asks whenever it moves."""
+@pytest.mark.parametrize("every", [1, 3])
+def test_asking_for_contacts_only_where_they_are_possible_changes_no_bit(every: int) -> None:
+    """Against a plant that queries contacts in every step in which it moves."""
     rng = Random(3)
     lazy, eager = plant(ROOM, sensors=REAL), plant(ROOM, sensors=REAL)
     for k in range(4000):
@@ -259,7 +259,7 @@ def test_asking_for_contacts_only_where_they_are_possible_changes_no_bit(ask: in
             if k % 500 >= 400:
                 left = right = -6.0
         eager._margin = 0.0
-        if k % ask == 0:
+        if k % every == 0:
             lazy.clearance()
         lazy.step(left, right)
         eager.step(left, right)
@@ -472,7 +472,7 @@ def test_the_same_seed_is_the_same_run_bit_for_bit() -> None:
     assert diary(5) != diary(6)
 
 
-def test_streams_are_independent_of_who_else_draws() -> None:
+def test_streams_are_independent_of_other_draws() -> None:
     streams = seeded(9)
     streams("other").random()
     assert streams("sonar").random() == seeded(9)("sonar").random()
@@ -483,17 +483,17 @@ def test_dead_walls_come_from_the_seed_and_more_walls_change_none() -> None:
     walls: list[Wall] = [(float(x), 1.0, x + 0.9, 1.0) for x in range(40)]
     dead = msgspec.structs.replace(IDEAL, dead_walls=0.2, dropout=0.0)
 
-    def heard(walls: list[Wall], seed: int) -> list[bool]:
+    def echoes_of(walls: list[Wall], seed: int) -> list[bool]:
         robot = plant(walls, sensors=dead, seed=seed)
-        return [_heard(robot, x) for x in range(40)]
+        return [_has_echo(robot, x) for x in range(40)]
 
-    first = heard(walls, 1)
+    first = echoes_of(walls, 1)
     assert 24 < sum(first) < 40
-    assert heard([*walls, (0.0, -3.0, 1.0, -3.0)], 1) == first
-    assert heard(walls, 2) != first
+    assert echoes_of([*walls, (0.0, -3.0, 1.0, -3.0)], 1) == first
+    assert echoes_of(walls, 2) != first
 
 
-def _heard(robot: Plant, x: int) -> bool:
+def _has_echo(robot: Plant, x: int) -> bool:
     """Whether the wall from x to x + 0.9 answers the left sonar, close to it."""
     robot.set_pose(x + 0.45 - 0.069, 0.6, 0.0)
     return robot.ping(0) is not None
@@ -507,9 +507,7 @@ def _heard(robot: Plant, x: int) -> bool:
         ("inertia", "caster_viscous_nms", 1e6),
     ],
 )
-def test_a_robot_that_the_steps_are_too_long_for_is_said_to_be_one(
-    table: str, key: str, value: float
-) -> None:
+def test_a_robot_too_light_for_the_steps_is_reported(table: str, key: str, value: float) -> None:
     part = msgspec.structs.replace(getattr(PROFILE, table), **{key: value})
     stiff = msgspec.structs.replace(PROFILE, **{table: part})
     robot = Plant(stiff, IDEAL, Site(), seeded(0))

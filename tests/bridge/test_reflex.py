@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.bridge.reflex import KEPT_S, SAY_S, TOUCH_M, Reflex
+from armadico.bridge.reflex import KEPT_S, REPORT_S, TOUCH_M, Reflex
 from armadico.core.cycles import LISTEN
 from armadico.mobile.messages import Echo
 from tests.bridge.kit import PROFILE
@@ -26,15 +26,17 @@ def echo(distance: float | None, index: int = 3) -> Echo:
     return Echo(sonar.x_m, sonar.y_m, radians(sonar.bearing_deg), distance)
 
 
-def hears(*echoes: Echo, measured: tuple[float, float] = (0.0, 0.0), now: float = 0.0) -> Reflex:
+def reflex_of(
+    *echoes: Echo, measured: tuple[float, float] = (0.0, 0.0), now: float = 0.0
+) -> Reflex:
     reflex = Reflex(PROFILE)
     reflex.update(echoes, ORIGIN, measured, now)
     return reflex
 
 
 @given(st.floats(0.1, 5.0), st.floats(0.0, 1.6))
-def test_what_it_lets_pass_can_be_stopped_before_what_it_hears(away: float, v: float) -> None:
-    capped = hears(echo(away)).cap(v, 0.0)
+def test_speeds_it_allows_can_be_stopped_before_an_obstacle(away: float, v: float) -> None:
+    capped = reflex_of(echo(away)).cap(v, 0.0)
     assert 0.0 <= capped <= v
     free = AHEAD.x_m + away * cos(radians(AHEAD.bearing_deg)) - FRONT
     aside = AHEAD.y_m + away * sin(radians(AHEAD.bearing_deg))
@@ -46,28 +48,28 @@ def test_what_it_lets_pass_can_be_stopped_before_what_it_hears(away: float, v: f
 
 def test_with_nothing_ahead_and_backwards_it_lets_everything_pass() -> None:
     assert Reflex(PROFILE).cap(1.6, 0.5) == 1.6
-    assert hears(echo(None)).cap(1.6, 0.0) == 1.6
-    assert hears(echo(0.1)).cap(-0.3, 0.0) == -0.3
+    assert reflex_of(echo(None)).cap(1.6, 0.0) == 1.6
+    assert reflex_of(echo(0.1)).cap(-0.3, 0.0) == -0.3
 
 
 def test_a_door_that_the_body_fits_through_is_passed_as_fast_as_the_behaviours_like() -> None:
-    """Posts of a door of 0.7 m, heard by the sonars that look past them."""
+    """Posts of a door of 0.7 m, detected by the sonars that face past them."""
     posts = [echo(0.35, index) for index in (1, 2, 5, 6)]
-    assert hears(*posts).cap(0.5, 0.0) == 0.5
+    assert reflex_of(*posts).cap(0.5, 0.0) == 0.5
 
 
 def test_what_lies_on_the_present_arc_counts_whatever_is_commanded() -> None:
-    """Told to turn on the spot at speed, the robot goes on for a while."""
-    assert hears(echo(0.3), measured=(0.6, 0.0)).cap(0.6, 2.0) < 0.5
-    assert hears(echo(0.3), measured=(0.0, 0.0)).cap(0.1, 1.0) == 0.1
+    """Commanded to turn on the spot at speed, the robot continues ahead for a while."""
+    assert reflex_of(echo(0.3), measured=(0.6, 0.0)).cap(0.6, 2.0) < 0.5
+    assert reflex_of(echo(0.3), measured=(0.0, 0.0)).cap(0.1, 1.0) == 0.1
 
 
 @pytest.mark.parametrize(("index", "to"), [(1, 1.0), (6, -1.0)], ids=["left", "right"])
 @pytest.mark.parametrize("pose", [ORIGIN, (2.0, -1.0, 2.5)], ids=str)
-def test_what_is_heard_aside_slows_a_turn_to_that_side_and_no_other(
+def test_an_obstacle_aside_slows_a_turn_to_that_side_only(
     index: int, to: float, pose: tuple[float, float, float]
 ) -> None:
-    """It is where it was heard, on the left or on the right, wherever the robot is in the world."""
+    """It is where it was detected, left or right, wherever the robot is in the world."""
     sonar = PROFILE.sonar.sonars[index]
     aside = sonar.y_m + 0.45 * sin(radians(sonar.bearing_deg))
     assert aside * to > PROFILE.body.width_m / 2, "straight on it is passed"
@@ -81,34 +83,34 @@ def test_what_is_heard_aside_slows_a_turn_to_that_side_and_no_other(
 def test_what_was_ahead_is_on_the_other_side_once_the_robot_has_turned(
     index: int, to: float
 ) -> None:
-    reflex = hears(echo(0.6, index))
+    reflex = reflex_of(echo(0.6, index))
     reflex.update((), (0.0, 0.0, to * radians(50.0)), (0.0, 0.0), 0.1)
     assert reflex.cap(1.0, -to * 3.0) < 0.6
     assert reflex.cap(1.0, to * 3.0) == 1.0
 
 
 def test_a_reading_is_moved_along_replaced_by_the_next_and_kept_no_longer_than_it_is_good() -> None:
-    reflex = hears(echo(0.7))
+    reflex = reflex_of(echo(0.7))
     at_once = reflex.cap(1.6, 0.0)
     reflex.update((), (0.3, 0.0, 0.0), (0.0, 0.0), 0.1)
     nearer = reflex.cap(1.6, 0.0)
     assert nearer < at_once
-    assert nearer == pytest.approx(hears(echo(0.4)).cap(1.6, 0.0), abs=0.02)
+    assert nearer == pytest.approx(reflex_of(echo(0.4)).cap(1.6, 0.0), abs=0.02)
     reflex.update((echo(2.0),), (0.3, 0.0, 0.0), (0.0, 0.0), 0.2)
     assert reflex.cap(1.0, 0.0) == 1.0
-    old = hears(echo(0.3))
+    old = reflex_of(echo(0.3))
     old.update((), ORIGIN, (0.0, 0.0), KEPT_S + 0.01)
     assert old.cap(1.0, 0.0) == 1.0
 
 
-def test_it_says_what_it_did_but_seldom() -> None:
-    reflex = hears(echo(0.3))
+def test_it_reports_its_caps_at_a_limited_rate() -> None:
+    reflex = reflex_of(echo(0.3))
     assert reflex.complaint(0.0) is None
     reflex.cap(0.9, 0.0)
     assert reflex.complaint(0.0) == "1 x slowed for what is ahead, last from 0.90 to 0.42 m/s"
     reflex.cap(0.9, 0.0)
-    assert reflex.complaint(0.5 * SAY_S) is None
-    assert reflex.complaint(SAY_S) is not None
+    assert reflex.complaint(0.5 * REPORT_S) is None
+    assert reflex.complaint(REPORT_S) is not None
     assert reflex.complaint(inf) is None
 
 
@@ -119,7 +121,7 @@ def test_the_robot_agent_orders_no_more_than_the_reflex_allows() -> None:
     bench = Bench().connect().cycles(LISTEN + 2)
     bench.status(echoes=((3, 0.3),))
     bench.command(0.9, 0.2)
-    assert max(bench.speeds()) == pytest.approx(1000 * hears(echo(0.3)).cap(0.9, 0.2), abs=1)
+    assert max(bench.speeds()) == pytest.approx(1000 * reflex_of(echo(0.3)).cap(0.9, 0.2), abs=1)
 
 
 def test_what_is_obeyed_is_slowed_when_a_reading_comes_though_no_command_does() -> None:

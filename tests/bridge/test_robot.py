@@ -1,4 +1,4 @@
-"""The robot agent in memory, against a controller that does what the test says."""
+"""The robot agent in memory, against a scripted controller."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ def ready() -> Bench:
     return Bench().connect().cycles(LISTEN + 2)
 
 
-def test_who_does_not_answer_is_told_ever_more_rarely(bench: Bench) -> None:
+def test_a_silent_controller_is_logged_ever_more_rarely(bench: Bench) -> None:
     bench.plug()
     bench.let_pass(30.0)
     assert 3 <= sum("is the robot on?" in text for text in bench.logs()) <= 6
 
 
-def test_a_name_of_control_characters_reaches_nobody(bench: Bench) -> None:
+def test_a_name_of_control_characters_is_not_published(bench: Bench) -> None:
     bench.plug()
     bench.answer(SYNC0, encode(b"\x02Rob\x1b[2J\n\0Pioneer\x07\0\xff\0"))
     assert bench.logs()[-1].isprintable()
@@ -113,14 +113,16 @@ def test_only_a_controller_of_the_profiles_type_is_opened(
     bench = Bench(profile=profile)
     bench.plug()
     bench.answer(SYNC0, SYNC1, names_of(subclass, class_name))
-    refused = [m.text for _, m in bench.said if isinstance(m, Log) and m.event == LogEvent.UNFIT]
+    refused = [
+        m.text for _, m in bench.published if isinstance(m, Log) and m.event == LogEvent.UNFIT
+    ]
     assert bool(bench.sent(Cmd.ENABLE)) is driven
     assert bool(refused) is not driven
     assert bool(bench.robot.card().fault) is not driven
     assert all(name in refused[0] for name in named)
     bench.report()
     assert bool(bench.sent(Cmd.SONAR)) is driven
-    assert any(isinstance(m, RobotState) for _, m in bench.said) is driven
+    assert any(isinstance(m, RobotState) for _, m in bench.published) is driven
     if not driven:
         bench.let_pass(20.0)
         assert not [n for _, n, value in bench.written if n in MOVING and value]
@@ -191,7 +193,7 @@ def test_of_a_subclass_with_factors_of_its_own_those_count() -> None:
 
 
 @pytest.mark.parametrize("hangs_up", [True, False])
-def test_where_nothing_follows_the_handshake_it_tries_and_tells_ever_more_rarely(
+def test_without_status_packets_it_retries_and_logs_ever_more_rarely(
     bench: Bench, hangs_up: bool
 ) -> None:
     bench.plug()
@@ -266,8 +268,8 @@ def test_once_they_are_on_again_a_new_link_switches_them_on(ready: Bench) -> Non
 
 def test_each_status_packet_is_a_cycle_and_its_sonars_are_of_it(bench: Bench) -> None:
     bench.connect().cycles(5)
-    states = [m for _, m in bench.said if isinstance(m, RobotState)]
-    sonars = [m for _, m in bench.said if isinstance(m, Sonar)]
+    states = [m for _, m in bench.published if isinstance(m, RobotState)]
+    sonars = [m for _, m in bench.published if isinstance(m, Sonar)]
     assert [s.cycle.number for s in states] == [1, 2, 3, 4, 5]
     assert len({s.cycle.epoch for s in states}) == 1
     assert [s.cycle for s in sonars] == [s.cycle for s in states]
@@ -295,22 +297,22 @@ def test_a_status_packet_becomes_state_and_echoes_in_si_units(ready: Bench) -> N
     assert state.motors
     assert state.stalled
     assert state.battery_v == pytest.approx(11.9)
-    sonar = next(m for _, m in reversed(ready.said) if isinstance(m, Sonar))
+    sonar = next(m for _, m in reversed(ready.published) if isinstance(m, Sonar))
     left, ahead = sonar.echoes  # the fortieth sonar is not in the profile
     assert (left.x, left.y, left.range) == pytest.approx((0.069, 0.136, 1.2), abs=1e-3)
     assert ahead.range is None  # nothing within reach
 
 
-def test_a_cycle_in_which_no_sonar_fired_brings_none_and_it_says_so_once(ready: Bench) -> None:
-    before = sum(isinstance(m, Sonar) for _, m in ready.said)
-    cycles = sum(isinstance(m, RobotState) for _, m in ready.said)
+def test_a_cycle_without_a_ping_has_no_echoes_and_is_reported_once(ready: Bench) -> None:
+    before = sum(isinstance(m, Sonar) for _, m in ready.published)
+    cycles = sum(isinstance(m, RobotState) for _, m in ready.published)
     for _ in range(9):
         ready.status(echoes=())
-    assert sum(isinstance(m, RobotState) for _, m in ready.said) == cycles + 9
-    assert sum(isinstance(m, Sonar) for _, m in ready.said) == before
+    assert sum(isinstance(m, RobotState) for _, m in ready.published) == cycles + 9
+    assert sum(isinstance(m, Sonar) for _, m in ready.published) == before
     assert sum("no sonar has fired" in text for text in ready.logs()) == 1
     ready.status()
-    assert sum(isinstance(m, Sonar) for _, m in ready.said) == before + 1
+    assert sum(isinstance(m, Sonar) for _, m in ready.published) == before + 1
 
 
 def test_it_does_not_move_before_it_has_listened_for_three_cycles(bench: Bench) -> None:
@@ -448,17 +450,19 @@ HANDS = [
 
 
 @pytest.mark.parametrize(("hand", "by"), HANDS, ids=["motors", "STOP", "both"])
-def test_who_switches_the_motors_off_at_the_robot_latches_the_stop(
+def test_switching_the_motors_off_at_the_robot_latches_the_stop(
     ready: Bench, hand: dict[str, object], by: str
 ) -> None:
     ready.command(0.3)
     assert ready.status().stop == Stop()
     stop = ready.status(**hand).stop
     assert (stop.stopped, stop.by, ready.speeds()[-1]) == (True, by, 0)
-    assert [m for _, m in ready.said if isinstance(m, Stop)] == [stop], "for all to hear"
+    assert [m for _, m in ready.published if isinstance(m, Stop)] == [stop], (
+        "published to all agents"
+    )
     assert any(f"stopped by {by}" in text for text in ready.logs())
     began = ready.now + TICK
-    for _ in range(20):  # they are on again, and nobody drives off
+    for _ in range(20):  # they are on again, and the robot does not drive off
         ready.let_pass(0.1)
         assert ready.status().stop == stop
         ready.command(0.3)
@@ -485,7 +489,7 @@ def test_a_release_while_the_hand_is_at_the_button_does_not_hold(
 def test_a_controller_that_was_reset_at_the_robot_takes_a_release_to_drive_on(
     ready: Bench, kind: int
 ) -> None:
-    """Opening it again switches the motors on, and whoever pressed the button stands there."""
+    """Opening it again switches the motors on, and the person at the button stands there."""
     ready.command(0.3)
     ready.answer(encode(bytes([kind])))
     ready.let_pass(2.0)
@@ -513,17 +517,17 @@ def test_motors_that_are_held_off_from_the_first_latch_it_too(bench: Bench) -> N
         stops = bench.status(motors_enabled=False).stop
         bench.let_pass(0.1)
     assert stops.stopped
-    assert bench.sent(Cmd.ENABLE), "they were asked for first"
+    assert bench.sent(Cmd.ENABLE), "they were requested first"
 
 
-def test_motors_that_a_stall_has_cut_nobody_has_switched_off(ready: Bench) -> None:
+def test_motors_cut_by_a_stall_do_not_latch_the_stop(ready: Bench) -> None:
     for _ in range(3):
         assert not ready.status(motors_enabled=False, left_stall=True).stop.stopped
     assert not ready.status().stop.stopped
 
 
 def test_nor_those_that_are_off_for_a_while_after_it(ready: Bench) -> None:
-    """What is cut stalls no more. If they stay off, somebody wants them off."""
+    """What is cut stalls no more. If they stay off, a person switched them off."""
     ready.status(left_stall=True)
     ready.let_pass(0.1)
     assert not ready.status(motors_enabled=False).stop.stopped
@@ -546,10 +550,10 @@ def test_wheels_that_do_not_turn_as_ordered_touch_something(
     ready: Bench, v: float, x: float | None
 ) -> None:
     pushes(ready, v, 0.0 if v else 1.0)
-    touched = [m for _, m in ready.said if isinstance(m, RobotState) and m.stalled]
+    touched = [m for _, m in ready.published if isinstance(m, RobotState) and m.stalled]
     assert touched
     assert (touched[0].touch and touched[0].touch.x) == x
-    assert any("touched something" in text for text in ready.logs())
+    assert any("touched an obstacle" in text for text in ready.logs())
     assert 0 in ready.speeds(ready.now - 1.5)
 
 
@@ -575,7 +579,7 @@ def test_against_what_it_touches_it_is_not_driven_and_away_from_it_it_is(
 
 
 @pytest.mark.parametrize(("cycles", "ahead"), [(1, True), (8, False)])
-def test_who_backs_off_and_stalls_at_once_touches_what_it_drove_into(
+def test_a_robot_that_stalls_while_backing_touches_what_it_drove_into(
     ready: Bench, cycles: int, ahead: bool
 ) -> None:
     """Or it would take what is ahead for something behind, and back off no more."""
@@ -587,7 +591,7 @@ def test_who_backs_off_and_stalls_at_once_touches_what_it_drove_into(
     assert (state.touch.x > 0.0) is ahead
 
 
-def test_a_bumper_behind_says_so_and_one_that_sticks_says_nothing(bench: Bench) -> None:
+def test_a_rear_bumper_counts_and_a_stuck_one_does_not(bench: Bench) -> None:
     bench.connect()
     for _ in range(LISTEN + 2):
         assert not bench.status(rear_bumpers=2).stalled
@@ -635,7 +639,7 @@ def test_a_robot_that_runs_up_turns_round_and_brakes_touches_nothing(
         assert not ready.status(left_m_s=v - w * half, right_m_s=v + w * half).stalled
 
 
-def test_what_the_line_spoils_is_counted_published_and_told_now_and_then(ready: Bench) -> None:
+def test_invalid_data_is_counted_published_and_logged_at_a_limited_rate(ready: Bench) -> None:
     assert ready.state().line == Line()
     good = encode(encode_status(AT_REST, PROFILE.p2os))
     for _ in range(150):
@@ -647,15 +651,15 @@ def test_what_the_line_spoils_is_counted_published_and_told_now_and_then(ready: 
     line = ready.state().line
     assert line.dropped >= 150 * (5 + len(good))
     assert min(line.mangled, line.malformed, line.absurd, line.resets) >= 149
-    told = [text for text in ready.logs() if "bad checksums" in text]
-    assert len(told) == 2
-    assert "odometry resets" in told[-1]
-    assert ready.state().v == 0.0, "and what is absurd is not believed"
+    logged = [text for text in ready.logs() if "bad checksums" in text]
+    assert len(logged) == 2
+    assert "odometry resets" in logged[-1]
+    assert ready.state().v == 0.0, "absurd reports are discarded"
 
 
-def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Bench) -> None:
-    """Each costs messages to everybody, and the stop has to wait for them."""
-    before = sum(isinstance(m, RobotState) for _, m in ready.said)
+def test_of_a_flood_of_status_packets_only_the_newest_are_decoded(ready: Bench) -> None:
+    """Each causes messages to all agents, and a stop has to wait for them."""
+    before = sum(isinstance(m, RobotState) for _, m in ready.published)
     ready.command(0.3)
     began = ready.now
     for tens in range(100):
@@ -666,8 +670,8 @@ def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Be
         if ready.robot.wakeup is not None and ready.now >= ready.robot.wakeup:
             ready.robot.wake(ready.now)
             ready.take()
-    looked_at = sum(isinstance(m, RobotState) for _, m in ready.said) - before
-    assert looked_at <= 50 + 30 + 1
+    decoded = sum(isinstance(m, RobotState) for _, m in ready.published) - before
+    assert decoded <= 50 + 30 + 1
     assert ready.state().line.surplus > 4500
     assert ready.state().x > 0.79
     stopped = [at for at, n, value in ready.written if n == Cmd.VEL and value == 0 and at > began]
@@ -677,7 +681,7 @@ def test_of_a_flood_of_status_packets_few_are_looked_at_and_the_newest(ready: Be
 # The watchdog, the port ----------------------------------------------------------------------
 
 
-def test_with_nothing_to_say_it_feeds_the_watchdog(ready: Bench) -> None:
+def test_without_commands_it_feeds_the_watchdog(ready: Bench) -> None:
     ready.let_pass(1.0, statuses=True)  # CONFIG and ENABLE are repeated as long
     began = ready.now
     ready.let_pass(3.0, statuses=True)
@@ -712,22 +716,22 @@ def driven(ready: Bench) -> RobotState:
     return before
 
 
-def test_a_port_that_is_not_there_yet_is_waited_for_and_only_said_to_be_gone_later() -> None:
+def test_a_missing_port_is_waited_for_and_reported_only_later() -> None:
     bench = Bench()
     bench.unplug()
     bench.let_pass(PATIENCE_S - 1.0)
-    logs = [message for _, message in bench.said if isinstance(message, Log)]
+    logs = [message for _, message in bench.published if isinstance(message, Log)]
     assert [(log.level, log.text) for log in logs] == [
         (INFO, "waiting for the port memory:: pulled out")
     ]
     bench.let_pass(2.0)
-    _, late = (message for _, message in bench.said if isinstance(message, Log))
+    _, late = (message for _, message in bench.published if isinstance(message, Log))
     assert (late.level, late.text) == (WARNING, f"still {logs[0].text}")
     bench.connect()
     bench.unplug()
     assert any(
         isinstance(message, Log) and message.level == ERROR and "is gone" in message.text
-        for _, message in bench.said
+        for _, message in bench.published
     )
 
 
@@ -749,7 +753,7 @@ def test_a_port_that_comes_back_is_closed_first_and_keeps_the_pose(ready: Bench)
 
 
 def test_what_the_robot_rolled_while_the_port_was_gone_is_part_of_the_way(ready: Bench) -> None:
-    """The controller has counted on, and is believed as far as the speeds of before explain it."""
+    """The controller has counted on, and counts as far as the speeds of before explain it."""
     before = driven(ready)
     ready.unplug()
     ready.now += 0.5
@@ -775,12 +779,12 @@ def test_odometry_that_has_wrapped_is_unwrapped_by_what_others_remember(bench: B
 
 
 @pytest.mark.parametrize("far", [1e6, 2e5, 1e5])
-def test_wherever_others_remember_it_to_be_it_can_say_its_odometry(far: float) -> None:
+def test_any_remembered_odometry_can_be_published(far: float) -> None:
     bench = Bench()
     try:
         bench.hand(checked(Origin(7, 1, 99, 0.0, 0.0, 0.0, far, -far, 0.0)))
     except MessageError:
-        return  # nobody was told so
+        return  # not logged
     for x in (-13.0, 0.0, 13.0):
         bench.x_m = x
         bench.connect().cycles(1)
@@ -812,7 +816,7 @@ def test_leaving_it_rests_switches_off_and_closes(ready: Bench) -> None:
 
 def test_it_describes_itself_at_once_and_each_second(bench: Bench) -> None:
     bench.connect().cycles(31)
-    said = [(at, m) for at, m in bench.said if isinstance(m, Description)]
+    said = [(at, m) for at, m in bench.published if isinstance(m, Description)]
     assert [round(at, 2) for at, _ in said] == [0.1, 1.1, 2.1, 3.1]
     (description,) = {m for _, m in said}
     assert description == bench.robot.description()
@@ -821,7 +825,7 @@ def test_it_describes_itself_at_once_and_each_second(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("forwards", [1.0, -1.0])
-def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_says_the_limit(
+def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_publishes_the_limit(
     forwards: float,
 ) -> None:
     limited = Bench(v_max=0.4).connect().cycles(10)
@@ -840,8 +844,8 @@ def test_a_limit_above_the_profiles_is_none() -> None:
 
 def test_each_cycle_is_acknowledged_once(bench: Bench) -> None:
     bench.connect().cycles(10)
-    states = [m.cycle for _, m in bench.said if isinstance(m, RobotState)]
-    acks = [m.cycle for _, m in bench.said if isinstance(m, Ack)]
+    states = [m.cycle for _, m in bench.published if isinstance(m, RobotState)]
+    acks = [m.cycle for _, m in bench.published if isinstance(m, Ack)]
     assert acks == states
 
 
@@ -867,8 +871,8 @@ def test_a_command_for_another_resource_or_of_another_shape_moves_nothing(ready:
     ready.cycles(30)
     ready.hand(Command("wheels", ready.state().cycle, BALLOT, (0.3,)))
     ready.cycles(1)
-    told = [text for text in ready.logs() if "commands refused" in text]
-    assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in told)
+    logged = [text for text in ready.logs() if "commands refused" in text]
+    assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in logged)
 
 
 def test_its_card_promises_no_readings_of_sensors_that_it_has_not_got() -> None:

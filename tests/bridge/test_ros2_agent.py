@@ -28,7 +28,7 @@ BALLOT = Ballot(5, 0.6, False, "goto-1")
 
 
 class Bench:
-    """The agent, what the robot says each 20 ms, and the time."""
+    """The agent, what the robot publishes each 20 ms, and the time."""
 
     def __init__(self, profile: str = "jackal", seed: int = 1) -> None:
         identity = Identity("robot-1", rng=random.Random(seed))
@@ -38,19 +38,19 @@ class Bench:
         self.now = 0.0
         self.speeds = (0.0, 0.0)
         self.x = 0.0
-        self.said: list[Message] = []
-        self.told: list[tuple[float, float, float]] = []
+        self.published: list[Message] = []
+        self.commands: list[tuple[float, float, float]] = []
         self.decoder = Decoder()
         self.ranges: list[float] | None = [2.0] * 21
         self.step = 0.1
         self.agent.start(0.0)
-        self.agent.take_link(True, "", 0.0)
+        self.agent.update_link(True, "", 0.0)
         self.take()
 
     def take(self) -> None:
         for item in self.agent.outbox:
             if isinstance(item, Publish):
-                self.said.append(item.message)
+                self.published.append(item.message)
             elif isinstance(item, Write):
                 for topic, payload in self.decoder.feed(item.data, self.now):
                     if topic == "cmd_vel":
@@ -58,11 +58,11 @@ class Bench:
                             twist = decode(types.TwistStamped, payload).twist
                         else:
                             twist = decode(types.Twist, payload)
-                        self.told.append((self.now, twist.linear.x, twist.angular.z))
+                        self.commands.append((self.now, twist.linear.x, twist.angular.z))
         self.agent.outbox.clear()
 
     def raw(self, data: bytes) -> None:
-        self.agent.take_bytes(data, self.now)
+        self.agent.receive_bytes(data, self.now)
         self.take()
 
     def go(
@@ -70,7 +70,7 @@ class Bench:
     ) -> None:
         """Let time pass; a holder commands in each cycle, if there is a command.
 
-        The wheels do then as they are told.
+        The wheels then obey.
         """
         for _ in range(round(seconds * 100)):
             self.now = round(self.now + 0.01, 6)
@@ -81,8 +81,8 @@ class Bench:
                     assert self.ros2.scan is not None
                     self.raw(frame(self.ros2.scan.name, data))
                 v, w = self.speeds
-                if command and self.told:
-                    v, w = self.speeds = self.told[-1][1:]
+                if command and self.commands:
+                    v, w = self.speeds = self.commands[-1][1:]
                 data = odometry(CLOCK_S + self.now, x=self.x, v=v, w=w)
                 cycles = len(self.all(RobotState))
                 self.raw(frame(self.ros2.odom.name, data))
@@ -101,7 +101,7 @@ class Bench:
         self.take()
 
     def all(self, kind: type) -> list:
-        return [m for m in self.said if isinstance(m, kind)]
+        return [m for m in self.published if isinstance(m, kind)]
 
     def logs(self) -> str:
         return "\n".join(m.text for m in self.all(Log))
@@ -114,7 +114,7 @@ def ready() -> Bench:
     return bench
 
 
-def test_its_cycles_come_ten_times_a_second_and_say_where_it_is(ready: Bench) -> None:
+def test_its_cycles_are_published_ten_times_a_second_with_the_pose(ready: Bench) -> None:
     count = len(ready.all(RobotState))
     ready.speeds = (0.5, 0.1)
     ready.go(2.0)
@@ -150,55 +150,55 @@ def test_silence_of_the_holder_is_zero_after_300_ms(ready: Bench) -> None:
     ready.speeds = (0.6, 0.0)
     begun = ready.now
     ready.go(1.0)
-    slower = next(at for at, v, _ in ready.told if at > begun and v < 0.6)
+    slower = next(at for at, v, _ in ready.commands if at > begun and v < 0.6)
     assert slower - begun <= 0.3 + 0.02
-    assert ready.told[-1][1:] == (0.0, 0.0)
+    assert ready.commands[-1][1:] == (0.0, 0.0)
 
 
-def test_a_stop_is_zero_and_nobody_is_obeyed_until_it_is_released(ready: Bench) -> None:
+def test_a_stop_is_zero_and_no_command_is_obeyed_until_the_release(ready: Bench) -> None:
     ready.go(1.0, command=(0.6, 0.0))
     ready.hand(Stop(1, stopped=True, by="somebody", press=7))
     ready.go(1.0, command=(0.6, 0.0))
-    assert ready.told[-1][1:] == (0.0, 0.0)
+    assert ready.commands[-1][1:] == (0.0, 0.0)
     assert ready.all(RobotState)[-1].stop.stopped
     ready.hand(Stop(2, stopped=False, by="somebody", press=7))
     ready.go(1.0, command=(0.6, 0.0))
-    assert ready.told[-1][1] == 0.6
+    assert ready.commands[-1][1] == 0.6
 
 
-def test_a_robot_that_falls_silent_is_obeyed_by_nobody_and_found_again(ready: Bench) -> None:
+def test_a_robot_that_falls_silent_gets_no_commands_and_is_found_again(ready: Bench) -> None:
     ready.go(1.5, silent=True)
     assert "no odometry for 1.0 s" in ready.logs()
-    told = len(ready.told)
+    commands = len(ready.commands)
     ready.command(0.6)
-    assert [v for _, v, _ in ready.told[told:]] == []
+    assert [v for _, v, _ in ready.commands[commands:]] == []
     ready.go(0.6)
     assert ready.logs().count("connected to") == 2
     ready.go(1.0, command=(0.6, 0.0))
-    assert ready.told[-1][1] == 0.6
+    assert ready.commands[-1][1] == 0.6
 
 
-def test_a_laser_that_stops_is_stale_and_said(ready: Bench) -> None:
+def test_a_laser_that_stops_is_stale_and_reported(ready: Bench) -> None:
     count = len(ready.all(Scan))
     ready.ranges = None
     ready.go(1.5)
     assert len(ready.all(Scan)) - count <= 2
-    assert "tells nothing, no scan on sensors/lidar2d_0/scan for 4 cycles: nobody" in ready.logs()
+    assert "no scan on sensors/lidar2d_0/scan for 4 cycles" in ready.logs()
 
 
-def test_rays_that_lie_far_apart_limit_the_speed_and_that_is_said_once() -> None:
+def test_widely_spaced_rays_limit_the_speed_and_are_reported_once() -> None:
     bench = Bench()
     bench.step = 0.7
     bench.ranges = [20.0] * 8
     bench.go(0.1 * (LISTEN + 3))
     assert bench.all(Description)[-1].v_max == JACKAL.limits.v_max
     assert bench.logs().count("degrees apart") == 1
-    told = len(bench.told)
+    commands = len(bench.commands)
     bench.go(2.0, command=(JACKAL.limits.v_max, 1.0))
-    top, turn = bench.told[-1][1:]
+    top, turn = bench.commands[-1][1:]
     assert 0.1 <= top < 0.5 * JACKAL.limits.v_max
     assert turn == pytest.approx(top / JACKAL.limits.v_max), "the same arc, slower"
-    assert max(v for _, v, _ in bench.told[told:]) <= top + 1e-9
+    assert max(v for _, v, _ in bench.commands[commands:]) <= top + 1e-9
 
 
 def test_a_robot_that_is_otherwise_than_its_profile_is_doubted_and_driven() -> None:
@@ -210,7 +210,7 @@ def test_a_robot_that_is_otherwise_than_its_profile_is_doubted_and_driven() -> N
     assert bench.agent.unavailable(WHEELS) == ""
 
 
-def test_a_robot_without_a_watchdog_is_said_to_have_none() -> None:
+def test_a_missing_watchdog_is_reported() -> None:
     bench = Bench("turtlebot3-burger")
     bench.raw(frame("odom", odometry(CLOCK_S)))
     assert "has no watchdog" in bench.logs()
@@ -228,14 +228,14 @@ def test_a_robot_that_was_started_again_does_not_drive_off(ready: Bench) -> None
     ready.go(2.0, silent=True)
     ready.x, ready.speeds, begun = 0.0, (0.0, 0.0), ready.now
     ready.go(2.0, command=(0.6, 0.0))
-    assert {told[1:] for told in ready.told if told[0] > begun} <= {(0.0, 0.0)}
+    assert {each[1:] for each in ready.commands if each[0] > begun} <= {(0.0, 0.0)}
     assert ready.all(RobotState)[-1].stop.stopped
 
 
 # --- more than a laser
 
 
-def test_sonars_and_a_laser_are_told_together_each_where_it_sits() -> None:
+def test_sonars_and_a_laser_are_published_together_each_with_its_mount() -> None:
     bench = Bench("jackal-sonars")
     for _ in range(10):
         for k in range(8):
@@ -256,7 +256,7 @@ def felt(kind: int) -> Bench:
     bench = Bench("create3")
     bench.go(0.1 * (LISTEN + 3))
     bench.go(1.5, command=(0.2, 0.0))
-    assert bench.told[-1][1] == 0.2
+    assert bench.commands[-1][1] == 0.2
     for _ in range(10):
         bench.raw(frame("hazard_detection", hazards((kind, "front"))))
         bench.go(0.1, command=(0.2, 0.0))
@@ -266,29 +266,29 @@ def felt(kind: int) -> Bench:
 @pytest.mark.parametrize("kind", [types.BUMP, types.CLIFF, types.STALL])
 def test_a_bumper_and_a_cliff_stop_it_as_a_pioneers_bumpers_do(kind: int) -> None:
     bench = felt(kind)
-    assert bench.told[-1][1:] == (0.0, 0.0)
+    assert bench.commands[-1][1:] == (0.0, 0.0)
     state = bench.all(RobotState)[-1]
     assert state.stalled
     assert state.touch is not None
     assert state.touch.x == pytest.approx(0.171)
     assert not state.stop.stopped
-    assert "touched something ahead" in bench.logs()
+    assert "touched an obstacle ahead" in bench.logs()
     bench.go(1.0, command=(-0.1, 0.0))  # away from it
-    assert bench.told[-1][1] == pytest.approx(-0.1)
+    assert bench.commands[-1][1] == pytest.approx(-0.1)
 
 
 def test_one_that_backs_no_farther_is_driven_ahead_and_not_back() -> None:
     bench = felt(types.BACKUP_LIMIT)
-    assert bench.told[-1][1] == 0.2
-    assert "it feels its limit of backing" in bench.logs()
+    assert bench.commands[-1][1] == 0.2
+    assert "limit of backing" in bench.logs()
 
 
 def test_one_that_is_lifted_is_stopped_until_it_is_released() -> None:
     bench = felt(types.WHEEL_DROP)
-    assert bench.told[-1][1:] == (0.0, 0.0)
+    assert bench.commands[-1][1:] == (0.0, 0.0)
     assert "a wheel of the robot hanging in the air" in bench.logs()
     bench.go(2.0, command=(0.2, 0.0))  # put down again
-    assert bench.told[-1][1:] == (0.0, 0.0)
+    assert bench.commands[-1][1:] == (0.0, 0.0)
     assert bench.all(RobotState)[-1].stop.stopped
 
 
@@ -303,9 +303,9 @@ def test_after_a_pause_beyond_the_silence_nothing_old_is_sent(
 ) -> None:
     """Whatever waited for it meanwhile and comes first: from its first word on it slows down."""
     ready.go(0.5 if climbing else 2.0, command=(1.8, 0.0))
-    before, cycle = ready.told[-1][1], ready.all(RobotState)[-1].cycle
+    before, cycle = ready.commands[-1][1], ready.all(RobotState)[-1].cycle
     assert (before < 1.8) is climbing
-    ready.now, told = round(ready.now + paused, 6), len(ready.told)
+    ready.now, commands = round(ready.now + paused, 6), len(ready.commands)
     if first == "command":
         ready.hand(Command("wheels", cycle, BALLOT, (1.8, 0.0)))
     elif first == "bytes":
@@ -314,7 +314,7 @@ def test_after_a_pause_beyond_the_silence_nothing_old_is_sent(
     ready.agent.wake(ready.now)
     ready.take()
     ready.go(1.5)
-    speeds = [v for _, v, _ in ready.told[told:]]
+    speeds = [v for _, v, _ in ready.commands[commands:]]
     assert speeds[0] < before
     assert speeds == sorted(speeds, reverse=True)
     assert speeds[-1] == 0.0
@@ -336,7 +336,7 @@ def without(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
-def test_without_the_extra_a_pioneer_drives_and_for_a_jackal_a_line_says_what_to_install() -> None:
+def test_without_the_extra_a_pioneer_drives_and_a_jackal_names_the_package() -> None:
     run = ("run", "sc1", "--virtual", "--no-plot", "--goal", "0.5", "0", "0", "--profile")
     pioneer, jackal = (without(*run, name) for name in ("pioneer-2dx", "jackal"))
     assert pioneer.returncode == 0, pioneer.stderr
@@ -346,7 +346,7 @@ def test_without_the_extra_a_pioneer_drives_and_for_a_jackal_a_line_says_what_to
     assert len(jackal.stderr.splitlines()) == 1
 
 
-def test_without_the_extra_the_gateway_to_ros_2_says_what_to_install() -> None:
+def test_without_the_extra_the_gateway_names_the_package() -> None:
     done = without("ros2", "--world", "sc1")
     assert done.returncode == 1
     assert "pip install 'armadico[ros2]'" in done.stderr

@@ -1,4 +1,4 @@
-"""The simulated ROS 2 robot says what is wanted at its rates, obeys as a base does, and stops."""
+"""The simulated ROS 2 robot publishes wanted topics at its rates, obeys like a base, and stops."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode, encode
-from armadico.bridge.ros2.frames import Decoder, Wants, frame, said
+from armadico.bridge.ros2.frames import Decoder, Wants, control_frame, frame
 from armadico.bridge.ros2.mounts import Frames, Mount
 from armadico.bridge.ros2.profile import Ros2Robot, Topic
 from armadico.bridge.ros2.session import Session, wants
@@ -42,15 +42,15 @@ class Bench:
         self.profile = profile
         self.robot = Ros2SimulatedRobot(profile, Stage(sensors, Site(walls), seeded(seed), "/sim"))
         self.now = 0.0
-        self.heard: list[tuple[float, str, bytes]] = []
+        self.received: list[tuple[float, str, bytes]] = []
         self.decoder = Decoder()
 
     def want(self, everything: bool = True) -> Bench:
         topics = published(self.profile.ros2) if everything else wants(self.profile.ros2).topics
-        self.robot.receive(said(Wants(tuple(topics))), self.now)
+        self.robot.receive(control_frame(Wants(tuple(topics))), self.now)
         return self
 
-    def tell(self, v: float, w: float = 0.0) -> None:
+    def command(self, v: float, w: float = 0.0) -> None:
         ros2 = self.profile.ros2
         twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
         payload = encode(types.TwistStamped(twist=twist) if ros2.stamped else twist)
@@ -60,28 +60,28 @@ class Bench:
         for _ in range(round(seconds * 100)):
             self.now = round(self.now + 0.01, 6)
             for topic, payload in self.decoder.feed(self.robot.advance(self.now), self.now):
-                self.heard.append((self.now, topic, payload))
+                self.received.append((self.now, topic, payload))
 
     def drive(self, v: float, w: float, seconds: float) -> None:
         for _ in range(round(seconds * 10)):
-            self.tell(v, w)
+            self.command(v, w)
             self.go(0.1)
 
     def count(self, topic: str) -> int:
-        return sum(name == topic for _, name, _ in self.heard)
+        return sum(name == topic for _, name, _ in self.received)
 
     def odometry(self) -> types.Odometry:
-        payload = next(p for _, t, p in reversed(self.heard) if t == self.profile.ros2.odom.name)
+        payload = next(p for _, t, p in reversed(self.received) if t == self.profile.ros2.odom.name)
         return decode(types.Odometry, payload)
 
 
-# --- what it says
+# --- what it publishes
 
 
-def test_nobody_who_wants_nothing_is_told_anything() -> None:
+def test_a_client_that_wants_nothing_receives_nothing() -> None:
     bench = Bench()
     bench.go(1.0)
-    assert bench.heard == []
+    assert bench.received == []
 
 
 @pytest.mark.parametrize("profile", [JACKAL, BURGER])
@@ -95,20 +95,20 @@ def test_each_topic_comes_at_its_rate(profile: Ros2Robot) -> None:
         assert bench.count(topic.name) == pytest.approx(4.0 * rate_hz, abs=1)
 
 
-def test_what_is_not_wanted_is_not_said() -> None:
+def test_unwanted_topics_are_not_published() -> None:
     bench = Bench().want(everything=False)
     bench.go(1.0)
     assert bench.count("tf") == 0
     bench.robot.controller.disconnect()
-    before = len(bench.heard)
+    before = len(bench.received)
     bench.go(1.0)
-    assert len(bench.heard) == before
+    assert len(bench.received) == before
 
 
-def test_its_scan_says_where_the_walls_are() -> None:
+def test_its_scan_shows_the_walls() -> None:
     bench = Bench().want()
     bench.go(0.2)
-    payload = next(p for _, t, p in bench.heard if t == "sensors/lidar2d_0/scan")
+    payload = next(p for _, t, p in bench.received if t == "sensors/lidar2d_0/scan")
     scan = decode(types.LaserScan, payload)
     assert len(scan.ranges) == 720
     assert scan.angle_min == pytest.approx(-2.356, abs=0.001)
@@ -141,17 +141,17 @@ def test_the_session_understands_it() -> None:
     assert reports[-1].v == pytest.approx(0.5, abs=0.1)
     assert reports[-1].battery_v == pytest.approx(29.0, abs=0.5)
     assert reports[-1].scan is not None
-    assert session.line.told == ""
+    assert session.line.summary == ""
 
 
 @pytest.mark.parametrize("upside_down", [False, True])
-def test_it_says_once_where_its_sensors_sit(upside_down: bool) -> None:
+def test_it_publishes_its_mounts_once(upside_down: bool) -> None:
     laser = replace(SONARS.laser, x_m=-0.1, y_m=0.05, bearing_deg=120.0, upside_down=upside_down)
     bench = Bench(replace(SONARS, laser=laser)).want()
     bench.go(1.0)
-    (payload,) = (p for _, t, p in bench.heard if t == "tf_static")
+    (payload,) = (p for _, t, p in bench.received if t == "tf_static")
     frames = Frames()
-    frames.learn(decode(types.TFMessage, payload))
+    frames.on_tf_static(decode(types.TFMessage, payload))
     found = frames.mount("base_link", SONARS.ros2.laser_frame)
     assert found is not None
     assert not found.differs(Mount(laser.place, upside_down))
@@ -161,16 +161,16 @@ def test_it_says_once_where_its_sensors_sit(upside_down: bool) -> None:
     assert sonar.place == pytest.approx(SONARS.ring.sonars[1].place)
 
 
-def heard(bench: Bench) -> list[tuple[str, types.Range]]:
+def ranges_of(bench: Bench) -> list[tuple[str, types.Range]]:
     """The ranges, each with its topic."""
     names = {topic.name for topic in bench.profile.ros2.sonar}
-    return [(t, decode(types.Range, p)) for _, t, p in bench.heard if t in names]
+    return [(t, decode(types.Range, p)) for _, t, p in bench.received if t in names]
 
 
-def test_its_sonars_say_in_turn_how_far_the_walls_are() -> None:
+def test_its_sonars_publish_their_ranges_in_turn() -> None:
     bench = Bench(SONARS).want()
     bench.go(0.64)
-    ranges = [one for _, one in heard(bench)]
+    ranges = [one for _, one in ranges_of(bench)]
     order = [f"sonar_{k}" for k in SONARS.ring.firing_order]
     assert [one.header.frame_id for one in ranges] == order + order
     ahead = next(one for one in ranges if one.header.frame_id == "sonar_3")
@@ -178,24 +178,24 @@ def test_its_sonars_say_in_turn_how_far_the_walls_are() -> None:
     assert (ahead.min_range, ahead.max_range) == pytest.approx((0.1, 5.0))
 
 
-def test_where_nothing_answers_its_sonars_say_so() -> None:
+def test_without_echo_its_sonars_publish_infinity() -> None:
     bench = Bench(SONARS, walls=[]).want()
     bench.go(0.5)
-    assert {one.range for _, one in heard(bench)} == {inf}
+    assert {one.range for _, one in ranges_of(bench)} == {inf}
 
 
 def test_its_sonars_may_have_a_topic_each() -> None:
     topics = tuple(Topic(f"range/s{k}", reliable=False) for k in range(8))
     bench = Bench(replace(SONARS, ros2=replace(SONARS.ros2, sonar=topics))).want()
     bench.go(0.66)
-    names = [(topic, one.header.frame_id) for topic, one in heard(bench)]
+    names = [(topic, one.header.frame_id) for topic, one in ranges_of(bench)]
     assert sorted(names) == sorted(2 * [(f"range/s{k}", f"sonar_{k}") for k in range(8)])
 
 
 def felt(bench: Bench) -> list[int]:
     return [
         each.type
-        for _, topic, payload in bench.heard
+        for _, topic, payload in bench.received
         if topic == "hazard_detection"
         for each in decode(types.HazardDetectionVector, payload).detections
     ]
@@ -208,7 +208,7 @@ def test_its_bumper_is_in_front() -> None:
     bench.drive(0.3, 0.0, 3.0)
     assert set(felt(bench)) == {types.BUMP}
     bench.drive(-0.3, 0.0, 1.0)
-    bench.heard.clear()
+    bench.received.clear()
     bench.drive(-0.3, 0.0, 22.0)
     assert bench.robot.plant.touches.collisions == 2
     assert felt(bench) == []
@@ -218,11 +218,11 @@ def test_its_bumper_is_in_front() -> None:
 
 
 @pytest.mark.parametrize("profile", [JACKAL, BURGER])
-def test_it_drives_as_it_is_told_no_harder_than_it_can(profile: Ros2Robot) -> None:
+def test_it_obeys_within_its_acceleration(profile: Ros2Robot) -> None:
     bench, drive = Bench(profile, walls=[]).want(), profile.drive
     most, before = 0.0, 0.0
     for _ in range(20):
-        bench.tell(0.2, 0.5)
+        bench.command(0.2, 0.5)
         for _ in range(10):
             bench.go(0.01)
             most = max(most, abs(bench.robot.plant.speeds[0] - before))
@@ -239,7 +239,7 @@ def test_it_drives_as_it_is_told_no_harder_than_it_can(profile: Ros2Robot) -> No
 def test_it_begins_to_follow_after_its_latency() -> None:
     slow = replace(JACKAL, ros2=replace(JACKAL.ros2, latency_s=0.3))
     bench = Bench(slow).want()
-    bench.tell(0.5)
+    bench.command(0.5)
     bench.go(0.29)
     assert bench.robot.plant.speeds == (0.0, 0.0)
     bench.go(0.1)
@@ -258,7 +258,7 @@ def test_silence_of_commands_stops_it() -> None:
 def test_one_without_a_watchdog_drives_on_for_ever() -> None:
     """As a TurtleBot3 does while its own node lives: docs/robots.md."""
     bench = Bench(BURGER, walls=[]).want()
-    bench.tell(0.2)
+    bench.command(0.2)
     bench.go(20.0)
     assert bench.robot.plant.speeds[0] == pytest.approx(0.2, abs=0.01)
 
@@ -274,8 +274,8 @@ def test_what_it_cannot_do_it_does_as_far_as_it_can() -> None:
 @pytest.mark.parametrize("bad", [nan, inf])
 def test_speeds_that_are_no_numbers_are_passed_over(bad: float) -> None:
     bench = Bench(walls=[])
-    bench.tell(bad)
-    bench.tell(0.0, bad)
+    bench.command(bad)
+    bench.command(0.0, bad)
     bench.robot.receive(frame("cmd_vel", b"\x00\x01\x00\x00"), bench.now)
     bench.robot.receive(b"garbage" * 10, bench.now)
     bench.go(1.0)
@@ -319,6 +319,6 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     def run() -> list[tuple[float, str, bytes]]:
         bench = Bench(sensors=REAL, seed=7).want()
         bench.drive(0.5, 0.3, 2.0)
-        return bench.heard
+        return bench.received
 
     assert run() == run()

@@ -1,4 +1,4 @@
-"""The sonar ring hears what its geometry says, and nothing else."""
+"""The sonar ring detects what its geometry allows, and nothing else."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def facing(bearing_deg: float, distance: float, tilt_deg: float = 0.0, half: flo
 @pytest.mark.parametrize("index", range(8))
 @pytest.mark.parametrize("distance", [0.5, 1.0, 2.5, 4.5])
 @pytest.mark.parametrize("pose", [HOME, (3.0, -2.0, 2.0), (-1.0, 4.0, -3.0)])
-def test_a_wall_square_to_a_sonar_is_as_far_as_geometry_says(
+def test_a_wall_square_to_a_sonar_is_at_its_geometric_distance(
     index: int, distance: float, pose: tuple[float, float, float]
 ) -> None:
     mount = RING.sonars[index]
@@ -66,38 +66,38 @@ def test_a_wall_square_to_a_sonar_is_as_far_as_geometry_says(
 def test_noise_is_that_of_the_profile() -> None:
     sonars = ring([(0.069 - 2, 1.136, 0.069 + 2, 1.136)], msgspec.structs.replace(IDEAL, dropout=0))
     ranges = [sonars.ping(LEFT, HOME) for _ in range(2000)]
-    heard = [value for value in ranges if value is not None]
-    assert len(heard) == 2000
-    assert fmean(heard) == pytest.approx(1.0, abs=0.0006)
-    assert stdev(heard) == pytest.approx(IDEAL.sonar_noise_m, rel=0.08)
+    echoes = [value for value in ranges if value is not None]
+    assert len(echoes) == 2000
+    assert fmean(echoes) == pytest.approx(1.0, abs=0.0006)
+    assert stdev(echoes) == pytest.approx(IDEAL.sonar_noise_m, rel=0.08)
 
 
-def test_lost_echoes_are_as_many_as_the_profile_says() -> None:
+def test_echoes_are_lost_at_the_rate_of_the_profile() -> None:
     sonars = ring([(-2, 1, 2, 1)], msgspec.structs.replace(IDEAL, dropout=0.1))
     lost = sum(sonars.ping(LEFT, HOME) is None for _ in range(5000))
     assert 400 < lost < 600
 
 
-def test_a_cone_hears_beside_its_axis() -> None:
-    """A pole 12 degrees off the axis is heard, one 20 degrees off is not."""
+def test_a_cone_detects_beside_its_axis() -> None:
+    """A pole 12 degrees off the axis is detected, one 20 degrees off is not."""
     sonar = RING.sonars[AHEAD]
-    for offset, heard in ((12, True), (-12, True), (20, False), (-20, False)):
+    for offset, detected in ((12, True), (-12, True), (20, False), (-20, False)):
         x1, y1, x2, y2 = facing(sonar.bearing_deg + offset, 1.0, half=0.05)
         pole = (x1 + sonar.x_m, y1 + sonar.y_m, x2 + sonar.x_m, y2 + sonar.y_m)
-        assert (ring([pole]).ping(AHEAD, HOME) is not None) is heard
+        assert (ring([pole]).ping(AHEAD, HOME) is not None) is detected
 
 
-@pytest.mark.parametrize(("tilt", "heard"), [(0, True), (45, True), (65, True), (75, False)])
-def test_glancing_walls_vanish(tilt: float, heard: bool) -> None:
+@pytest.mark.parametrize(("tilt", "detected"), [(0, True), (45, True), (65, True), (75, False)])
+def test_glancing_walls_vanish(tilt: float, detected: bool) -> None:
     """The limit is 55 degrees for a ray, and the cone's edge lies 15 degrees off the axis."""
     sonar = RING.sonars[LEFT]
     for sign in (1, -1):
         x1, y1, x2, y2 = facing(90, 1.0, sign * tilt)
         wall = (x1 + sonar.x_m, y1 + sonar.y_m, x2 + sonar.x_m, y2 + sonar.y_m)
-        assert (ring([wall]).ping(LEFT, HOME) is not None) is heard
+        assert (ring([wall]).ping(LEFT, HOME) is not None) is detected
 
 
-def test_a_tilted_wall_is_heard_where_it_is_nearest_in_the_cone() -> None:
+def test_a_tilted_wall_is_detected_at_its_nearest_point_in_the_cone() -> None:
     sonar = RING.sonars[LEFT]
     x1, y1, x2, y2 = facing(90, 1.0, 10)
     wall = (x1 + sonar.x_m, y1 + sonar.y_m, x2 + sonar.x_m, y2 + sonar.y_m)
@@ -140,9 +140,9 @@ def test_a_ray_aimed_exactly_at_a_corner_ends_there() -> None:
         assert echo(world.plain(0.0, 0.0), [(cos(aim), sin(aim))]) == pytest.approx(far)
 
 
-def test_walls_that_are_left_out_would_not_have_been_heard() -> None:
+def test_omitted_walls_would_not_have_been_detected() -> None:
     rng, rays, wide = Random(4), fan(30.0, 11), fan(179.0, 3)
-    heard = fewer = 0
+    detected = fewer = 0
     for _ in range(500):
         world = Walls()
         ends = [tuple(rng.uniform(-6, 6) for _ in range(4)) for _ in range(6)]
@@ -153,9 +153,9 @@ def test_walls_that_are_left_out_would_not_have_been_heard() -> None:
         chosen, ahead = in_cone(walls, sensor, rays[0], 5.0), in_cone(walls, sensor, wide[0], 99.0)
         way = echo(ahead, rays)
         assert echo(chosen, rays) == way or way > 5.0
-        heard += way <= 5.0
+        detected += way <= 5.0
         fewer += len(chosen) < len(ahead)
-    assert heard > 100
+    assert detected > 100
     assert fewer > 100
 
 
@@ -166,7 +166,7 @@ def test_ranges_stay_between_the_sensors_limits() -> None:
     assert ring([]).ping(LEFT, HOME) is None
 
 
-def test_a_wall_behind_the_sensor_is_not_heard() -> None:
+def test_a_wall_behind_the_sensor_is_not_detected() -> None:
     assert ring([(-3.0, -1.0, 3.0, -1.0)]).ping(LEFT, HOME) is None
 
 
@@ -190,7 +190,7 @@ def test_another_wall_does_not_shift_the_noise_of_the_others() -> None:
         both.ping(7, HOME)
 
 
-def test_walls_far_from_the_start_are_heard_when_the_robot_gets_there() -> None:
+def test_walls_far_from_the_start_are_detected_on_arrival() -> None:
     sonars = ring([(20.0, -1.0, 20.0, 1.0)])
     assert [sonars.ping(AHEAD, (x, 0.0, 0.0)) for x in (0.0, 10.0)] == [None, None]
     assert sonars.ping(AHEAD, (18.0, 0.0, 0.0)) == pytest.approx(2.0 - 0.166, rel=0.002)
@@ -207,8 +207,8 @@ def tilted(tilt_deg: float, distance: float = 1.0) -> Wall:
 
 
 def answers(sonars: Sonars, count: int = 400) -> list[float]:
-    heard = (sonars.ping(LEFT, HOME) for _ in range(count))
-    return [value for value in heard if value is not None]
+    echoes = (sonars.ping(LEFT, HOME) for _ in range(count))
+    return [value for value in echoes if value is not None]
 
 
 def test_a_smooth_wall_answers_ever_more_seldom_the_more_it_is_tilted() -> None:
@@ -224,16 +224,16 @@ def test_a_smooth_wall_answers_ever_more_seldom_the_more_it_is_tilted() -> None:
 
 @pytest.mark.parametrize("tilt", [-25, -10, 0, 10, 25])
 def test_a_smooth_wall_is_as_far_as_its_foot_wherever_the_sensor_looks(tilt: float) -> None:
-    heard = answers(ring([tilted(tilt, 1.5)], MIRRORS, surfaces=SMOOTH))
-    assert heard
-    assert heard == pytest.approx([1.5] * len(heard))
+    echoes = answers(ring([tilted(tilt, 1.5)], MIRRORS, surfaces=SMOOTH))
+    assert echoes
+    assert echoes == pytest.approx([1.5] * len(echoes))
 
 
 @pytest.mark.parametrize(("distance", "deviation"), [(0.3, 0.005), (2.0, 0.02), (4.5, 0.045)])
 def test_noise_grows_with_the_range(distance: float, deviation: float) -> None:
     noisy = msgspec.structs.replace(MIRRORS, sonar_noise_m=0.005, sonar_noise=0.01)
-    heard = answers(ring([tilted(0, distance)], noisy, surfaces=SMOOTH), 2000)
-    assert stdev(heard) == pytest.approx(deviation, rel=0.08)
+    echoes = answers(ring([tilted(0, distance)], noisy, surfaces=SMOOTH), 2000)
+    assert stdev(echoes) == pytest.approx(deviation, rel=0.08)
 
 
 def room_corner(x: float, y: float) -> list[Wall]:
@@ -249,7 +249,7 @@ def test_an_inner_corner_is_as_far_as_its_apex() -> None:
     assert not answers(ring(outwards, MIRRORS, surfaces=SMOOTH))
 
 
-def test_an_edge_is_heard_weakly_and_the_farther_the_more_seldom() -> None:
+def test_an_edge_is_detected_weakly_and_less_often_from_afar() -> None:
     sonar, share = RING.sonars[LEFT], []
     edged = msgspec.structs.replace(MIRRORS, edge_m=0.4)
     for distance in (0.3, 0.8, 2.4):
@@ -258,13 +258,13 @@ def test_an_edge_is_heard_weakly_and_the_farther_the_more_seldom() -> None:
             [(sonar.x_m, y, sonar.x_m, y + 1.0)],
             [(sonar.x_m, y, sonar.x_m + side, y + 0.2) for side in (0.2, -0.2)],
         ):
-            heard = answers(ring(walls, edged, surfaces=SMOOTH), 1000)
-            assert heard == pytest.approx([distance] * len(heard))
-            share.append(len(heard) / 1000)
+            echoes = answers(ring(walls, edged, surfaces=SMOOTH), 1000)
+            assert echoes == pytest.approx([distance] * len(echoes))
+            share.append(len(echoes) / 1000)
     assert share == pytest.approx([1.0, 1.0, 0.5, 0.5, 0.167, 0.167], abs=0.04)
 
 
-def test_what_a_wall_hides_is_not_heard() -> None:
+def test_what_a_wall_hides_is_not_detected() -> None:
     """A smooth wall that is met at a slant throws the sound away, and nothing comes through it."""
     sonar = RING.sonars[LEFT]
     behind, hidden = tilted(0, 2.0), room_corner(sonar.x_m, sonar.y_m + 1.8)
@@ -281,19 +281,19 @@ def test_an_oblique_wall_now_and_then_gives_the_echo_of_another() -> None:
     mirror, other = (x - 1.5, y - 1.5, x + 1.5, y + 1.5), (x + 0.8, y - 1.2, x + 0.8, y + 0.7)
     often = msgspec.structs.replace(MIRRORS, multipath=0.4)
     assert not answers(ring([mirror, other], MIRRORS, surfaces=SMOOTH))
-    heard = answers(ring([mirror, other], often, surfaces=SMOOTH))
-    assert 100 < len(heard) < 200
-    assert min(heard) > 1.6
-    assert fmean(heard) == pytest.approx(1.8, abs=0.15)
+    echoes = answers(ring([mirror, other], often, surfaces=SMOOTH))
+    assert 100 < len(echoes) < 200
+    assert min(echoes) > 1.6
+    assert fmean(echoes) == pytest.approx(1.8, abs=0.15)
     assert not answers(ring([mirror, other], often, surfaces=[DEAD, SMOOTH]))
 
 
-def test_what_nobody_answered_is_heard_by_the_next_sonar_now_and_then() -> None:
+def test_sound_without_echo_reaches_the_next_sonar_now_and_then() -> None:
     crossing = msgspec.structs.replace(MIRRORS, crosstalk=0.1)
     away, square = tilted(60), tilted(0)
-    heard = answers(ring([away], crossing, surfaces=SMOOTH), 2000)
-    assert 130 < len(heard) < 270
-    assert min(heard) < 1.0 < 4.0 < max(heard)
+    echoes = answers(ring([away], crossing, surfaces=SMOOTH), 2000)
+    assert 130 < len(echoes) < 270
+    assert min(echoes) < 1.0 < 4.0 < max(echoes)
     assert not answers(ring([], crossing))
     assert answers(ring([square], crossing, surfaces=SMOOTH)) == pytest.approx([1.0] * 400)
 

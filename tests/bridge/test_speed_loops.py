@@ -1,4 +1,4 @@
-"""The PI speed loops drive the dynamics as figure 4.15 says."""
+"""The PI speed loops drive the dynamics as in figure 4.15."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_within_the_supply_both_approximations_are_the_same() -> None:
 
 
 def test_integrals_do_not_wind_up_against_a_wall() -> None:
-    """Five seconds held, then asked to back off: it pushes back within 2 s."""
+    """Five seconds held, then commanded to back off: it pushes back within 2 s."""
     pi = loops()
     for _ in range(1000):
         assert min(pi.voltages(0.5, 0.0, 0.0, 0.0, STEP_S)) >= 0.0
@@ -97,7 +97,7 @@ def test_integrals_do_not_wind_up_against_a_wall() -> None:
     assert max(backing[-1]) < 0.0
 
 
-def test_told_to_stop_at_rest_it_gives_no_voltage() -> None:
+def test_commanded_to_stop_at_rest_it_applies_no_voltage() -> None:
     pi = loops()
     for _ in range(1000):
         pi.voltages(0.5, 0.0, 0.0, 0.0, STEP_S)

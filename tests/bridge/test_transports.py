@@ -1,4 +1,4 @@
-"""Bytes cross every transport unchanged, and what fails says what to do."""
+"""Bytes cross every transport unchanged, and errors have a remedy."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_tcp_carries_every_byte_both_ways(server: Server) -> None:
     assert far.recv(1) == b""
 
 
-def test_tcp_tells_that_the_simulator_is_gone(server: Server) -> None:
+def test_tcp_reports_that_the_simulator_is_gone(server: Server) -> None:
     client = open_port(f"tcp://127.0.0.1:{server.port}")
     server.accept()
     server.close()
@@ -85,7 +85,7 @@ def test_tcp_tells_that_the_simulator_is_gone(server: Server) -> None:
     client.close()
 
 
-def test_tcp_refused_asks_whether_the_simulator_runs(server: Server) -> None:
+def test_a_refused_tcp_connection_has_the_remedy(server: Server) -> None:
     server.close()
     with pytest.raises(TransportError, match="is the simulator running"):
         open_port(f"tcp://127.0.0.1:{server.port}")
@@ -119,7 +119,7 @@ def test_a_pty_outlives_its_clients(tmp_path: Path) -> None:
     robot.close()
 
 
-def test_a_pty_that_nobody_reads_never_blocks_the_robot() -> None:
+def test_an_unread_pty_never_blocks_the_robot() -> None:
     robot = PtyTransport()
     robot.open()
     for _ in range(200):
@@ -144,7 +144,7 @@ def test_a_file_is_not_replaced_by_a_link(tmp_path: Path) -> None:
     assert precious.read_text() == "mine"
 
 
-def test_an_unplugged_serial_line_is_told() -> None:
+def test_an_unplugged_serial_line_is_reported() -> None:
     robot = PtyTransport()
     robot.open()
     client = SerialTransport(robot.path)
@@ -158,7 +158,7 @@ def test_an_unplugged_serial_line_is_told() -> None:
     client.close()
 
 
-def test_a_serial_port_that_is_taken_says_so() -> None:
+def test_a_serial_port_in_use_is_reported() -> None:
     robot = PtyTransport()
     robot.open()
     first, second = SerialTransport(robot.path), SerialTransport(robot.path)
@@ -171,7 +171,7 @@ def test_a_serial_port_that_is_taken_says_so() -> None:
     robot.close()
 
 
-def test_a_missing_port_asks_for_the_adapter(tmp_path: Path) -> None:
+def test_a_missing_port_has_the_remedy(tmp_path: Path) -> None:
     with pytest.raises(TransportError, match="plugged in"):
         open_port(f"serial://{tmp_path}/ttyUSB0")
 
@@ -192,7 +192,7 @@ def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("url", "says"),
+    ("url", "match"),
     [
         ("ttyUSB0", "none of .*serial"),
         ("udp://x", "none of .*tcp"),
@@ -201,8 +201,8 @@ def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyP
         ("tcp://", "names no host"),
     ],
 )
-def test_an_address_that_is_none_is_explained(url: str, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_an_address_that_is_none_is_explained(url: str, match: str) -> None:
+    with pytest.raises(ValueError, match=match):
         open_port(url)
 
 

@@ -1,4 +1,4 @@
-"""Our own society against the unkind controller: it relies on nobody's kindness."""
+"""The society against the unkind controller."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.programs import SOON, starter
 
 
 def agree(pose: Pose | None, truth: Truth | None) -> bool:
-    """Whether the robot rests where it believes to rest."""
+    """Whether the robot rests where it estimates to be."""
     assert pose is not None
     assert truth is not None
     turned = math.remainder(pose.theta - truth.theta, math.tau)
@@ -37,6 +37,7 @@ def agree(pose: Pose | None, truth: Truth | None) -> bool:
 SEEN = (Description, Pose, Truth)  # the truth counts by the description of its robot
 
 
+@pytest.mark.long(but=("house",))
 @pytest.mark.parametrize("name", ["sc2", "sc4", "house"])
 def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     """Three of nine; live, all were driven by hand (docs/controller.md)."""
@@ -52,6 +53,7 @@ def test_a_scenario_reaches_its_goal(monkeypatch: pytest.MonkeyPatch, name: str)
     assert agree(view.pose, view.truth)
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_live_it_does_so_over_tcp_and_over_a_serial_line_at_once(tmp_path: Path) -> None:
     lines = {

@@ -52,6 +52,7 @@ WITHIN = 110.0
 """s; a deadline, not an expectation."""
 
 
+@pytest.mark.long(but=("start",))
 @pytest.mark.live
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in LEFT_OUT])
 def test_each_benchmark_gives_figures(name: str) -> None:
@@ -111,6 +112,7 @@ def words(process: psutil.Process) -> list[str]:
         return []
 
 
+@pytest.mark.long(but=("start",))
 @pytest.mark.live
 @pytest.mark.parametrize("name", ["start", "sip-to-command"])
 def test_a_benchmark_that_is_killed_leaves_nobody_running(name: str) -> None:

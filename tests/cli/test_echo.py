@@ -6,9 +6,9 @@ import cbor2
 import pytest
 
 from armadico.cli import options
-from armadico.cli.echo import told
+from armadico.cli.echo import line_of
 from armadico.core.messages import LARGEST_PAYLOAD
-from armadico.observe.watching import Heard
+from armadico.observe.watching import Received
 
 
 @pytest.mark.parametrize(
@@ -22,5 +22,5 @@ from armadico.observe.watching import Heard
 def test_another_packages_message_is_shown_as_the_values_that_it_has(
     data: bytes, shows: str
 ) -> None:
-    line = options.shown(told(Heard("robot1", "room-finder/room", data, 0), as_json=False))
+    line = options.shown(line_of(Received("robot1", "room-finder/room", data, 0), as_json=False))
     assert f"room-finder/room  not in the table of services: {shows}" in line

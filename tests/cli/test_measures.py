@@ -33,7 +33,6 @@ def test_one_run_keeps_its_numbers_in_any_terminal_and_says_what_they_are(
     said = capsys.readouterr().out
     for number in ("5.12", "1.50", "42.25", "99.75", "77.25", "22.75", "6", "0.38"):
         assert f"{number}│" in said
-    assert "way driven" in said
     assert "TD m" in said
     assert max(map(len, said.splitlines())) <= int(width)
 

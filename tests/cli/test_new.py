@@ -112,36 +112,36 @@ def test_what_is_to_be_typed_next_is_said_and_a_planner_takes_the_others_place(
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "suggestion"),
     [
-        ("Weaver", "a letter first, at most 40 in all; 'weaver' would"),
-        ("wall_follower", "'wall-follower' would"),
-        ("WallFollower", "'wall-follower' would"),
-        ("2-wheelers", "'wheelers' would"),
-        ("2-wheels", "at most 40 in all"),
-        ("../weaver", "'weaver' would"),
-        ("", "single hyphens, a letter first, at most 40 in all"),
-        ("straße", "'strasse' would"),
-        ("Ärger", "'aerger' would"),
-        ("Café", "'cafe' would"),
-        ("false", "Python means something by it"),
-        ("a" * 41, f"'{'a' * 40}' would"),
-        ("goto", "an agent of that name is installed, by armadico"),
-        ("while", "Python means something by it"),
-        ("random", "the module 'random' that is there already"),
-        ("numpy", "the module 'numpy' that is there already"),
-        ("armadico", "the module 'armadico' that is there already"),
-        ("behaviour", "Behaviour is the name of something that it needs"),
-        ("settings", "Settings is the name of something that it needs"),
+        ("Weaver", "weaver"),
+        ("wall_follower", "wall-follower"),
+        ("WallFollower", "wall-follower"),
+        ("2-wheelers", "wheelers"),
+        ("2-wheels", ""),  # a module of this name exists: `wheel`
+        ("../weaver", "weaver"),
+        ("", ""),
+        ("straße", "strasse"),
+        ("Ärger", "aerger"),
+        ("Café", "cafe"),
+        ("false", ""),  # its class would be False
+        ("a" * 41, "a" * 40),
+        ("goto", ""),
+        ("while", ""),
+        ("random", ""),
+        ("numpy", ""),
+        ("armadico", ""),
+        ("behaviour", ""),
+        ("settings", ""),
     ],
 )
-def test_a_name_that_will_not_do_is_refused_and_nothing_is_written(name: str, says: str) -> None:
-    with pytest.raises(UsageError) as refused:
+def test_an_invalid_name_is_rejected_with_a_valid_suggestion(name: str, suggestion: str) -> None:
+    with pytest.raises(UsageError, match=f"^{re.escape(repr(name))}") as refused:
         package(name, "behaviour")
-    assert str(refused.value).startswith(f"{name!r} will not do: ")
-    assert says in str(refused.value)
-    if hint := re.search(r"; '(.*)' would", str(refused.value)):
-        assert package(hint[1], "behaviour")
+    assert ("did you mean" in str(refused.value)) == bool(suggestion)
+    if suggestion:
+        assert repr(suggestion) in str(refused.value)
+        assert package(suggestion, "behaviour")
 
 
 def test_what_is_there_already_stays_as_it_is(tmp_path: Path) -> None:
@@ -149,11 +149,11 @@ def test_what_is_there_already_stays_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "weaver" / "weaver.py").write_text("mine\n")
     done = new(tmp_path, "weaver")
     assert done.returncode == 1
-    assert done.stderr == f"armadico: {tmp_path}/weaver is there already: nothing was written\n"
+    assert f"{tmp_path}/weaver " in done.stderr
     assert [p.read_text() for p in (tmp_path / "weaver").iterdir()] == ["mine\n"]
 
 
 def test_a_folder_that_is_not_there_and_a_kind_that_nobody_knows_are_usage(tmp_path: Path) -> None:
-    assert "there is no such folder" in new(tmp_path / "nowhere", "weaver").stderr
+    assert new(tmp_path / "nowhere", "weaver").returncode == 2
     assert new(tmp_path, "weaver", "--kind", "arbiter").returncode == 2
     assert not list(tmp_path.iterdir())

@@ -34,15 +34,15 @@ def test_a_port_that_is_taken_is_named_with_what_to_do(
         code, said = refusal(capsys, f"--port={port}")
     assert code == 1
     assert f"cannot listen on 127.0.0.1, port {port}" in said
-    assert "--port 0 takes one that is free" in said
+    assert "--port 0" in said
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["--port=70000"], "from 0 to 65535"),
-        (["--token=short"], "at least 16 characters"),
-        (["--namespace", "a b"], "cannot be a namespace"),
+        (["--port=70000"], "65535"),
+        (["--token=short"], "16"),
+        (["--namespace", "a b"], "'a b'"),
         (["--world", "nowhere"], "nowhere"),
     ],
 )
@@ -75,6 +75,7 @@ def read(link: str) -> bytes:
         return bytes(answer.read())
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
     with starter() as start:
@@ -99,7 +100,7 @@ def test_beside_a_run_it_stays_with_the_society_when_the_goal_is_reached() -> No
         link = page_of(process)
         assert process.stderr is not None
         said = iter(process.stderr.readline, "")
-        assert any("the run is over, the society and its page stay" in line for line in said)
+        assert any("the society and its page stay until" in line for line in said)
         assert b"<html" in read(link)
         process.send_signal(signal.SIGINT)
         out, errors = process.communicate(timeout=60)
@@ -116,10 +117,10 @@ def test_for_everybody_the_link_has_a_token_and_the_command_ends_in_order() -> N
         assert found is not None, process.communicate()
         port, token = found[2], found[3]
         assert len(token) >= 32
-        asked = urllib.request.Request(
+        on_query = urllib.request.Request(
             f"http://127.0.0.1:{port}/allowed", headers={"Authorization": f"Bearer {token}"}
         )
-        with urllib.request.urlopen(asked, timeout=20) as answer:
+        with urllib.request.urlopen(on_query, timeout=20) as answer:
             assert answer.status == 200
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0, process.communicate()

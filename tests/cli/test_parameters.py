@@ -79,17 +79,17 @@ def test_all_that_may_be_changed_is_a_table_and_json(
         (
             "goto v_max=20",
             1,
-            "goto: v_max = 20: expected a number above 0, at most 10 m/s, or none",
+            "v_max = 20",
         ),
-        ("goto v_max=nan", 1, "goto: v_max = NaN: expected a number above 0"),
-        ("goto v_max=-inf", 1, "goto: v_max = -Infinity: expected a number above 0"),
-        ("goto v_max=quick", 1, 'goto: v_max = "quick": expected a number above 0'),
-        ("goto v_mx=0.4", 1, "goto: no parameter 'v_mx'; did you mean 'v_max'?"),
-        ("goto controller=fast", 1, "controller is not to be changed while it is at work"),
-        (f"goto {'v' * 200}=1", 1, "goto: ParametersRequest cannot be sent: "),
-        ("gto v_max=0.4", 1, "no agent 'gto' is alive; did you mean 'goto'? there are: goto"),
-        ("goto v_max", 2, "v_max: expected NAME=VALUE, for instance v_max=0.4"),
-        ("goto =0.4", 2, "=0.4: expected NAME=VALUE"),
+        ("goto v_max=nan", 1, "v_max = NaN"),
+        ("goto v_max=-inf", 1, "v_max = -Infinity"),
+        ("goto v_max=quick", 1, 'v_max = "quick"'),
+        ("goto v_mx=0.4", 1, "'v_max'"),
+        ("goto controller=fast", 1, "controller"),
+        (f"goto {'v' * 200}=1", 1, "ParametersRequest"),
+        ("gto v_max=0.4", 1, "'goto'"),
+        ("goto v_max", 2, "NAME=VALUE"),
+        ("goto =0.4", 2, "=0.4"),
     ],
 )
 def test_what_is_wrong_is_refused_in_one_line(
@@ -127,9 +127,8 @@ def test_who_has_no_such_parameter_and_who_does_not_answer_are_told_apart(
     crowd: Crowd, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["get", "goto", "v_mx"]) == 1
-    assert "goto has no parameter 'v_mx' that may be changed; did you mean 'v_max'?" in (
-        capsys.readouterr().err
-    )
+    errors = capsys.readouterr().err
+    assert all(word in errors for word in ("goto", "'v_mx'", "'v_max'"))
     next(n for n in crowd.mesh.nodes if n.agent is crowd.goto).hang()
     assert cli.main(["set", "goto", "v_max=0.4", "--timeout", "0.2"]) == 1
     assert f"{crowd.goto.instance} does not answer" in capsys.readouterr().err
@@ -142,9 +141,7 @@ def test_what_is_saved_is_a_set_of_parameters(
     crowd: Crowd, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert cli.main(["set", "goto", "v_max=0.4", "--save"]) == 0
-    assert "saved: `--parameters parameters.toml` of `up` and `run` starts with it" in (
-        capsys.readouterr().out
-    )
+    assert "--parameters parameters.toml" in capsys.readouterr().out
     assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}
     assert cli.main(["set", "goto", "v_max=20", "--save"]) == 1  # what is refused is not saved
     assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}
@@ -175,7 +172,7 @@ def test_the_rest_of_a_set_stays_as_it_is(tmp_path: Path) -> None:
 def test_where_there_is_no_place_for_it_the_file_stays_as_it_is(tmp_path: Path, text: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text)
-    with pytest.raises(ConfigError, match=r"goto\.safety\.margin_m: no place beside what is"):
+    with pytest.raises(ConfigError, match=r"goto\.safety\.margin_m"):
         save(path, "goto", {"safety.margin_m": 0.1})
     assert path.read_text() == text
     assert list(tmp_path.iterdir()) == [path]

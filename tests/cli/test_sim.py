@@ -16,7 +16,6 @@ from typing import Any, cast
 import pytest
 from msgspec.structs import replace
 
-from armadico import cli
 from armadico.bridge.kind import simulated
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
 from armadico.bridge.p2os.configuration import CONFIG
@@ -344,7 +343,7 @@ def test_a_ros2_robot_is_driven_over_it_and_waits_for_the_next_client(line: TcpL
                 return any(isinstance(e, Reported) and e.v > 0.4 for e in events)
 
             served.until(drives)
-            assert session.line.told == ""
+            assert session.line.summary == ""
         served.until(lambda: not line.connected)
         served.until(lambda: abs(served.robot.plant.speeds[0]) < 0.01)  # its own watchdog
 
@@ -375,29 +374,6 @@ def test_a_port_that_is_taken_is_named() -> None:
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["sc1", "jackal"], "no world 'jackal'"),
-        (["jackal", "sc1", "sc2"], "expected one world, and a robot before it at the most"),
-        (["jackal", "sc1", "--robot", "create3"], "--robot create3: jackal is named already"),
-        (["jakal", "sc1"], "no robot 'jakal'; did you mean 'jackal'"),
-        (["jackal", "--unkind"], "--unkind is of controllers that speak P2OS"),
-    ],
-)
-def test_a_robot_and_a_world_are_told_apart(
-    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["sim", *words, "--port=0"]) == 2
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("port", ["-1", "65536"])
-def test_a_port_that_cannot_be_is_named(port: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["sim", "sc1", f"--port={port}"]) == 2
-    assert f"--port {port}: from 0 to 65535" in capsys.readouterr().err
-
-
 @pytest.mark.live
 def test_the_command_says_where_it_listens_and_answers_there() -> None:
     command = [str(Path(sys.executable).with_name("armadico")), "sim", "sc1", "--port", "0"]
@@ -415,6 +391,7 @@ def test_the_command_says_where_it_listens_and_answers_there() -> None:
             process.kill()
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_the_truth_is_published_once_there_is_a_robot_and_two_simulators_are_named() -> None:
     """A simulator does without a mesh until then."""
@@ -435,25 +412,3 @@ def test_the_truth_is_published_once_there_is_a_robot_and_two_simulators_are_nam
         (truth,) = (f for f in found if f["subject"] == "sim/truth")
         assert truth["verdict"] == "wrong"
         assert name in truth["what"]
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--moving", '[{"kind": "person"}]'), "a person has no place"),
-        (("--moving", '[{"kind": "person", "at": [100, 1]}]'), "outside the world"),
-        (("--moving", '[{"kind": "door"}]'), "a door has no place"),
-        (("--moving", "3"), "--moving: Expected `array`"),
-        (("--charge", "1.5"), "--charge 1.5"),
-        (("--charge", "nan"), "--charge nan"),
-        (("--capacity", "0"), "--capacity 0"),
-        (("--start", "1e300", "0", "0"), "within 10000 m"),
-        (("--start", "1", "1", "1e300"), "360 degrees"),
-        (("--start", "nan", "0", "0"), "within 10000 m"),
-    ],
-)
-def test_what_cannot_be_simulated_is_told_beforehand(
-    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], says: str
-) -> None:
-    assert cli.main(["sim", "sc4", "--port", "0", *words]) == 2
-    assert says in capsys.readouterr().err

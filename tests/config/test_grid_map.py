@@ -63,14 +63,14 @@ def test_what_is_no_grid_is_refused(packed: bytes) -> None:
 
 
 def test_a_grid_too_large_to_be_read_is_refused_before_it_is_unpacked() -> None:
-    with pytest.raises(ValueError, match="at most 16,000,000"):
+    with pytest.raises(ValueError, match="16,000,000"):
         cells_of(OccupancyGrid(0.0, 0.0, 0.05, 60_000, 60_000, b""))
 
 
 @pytest.mark.parametrize("cell_m", [1e-300, 1e-6, 0.009])
 def test_a_grid_of_cells_too_small_for_a_map_is_refused(cell_m: float) -> None:
     """Whoever planned on it would fill the memory, or divide by nothing."""
-    with pytest.raises(ValueError, match=r"at least 0\.01 m"):
+    with pytest.raises(ValueError, match=r"0\.01 m"):
         cells_of(replace(message_of(room()), cell=cell_m))
 
 
@@ -78,7 +78,7 @@ def test_a_grid_of_nothing_but_borders_is_refused() -> None:
     """A pattern is deflated to next to nothing, and has more walls than anybody can read."""
     dots = np.zeros((1000, 1000), dtype=np.uint8)
     dots[::2, ::2] = OCCUPIED
-    with pytest.raises(ValueError, match="borders, at most 200,000"):
+    with pytest.raises(ValueError, match="200,000"):
         cells_of(message_of(room(dots)))
 
 
@@ -127,7 +127,7 @@ def test_whatever_a_map_is_called_its_image_is_found(tmp_path: Path, name: str) 
 
 
 def test_a_name_that_no_text_can_say_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no UTF-8"):
+    with pytest.raises(ConfigError, match="UTF-8"):
         grid_map.save(room(), tmp_path / "a\udcff.yaml")
     assert not list(tmp_path.iterdir())
 
@@ -182,7 +182,7 @@ def test_a_file_that_is_read_only_is_not_replaced(
 
 
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"expected \.yaml .* or \.map"):
+    with pytest.raises(ConfigError, match=r"\.yaml .*\.map"):
         grid_map.save(room(), tmp_path / "room.png")
     assert not list(tmp_path.iterdir())
 
@@ -190,14 +190,14 @@ def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
 def test_a_map_that_is_turned_is_not_gone_on_with(tmp_path: Path) -> None:
     file, _ = grid_map.save(room(), tmp_path / "room.yaml")
     file.write_text(file.read_text().replace(", 0.0]", ", 0.5]"))
-    with pytest.raises(ConfigError, match=r"turned by 0\.5 rad"):
+    with pytest.raises(ConfigError, match=r"0\.5 rad"):
         grid_map.read(file)
 
 
 @pytest.mark.parametrize("cell_m", [0.001, 5.0])
 def test_nor_is_one_whose_cells_are_no_grids_to_map_in(tmp_path: Path, cell_m: float) -> None:
     file, _ = grid_map.save(room(cell_m=cell_m), tmp_path / "room.yaml")
-    with pytest.raises(ConfigError, match=r"in cells of 0\.01 to 1 m"):
+    with pytest.raises(ConfigError, match=r"0\.01 to 1 m"):
         grid_map.read(file)
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from armadico.config.errors import ConfigError
-from armadico.config.hosts import Host, load_hosts, nobodys, serial_port
+from armadico.config.errors import ConfigError, ConfigNameError
+from armadico.config.hosts import Host, load_hosts, serial_port, unplaced
 from armadico.config.loading import read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
@@ -110,8 +110,8 @@ def test_the_robots_router_is_that_of_the_host_that_runs_the_robot_agent(tmp_pat
         ConfigError, match=r"lab\.toml:6: lab1\.router = .*only the host of the rob"
     ):
         load_hosts(lab(tmp_path, own.replace("address = ", 'router = "tcp/10.0.0.3:7447" # ')))
-    nobodys = LAB.replace('"robot", "encoder"', '"encoder"').replace("router = ", "# ")
-    table = load_hosts(lab(tmp_path, nobodys))
+    unplaced = LAB.replace('"robot", "encoder"', '"encoder"').replace("router = ", "# ")
+    table = load_hosts(lab(tmp_path, unplaced))
     assert (table.robots_host, table.robots_router) == (None, None)
 
 
@@ -125,7 +125,7 @@ def test_the_controller_of_a_hosts_robot_agent(tmp_path: Path) -> None:
 
 
 def test_who_is_nobodys_is_found(tmp_path: Path) -> None:
-    assert nobodys(("robot", "goto", "avoid"), load_hosts(lab(tmp_path))) == ("avoid",)
+    assert unplaced(("robot", "goto", "avoid"), load_hosts(lab(tmp_path))) == ("avoid",)
 
 
 def test_the_examples_in_the_shipped_table_are_a_table(tmp_path: Path) -> None:
@@ -146,72 +146,12 @@ def test_a_host_is_at_its_address_and_its_routers(tmp_path: Path) -> None:
 
 
 def test_an_unknown_host_is_answered_with_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"no host 'lab'; did you mean 'lab1'\? \(known: desk, "):
+    with pytest.raises(ConfigNameError) as caught:
         load_hosts(lab(tmp_path)).host("lab")
+    assert (caught.value.kind, caught.value.name, caught.value.near) == ("host", "lab", "lab1")
 
 
 BAD = "expected PROTOCOL/HOST:PORT, for instance tcp/10.0.0.2:7447"
-
-
-@pytest.mark.parametrize(
-    ("endpoint", "message"),
-    [
-        ("10.0.0.3:7447", BAD),
-        ("tcp/10.0.0.3", BAD),
-        ("tcp/10.0.0.3:", BAD),
-        ("tcp/a b:1", BAD),
-        ("tcp/-a:1", BAD),
-        ("tcp/:7447", BAD),
-        ("tcp/[::g]:7447", BAD),
-        ("tcp/fe80::1:7447", BAD),
-        ("tcp/10.0.0.3:0", "expected a port from 1 to 65535"),
-        ("tcp/10.0.0.3:65536", "expected a port from 1 to 65535"),
-        ("tpc/10.0.0.3:7447", "unknown protocol; did you mean 'tcp'?"),
-        ("TCP/10.0.0.3:7447", BAD),
-        ("tcp/0.0.0.0:7447", "nobody can connect to that; expected the address of the machine"),
-        ("tcp/[::]:7447", "nobody can connect to that; expected the address of the machine"),
-    ],
-)
-def test_a_wrong_router_is_named_with_file_and_line(
-    tmp_path: Path, endpoint: str, message: str
-) -> None:
-    with pytest.raises(ConfigError) as caught:
-        load_hosts(lab(tmp_path, LAB.replace("tcp/10.0.0.2:7447", endpoint)))
-    assert f'lab.toml:2: robot.router = "{endpoint}": {message}' in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("router", "ruoter", "lab.toml:2: unknown key robot.ruoter; did you mean 'router'?"),
-        (
-            'address = "fe80::1"',
-            'router = "tcp/[fe80::1]:7447"',
-            'lab.toml:6: lab1.router = "tcp/[fe80::1]:7447": only the host of the robot agent',
-        ),
-        ("fe80::1", "fe80::g", 'lab.toml:6: lab1.address = "fe80::g": expected a name or an addr'),
-        ("fe80::1", "tcp/lab1:7", 'lab.toml:6: lab1.address = "tcp/lab1:7": expected a name or'),
-        ('"tcp/10.0.0.2:7447"', "7447", "lab.toml:2: robot.router = 7447: expected"),
-        ('["goto"]', '"goto"', 'lab.toml:7: lab1.agents = "goto": expected a list, not a string'),
-        ('["goto"]', '["a", "a"]', "lab.toml:7: lab1.agents: 'a' is there twice; expected once"),
-        ("[lab1]", "[robot]", "lab.toml:5: a second host 'robot', the first is on line 1"),
-        ("[robot]", "fleet = 'tcp/a:1'\n[robot]", 'lab.toml:1: fleet = "tcp/a:1": expected a list'),
-        ("[robot]", "fleet = ['a:1']\n[robot]", 'lab.toml:1: fleet[0] = "a:1": expected PROTOCOL/'),
-        ("[robot]", "flet = []\n[robot]", "lab.toml:1: flet = []: expected a table"),
-        ("[lab1]", 'robot = "ttyUSB0"\n[lab1]', 'robot.robot = "ttyUSB0": expected serial:///'),
-        ("[desk]", '[desk]\nrobot = "tcp://a:1"', 'lab.toml:10: desk.robot = "tcp://a:1": there'),
-        ('["goto"]', '["robot"]', "lab.toml:7: lab1.agents: 'robot' has the robot agent already"),
-        (LAB, "# empty\n", "lab.toml:1: no hosts; expected a table for each, [name]"),
-        (LAB, "lab1 = 3\n", "lab.toml:1: lab1 = 3: expected a table, not a whole number"),
-    ],
-)
-def test_a_fault_is_named_with_file_line_and_advice(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
-    assert old in LAB
-    with pytest.raises(ConfigError) as caught:
-        load_hosts(lab(tmp_path, LAB.replace(old, new, 1)))
-    assert message in str(caught.value)
 
 
 def test_the_shipped_file_is_toml() -> None:

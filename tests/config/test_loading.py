@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from msgspec import Meta, Struct, inspect
 
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.config import fields
-from armadico.config.errors import ConfigError, advice, nearest
+from armadico.config.errors import ConfigError, ConfigNameError, ConfigValueError
 from armadico.config.lines import line_of
 from armadico.config.loading import (
     find,
@@ -27,6 +28,7 @@ from armadico.config.loading import (
     set_values,
 )
 from armadico.config.profile import SensorProfile
+from armadico.core.errors import advice, nearest
 
 
 class Zones(Struct, frozen=True):
@@ -70,62 +72,90 @@ def test_a_good_text_becomes_the_struct() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "line"),
     [
-        ("name = \n", "some.toml:1: not TOML: Invalid value"),
-        ('name = "a"\n\nname = "b"\n', "some.toml:3: not TOML: Cannot overwrite a value"),
-        ('count = 1\nname = """a', "some.toml:2: not TOML: Unterminated string"),
-        ("name = 3", "some.toml:1: name = 3: expected a string, not a whole number"),
-        (
-            'name = "a"\n[zones]\nstop = "x"',
-            'some.toml:3: zones.stop = "x": expected a number, not a string',
-        ),
-        (
-            'name = "a"\nzones.stop = -1.5',
-            "some.toml:2: zones.stop = -1.5: expected a number > 0.0",
-        ),
-        (
-            'name = "a"\nzones = { stop = 0 }',
-            "some.toml:2: zones.stop = 0: expected a number > 0.0",
-        ),
-        ("count = 1", "some.toml: missing key name"),
-        (
-            'name = "a"\n[zone]\nstop = 1',
-            "some.toml:2: unknown key zone; did you mean 'zones'? "
-            "(known: count, limit, mode, name, on, sonars, zones)",
-        ),
-        (
-            'name = "a"\n[zones]\n# stp = 1\nstp = 1',
-            "some.toml:4: unknown key zones.stp; did you mean 'stop'? (known: caution, stop)",
-        ),
-        (
-            'name = "a"\nmode = "Precise"',
-            "some.toml:2: mode = \"Precise\": did you mean 'precise'? (known: fast, precise)",
-        ),
-        ('name = "a"\non = 1', "some.toml:2: on = 1: expected true or false, not a whole number"),
+        ("name = \n", 1),
+        ('name = "a"\n\nname = "b"\n', 3),
+        ('count = 1\nname = """a', 2),
+        ("count = 1", None),
+        ('name = "a"\n[[sonars]]\nx_m = 1\n[[sonars]]\nbearing_deg = 1\n', 4),
+    ],
+)
+def test_what_is_not_toml_or_lacks_a_key_is_named_with_its_line(
+    text: str, line: int | None
+) -> None:
+    error = refused(text)
+    assert (error.file, error.line) == ("some.toml", line)
+    assert str(error).startswith("some.toml:")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "key", "value"),
+    [
+        ("name = 3", 1, "name", 3),
+        ('name = "a"\n[zones]\nstop = "x"', 3, "zones.stop", "x"),
+        ('name = "a"\nzones.stop = -1.5', 2, "zones.stop", -1.5),
+        ('name = "a"\nzones = { stop = 0 }', 2, "zones.stop", 0),
+        ('name = "a"\non = 1', 2, "on", 1),
         (
             'name = "a"\nsonars = [\n  # one\n  { x_m = 1 },\n  { x_m = 1, bearing_deg = 181 },\n]',
-            "some.toml:5: sonars[1].bearing_deg = 181: expected a number <= 180.0",
-        ),
-        (
-            'name = "a"\n[[sonars]]\nx_m = 1\n[[sonars]]\ny_m = 1\n',
-            "some.toml:5: unknown key sonars[1].y_m; did you mean 'x_m'? (known: bearing_deg, x_m)",
-        ),
-        (
-            'name = "a"\n[[sonars]]\nx_m = 1\n[[sonars]]\nbearing_deg = 1\n',
-            "some.toml:4: missing key x_m in sonars[1]",
+            5,
+            "sonars[1].bearing_deg",
+            181,
         ),
     ],
 )
-def test_an_error_is_one_line_with_place_value_and_advice(text: str, message: str) -> None:
-    assert str(refused(text)) == message
+def test_a_wrong_value_is_named_with_its_line_and_key(
+    text: str, line: int, key: str, value: object
+) -> None:
+    error = refused(text)
+    assert isinstance(error, ConfigValueError)
+    assert (error.file, error.line, error.key, error.value) == ("some.toml", line, key, value)
+
+
+def test_the_allowed_values_are_in_words() -> None:
+    errors = refused("name = 3"), refused('name = "a"\nzones.stop = -1.5')
+    allowed = [error.allowed for error in errors if isinstance(error, ConfigValueError)]
+    assert allowed == ["a string, not a whole number", "a number > 0.0"]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "name", "near", "known"),
+    [
+        ('name = "a"\n[zone]\nstop = 1', 2, "zone", "zones", 7),
+        ('name = "a"\n[zones]\n# stp = 1\nstp = 1', 4, "stp", "stop", 2),
+        ('name = "a"\nmode = "Precise"', 2, "Precise", "precise", 2),
+        ('name = "a"\n[[sonars]]\nx_m = 1\n[[sonars]]\ny_m = 1\n', 5, "y_m", "x_m", 2),
+    ],
+)
+def test_an_unknown_key_or_word_is_named_with_the_nearest(
+    text: str, line: int, name: str, near: str, known: int
+) -> None:
+    error = refused(text)
+    assert isinstance(error, ConfigNameError)
+    assert (error.line, error.name, error.near, len(error.known)) == (line, name, near, known)
+
+
+@pytest.mark.parametrize("text", ["name = 3", 'name = "a"\n[zone]\nstop = 1', "count = 1"])
+def test_an_error_survives_a_process_and_another_place(text: str) -> None:
+    """Workers of `armadico run --runs` send errors back."""
+    error = refused(text)
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again)) == (type(error), str(error))
+    moved = again.at("other.toml", 9, "goto: ")
+    assert str(moved) == f"other.toml:9: goto: {error.message}"
+    assert vars(moved) | {"message": "", "file": "", "line": 0} == vars(error) | {
+        "message": "",
+        "file": "",
+        "line": 0,
+    }
 
 
 def test_a_file_that_is_not_there_or_no_text_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file"):
+    with pytest.raises(ConfigError, match=r"none\.toml: "):
         load(tmp_path / "none.toml", Settings)
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xff")
-    with pytest.raises(ConfigError, match=r"bytes\.toml: is not a text in UTF-8"):
+    with pytest.raises(ConfigError, match=r"bytes\.toml: .*UTF-8"):
         load(tmp_path / "bytes.toml", Settings)
 
 
@@ -173,28 +203,22 @@ def test_a_list_is_written_as_in_toml() -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "message"),
+    ("setting", "kind"),
     [
-        ("stop", "--set stop: expected KEY=VALUE, for instance zones.stop=0.2"),
-        ("=3", "--set =3: expected KEY=VALUE, for instance zones.stop=0.2"),
-        ("zones.stop=0", "--set zones.stop=0: zones.stop = 0: expected a number > 0.0"),
-        (
-            "zones.stop=far",
-            '--set zones.stop=far: zones.stop = "far": expected a number, not a string',
-        ),
-        (
-            "zones.Stop=1",
-            "--set zones.Stop=1: unknown key zones.Stop; "
-            "did you mean 'stop'? (known: caution, stop)",
-        ),
-        ("mode=faster", "--set mode=faster: mode = \"faster\": did you mean 'fast'? "),
-        ("count=1.5", "--set count=1.5: count = 1.5: expected a whole number, not a number"),
+        ("stop", ConfigError),
+        ("=3", ConfigError),
+        ("zones.stop=0", ConfigValueError),
+        ("zones.stop=far", ConfigValueError),
+        ("zones.Stop=1", ConfigNameError),
+        ("mode=faster", ConfigNameError),
+        ("count=1.5", ConfigValueError),
     ],
 )
-def test_a_wrong_setting_is_quoted_with_advice(setting: str, message: str) -> None:
+def test_a_wrong_setting_is_quoted(setting: str, kind: type[ConfigError]) -> None:
     with pytest.raises(ConfigError) as caught:
         set_values(Settings(name="one"), [setting])
-    assert str(caught.value).startswith(message)
+    assert type(caught.value) is kind
+    assert str(caught.value).startswith(f"--set {setting}: ")
 
 
 def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> None:
@@ -303,16 +327,16 @@ def test_a_robot_may_have_a_laser(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("written", "instead", "message"),
     [
-        ("max_m = 30.0", "max_m = 0.1", "min_m = 0.1 is not less than max_m = 0.1"),
+        ("max_m = 30.0", "max_m = 0.1", "min_m.*max_m"),
         ("max_m = 30.0", "max_m = 66.0", "max_m = 66.0: expected a number <= 65.534"),
         ("rays = 720", "rays = 2049", "rays = 2049: expected"),
         ("rays = 720", "rays = 1", "rays = 1: expected"),
         (
             "angle_max_deg = 135.0",
             "angle_max_deg = -135.0",
-            "angle_max_deg is to be up to 360 more",
+            "angle_max_deg",
         ),
-        ("angle_max_deg = 135.0", "angle_max_deg = 230.0", "angle_max_deg is to be up to 360 more"),
+        ("angle_max_deg = 135.0", "angle_max_deg = 230.0", "angle_max_deg"),
         ("rate_hz = 40.0", "rate_hz = 0.0", "rate_hz = 0.0: expected a number >= 1"),
     ],
 )
@@ -330,39 +354,35 @@ def test_sensors_are_entries_of_one_file_and_no_robots() -> None:
     file = find("robots", "sensors")
     assert sorted(load_table(file, SensorProfile)) == ["glass", "ideal", "real"]
     assert load_entry(file, SensorProfile, "real").name == "real"
-    with pytest.raises(ConfigError, match=r"sensors.toml: no 'rael'.*did you mean 'real'\?"):
+    with pytest.raises(ConfigNameError) as caught:
         load_entry(file, SensorProfile, "rael")
+    assert (caught.value.file, caught.value.near) == (str(file), "real")
 
 
 def test_an_entry_of_a_table_is_named_with_its_line(tmp_path: Path) -> None:
     file = tmp_path / "zones.toml"
     file.write_text("[near]\nstop = 1\n[far]\nstop = 0\n")
-    with pytest.raises(ConfigError, match=r"zones.toml:4: far.stop = 0: expected a number > 0"):
+    with pytest.raises(ConfigValueError) as caught:
         load_table(file, Zones)
+    assert (caught.value.line, caught.value.key, caught.value.value) == (4, "far.stop", 0)
 
 
-KNOWN = (
-    "amigobot, create3, jackal, jackal-sonars, pioneer-16, pioneer-2dx, pioneer-3at, pioneer-3dx,"
-    " turtlebot3-burger, turtlebot4"
-)
-
-
-def test_an_unknown_name_lists_what_there_is() -> None:
-    with pytest.raises(ConfigError) as caught:
+def test_an_unknown_name_has_what_there_is_and_the_nearest() -> None:
+    with pytest.raises(ConfigNameError) as caught:
         find("robots", "pioneer2dx")
-    message = f"no robot 'pioneer2dx'; did you mean 'pioneer-2dx'? (known: {KNOWN})"
-    assert str(caught.value) == message
+    error = caught.value
+    assert (error.kind, error.name, error.near) == ("robot", "pioneer2dx", "pioneer-2dx")
+    assert error.known == tuple(names("robots"))
 
 
 def test_a_slash_or_a_suffix_is_a_file(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.touch()
     assert find("robots", str(file)) == file
-    with pytest.raises(ConfigError, match=r"no file .*mind.toml'; did you mean 'mine.toml'\?"):
+    with pytest.raises(ConfigNameError) as caught:
         find("robots", str(tmp_path / "mind.toml"))
-    with pytest.raises(
-        ConfigError, match=r"no file .*; shipped robots: amigobot, create3, jackal, "
-    ):
+    assert caught.value.near == "mine.toml"
+    with pytest.raises(ConfigNameError, match="amigobot, create3, jackal, "):
         find("robots", str(tmp_path / "nowhere" / "x.toml"))
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.ros2.profile import Ros2Robot
-from armadico.config.errors import ConfigError
+from armadico.config.errors import ConfigError, ConfigNameError, ConfigValueError
 from armadico.config.loading import find, names
 from armadico.config.profile import NEVER_S, load_profile
 
@@ -60,11 +60,11 @@ def test_a_robot_without_a_watchdog_says_the_longest_there_is() -> None:
 @pytest.mark.parametrize(
     ("robot", "table", "message"),
     [
-        ("jackal", "drive", "missing key drive"),
-        ("jackal", "laser", r"needs a table \[sonar\] or a table \[laser\]"),
-        ("pioneer-2dx", "motor", "missing key motor"),
-        ("pioneer-2dx", "caster", "missing key caster"),
-        ("pioneer-2dx", "p2os", r"which kind of robot it is \(installed kinds of robots: p2os"),
+        ("jackal", "drive", "drive"),
+        ("jackal", "laser", "sonar.*laser"),
+        ("pioneer-2dx", "motor", "motor"),
+        ("pioneer-2dx", "caster", "caster"),
+        ("pioneer-2dx", "p2os", "p2os"),
         ("jackal", "ros2.odom", "odom"),
     ],
 )
@@ -89,37 +89,41 @@ turning_nm = 1.0
 efficiency = 0.5
 """
     path = written(tmp_path, find("robots", "pioneer-2dx").read_text() + drive)
-    with pytest.raises(ConfigError, match=r"\[p2os\] has no use for \[drive\]"):
+    with pytest.raises(ConfigError, match=r"\[p2os\].*\[drive\]"):
         load_profile(path)
 
 
 def test_a_robot_of_two_kinds_is_refused(tmp_path: Path) -> None:
     text = find("robots", "pioneer-2dx").read_text() + "[ros2]\ncycle_s = 0.1\n"
     line = len(text.splitlines()) - 1
-    with pytest.raises(ConfigError, match=rf":{line}: has tables \[p2os\] and \[ros2\]"):
+    with pytest.raises(ConfigError, match=rf":{line}: .*\[p2os\].*\[ros2\]"):
         load_profile(written(tmp_path, text))
 
 
 def test_an_array_of_tables_where_a_table_belongs_is_refused_with_its_line(tmp_path: Path) -> None:
     text = find("robots", "pioneer-2dx").read_text().replace("[p2os]", "[[p2os]]")
     line = text.splitlines().index("[[p2os]]") + 1
-    with pytest.raises(ConfigError, match=rf":{line}: \[\[p2os\]\] is an array of tables"):
+    with pytest.raises(ConfigError, match=rf":{line}: \[\[p2os\]\]"):
         load_profile(written(tmp_path, text))
 
 
 def test_a_kind_that_is_not_installed_is_named_with_those_that_are(tmp_path: Path) -> None:
     text = find("robots", "jackal").read_text().replace("[ros2", "[ros")
     line = next(n for n, row in enumerate(text.splitlines(), 1) if row.startswith("[ros]"))
-    with pytest.raises(ConfigError, match=rf":{line}: \[ros\] is no kind .* mean \[ros2\]\?"):
+    with pytest.raises(ConfigNameError) as caught:
         load_profile(written(tmp_path, text))
+    error = caught.value
+    assert (error.line, error.kind, error.near) == (line, "kind of robot", "ros2")
 
 
 def test_a_value_of_a_section_is_told_with_its_line(tmp_path: Path) -> None:
     text = find("robots", "jackal").read_text().replace("odom_hz = 50.0", "odom_hz = 5e3")
     assert "odom_hz = 5e3" in text
     line = next(n for n, row in enumerate(text.splitlines(), 1) if "odom_hz = 5e3" in row)
-    with pytest.raises(ConfigError, match=rf":{line}: ros2.odom_hz = 5000.0"):
+    with pytest.raises(ConfigValueError) as caught:
         load_profile(written(tmp_path, text))
+    error = caught.value
+    assert (error.line, error.key, error.value) == (line, "ros2.odom_hz", 5000.0)
 
 
 @pytest.fixture
@@ -139,9 +143,9 @@ def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("section", "message"),
     [
-        ("chair", r":1: chair \(pathlib:Path\) is no RobotKind"),
-        ("gone", r":1: gone \(foreign.robot:KIND\) cannot be loaded"),
-        ("other", r":1: other .* has a profile whose section is 'p2os'"),
+        ("chair", r":1: chair \(pathlib:Path\)"),
+        ("gone", r":1: gone \(foreign.robot:KIND\)"),
+        ("other", r":1: other .* 'p2os'"),
     ],
 )
 def test_an_entry_point_that_leads_to_no_kind_of_robot_is_named(
@@ -153,13 +157,14 @@ def test_an_entry_point_that_leads_to_no_kind_of_robot_is_named(
 
 @pytest.mark.usefixtures("foreign")
 def test_a_package_that_cannot_be_loaded_hides_no_other_profile() -> None:
-    with pytest.raises(ConfigError, match="did you mean 'jackal'"):
+    with pytest.raises(ConfigNameError) as caught:
         load_profile("jackl")
+    assert caught.value.near == "jackal"
 
 
 def test_a_laser_needs_a_topic(tmp_path: Path) -> None:
     path = written(tmp_path, without(find("robots", "jackal").read_text(), "ros2.scan"))
-    with pytest.raises(ConfigError, match=r"a laser and no \[ros2.scan\]"):
+    with pytest.raises(ConfigError, match=r"\[ros2.scan\]"):
         load_profile(path)
 
 
@@ -174,8 +179,8 @@ def test_what_is_no_topic_is_refused(tmp_path: Path, name: str) -> None:
     ("old", "new", "message"),
     [
         ("rate_hz = 40.0", "rate_hz = 1e-9", "rate_hz"),  # scans would be believed for ever
-        ('name = "tf"', 'name = "/cmd_vel"', "two of its topics have one name"),
-        ("low_v = 23.4", "low_v = 40.0", "empty_v is to be less than low_v"),
+        ('name = "tf"', 'name = "/cmd_vel"', "ros2"),
+        ("low_v = 23.4", "low_v = 40.0", "empty_v.*low_v"),
         ('name = "jackal"', 'name = "a\\u001b[2J"', "name"),
         ('name = "jackal"', 'name = ""', "name"),
     ],
@@ -190,13 +195,13 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path, old: str, new: str, mess
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (', frame = "sonar_5"', "", "each sonar needs a frame of its own"),
-        ('"sonar_5"', '"sonar_4"', "each sonar needs a frame of its own"),
-        ("[[ros2.sonar]]", '[[ros2.sonar]]\nname = "a"\n[[ros2.sonar]]', "8 sonars and 2 tables"),
+        (', frame = "sonar_5"', "", "frame"),
+        ('"sonar_5"', '"sonar_4"', "frame"),
+        ("[[ros2.sonar]]", '[[ros2.sonar]]\nname = "a"\n[[ros2.sonar]]', "8 .*2 "),
         ('[[ros2.sonar]]\nname = "sonar"', '[ros2.camera]\nname = "sonar"', "camera"),
-        ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7, 8]", "firing_order has sonar 8"),
-        ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7]", "does not have sonar 5"),
-        ("max_m = 5.0", "max_m = 0.05", "min_m = 0.1 is not less than max_m = 0.05"),
+        ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7, 8]", "firing_order.* 8"),
+        ("[2, 1, 4, 0, 6, 3, 7, 5]", "[2, 1, 4, 0, 6, 3, 7]", "firing_order.* 5"),
+        ("max_m = 5.0", "max_m = 0.05", "min_m.*max_m"),
     ],
 )
 def test_sonars_that_cannot_be_told_apart_or_heard_are_refused(
@@ -211,5 +216,5 @@ def test_sonars_that_cannot_be_told_apart_or_heard_are_refused(
 
 def test_a_topic_of_sonars_that_there_are_not_is_refused(tmp_path: Path) -> None:
     text = find("robots", "jackal").read_text() + '[[ros2.sonar]]\nname = "sonar"\n'
-    with pytest.raises(ConfigError, match="0 sonars and 1 tables"):
+    with pytest.raises(ConfigError, match=r"0 .*1 "):
         load_profile(written(tmp_path, text))

@@ -1,4 +1,4 @@
-"""Parameters that are changed while their agent is at work: which, to what, and what is said."""
+"""Parameters that are changed while their agent runs."""
 
 from __future__ import annotations
 
@@ -73,21 +73,21 @@ def toy(given: Parameters | None = None) -> tuple[Toy, Driver]:
     return agent, driver
 
 
-def ask(driver: Driver, *change: tuple[str, str]) -> tuple[ParametersReply, list[Any]]:
+def query(driver: Driver, *change: tuple[str, str]) -> tuple[ParametersReply, list[Any]]:
     """The reply, and what is published with it."""
     request = ParametersRequest(tuple(Setting(*each) for each in change), "ann")
-    driver.asked(KEY, encode(request), "call", 1.0)
-    said = driver.drain()
-    (reply,) = (item for item in said if isinstance(item, Reply))
+    driver.on_query(KEY, encode(request), "call", 1.0)
+    outputs = driver.drain()
+    (reply,) = (item for item in outputs if isinstance(item, Reply))
     assert (reply.call, reply.key) == ("call", KEY)
     assert isinstance(reply.message, ParametersReply)
     encode(reply.message)
-    return reply.message, [item for item in said if isinstance(item, Publish)]
+    return reply.message, [item for item in outputs if isinstance(item, Publish)]
 
 
-def test_whoever_asks_is_told_what_may_be_changed_and_what_to() -> None:
+def test_a_query_returns_the_changeable_parameters_and_their_limits() -> None:
     _, driver = toy(Parameters(v_max=0.5))
-    reply, said = ask(driver)
+    reply, outputs = query(driver)
     rows = {row.name: row for row in reply.parameters}
     assert list(rows) == list(Toy.changeable)
     v_max = rows["v_max"]
@@ -98,32 +98,32 @@ def test_whoever_asks_is_told_what_may_be_changed_and_what_to() -> None:
     assert rows["loud"].wanted == "true or false"
     assert rows["tries"].wanted == "a whole number at least 1, at most 5"
     assert rows["table.margin_m"].json == "0.1"
-    assert (reply.instance, reply.refusal, said) == ("toy-1", "", [])
+    assert (reply.instance, reply.refusal, outputs) == ("toy-1", "", [])
 
 
 def test_a_change_is_obeyed_published_and_logged() -> None:
     agent, driver = toy(Parameters(v_max=0.5))
-    reply, said = ask(driver, ("v_max", "0.25"), ("table.margin_m", "0.2"), ("tries", "2"))
+    reply, outputs = query(driver, ("v_max", "0.25"), ("table.margin_m", "0.2"), ("tries", "2"))
     assert reply.refusal == ""
     assert {row.name: row.json for row in reply.parameters}["v_max"] == "0.25"
     assert {row.name: row.begun for row in reply.parameters}["v_max"] == "0.5"
     assert (agent.p.v_max, agent.p.table.margin_m, agent.p.fixed) == (0.25, 0.2, 1.0)
     ((before, after),) = agent.seen
     assert (before.v_max, after.v_max) == (0.5, 0.25)
-    changes = [item for item in said if isinstance(item.message, ParameterChange)]
+    changes = [item for item in outputs if isinstance(item.message, ParameterChange)]
     assert [item.message for item in changes] == [
         ParameterChange("toy", "toy-1", "v_max", "0.5", "0.25", "ann"),
         ParameterChange("toy", "toy-1", "table.margin_m", "0.1", "0.2", "ann"),
     ]
     assert {item.key for item in changes} == {"agent/toy/toy-1/changed"}
-    (line, _) = [item.message for item in said if isinstance(item.message, Log)]
+    (line, _) = [item.message for item in outputs if isinstance(item.message, Log)]
     assert line.text == "v_max = 0.25, before 0.5: changed by ann"
 
 
 def test_an_optional_one_is_cleared_and_a_word_a_truth_and_a_whole_number_are_set() -> None:
     agent, driver = toy(Parameters(v_max=0.5))
     changes = [("v_max", "null"), ("rules", '"thesis"'), ("loud", "true"), ("tries", "5")]
-    assert ask(driver, *changes)[0].refusal == ""
+    assert query(driver, *changes)[0].refusal == ""
     assert agent.p == Parameters(rules="thesis", loud=True, tries=5)
 
 
@@ -145,30 +145,30 @@ def test_an_optional_one_is_cleared_and_a_word_a_truth_and_a_whole_number_are_se
         ("rules", '"unsafe"', 'rules = "unsafe": expected one of safe, thesis'),
         ("loud", "1", "loud = 1: expected true or false"),
         ("table.margin_m", "-0.1", "expected a number at least 0, at most 1 m"),
-        ("v_mx", "1", "no parameter 'v_mx'; did you mean 'v_max'? (those that may: "),
-        ("zzz", "1", "no parameter 'zzz'; (those that may: "),
+        ("v_mx", "1", "'v_mx'; did you mean 'v_max'"),
+        ("zzz", "1", "'zzz'"),
         ("table.margin", "1", "no parameter 'table.margin'; did you mean 'table.margin_m'?"),
         ("v_max.x", "1", "no parameter 'v_max.x'"),
         (".", "1", "no parameter '.'"),
-        ("fixed", "2", "fixed is not to be changed while it is at work (those that may: "),
-        ("table", "{}", "table is not to be changed while it is at work"),
-        ("social.margin", "0", "social.margin is not to be changed while it is at work"),
+        ("fixed", "2", "fixed cannot be changed while the agent runs (can be changed: "),
+        ("table", "{}", "table cannot be changed while the agent runs"),
+        ("social.margin", "0", "social.margin cannot be changed while the agent runs"),
     ],
 )
 def test_what_is_wrong_is_refused_with_what_is_right_and_nothing_is_changed(
     name: str, value: str, refusal: str
 ) -> None:
     agent, driver = toy()
-    reply, said = ask(driver, ("loud", "true"), (name, value))
+    reply, outputs = query(driver, ("loud", "true"), (name, value))
     assert refusal in reply.refusal
-    assert said == []
+    assert outputs == []
     assert agent.p == Parameters()
     assert agent.seen == []
     assert len(reply.parameters) == len(Toy.changeable)
 
 
-def tunings(said: list[Any]) -> list[Tuning]:
-    return [item.message for item in said if isinstance(getattr(item, "message", None), Tuning)]
+def tunings(outputs: list[Any]) -> list[Tuning]:
+    return [item.message for item in outputs if isinstance(getattr(item, "message", None), Tuning)]
 
 
 def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) -> Tuning:
@@ -176,70 +176,70 @@ def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) ->
     return Tuning(counter, by, rows)
 
 
-def hear(driver: Driver, said: Tuning) -> list[Any]:
+def deliver(driver: Driver, outputs: Tuning) -> list[Any]:
     (to,) = (to for to in driver.agent.subscriptions() if to.message is Tuning)
-    driver.deliver(to, to.pattern, encode(said), 2.0)
+    driver.deliver(to, to.pattern, encode(outputs), 2.0)
     return driver.drain()
 
 
-def test_what_was_set_is_remembered_by_everybody_beside_what_was_of_others() -> None:
+def test_settings_are_shared_beside_those_of_other_agents() -> None:
     _, driver = toy()
-    hear(driver, remembered(("other", "x", "1")))
-    _, said = ask(driver, ("v_max", "0.25"))
-    (told,) = tunings(said)
-    assert told.counter == 2
-    assert told.settings == remembered(("other", "x", "1"), ("toy", "v_max", "0.25")).settings
+    deliver(driver, remembered(("other", "x", "1")))
+    _, outputs = query(driver, ("v_max", "0.25"))
+    (tuning,) = tunings(outputs)
+    assert tuning.counter == 2
+    assert tuning.settings == remembered(("other", "x", "1"), ("toy", "v_max", "0.25")).settings
 
 
-def test_who_is_started_again_is_set_as_it_was() -> None:
-    """Told before it joins, by those who remember, or soon after."""
+def test_a_restarted_agent_gets_its_settings() -> None:
+    """It receives them before it joins, or soon after."""
     for joined in (False, True):
         agent = Toy(Identity("toy-2"))
         driver = Driver(agent, 0.0, admit=False)
         if joined:
             driver.begin(0.0)
             driver.drain()
-        said = hear(driver, remembered(("toy", "v_max", "0.25"), ("other", "v_max", "3.0")))
+        outputs = deliver(driver, remembered(("toy", "v_max", "0.25"), ("other", "v_max", "3.0")))
         if not joined:
             driver.begin(0.0)
-            said = driver.drain()
+            outputs = driver.drain()
         assert agent.p == Parameters(v_max=0.25)
-        changes = [i.message for i in said if isinstance(getattr(i, "message", None), Log)]
+        changes = [i.message for i in outputs if isinstance(getattr(i, "message", None), Log)]
         assert [line.text for line in changes] == [
             "v_max = 0.25, before null: changed by those who remember"
         ]
-        assert tunings(said) == []
+        assert tunings(outputs) == []
 
 
-def test_what_cannot_be_any_more_is_left_and_said() -> None:
+def test_settings_that_are_invalid_now_are_ignored_and_logged() -> None:
     """Set by an instance of another version, or by nonsense."""
     agent, driver = toy()
-    said = hear(
+    outputs = deliver(
         driver, remembered(("toy", "v_max", "99"), ("toy", "gone", "1"), ("toy", "tries", "4"))
     )
     assert agent.p == Parameters(tries=4)
-    lines = [i.message.text for i in said if isinstance(getattr(i, "message", None), Log)]
+    lines = [i.message.text for i in outputs if isinstance(getattr(i, "message", None), Log)]
     assert len([line for line in lines if line.startswith("not set as before: ")]) == 2
 
 
-def test_whoever_is_left_out_is_added_again_and_that_ends() -> None:
-    """Two agents are changed at once, and each says a list without the other's."""
+def test_left_out_settings_are_added_again_and_that_ends() -> None:
+    """Two agents are changed at once, and each publishes a list without the other's."""
     agents = {name: toy_named(name) for name in ("one", "two")}
-    said = {}
+    outputs = {}
     for name, (_, driver) in agents.items():
         key = f"agent/{name}/{name}-1/parameters"
         request = ParametersRequest((Setting("v_max", "0.25"),), "ann")
-        driver.asked(key, encode(request), "call", 1.0)
-        said[name] = tunings(driver.drain())
-    talk = [*said["one"], *said["two"]]
+        driver.on_query(key, encode(request), "call", 1.0)
+        outputs[name] = tunings(driver.drain())
+    queue = [*outputs["one"], *outputs["two"]]
     for _ in range(10):
-        if not talk:
+        if not queue:
             break
-        heard, talk = talk, []
-        for message in heard:
+        received, queue = queue, []
+        for message in received:
             for _, driver in agents.values():
-                talk += tunings(hear(driver, message))
-    assert not talk, "they go on for ever"
+                queue += tunings(deliver(driver, message))
+    assert not queue, "it does not end"
     known = [driver.agent.memory.newest(Tuning) for _, driver in agents.values()]
     assert known[0] == known[1]
     assert {row.agent for row in known[0].settings} == {"one", "two"}
@@ -256,28 +256,30 @@ def toy_named(called: str) -> tuple[Toy, Driver]:
     return agent, driver
 
 
-def test_an_agent_with_none_says_so() -> None:
+def test_an_agent_without_changeable_parameters_refuses() -> None:
     class Plain(Agent):
         name = "toy"
 
     driver = Driver(Plain(Identity("toy-1")), 0.0, admit=False)
     driver.begin(0.0)
-    reply, _ = ask(driver, ("x", "1"))
-    assert reply == ParametersReply("toy-1", (), "nothing of it may be changed while it is at work")
+    reply, _ = query(driver, ("x", "1"))
+    assert reply == ParametersReply(
+        "toy-1", (), "no parameter of this agent can be changed while it runs"
+    )
 
 
-def test_a_request_that_cannot_be_read_changes_nothing_and_ends_nobody() -> None:
+def test_a_malformed_request_changes_nothing_and_is_no_failure() -> None:
     agent, driver = toy()
     for payload in (b"", b"\xff", b"\x82\x81\x81\x61x\x60"):
-        driver.asked(KEY, payload, "call", 1.0)
+        driver.on_query(KEY, payload, "call", 1.0)
     assert not [item for item in driver.drain() if isinstance(item, Reply)]
     assert agent.p == Parameters()
-    driver.asked(KEY, b"\x80", "call", 1.0)  # an empty question is one for all that there are
+    driver.on_query(KEY, b"\x80", "call", 1.0)  # an empty question is one for all that there are
     assert [item for item in driver.drain() if isinstance(item, Reply)]
 
 
 @pytest.mark.parametrize("names", [{"v_mx": ""}, {"name": ""}, {"table": ""}])
-def test_a_class_that_names_what_cannot_be_changed_is_told_so_at_once(
+def test_a_class_with_an_unchangeable_name_raises_at_once(
     names: dict[str, str],
 ) -> None:
     class Wrong(Toy):

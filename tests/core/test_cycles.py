@@ -1,4 +1,4 @@
-"""Cycles: nobody compares two clocks, and what is old is seen to be old."""
+"""Cycles: stale messages are detected without comparing clocks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from armadico.core.messages import LARGEST_COUNT, Cycle
 
 @pytest.fixture
 def clock() -> CycleClock:
-    """At cycle 10 of epoch 1, heard at 1.0 s."""
+    """At cycle 10 of epoch 1, received at 1.0 s."""
     clock = CycleClock()
     assert clock.advance(Cycle(1, 10), 1.0)
     return clock
@@ -34,7 +34,7 @@ def test_another_epoch_is_believed_when_the_present_one_is_silent(clock: CycleCl
     assert clock.newest == clock.first == Cycle(0, 1)
 
 
-def test_the_first_cycle_heard_of_an_epoch_is_kept(clock: CycleClock) -> None:
+def test_the_first_received_cycle_of_an_epoch_is_kept(clock: CycleClock) -> None:
     clock.advance(Cycle(1, 11), 1.1)
     assert clock.first == Cycle(1, 10)
 
@@ -78,11 +78,11 @@ def test_an_owner_whose_clock_has_jumped_is_followed_once_it_was_silent(
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 20), st.floats(0.0, 1.0)), max_size=60))
 def test_whatever_comes_within_an_epoch_numbers_do_not_fall(
-    heard: list[tuple[int, int, float]],
+    received: list[tuple[int, int, float]],
 ) -> None:
     clock, now = CycleClock(), 0.0
     last: dict[int, int] = {}
-    for epoch, number, passed in heard:
+    for epoch, number, passed in received:
         now += passed
         returns = clock.returns
         if clock.advance(Cycle(epoch, number), now):
@@ -97,7 +97,7 @@ def test_whatever_comes_within_an_epoch_numbers_do_not_fall(
 
 
 def goes_on(clock: CycleClock, epoch: int, number: int, now: float, seconds: float = 1.0) -> float:
-    """The owner says each cycle from a number on; after so many s it is followed, or never."""
+    """Return when the clock follows an owner that publishes from a number on, s; or None."""
     for step in range(round(seconds / PERIOD)):
         at = now + step * PERIOD
         clock.advance(Cycle(epoch, number + step), at)
@@ -112,7 +112,7 @@ def test_a_number_that_was_never_true_is_left_again(clock: CycleClock, ahead: in
     assert clock.advance(Cycle(1, 10 + ahead), 1.5)
     assert goes_on(clock, 1, 16, 1.55) < 0.6
     assert clock.returns == clock.strays == 1
-    assert "epoch 1 by a number that nobody went on with" in clock.stray
+    assert "epoch 1 with a number that did not continue" in clock.stray
     assert clock.first == clock.resumed == clock.newest
     assert clock.listening
     assert clock.advance(Cycle(1, 90), 60.0)
@@ -240,7 +240,7 @@ def test_an_epoch_may_begin_at_zero(clock: CycleClock) -> None:
     assert clock.advance(Cycle(2, 0), 2.0)
 
 
-def test_who_starts_listens_for_three_cycles(clock: CycleClock) -> None:
+def test_after_its_start_it_listens_for_three_cycles(clock: CycleClock) -> None:
     assert clock.listening
     for number in (11, 12):
         clock.advance(Cycle(1, number), number * PERIOD)
@@ -259,18 +259,18 @@ def test_an_epoch_has_begun_lately_for_three_cycles_whatever_is_missed_later() -
 
 
 @pytest.mark.parametrize(("missed", "listens"), [(0, 0), (1, 1), (2, 2), (3, 3), (40, 3)])
-def test_who_missed_cycles_listens_for_as_many_up_to_three(missed: int, listens: int) -> None:
+def test_after_missed_cycles_it_listens_for_as_many_up_to_three(missed: int, listens: int) -> None:
     clock = CycleClock()
     for number in range(1, 11):
         clock.advance(Cycle(1, number), number * PERIOD)
     number = 11 + missed
-    heard = 0
+    received = 0
     while True:
         clock.advance(Cycle(1, number), number * PERIOD)
         if not clock.listening:
             break
-        heard, number = heard + 1, number + 1
-    assert heard == listens
+        received, number = received + 1, number + 1
+    assert received == listens
 
 
 def test_an_owner_counts_the_cycles_that_it_missed_by_time() -> None:
@@ -322,7 +322,7 @@ def test_age_counts_cycles_and_knows_none_across_epochs(clock: CycleClock) -> No
         assert not clock.fresh(Cycle(epoch, 10))
 
 
-def test_before_the_first_cycle_nothing_is_fresh_and_nobody_alive() -> None:
+def test_before_the_first_cycle_nothing_is_fresh_or_alive() -> None:
     clock = CycleClock()
     assert clock.newest is clock.first is clock.resumed is None
     assert clock.age(Cycle(1, 1)) is None
@@ -335,6 +335,6 @@ def test_the_robot_agent_is_alive_for_three_periods_after_a_cycle(clock: CycleCl
     assert not clock.alive(1.0 + 3.01 * PERIOD)
 
 
-def test_a_cycle_that_does_not_count_keeps_nobody_alive(clock: CycleClock) -> None:
+def test_a_cycle_that_does_not_count_does_not_keep_the_owner_alive(clock: CycleClock) -> None:
     clock.advance(Cycle(1, 10), 5.0)
     assert not clock.alive(5.0)

@@ -74,7 +74,7 @@ def test_weights_that_sum_to_zero_give_the_winners_action() -> None:
 
 
 @pytest.mark.parametrize("least", [5e-324, 1e-300, 1e-12])
-def test_the_smallest_utility_there_is_ends_nobody(least: float) -> None:
+def test_the_smallest_utility_is_no_failure(least: float) -> None:
     for t in (1, 2, 4):
         assert Blend((0.0, 0.0), 0.0, 5.0).action(t, Bid(least, (0.2, 1.5))) == (0.2, 1.5)
         assert Blend((0.4, 0.4), least, 5.0).action(t, Bid(least, (0.2, 1.5))) == (0.2, 1.5)

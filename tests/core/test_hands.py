@@ -1,4 +1,4 @@
-"""What people are told to do before a stop can be released."""
+"""What to do at the robot before a stop can be released."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from armadico.core.messages import Stop, checked
 
 
 @pytest.mark.parametrize("hand", Hand)
-def test_each_can_be_said_on_the_mesh_and_read_back(hand: Hand) -> None:
+def test_each_can_be_encoded_and_decoded(hand: Hand) -> None:
     assert checked(Stop(1, stopped=True, by=hand, press=1)).by == hand
     assert keeps_motors_off(Stop(1, stopped=True, by=hand)) is (hand in (Hand.MOTORS, Hand.BUTTON))
     assert remedy(Stop(1, stopped=True, by=hand), motors=False)

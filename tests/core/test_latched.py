@@ -1,4 +1,4 @@
-"""Latched states: whoever restarts is told, a stop always stops, and an old one stays released."""
+"""Latched states: they are restored, a stop always stops, and an old one stays released."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from armadico.core.latched import AGAIN_S, DOUBT_S, GIVE_BACK_S, PRESSES, Memory
+from armadico.core.latched import AGAIN_S, DOUBT_S, PRESSES, RESTORE_S, Memory
 from armadico.core.messages import (
     COUNTS,
     JUMP,
@@ -40,11 +40,11 @@ def knowing(*known: Latched) -> Memory:
     return memory
 
 
-def given_back(memory: Memory, now: float = 0.0) -> list[Latched]:
-    """What it gives back within the time that it may take, and nothing after."""
-    said = memory.due(now + GIVE_BACK_S)
-    assert memory.due(now + 10 * GIVE_BACK_S) == []
-    return said
+def restored(memory: Memory, now: float = 0.0) -> list[Latched]:
+    """Return what it restores within the longest delay; nothing follows."""
+    messages = memory.due(now + RESTORE_S)
+    assert memory.due(now + 10 * RESTORE_S) == []
+    return messages
 
 
 # A stop -------------------------------------------------------------------------------------------
@@ -74,32 +74,32 @@ def test_a_late_copy_of_a_stop_that_was_released_does_not_stop_again() -> None:
     for _ in range(3):
         assert not memory.update(stop, 1.0)
         assert memory.newest(Stop) == release
-    assert given_back(memory, 1.0) == [release], "and its publisher is told"
+    assert restored(memory, 1.0) == [release], "and its publisher receives it"
 
 
-def test_who_saw_the_release_alone_knows_the_stop_that_it_releases() -> None:
+def test_a_release_alone_identifies_its_stop() -> None:
     memory = knowing(Stop(7, False, "a", 1))
     assert not memory.update(Stop(6, True, "a", 1), 1.0)
 
 
-def test_who_presses_again_stops_again() -> None:
+def test_a_new_press_stops_again() -> None:
     memory = knowing(Stop(6, True, "a", 1), Stop(7, False, "a", 1))
     assert memory.update(Stop(6, True, "a", 2), 1.0)
     assert memory.newest(Stop) == Stop(8, True, "a", 2)
 
 
-@pytest.mark.parametrize("counter", [3, 7], ids=["who knows nothing", "who has heard"])
+@pytest.mark.parametrize("counter", [3, 7], ids=["an old counter", "the newest counter"])
 def test_a_release_of_an_older_stop_ends_none_that_was_pressed_since(counter: int) -> None:
     memory = knowing(Stop(6, True, "a", 1))
     assert not memory.update(Stop(counter, True, "b", 2), 1.0), "no news: it is stopped"
     assert not memory.update(Stop(9, False, "c", 1), 1.0), "of a society that counted apart"
     stands = Stop(10, True, "b", 2)
     assert memory.newest(Stop) == stands
-    assert given_back(memory, 1.0) == [stands], "and who released it is told"
+    assert restored(memory, 1.0) == [stands], "and its publisher receives it"
     assert memory.update(Stop(11, False, "c", 2), 2.0)
 
 
-def test_a_release_of_a_stop_that_was_not_heard_is_of_a_newer_one() -> None:
+def test_a_release_of_a_stop_that_was_not_received_is_of_a_newer_one() -> None:
     memory = knowing(Stop(6, True, "a", 1))
     assert memory.update(Stop(9, False, "c", 2), 1.0)
 
@@ -161,7 +161,7 @@ def test_a_release_that_counts_no_further_does_not_make_its_stop_an_old_one(coun
     assert memory.update(Stop(3, True, "b", 2), 1.0)
 
 
-def test_who_released_a_stop_itself_knows_a_late_copy_of_it(memory: Memory) -> None:
+def test_a_late_copy_of_a_stop_released_here_is_recognized(memory: Memory) -> None:
     memory.note(Stop(7, False, "a", 1))
     assert not memory.update(Stop(6, True, "a", 1), 1.0)
 
@@ -186,10 +186,10 @@ def test_an_older_one_is_answered_with_the_newer_once() -> None:
     memory = knowing(newer)
     for _ in range(5):
         assert not memory.update(Trajectory(3, 9, ()), 1.0)
-    assert given_back(memory, 1.0) == [newer]
+    assert restored(memory, 1.0) == [newer]
 
 
-def test_nobody_gives_back_what_somebody_else_was_faster_with() -> None:
+def test_a_state_that_another_has_restored_is_not_restored_again() -> None:
     newer = Trajectory(4, 1, GOAL)
     memory = knowing(newer)
     memory.update(Trajectory(3, 9, ()), 1.0)
@@ -197,23 +197,23 @@ def test_nobody_gives_back_what_somebody_else_was_faster_with() -> None:
     assert memory.due(2.0) == []
 
 
-def test_nor_what_it_has_published_itself_or_heard_of_a_stop() -> None:
+def test_nor_is_its_own_publication_or_a_received_stop() -> None:
     memory = knowing(Trajectory(4, 1, GOAL), Stop(7, False, "a", 1))
     memory.met(1.0)
     memory.note(Trajectory(5, 1, GOAL))
     memory.update(Stop(7, False, "a", 1), 1.0)
     assert memory.wakeup == 1.0 + AGAIN_S[0]
-    assert memory.due(1.0 + GIVE_BACK_S) == []
+    assert memory.due(1.0 + RESTORE_S) == []
 
 
-def test_who_appears_is_given_it_again_for_once_may_be_lost() -> None:
+def test_a_new_instance_gets_them_again_as_one_may_be_lost() -> None:
     memory = knowing(mission := Trajectory(4, 1, GOAL))
     memory.met(1.0)
     times = []
     while (due := memory.wakeup) is not None:
-        times += [due for said in memory.due(due) if said == mission]
+        times += [due for state in memory.due(due) if state == mission]
     rounds = [1.0, *(1.0 + later for later in AGAIN_S)]
-    assert [0.0 <= at - since <= GIVE_BACK_S for at, since in zip(times, rounds, strict=True)]
+    assert [0.0 <= at - since <= RESTORE_S for at, since in zip(times, rounds, strict=True)]
 
 
 def test_each_time_by_the_fastest_alone() -> None:
@@ -221,9 +221,9 @@ def test_each_time_by_the_fastest_alone() -> None:
     memory.met(1.0)
     again = 1.0 + AGAIN_S[0]
     memory.update(mission, 1.0)
-    assert memory.due(again) in ([], [mission]), "what was heard before is not what is due now"
+    assert memory.due(again) in ([], [mission]), "a received state is not restored again"
     memory.update(mission, again)
-    assert memory.due(again + GIVE_BACK_S) == []
+    assert memory.due(again + RESTORE_S) == []
 
 
 def test_news_is_to_be_acted_upon_and_what_is_older_is_none(memory: Memory) -> None:
@@ -255,15 +255,17 @@ def test_what_is_given_back_is_so_within_a_tenth_of_a_second(seed: int) -> None:
 def test_what_counts_from_zero_is_given_too(stopped: bool) -> None:
     memory = knowing(Stop(0, stopped, "a", 1))
     memory.met(1.0)
-    assert given_back(memory, 1.0) == [Stop(0, stopped, "a", 1)]
+    assert restored(memory, 1.0) == [Stop(0, stopped, "a", 1)]
 
 
-def test_that_nobody_ever_stopped_is_nothing_to_remember(memory: Memory) -> None:
+def test_a_state_without_a_stop_is_not_stored(memory: Memory) -> None:
     assert not memory.update(Stop(), 0.0)
     assert memory.all() == []
     memory.update(Stop(7, False, "a", 1), 1.0)
     assert not memory.update(Stop(), 1.0)
-    assert given_back(memory, 1.0) == [Stop(7, False, "a", 1)], "but who says so is told"
+    assert restored(memory, 1.0) == [Stop(7, False, "a", 1)], (
+        "but its publisher receives the known one"
+    )
 
 
 def test_an_empty_memory_has_nothing_to_give(memory: Memory) -> None:
@@ -272,11 +274,11 @@ def test_an_empty_memory_has_nothing_to_give(memory: Memory) -> None:
     assert memory.due(1.0) == []
 
 
-def test_who_appears_is_given_all_that_is_known() -> None:
+def test_a_new_instance_gets_all_states() -> None:
     known = (Stop(3, True, "a", 1), Trajectory(4, 1, GOAL), Origin(2, 7, 1, 0, 0, 0, 0, 0, 0))
     memory = knowing(*known)
     memory.met(1.0)
-    assert set(given_back(memory, 1.0)) == set(known)
+    assert set(restored(memory, 1.0)) == set(known)
 
 
 # Counters that cannot be --------------------------------------------------------------------------
@@ -295,7 +297,7 @@ FAR = [JUMP + 7, 3 * JUMP, LARGEST_COUNT // 2]
 
 @pytest.mark.parametrize("counter", [1, *FAR, LARGEST_COUNT])
 @pytest.mark.parametrize("made", [origin, mission, lambda n: Stop(n, True, "a", 5)])
-def test_who_knows_nothing_believes_whatever_it_is_given(
+def test_an_agent_without_a_state_accepts_any(
     memory: Memory, made: Callable[[int], Latched], counter: int
 ) -> None:
     assert memory.update(made(counter), 0.0)
@@ -309,43 +311,41 @@ def test_one_that_is_far_beyond_what_is_known_is_refused_and_answered(far: int) 
     for _ in range(3):
         assert not memory.update(mission(far), 1.0), "copies of one are one"
     assert memory.newest(Trajectory) == mission(6)
-    assert given_back(memory, 1.0) == [mission(6)]
+    assert restored(memory, 1.0) == [mission(6)]
 
 
 @pytest.mark.parametrize("far", FAR)
-@pytest.mark.parametrize("said", ["given back", "by another", "published"])
-def test_who_says_it_again_though_answered_remembers_it_and_is_believed(
-    far: int, said: str
-) -> None:
+@pytest.mark.parametrize("how", ["restored", "by another", "published"])
+def test_a_publisher_that_insists_is_accepted(far: int, how: str) -> None:
     memory = knowing(mission(6))
     memory.update(mission(far), 1.0)
-    if said == "given back":
-        assert given_back(memory, 1.0)
-    elif said == "by another":
+    if how == "restored":
+        assert restored(memory, 1.0)
+    elif how == "by another":
         memory.update(mission(6), 1.05)
     else:
         memory.note(mission(7))
     assert memory.update(mission(far + 1), 1.2)
     assert memory.newest(Trajectory) == mission(far + 1)
     memory.update(mission(6), 1.3)
-    assert given_back(memory, 1.3) == [mission(far + 1)]
+    assert restored(memory, 1.3) == [mission(far + 1)]
     assert not memory.update(mission(min(2 * far + JUMP + 9, LARGEST_COUNT - JUMP)), 1.35)
 
 
-def test_what_is_said_again_much_later_or_otherwise_is_another_stray() -> None:
+def test_a_far_counter_repeated_much_later_or_differently_is_another_stray() -> None:
     memory = knowing(mission(6))
     for at in range(5):
         assert not memory.update(mission(FAR[0]), 3.0 * at)
-        assert given_back(memory, 3.0 * at)
+        assert restored(memory, 3.0 * at)
     for step, far in enumerate((3 * JUMP, 5 * JUMP, 9 * JUMP)):
         assert not memory.update(mission(far), 20.0 + step / 4)
-        assert given_back(memory, 20.0 + step / 4)
+        assert restored(memory, 20.0 + step / 4)
     assert memory.refused == 8
 
 
 @pytest.mark.parametrize("far", [*FAR, LARGEST_COUNT])
 @pytest.mark.parametrize("within", [0.0, 0.9 * DOUBT_S])
-def test_a_newcomer_that_hears_a_stray_first_is_put_right(
+def test_a_newcomer_that_receives_a_stray_first_is_corrected(
     memory: Memory, far: int, within: float
 ) -> None:
     memory.update(origin(far), 5.0)
@@ -357,7 +357,7 @@ def test_a_newcomer_that_hears_a_stray_first_is_put_right(
 
 
 @pytest.mark.parametrize("how", ["in time", "counted on", "older by one", "published"])
-def test_what_nobody_contradicts_is_in_doubt_no_longer(memory: Memory, how: str) -> None:
+def test_an_uncontradicted_state_is_no_longer_in_doubt(memory: Memory, how: str) -> None:
     far = FAR[1]
     memory.update(origin(far), 5.0)
     now = 5.1
@@ -368,14 +368,14 @@ def test_what_nobody_contradicts_is_in_doubt_no_longer(memory: Memory, how: str)
     else:
         memory.update(origin(far + (1 if how == "counted on" else -1)), 5.1)
     assert not memory.update(origin(6), now)
-    assert given_back(memory, now)
+    assert restored(memory, now)
 
 
-def test_who_appears_while_it_is_in_doubt_is_given_it_later(memory: Memory) -> None:
+def test_a_state_in_doubt_is_restored_later(memory: Memory) -> None:
     memory.update(origin(FAR[0]), 5.0)
     memory.met(5.2)
     assert memory.due(5.0 + 0.99 * DOUBT_S) == []
-    assert memory.due(5.0 + DOUBT_S + GIVE_BACK_S) == [origin(FAR[0])]
+    assert memory.due(5.0 + DOUBT_S + RESTORE_S) == [origin(FAR[0])]
 
 
 @pytest.mark.parametrize("far", FAR)
@@ -402,7 +402,7 @@ def test_a_stop_far_beyond_that_others_insist_on_is_counted_as_they_do() -> None
     assert memory.update(far, 1.0)
     counted = Stop(7, True, "b", 2)
     assert memory.newest(Stop) == counted
-    assert given_back(memory, 1.0) == [counted], "they are told"
+    assert restored(memory, 1.0) == [counted], "the publishers receive it"
     assert not memory.update(far, 1.2), "no news: it is stopped"
     assert memory.newest(Stop) == far
     assert memory.update(Stop(FAR[1] + 1, False, "b", 2), 1.3)
@@ -422,7 +422,7 @@ def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) ->
     assert memory.newest(type(made(0))) == made(0)
     memory.update(made(LARGEST_COUNT), 1.0)
     assert memory.newest(type(made(0))) == made(0)
-    assert given_back(memory, 1.0) == [made(0)]
+    assert restored(memory, 1.0) == [made(0)]
 
 
 @pytest.mark.parametrize("known", [LARGEST_COUNT, LARGEST_COUNT - 1, 2**51])
@@ -443,16 +443,16 @@ def test_of_two_counters_one_is_beyond_the_other(one: int, other: int) -> None:
     assert counts_beyond(next_count(one), one)
 
 
-# Everybody at once --------------------------------------------------------------------------------
+# All at once --------------------------------------------------------------------------------------
 
 PEERS = 4
 
 
 class Society(RuleBasedStateMachine):
-    """Some memories, and a network that delays, doubles, loses and reorders what they say.
+    """Some memories, and a network that delays, duplicates, loses and reorders messages.
 
-    A click of the clock is a tenth of a second. At the end the network is whole, and everybody
-    meets everybody, as they do when links come up: then all must have come to know the same.
+    A click of the clock is a tenth of a second. At the end the network is whole and all
+    processes meet, as when links come up: then all must store the same state.
     """
 
     @initialize()
@@ -460,44 +460,44 @@ class Society(RuleBasedStateMachine):
         self.now = 0.0
         self.rng = random.Random(7)
         self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
-        self.wire: list[tuple[int, Latched]] = []  # under way: to whom
-        self.old: list[Latched] = []  # all that was ever said
+        self.wire: list[tuple[int, Latched]] = []  # under way, with the receiver
+        self.old: list[Latched] = []  # all messages so far
         self.press = 0
         self.missions = 0
         self.released: set[int] = set()  # presses whose release each living peer has seen
 
-    def say(self, source: int, message: Latched) -> None:
+    def send(self, source: int, message: Latched) -> None:
         self.old.append(message)
         self.wire += [(n, message) for n in range(PEERS) if n != source]
 
-    @rule(who=st.integers(0, PEERS - 1), far=st.integers(0, 3))
-    def press_stop(self, who: int, far: int) -> None:
-        """A guest's stop reaches somebody first; it knows little of how far others have counted."""
+    @rule(peer=st.integers(0, PEERS - 1), far=st.integers(0, 3))
+    def press_stop(self, peer: int, far: int) -> None:
+        """A guest's stop reaches one process first; its counter may be far too small."""
         self.press += 1
         stop = Stop(far, True, "guest", self.press)
-        self.peers[who].update(stop, self.now)
-        known = self.peers[who].newest(Stop)
+        self.peers[peer].update(stop, self.now)
+        known = self.peers[peer].newest(Stop)
         assert known is not None
         assert known.stopped, "a stop was not obeyed"
-        self.say(who, stop)
+        self.send(peer, stop)
 
-    @rule(who=st.integers(0, PEERS - 1))
-    def release(self, who: int) -> None:
-        known = self.peers[who].newest(Stop)
+    @rule(peer=st.integers(0, PEERS - 1))
+    def release(self, peer: int) -> None:
+        known = self.peers[peer].newest(Stop)
         if known is not None and known.stopped:
             release = Stop(known.counter + 1, False, "guest", known.press)
-            assert self.peers[who].update(release, self.now), "a stop could not be released"
-            self.say(who, release)
+            assert self.peers[peer].update(release, self.now), "a stop could not be released"
+            self.send(peer, release)
 
-    @rule(who=st.integers(0, PEERS - 1), ends=st.booleans())
-    def mission(self, who: int, ends: bool) -> None:
-        memory = self.peers[who]
+    @rule(peer=st.integers(0, PEERS - 1), ends=st.booleans())
+    def mission(self, peer: int, ends: bool) -> None:
+        memory = self.peers[peer]
         known = memory.newest(Trajectory)
         self.missions += 1
         counter = 1 if known is None else known.counter + 1
         new = Trajectory(counter, self.missions, () if ends else GOAL, Point(0.0, 0.0))
         memory.note(new)
-        self.say(who, new)
+        self.send(peer, new)
 
     @precondition(lambda self: self.wire)
     @rule(data=st.data(), fate=st.sampled_from(["deliver", "deliver", "double", "lose"]))
@@ -506,15 +506,15 @@ class Society(RuleBasedStateMachine):
         if fate != "double":
             self.wire.remove((to, message))
         if fate != "lose":
-            self.hear(to, message)
+            self.deliver(to, message)
 
     @precondition(lambda self: self.old)
     @rule(data=st.data(), to=st.integers(0, PEERS - 1))
     def late(self, data: st.DataObject, to: int) -> None:
-        """Something said long ago arrives once more."""
-        self.hear(to, self.old[data.draw(st.integers(0, len(self.old) - 1))])
+        """An old message arrives once more."""
+        self.deliver(to, self.old[data.draw(st.integers(0, len(self.old) - 1))])
 
-    def hear(self, to: int, message: Latched) -> None:
+    def deliver(self, to: int, message: Latched) -> None:
         memory = self.peers[to]
         before = memory.newest(Stop) or Stop()
         memory.update(message, self.now)
@@ -532,13 +532,13 @@ class Society(RuleBasedStateMachine):
         self.now += 0.1
         for number, memory in enumerate(self.peers):
             for message in memory.due(self.now):
-                self.say(number, message)
+                self.send(number, message)
 
-    @rule(who=st.integers(1, PEERS - 1))
-    def restart(self, who: int) -> None:
+    @rule(peer=st.integers(1, PEERS - 1))
+    def restart(self, peer: int) -> None:
         """All but one may be started anew: that one remembers."""
-        self.peers[who] = Memory(random.Random(self.rng.random()))
-        self.wire = [(to, message) for to, message in self.wire if to != who]
+        self.peers[peer] = Memory(random.Random(self.rng.random()))
+        self.wire = [(to, message) for to, message in self.wire if to != peer]
         for memory in self.peers:
             memory.met(self.now)
 
@@ -568,7 +568,7 @@ class Society(RuleBasedStateMachine):
         newest = max(remembered, key=lambda stop: stop.order)
         now = self.peers[0].newest(Stop) or Stop()
         if newest.stopped:
-            assert now.stopped, "a stop that somebody remembered was lost"
+            assert now.stopped, "a stored stop was lost"
 
 
 TestSociety = Society.TestCase
@@ -579,7 +579,7 @@ class Strays(RuleBasedStateMachine):
     """Some memories on a sound network, agents that restart, people, and numbers out of nowhere.
 
     However far those are, in the end all know the same, can stop, release, and begin a mission that
-    everybody takes up. One at least remembers at any time.
+    all processes adopt. At least one stores it at any time.
     """
 
     @initialize()
@@ -589,13 +589,13 @@ class Strays(RuleBasedStateMachine):
         self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
         self.count = 0
 
-    def say(self, message: Latched, source: int | None = None) -> None:
+    def send(self, message: Latched, source: int | None = None) -> None:
         for number, memory in enumerate(self.peers):
             if number != source:
                 memory.update(message, self.now)
 
     def pass_time(self, seconds: float) -> None:
-        """What is due is said in the order of its draws, each a moment later at the others."""
+        """Due states are published in the order of their draws, and arrive a moment later."""
         end = self.now + seconds
         while True:
             due = [(m.wakeup, n) for n, m in enumerate(self.peers) if m.wakeup is not None]
@@ -605,12 +605,12 @@ class Strays(RuleBasedStateMachine):
             self.now = max(self.now, at)
             for message in self.peers[source].due(self.now):
                 self.now += 0.002
-                self.say(message, source)
+                self.send(message, source)
         self.now = end
 
     @rule(kind=st.sampled_from([Stop, Stop, Trajectory]), data=st.data())
     def stray(self, kind: type[Latched], data: st.DataObject) -> None:
-        """Heard by all, or by one; as far as is believed at once, farther, or anywhere."""
+        """A stray, received by all or by one; its counter is plausible, farther, or anywhere."""
         self.count += 1
         known = max((m.order[0] for p in self.peers for m in p.all() if type(m) is kind), default=0)
         step = data.draw(st.sampled_from([JUMP, JUMP - 3, JUMP + 9, 3 * JUMP, 2**51, COUNTS - 5]))
@@ -618,15 +618,15 @@ class Strays(RuleBasedStateMachine):
         message: Latched = Trajectory(counter, self.count, GOAL)
         if kind is Stop:
             message = Stop(counter, data.draw(st.booleans()), "stray", self.count)
-        who = data.draw(st.sampled_from([None, *range(PEERS)]))
-        if who is None:
-            self.say(message)
+        peer = data.draw(st.sampled_from([None, *range(PEERS)]))
+        if peer is None:
+            self.send(message)
         else:
-            self.peers[who].update(message, self.now)
+            self.peers[peer].update(message, self.now)
 
-    @rule(who=st.integers(0, PEERS - 1))
-    def restart(self, who: int) -> None:
-        self.peers[who] = Memory(random.Random(self.rng.random()))
+    @rule(peer=st.integers(0, PEERS - 1))
+    def restart(self, peer: int) -> None:
+        self.peers[peer] = Memory(random.Random(self.rng.random()))
         for memory in self.peers:
             memory.met(self.now)
         self.pass_time(0.3)
@@ -635,30 +635,30 @@ class Strays(RuleBasedStateMachine):
     def time(self, seconds: float) -> None:
         self.pass_time(seconds)
 
-    @rule(who=st.integers(0, PEERS - 1), how=st.sampled_from(["stop", "release", "mission"]))
-    def people(self, who: int, how: str) -> None:
-        self.do(who, how)
+    @rule(peer=st.integers(0, PEERS - 1), how=st.sampled_from(["stop", "release", "mission"]))
+    def people(self, peer: int, how: str) -> None:
+        self.do(peer, how)
 
-    def do(self, who: int, how: str) -> None:
+    def do(self, peer: int, how: str) -> None:
         """One of them is the robot agent, or the interface agent: by its word people count."""
         self.count += 1
-        memory = self.peers[who]
+        memory = self.peers[peer]
         if how == "mission":
             known = memory.newest(Trajectory)
             counter = 1 if known is None else next_count(known.counter)
             mission = Trajectory(counter, self.count, GOAL)
             memory.note(mission)
-            self.say(mission, who)
+            self.send(mission, peer)
             return
         stop = memory.newest(Stop) or Stop()
         if how == "stop":
-            self.say(Stop(next_count(stop.counter), True, "people", self.count))
+            self.send(Stop(next_count(stop.counter), True, "people", self.count))
             for each in self.peers:
                 known = each.newest(Stop)
                 assert known is not None
                 assert known.stopped, "a stop always latches"
         elif stop.stopped:
-            self.say(Stop(next_count(stop.counter), False, "people", stop.press))
+            self.send(Stop(next_count(stop.counter), False, "people", stop.press))
             assert not (memory.newest(Stop) or Stop()).stopped
 
     def teardown(self) -> None:
@@ -680,7 +680,7 @@ class Strays(RuleBasedStateMachine):
         assert mission.mission == self.count - 2, "the last one that was begun"
 
     def meet(self) -> None:
-        """Everybody appears to everybody, time and again."""
+        """All processes appear to each other, repeatedly."""
         self.pass_time(2.0)
         for _ in range(3):
             for memory in self.peers:
@@ -692,23 +692,27 @@ TestStrays = Strays.TestCase
 TestStrays.settings = settings(max_examples=60, stateful_step_count=20)
 
 
-def everybody(hear: Callable[[Memory, Latched], bool], *said: Latched) -> set[Latched | None]:
+def outcomes(deliver: Callable[[Memory, Latched], bool], *messages: Latched) -> set[Latched | None]:
     """What is known after some messages, in all orders of two copies each."""
     found = set()
     for seed in range(40):
-        memory, order = Memory(random.Random(1)), [*said, *said]
+        memory, order = Memory(random.Random(1)), [*messages, *messages]
         random.Random(seed).shuffle(order)
         for message in order:
-            hear(memory, message)
-        found.add(memory.newest(type(said[0])))
+            deliver(memory, message)
+        found.add(memory.newest(type(messages[0])))
     return found
 
 
 def test_in_whatever_order_and_however_often_all_come_to_one_trajectory() -> None:
-    said = [Trajectory(n // 2, n, GOAL) for n in range(6)]
-    assert everybody(lambda memory, message: memory.update(message, 0.0), *said) == {said[-1]}
+    messages = [Trajectory(n // 2, n, GOAL) for n in range(6)]
+    assert outcomes(lambda memory, message: memory.update(message, 0.0), *messages) == {
+        messages[-1]
+    }
 
 
 def test_in_whatever_order_and_however_often_a_stop_and_its_release_come_to_the_release() -> None:
-    said = [Stop(6, True, "a", 1), Stop(7, False, "b", 1)]
-    assert everybody(lambda memory, message: memory.update(message, 0.0), *said) == {said[-1]}
+    messages = [Stop(6, True, "a", 1), Stop(7, False, "b", 1)]
+    assert outcomes(lambda memory, message: memory.update(message, 0.0), *messages) == {
+        messages[-1]
+    }

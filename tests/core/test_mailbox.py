@@ -101,7 +101,7 @@ def test_keys_that_are_too_many_take_no_others_place() -> None:
 
 
 class Model:
-    """What a mailbox should do, said plainly: one list in order of arrival."""
+    """A simple model of a mailbox: one list in order of arrival."""
 
     def __init__(self) -> None:
         self.waiting: list[tuple[str, int]] = []

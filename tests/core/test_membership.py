@@ -13,13 +13,13 @@ from msgspec.structs import replace
 from armadico.core.membership import (
     AGAIN_S,
     ALONE_S,
+    ANNOUNCED_S,
     CARD_S,
     GOING_S,
     GRACE_S,
     MUCH,
     QUIET_S,
     RESTLESS_S,
-    TOLD_S,
     Admission,
     Stage,
 )
@@ -41,9 +41,9 @@ def card(
 
 
 def settle(admission: Admission, now: float, until: float = 60.0) -> float:
-    """Ask and look whenever it wants to; nobody answers. Returns when it did so last."""
+    """Query and check whenever it is due, without replies. Returns the last time."""
     while True:
-        admission.questions(now)
+        admission.queries(now)
         if admission.check(now) not in (Stage.LOOKING, Stage.CLAIMING) or now >= until:
             return now
         due = admission.wakeup
@@ -52,30 +52,30 @@ def settle(admission: Admission, now: float, until: float = 60.0) -> float:
         now = due
 
 
-def test_where_nobody_is_it_joins_after_a_moment() -> None:
+def test_alone_it_joins_after_a_moment() -> None:
     admission = Admission("goto", "goto-1", 10.0)
     assert settle(admission, 10.0) == pytest.approx(10.0 + ALONE_S)
     assert admission.stage is Stage.JOINED
 
 
-def test_where_others_are_it_asks_each_for_its_card_once_and_joins() -> None:
+def test_among_others_it_queries_each_card_once_and_joins() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     admission.appeared("goto", "goto-1", 0.01)  # itself
     for _ in range(2):
         admission.appeared("avoid", "avoid-2", 0.01)
-    assert admission.questions(0.01) == [("avoid", "avoid-2")]
-    assert admission.questions(0.02) == []
-    admission.answered("avoid-2", card("avoid-2"), 0.02)
-    admission.answered("avoid-2", None, 0.5)  # no more answers
+    assert admission.queries(0.01) == [("avoid", "avoid-2")]
+    assert admission.queries(0.02) == []
+    admission.on_card("avoid-2", card("avoid-2"), 0.02)
+    admission.on_card("avoid-2", None, 0.5)  # no more answers
     assert settle(admission, 0.02) == pytest.approx(0.01 + QUIET_S)
     assert admission.stage is Stage.JOINED
 
 
 @pytest.mark.parametrize("alone", [False, True])
-def test_who_still_waits_for_something_is_not_woken_again_at_once(alone: bool) -> None:
+def test_an_instance_that_waits_is_not_woken_at_once_again(alone: bool) -> None:
     admission = Admission("goto", "goto-1", 0.0, alone=alone)
     admission.appeared("avoid", "avoid-2", 0.002)
-    assert admission.questions(0.002)
+    assert admission.queries(0.002)
     settled = 0.002 + QUIET_S
     assert admission.check(settled) is Stage.LOOKING, "a card may still come"
     assert admission.wakeup == pytest.approx(0.002 + CARD_S)
@@ -92,17 +92,17 @@ def test_however_many_come_and_go_it_waits_no_longer() -> None:
     assert at == pytest.approx(RESTLESS_S, abs=0.011)
 
 
-def test_one_that_hangs_is_not_waited_for_and_asked_again_later() -> None:
+def test_a_hanging_instance_is_not_waited_for_and_queried_again_later() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     admission.appeared("avoid", "avoid-2", 0.0)
-    assert admission.questions(0.0)
+    assert admission.queries(0.0)
     assert settle(admission, 0.0) == pytest.approx(CARD_S)
-    admission.answered("avoid-2", None, CARD_S)
-    assert admission.questions(CARD_S) == []
+    admission.on_card("avoid-2", None, CARD_S)
+    assert admission.queries(CARD_S) == []
     assert admission.check(CARD_S + GRACE_S) is Stage.JOINED
     due = admission.wakeup
     assert due is not None
-    assert admission.questions(due) == [("avoid", "avoid-2")]
+    assert admission.queries(due) == [("avoid", "avoid-2")]
 
 
 def meet(
@@ -114,11 +114,11 @@ def meet(
     owns: tuple[str, ...] = (),
     tenure: int = 0,
 ) -> None:
-    """An instance appears and gives its card, which says another protocol."""
+    """An instance appears and replies with its card, by default of another protocol."""
     admission.appeared(instance.rpartition("-")[0], instance, now)
-    assert admission.questions(now)
-    said = card(instance, protocol, "lab3", 42, owns=owns, tenure=tenure)
-    admission.answered(instance, said, now)
+    assert admission.queries(now)
+    reply = card(instance, protocol, "lab3", 42, owns=owns, tenure=tenure)
+    admission.on_card(instance, reply, now)
 
 
 def test_among_agents_of_another_protocol_it_names_one_and_does_not_join() -> None:
@@ -126,11 +126,11 @@ def test_among_agents_of_another_protocol_it_names_one_and_does_not_join() -> No
     meet(admission, "avoid-2", 0.0)
     assert settle(admission, 0.0) == pytest.approx(GRACE_S), "an owner may come yet"
     assert admission.stage is Stage.REFUSED
-    for part in ("avoid-2", "lab3", "42", f"protocol {PROTOCOL + 1}", f"this one {PROTOCOL}"):
+    for part in ("avoid-2", "lab3", "42", str(PROTOCOL + 1), str(PROTOCOL)):
         assert part in admission.refusal
 
 
-def test_if_it_hears_of_them_a_little_later_it_leaves_again() -> None:
+def test_if_it_detects_them_a_little_later_it_leaves_again() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     joined = settle(admission, 0.0)
     meet(admission, "avoid-2", joined + 1.0)
@@ -151,8 +151,8 @@ def test_one_that_comes_later_still_is_the_newcomer_itself() -> None:
 
 
 @pytest.mark.parametrize(("protocol", "stays"), [(PROTOCOL, True), (PROTOCOL + 1, False)])
-def test_whoever_speaks_an_owners_protocol_stays(protocol: int, stays: bool) -> None:
-    """So one stranger keeps nobody from starting again."""
+def test_agents_of_the_owners_protocol_stay(protocol: int, stays: bool) -> None:
+    """So one stranger does not prevent a restart."""
     admission = Admission("goto", "goto-1", 0.0)
     meet(admission, "avoid-2", 0.0)
     meet(admission, "robot-3", 0.0, protocol, owns=("wheels",))
@@ -163,12 +163,14 @@ def test_whoever_speaks_an_owners_protocol_stays(protocol: int, stays: bool) -> 
 def replay(
     admission: Admission, news: dict[str, Card], comes: dict[str, tuple[float, float]]
 ) -> None:
-    """Whose tokens come when, and how long their cards take after they were asked for."""
-    coming: list[tuple[float, str, str]] = [(at, who, "token") for who, (at, _) in comes.items()]
+    """Run with the given times of tokens and delays of cards."""
+    coming: list[tuple[float, str, str]] = [
+        (at, other, "token") for other, (at, _) in comes.items()
+    ]
     now = 0.0
     while True:
-        for _, who in admission.questions(now):
-            coming.append((now + comes[who][1], who, "card"))
+        for _, other in admission.queries(now):
+            coming.append((now + comes[other][1], other, "card"))
         admission.check(now)
         due = admission.wakeup
         if admission.stage is Stage.REFUSED or (due is None and not coming):
@@ -176,11 +178,11 @@ def replay(
         now = min([at for at, *_ in coming] + ([due] if due is not None else []))
         for item in [item for item in coming if item[0] <= now]:
             coming.remove(item)
-            _, who, what = item
+            _, other, what = item
             if what == "token":
-                admission.appeared(news[who].name, who, now)
+                admission.appeared(news[other].name, other, now)
             else:
-                admission.answered(who, news[who], now)
+                admission.on_card(other, news[other], now)
 
 
 LATE = st.tuples(st.floats(0.001, GRACE_S - CARD_S), st.floats(0.001, 0.99 * CARD_S))
@@ -188,7 +190,7 @@ LATE = st.tuples(st.floats(0.001, GRACE_S - CARD_S), st.floats(0.001, 0.99 * CAR
 
 @given(owner=LATE, stranger=LATE, alone=st.booleans())
 @example(owner=(0.03, 0.002), stranger=(0.01, 0.002), alone=False)
-def test_whichever_token_comes_first_it_joins_the_owner_who_speaks_its_protocol(
+def test_it_joins_the_owner_of_its_protocol_in_any_order_of_tokens(
     owner: tuple[float, float], stranger: tuple[float, float], alone: bool
 ) -> None:
     """Links come up one after another: the stranger's card came first, and it went at once."""
@@ -216,10 +218,10 @@ def test_an_owners_card_that_is_on_its_way_is_waited_for_at_the_end_of_the_grace
     end = settle(admission, 0.0) + GRACE_S
     meet(admission, "avoid-2", end - 0.2)
     admission.appeared("robot", "robot-3", end - 0.1)
-    assert admission.questions(end - 0.1)
+    assert admission.queries(end - 0.1)
     assert admission.check(end) is Stage.JOINED
     assert admission.wakeup == pytest.approx(end - 0.1 + CARD_S)
-    admission.answered("robot-3", card("robot-3", owns=("wheels",)), end + 0.1)
+    admission.on_card("robot-3", card("robot-3", owns=("wheels",)), end + 0.1)
     assert admission.check(100.0) is Stage.JOINED
 
 
@@ -241,7 +243,7 @@ ONE_ALONE = ("encoder", "sonar", "interface", "path-planning", "robot")
 
 
 @pytest.mark.parametrize("name", ONE_ALONE)
-def test_a_second_one_is_refused_at_once_and_names_who_is_at_work(name: str) -> None:
+def test_a_second_one_is_refused_at_once_with_the_working_instance(name: str) -> None:
     admission = Admission(name, f"{name}-2", 0.0, alone=True)
     meet(admission, f"{name}-9", 0.01, PROTOCOL, tenure=500)
     assert settle(admission, 0.01) == pytest.approx(0.01)
@@ -263,10 +265,10 @@ def test_a_token_without_a_card_keeps_a_newcomer_out_once_it_could_have_gone() -
 def test_it_joins_if_the_token_goes_in_time() -> None:
     admission = Admission("robot", "robot-2", 0.0, alone=True)
     admission.appeared("robot", "robot-9", 0.0)
-    admission.questions(0.0)
+    admission.queries(0.0)
     admission.check(1.0)
     admission.disappeared("robot-9", 1.0)
-    assert settle(admission, 1.0) < 1.0 + QUIET_S + max(TOLD_S, ALONE_S, QUIET_S) + 0.01
+    assert settle(admission, 1.0) < 1.0 + QUIET_S + max(ANNOUNCED_S, ALONE_S, QUIET_S) + 0.01
     assert admission.stage is Stage.JOINED
 
 
@@ -277,7 +279,7 @@ def test_others_of_other_names_are_not_in_its_way() -> None:
     assert admission.stage is Stage.JOINED
 
 
-def test_of_two_that_begin_at_once_the_larger_id_waits_for_nobody() -> None:
+def test_of_two_that_begin_at_once_the_larger_id_leaves() -> None:
     admission = Admission("robot", "robot-9", 0.0, alone=True)
     now = 0.0
     while admission.check(now) is not Stage.CLAIMING:
@@ -299,18 +301,18 @@ def test_one_with_a_larger_id_that_does_not_leave_keeps_it_out() -> None:
 
 def both_at_work(longer: int, shorter: int) -> list[Admission]:
     """Two robot agents on either side of a cut that has healed, and what each has of the other."""
-    both = [Admission("robot", who, 0.0, alone=True) for who in ("robot-2", "robot-9")]
+    both = [Admission("robot", other, 0.0, alone=True) for other in ("robot-2", "robot-9")]
     for admission, tenure in zip(both, (shorter, longer), strict=True):
         settle(admission, 0.0)
         admission.tenure = tenure
     for admission, other in zip(both, ("robot-9", "robot-2"), strict=True):
         admission.appeared("robot", other, 50.0)
-        assert admission.questions(50.0)
-        assert admission.check(50.0) is Stage.JOINED, "it waits for the card, to say who that is"
+        assert admission.queries(50.0)
+        assert admission.check(50.0) is Stage.JOINED, "it waits for the card, for its refusal"
     for admission, other, tenure in zip(
         both, ("robot-9", "robot-2"), (longer, shorter), strict=True
     ):
-        admission.answered(other, card(other, host="lab3", tenure=tenure), 50.1)
+        admission.on_card(other, card(other, host="lab3", tenure=tenure), 50.1)
     return both
 
 
@@ -330,45 +332,45 @@ def test_of_two_that_have_been_at_work_for_as_long_the_smaller_id_stays() -> Non
 @pytest.mark.parametrize("longer", ["robot-2", "robot-9"])
 def test_of_two_at_work_one_leaves_however_much_longer_it_has_been(more: int, longer: str) -> None:
     """Between 11 and 20 cycles none did, for good."""
-    both = {who: Admission("robot", who, 0.0, alone=True) for who in ("robot-2", "robot-9")}
+    both = {one: Admission("robot", one, 0.0, alone=True) for one in ("robot-2", "robot-9")}
     for admission in both.values():
         settle(admission, 0.0)
     others = {"robot-2": "robot-9", "robot-9": "robot-2"}
-    for who, other in others.items():
-        both[who].appeared("robot", other, 50.0)
+    for one, other in others.items():
+        both[one].appeared("robot", other, 50.0)
     for cycle in range(400):
         now = 50.0 + 0.1 * cycle
-        for who, admission in both.items():
-            admission.tenure = 4 + cycle + (more if who == longer else 0)
-        for who, admission in both.items():
-            for _, other in admission.questions(now):
+        for one, admission in both.items():
+            admission.tenure = 4 + cycle + (more if one == longer else 0)
+        for one, admission in both.items():
+            for _, other in admission.queries(now):
                 theirs = replace(card(other), tenure=both[other].tenure)
-                admission.answered(other, theirs, now)
+                admission.on_card(other, theirs, now)
             if admission.check(now) is Stage.REFUSED:
-                both[others[who]].disappeared(who, now)
-    stay = [who for who, admission in both.items() if admission.stage is Stage.JOINED]
+                both[others[one]].disappeared(one, now)
+    stay = [one for one, admission in both.items() if admission.stage is Stage.JOINED]
     assert len(stay) == 1
     if more > 20:
         assert stay == [longer]
 
 
-def test_a_token_without_a_card_drives_nobody_out() -> None:
-    """However small its id, and however often it is asked."""
+def test_a_token_without_a_card_displaces_no_instance() -> None:
+    """However small its id, and however often it is queried."""
     admission = Admission("robot", "robot-9", 0.0, alone=True, owns=("wheels",))
     settle(admission, 0.0)
     admission.tenure = 400
     admission.appeared("robot", "robot-0000000000000000", 50.0)
-    asked = 0
+    queried = 0
     for step in range(3000):
         now = 50.0 + 0.02 * step
-        if admission.questions(now):
-            asked += 1
-            admission.answered("robot-0000000000000000", None, now)
+        if admission.queries(now):
+            queried += 1
+            admission.on_card("robot-0000000000000000", None, now)
         assert admission.check(now) is Stage.JOINED
-    assert asked == pytest.approx(60.0 / AGAIN_S, abs=1)
+    assert queried == pytest.approx(60.0 / AGAIN_S, abs=1)
 
 
-def test_a_card_that_says_that_it_never_began_drives_nobody_out() -> None:
+def test_a_card_without_worked_cycles_displaces_no_instance() -> None:
     admission = Admission("robot", "robot-9", 0.0, alone=True)
     settle(admission, 0.0)
     admission.tenure = 400
@@ -379,7 +381,7 @@ def test_a_card_that_says_that_it_never_began_drives_nobody_out() -> None:
 # One that owns a resource -------------------------------------------------------------------------
 
 
-def test_a_second_owner_is_refused_and_told_whose_the_resource_is() -> None:
+def test_a_second_owner_is_refused_with_the_present_owner() -> None:
     admission = Admission("claw", "claw-1", 0.0, owns=("gripper", "lamp"))
     meet(admission, "arm-5", 0.0, PROTOCOL, owns=("gripper", "elbow"), tenure=30)
     settle(admission, 0.0)
@@ -395,7 +397,7 @@ def test_owners_of_different_resources_are_not_in_each_others_way() -> None:
     assert admission.stage is Stage.JOINED
 
 
-def test_who_owns_nothing_may_join_beside_any_owner_and_itself() -> None:
+def test_an_agent_without_resources_may_join_beside_any_owner_and_its_twin() -> None:
     admission = Admission("goto", "goto-1", 0.0)
     meet(admission, "goto-2", 0.0, PROTOCOL, tenure=30)
     meet(admission, "robot-2", 0.0, PROTOCOL, owns=("wheels",), tenure=30)

@@ -1,4 +1,4 @@
-"""What is said on the mesh: the order of fields is the wire, and nothing unsound gets on or off."""
+"""Messages: the order of fields is the wire, and invalid messages are neither sent nor received."""
 
 from __future__ import annotations
 
@@ -184,6 +184,7 @@ PLAIN = st.recursive(
 )
 
 
+@pytest.mark.long
 @given(plain=PLAIN)
 def test_cbor_takes_at_most_twice_the_bytes_of_message_pack(plain: Any) -> None:
     """By this `checked` finds that a message is small enough without encoding it as CBOR."""
@@ -197,7 +198,7 @@ def test_the_order_of_fields_is_the_wire(name: str) -> None:
     known = WIRE[name].split()
     assert list(fields[: len(known)]) == known
     appended = len(fields) - len(known)
-    assert appended <= len(kind.__struct_defaults__)  # who does not say them is understood
+    assert appended <= len(kind.__struct_defaults__)  # messages without them are decoded
 
 
 def test_a_message_travels_as_a_cbor_array() -> None:
@@ -253,11 +254,11 @@ UNSOUND: list[tuple[str, Message]] = [
     ("a counter beyond 2^52", m.Stop(LARGEST_COUNT + 1, True, "a", 1)),
     ("a cycle's number beyond 2^52", Pose(m.Cycle(1, LARGEST_COUNT + 1), 0.0, 0.0, 0.0)),
     (
-        "at work for longer than anybody",
+        "too many worked cycles",
         m.Card("a", "a-1", "h", 1, "1", 2, (), (), (), tenure=2**52),
     ),
     ("a negative term", m.Ballot(-1, 0.5, False, "a")),
-    ("nobody's ballot", m.Ballot(1, 0.5, False, "")),
+    ("a ballot without an instance", m.Ballot(1, 0.5, False, "")),
     ("a long name", m.Ballot(1, 0.5, False, "a" * 129)),
     ("a long text", m.Log(20, "a" * 2001)),
     ("a text of two lines", m.Log(20, "one\ntwo")),
@@ -266,7 +267,7 @@ UNSOUND: list[tuple[str, Message]] = [
     ("a text that turns the direction of writing", m.Log(20, "one\u202etwo")),
     ("a name that does", m.Ballot(1, 0.5, False, "goto\u2067-1")),
     ("a name that ends its line", m.Ballot(1, 0.5, False, "goto-1\n")),
-    ("who stopped it, over two lines", m.Stop(1, True, "a\nb", 1)),
+    ("a name of two lines", m.Stop(1, True, "a\nb", 1)),
     (
         "an action of 65 numbers",
         m.Command("w", m.Cycle(1, 1), m.Ballot(1, 1, False, "a"), (0.0,) * 65),
@@ -334,7 +335,7 @@ def test_a_damaged_message_is_another_one_or_an_error(data: st.DataObject) -> No
 
 
 def indefinite(items: int) -> bytes:
-    """An array of that many zeros that does not say how many they are."""
+    """An array of `count` zeros of indefinite length."""
     return b"\x9f" + b"\x00" * items + b"\xff"
 
 
@@ -347,8 +348,8 @@ HOSTILE = [
     ("an array that holds itself", bytes.fromhex("d81c81d81d00")),
     ("a broken text", b"\x62\xff\xff"),
     ("nothing", b""),
-    ("an array that does not say its length", indefinite(4)),
-    ("a text that does not say its length", b"\x7f\x61a\xff"),
+    ("an array of indefinite length", indefinite(4)),
+    ("a text of indefinite length", b"\x7f\x61a\xff"),
     ("a pose within a tag", b"\xd9\xd9\xf7" + encode(POSE)),
 ]
 
@@ -475,5 +476,5 @@ def test_a_jump_fits_a_million_times_below_the_largest_count() -> None:
 
 @given(st.text(max_size=3000))
 def test_any_text_can_be_made_a_line(text: str) -> None:
-    said = m.Log(20, line(text))
-    assert decode(encode(said), m.Log) == said
+    message = m.Log(20, line(text))
+    assert decode(encode(message), m.Log) == message

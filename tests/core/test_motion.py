@@ -104,7 +104,7 @@ def test_the_time_counted_is_the_owners_silence_and_the_controllers_lag() -> Non
 
 
 def test_a_command_is_not_what_the_robot_does() -> None:
-    """At 0.45 m/s, told to turn on the spot, its front corner swings into what it would pass."""
+    """At 0.45 m/s, ordered to turn in place, its front corner would hit what it would pass."""
     at_speed, at_rest, on_the_spot = (0.45, 0.0), (0.0, 0.0), (0.02, 1.05)
     beside = [Point(0.32, 0.20)]
     assert touches_at(PIONEER, at_rest, on_the_spot, beside, 0.02) == inf
@@ -137,7 +137,7 @@ def test_another_robot_has_another_way_to_rest() -> None:
 
 
 def within(kind: Any) -> st.SearchStrategy[float]:
-    """All that a message may say in a field of a kind, the ends of its range often."""
+    """All valid values of a field, the ends of its range often."""
     (meta,) = kind.__metadata__
     low = nextafter(meta.gt, inf) if meta.ge is None else meta.ge
     return st.sampled_from([low, meta.le]) | st.floats(low, meta.le)
@@ -157,11 +157,11 @@ any_speeds = st.tuples(within(Speed), within(Turn))
 
 
 @given(bodies, any_speeds, any_speeds, st.integers(0, 3))
-def test_whatever_anybody_says_of_the_robot_is_told_from_in_so_many_steps(
-    told: Description, measured: Speeds, wanted: Speeds, age: int
+def test_any_description_is_predicted_in_a_bounded_number_of_steps(
+    description: Description, measured: Speeds, wanted: Speeds, age: int
 ) -> None:
     """One state at 1,000 m/s took 16,668 steps for each command that was looked at."""
-    robot = Body.of(decode(encode(told), Description))
+    robot = Body.of(decode(encode(description), Description))
     way = course(robot, measured, wanted, age * robot.cycle_s)
     assert len(way) <= RAMP_STEPS + 3  # each phase ends with one that is cut short
     assert all(isfinite(number) for step in way for number in step)
@@ -176,15 +176,15 @@ def test_whatever_anybody_says_of_the_robot_is_told_from_in_so_many_steps(
         ((0.5, 0.5), {"w_decel": 1e-6, "cycle_s": 1e-6}),
     ],
 )
-def test_numbers_that_no_message_may_say_take_no_more(
+def test_numbers_beyond_any_message_take_no_more_steps(
     measured: Speeds, changed: dict[str, float]
 ) -> None:
     assert len(course(PIONEER._replace(**changed), measured, (0.5, 0.0))) <= RAMP_STEPS + 3
 
 
 def test_all_that_a_pioneer_can_do_is_followed_cycle_by_cycle() -> None:
-    told = described()
-    waited, fastest = 3 * told.cycle_s, (told.v_max, told.w_max)
+    description = described()
+    waited, fastest = 3 * description.cycle_s, (description.v_max, description.w_max)
     way = course(PIONEER, fastest, fastest, waited)
     ramps = [step.at for step in way if step.at > waited + PIONEER.dead_s]
-    assert max(there - here for here, there in pairwise(ramps)) <= told.cycle_s + 1e-6
+    assert max(there - here for here, there in pairwise(ramps)) <= description.cycle_s + 1e-6

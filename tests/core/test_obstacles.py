@@ -1,4 +1,4 @@
-"""Obstacles by several sensors: all count, and the oldest says how old they are."""
+"""Obstacles of several sensors: all count, and the age is that of the oldest."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def near(sensor: str, number: int, *points: Point) -> Obstacles:
 def test_of_one_sensor_it_is_its_own() -> None:
     around = Surroundings()
     around.describe(of(*("sonar",)))
-    said = near("sonar", 3, Point(1, 0))
-    assert around.update(said) is said
+    message = near("sonar", 3, Point(1, 0))
+    assert around.update(message) is message
     assert not around.counts(near("laser", 3))
 
 
-def test_before_the_robot_says_what_it_has_whatever_comes_is_taken() -> None:
+def test_before_the_description_any_sensor_is_accepted() -> None:
     around = Surroundings()
     laser, sonar = near("laser", 3), near("sonar", 3)
     assert around.counts(near("laser", 3))
@@ -35,7 +35,7 @@ def test_before_the_robot_says_what_it_has_whatever_comes_is_taken() -> None:
 def test_all_are_taken_together_as_old_as_the_oldest() -> None:
     around = Surroundings()
     around.describe(of(*("sonar", "laser")))
-    assert around.update(near("laser", 4, Point(0.5, 0))) is None, "the sonars have said nothing"
+    assert around.update(near("laser", 4, Point(0.5, 0))) is None, "there are none by the sonars"
     assert around.missing(lambda cycle: cycle.number >= 3) == "sonar"
     both = around.update(near("sonar", 3, Point(1, 0), Point(2, 0)))
     assert both is not None
@@ -52,8 +52,8 @@ def test_a_sensor_that_the_robot_no_longer_has_counts_no_more() -> None:
     around.describe(of(*("sonar", "laser")))
     around.update(near("sonar", 3, Point(1, 0)))
     around.describe(of(*("laser",)))
-    said = near("laser", 4)
-    assert around.update(said) is said
+    message = near("laser", 4)
+    assert around.update(message) is message
 
 
 def test_nothing_near_by_any_is_nothing_near() -> None:

@@ -33,7 +33,7 @@ def test_a_message_of_them_is_small() -> None:
     assert len(encode(message_of(CYCLE, poses))) < 6 * MOST + 50
 
 
-def test_the_bytes_are_what_the_protocol_says() -> None:
+def test_the_bytes_are_as_in_the_protocol() -> None:
     message = message_of(CYCLE, [(1.0, 2.0, 0.0), (1.258, 2.001, -pi / 2)])
     assert (message.x, message.y, message.step) == (1.0, 2.0, 0.001)
     assert message.packed == bytes([0, 0, 0, 0, 0, 0, 2, 1, 1, 0, 0, 0xC0])

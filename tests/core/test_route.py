@@ -47,7 +47,7 @@ def test_a_waypoint_is_passed_on_crossing_its_line_not_too_far_aside(route: Rout
     assert route.leg == 1
 
 
-def test_whoever_is_on_the_next_leg_already_has_passed_the_waypoint(route: Route) -> None:
+def test_on_the_next_leg_the_waypoint_is_passed(route: Route) -> None:
     route.advance(4.2, BESIDE_M + 0.5)
     assert route.leg == 1
 
@@ -78,13 +78,13 @@ def test_waypoints_on_one_spot_are_passed_together() -> None:
     assert route.leg == 3
 
 
-def test_who_comes_late_is_told_the_leg_and_where_it_began() -> None:
+def test_a_late_agent_gets_the_leg_and_the_start() -> None:
     late = Route.of(Trajectory(1, 7, CORNER, Point(4.0, -1.0), 1))
     assert late.target == CORNER[1]
     assert Route.of(Trajectory(1, 7, CORNER, Point(0.0, 0.0), 9)).leg == 1
 
 
-def test_it_catches_up_with_who_knows_that_more_is_passed_and_never_goes_back(
+def test_it_catches_up_with_a_published_leg_and_never_goes_back(
     route: Route,
 ) -> None:
     route.catch_up(1)
@@ -106,7 +106,7 @@ U_TURN = (
 )
 
 
-def test_who_did_not_see_waypoints_passed_finds_the_robot_on_a_leg_far_on() -> None:
+def test_after_missed_poses_the_robot_is_found_on_a_later_leg() -> None:
     route = Route(U_TURN, Point(1.8, 0.5))
     route.advance(1.61, 1.76)
     route.advance(1.83, 3.77)  # two waypoints farther on
@@ -123,7 +123,7 @@ def test_led_off_the_line_meanwhile_it_finds_it_when_it_is_back() -> None:
     assert route.leg == 2
 
 
-def test_who_sees_all_of_the_way_skips_nothing() -> None:
+def test_with_all_poses_no_waypoint_is_skipped() -> None:
     route = Route(U_TURN, Point(1.8, 0.5))
     for step in range(60):  # from beside the second leg straight to the third, cycle by cycle
         route.advance(2.4 + 0.01 * step, 1.76 + 0.03 * step)

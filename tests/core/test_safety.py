@@ -1,4 +1,4 @@
-"""Nobody does what cannot be stopped, and nobody swings a corner into something."""
+"""The robot can always stop, and hits nothing with a corner of its footprint."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_the_way_is_free_so_nothing_changes() -> None:
 def test_without_a_map_it_stops_within_the_way_to_the_nearest_point_in_any_direction(
     away: float, bearing: float
 ) -> None:
-    """A sonar does not hear how the wall goes on that the point is of."""
+    """A sonar does not detect how the wall of a point continues."""
     point = Point(away * cos(bearing), away * sin(bearing))
     by_ear = limited(1.6, 0.0, point, safety=Safety(unmapped=True)).v
     corner = turning_circle(*OUTLINE)
@@ -54,23 +54,24 @@ def test_without_a_map_it_stops_within_the_way_to_the_nearest_point_in_any_direc
     assert 0.2 < by_ear <= limited(1.6, 0.0, point).v
 
 
-def test_without_a_map_and_with_nothing_heard_it_drives_as_ever() -> None:
+def test_without_a_map_and_without_echoes_it_drives_as_before() -> None:
     assert limited(1.5, 0.3, safety=Safety(unmapped=True)) == (1.5, 0.3, inf)
 
 
 @given(st.floats(0.0, 5.0), st.floats(0.0, 0.5))
-def test_it_stops_within_the_way_for_which_a_speed_was_asked(free: float, waited: float) -> None:
+def test_it_stops_within_the_distance_of_its_speed(free: float, waited: float) -> None:
     v = PIONEER.stops_within(free, waited)
     assert PIONEER.stopping_distance(v, waited) == pytest.approx(free, abs=1e-6)
 
 
-def test_nobody_wishes_for_more_than_the_robot_can() -> None:
+def test_wanted_speeds_are_limited_to_the_robots() -> None:
     assert limited(9.0, -9.0)[:2] == (PIONEER.v_max, -PIONEER.w_max)
 
 
+@pytest.mark.long
 @settings(max_examples=150)
 @given(worlds, speeds, WHOLE, st.sampled_from([0.0, 0.12]))
-def test_who_can_still_stop_is_never_told_to_do_what_touches(
+def test_a_robot_that_can_still_stop_gets_no_speeds_that_touch(
     points: list[Point], measured: Speeds, wanted: Speeds, slow: float
 ) -> None:
     """By a model of its own in steps of 5 ms: on, ramps to what is commanded, ramps to rest."""
@@ -94,7 +95,7 @@ def test_a_limited_motion_is_never_faster_nor_turned_the_other_way(
     assert 0.0 <= turning <= w or w <= turning <= 0.0
 
 
-def test_at_speed_it_is_not_told_to_turn_on_the_spot_beside_a_corner() -> None:
+def test_at_speed_it_does_not_turn_in_place_beside_a_corner() -> None:
     """(0.02 m/s, 1.05 rad/s) at 0.45 m/s is not creeping: the front corner swings, and touched."""
     corner = Point(0.32, 0.25)
     assert limited(0.02, 1.05, corner)[:2] == (0.02, 1.05)
@@ -140,7 +141,7 @@ def test_it_does_not_turn_on_the_spot_where_a_corner_would_hit() -> None:
     assert limited(0.0, 0.8, Point(-0.2, -0.5)).w == 0.8
 
 
-def test_it_says_how_far_the_way_was_free() -> None:
+def test_it_returns_the_free_path() -> None:
     assert limited(0.5, 0.0, Point(1.21, 0.0)).free == pytest.approx(1.0 - SAFETY.margin_m)
     assert limited(0.0, 0.5, Point(1.21, 0.0)).free == inf
 
@@ -169,7 +170,7 @@ def test_the_fastest_that_is_looked_for_is_admissible_itself(measured: float) ->
     assert looked_for
 
 
-def test_a_tight_place_is_driven_through_slowly_where_a_parameter_says_so() -> None:
+def test_a_tight_place_is_driven_through_slowly_with_a_parameter() -> None:
     sides, squeezing = (Point(0.32, 0.2), Point(0.32, -0.2)), Safety(slow=0.12)
     assert limited(0.4, 0.0, *sides, measured=(0.1, 0.0)).v < 0.06
     assert limited(0.4, 0.0, *sides, measured=(0.1, 0.0), safety=squeezing).v >= 0.12

@@ -1,4 +1,4 @@
-"""A laser's scan as a message: what drivers say, and what of it the others are told."""
+"""A laser's scan as a message, from all variants of drivers."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ def scan(ranges: list[float], first: float = -0.1, step: float = 0.1, **more: ob
 
 def test_a_scan_comes_back_to_a_millimetre_and_is_small() -> None:
     ranges = np.random.default_rng(1).uniform(0.1, 30.0, 720)
-    said = message_of(AT, ranges, (radians(-135), radians(270) / 719), LIMITS, MOUNT, number=3)
-    data = encode(said)
+    message = message_of(AT, ranges, (radians(-135), radians(270) / 719), LIMITS, MOUNT, number=3)
+    data = encode(message)
     assert len(data) < 1500
     back = decode(data, Scan)
-    assert back == said
+    assert back == message
     assert np.abs(ranges_of(back) - ranges).max() <= 0.0005
     assert bearings_of(back)[[0, -1]] == pytest.approx([radians(-135), radians(135)])
 
 
-def test_what_is_no_range_is_told_from_what_is_free() -> None:
-    said = scan([nan, 0.0, -1.0, -inf, 0.05, inf, 31.0, 30.0, 29.99, 0.1])
-    found = ranges_of(said)
-    assert np.isnan(found[:5]).all(), "nothing valid: nobody takes it for free"
+def test_invalid_ranges_are_distinguished_from_free_ones() -> None:
+    message = scan([nan, 0.0, -1.0, -inf, 0.05, inf, 31.0, 30.0, 29.99, 0.1])
+    found = ranges_of(message)
+    assert np.isnan(found[:5]).all(), "invalid, not free"
     assert np.isinf(found[5:8]).all(), "the limit itself is no wall"
     assert found[8:].tolist() == [29.99, 0.1]
-    assert len(points_of(said)) == 2
+    assert len(points_of(message)) == 2
 
 
 def test_where_the_laser_sits_and_how_the_robot_moved_since_are_in_it() -> None:
@@ -77,12 +77,12 @@ def test_what_goes_on_beyond_a_turn_is_left_out() -> None:
 def test_of_more_rays_than_a_message_carries_the_nearest_stand_for_their_neighbours() -> None:
     ranges = [5.0] * 8000
     ranges[4001], ranges[4002], ranges[0:4] = 1.0, 0.0, [nan] * 4
-    said = message_of(AT, ranges, (-pi, 2 * pi / 8000), LIMITS, MOUNT)
-    found = ranges_of(said)
+    message = message_of(AT, ranges, (-pi, 2 * pi / 8000), LIMITS, MOUNT)
+    found = ranges_of(message)
     assert len(found) == 2000 <= RAYS
     assert np.isnan(found[0])
     assert found[1000] == 1.0, "the one that has no valid range does not hide it"
-    assert bearings_of(said)[1000] == pytest.approx(0.0, abs=2 * pi / 2000)
+    assert bearings_of(message)[1000] == pytest.approx(0.0, abs=2 * pi / 2000)
 
 
 def test_bytes_that_are_not_two_a_ray_and_rays_without_a_step_are_refused() -> None:

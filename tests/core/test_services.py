@@ -42,8 +42,8 @@ def test_no_two_services_share_a_key_or_but_for_questions_a_message() -> None:
     keys = [service.key for service in table()]
     assert len(set(keys)) == len(keys)
     twice = (m.Ask, m.Command)  # a resource says which key its commands have
-    said = [service.message for service in table() if service.message not in twice]
-    assert len(set(said)) == len(said)
+    listed = [service.message for service in table() if service.message not in twice]
+    assert len(set(listed)) == len(listed)
 
 
 def test_a_query_has_a_reply_and_nothing_else_has() -> None:

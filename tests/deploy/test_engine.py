@@ -49,18 +49,18 @@ def hosts() -> Iterator[ComposeHosts]:
 def ps(hosts: ComposeHosts, host: str) -> tuple[int, str]:
     """What lab3 sees of a host."""
     process = hosts.popen("lab3", ["armadico", "ps", "--host", host])
-    said, _ = process.communicate(timeout=30)
-    return process.returncode, said
+    output, _ = process.communicate(timeout=30)
+    return process.returncode, output
 
 
 def test_a_host_is_lost_and_comes_back_with_nothing_configured(hosts: ComposeHosts) -> None:
     for host in hosts.names:
-        code, said = ps(hosts, host)
-        assert code == 0, said
+        code, output = ps(hosts, host)
+        assert code == 0, output
     hosts.stop("lab2")
-    code, said = ps(hosts, "lab2")
-    assert (code, said) == (1, "lab2: no agent is alive\n")
+    code, output = ps(hosts, "lab2")
+    assert (code, output) == (1, "lab2: no agent is alive\n")
     assert ps(hosts, "lab1")[0] == 0
     hosts.start("lab2", wait=True)
-    code, said = ps(hosts, "lab2")
-    assert code == 0, said
+    code, output = ps(hosts, "lab2")
+    assert code == 0, output

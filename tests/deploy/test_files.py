@@ -1,4 +1,4 @@
-"""What deploy/ says of hosts, packages and locks is what the rest of the tree says of them."""
+"""Hosts, packages and locks in deploy/ agree with the rest of the tree."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def test_each_service_is_a_host_of_the_demo_at_its_address() -> None:
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
-def test_what_make_run_says_to_type_next_works_in_that_shell(tmp_path: Path) -> None:
+def test_the_commands_that_make_run_prints_work_in_that_shell(tmp_path: Path) -> None:
     make = ["make", "--no-print-directory", "-C", str(ROOT), "next", f"VENV={sys.prefix}"]
-    said = subprocess.run(make, capture_output=True, text=True, check=True).stdout
-    typed = "\n".join(line for line in said.splitlines() if line.startswith("  "))
+    output = subprocess.run(make, capture_output=True, text=True, check=True).stdout
+    typed = "\n".join(line for line in output.splitlines() if line.startswith("  "))
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert "$(BIN)/armadico run sc4\n\t@$(MAKE) --no-print-directory next\n" in makefile
     assert "$(PIP) install --require-hashes -r requirements/run.txt" in makefile, "shows progress"

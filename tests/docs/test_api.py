@@ -52,6 +52,7 @@ def test_the_runs_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert names["done"].holders
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_the_guest_of_the_page(shell: Shell) -> None:
     do(shell, "society")

@@ -72,6 +72,7 @@ def newcomer(installed: Shell, monkeypatch: pytest.MonkeyPatch) -> Iterator[type
     sys.modules.pop("wall_follower", None)
 
 
+@pytest.mark.long
 def test_it_joins_a_run_that_goes_on_and_drives_while_the_others_stay_as_they_were(
     newcomer: type[Agent],
 ) -> None:
@@ -112,6 +113,7 @@ def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> No
     assert newcomer.name == NEWCOMER
 
 
+@pytest.mark.long
 def test_an_agent_from_nothing_drives_and_so_it_does_when_it_is_changed(shell: Shell) -> None:
     do(shell, "begin")
     assert "2 passed" in do(shell, "begin-test")

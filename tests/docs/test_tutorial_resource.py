@@ -58,6 +58,7 @@ class Seen:
         return [ack.obeyed.instance.rsplit("-", 1)[0] for ack in self.acks if ack.obeyed]
 
 
+@pytest.mark.long
 def test_the_head_is_held_all_the_time_and_changes_hands_and_the_drive_is_the_same(
     scenario: Scenario,
 ) -> None:

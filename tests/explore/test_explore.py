@@ -18,6 +18,7 @@ from armadico_tools.explore.search import Limits, Search, explore
 from armadico_tools.explore.world import KINDS, Setup, World
 
 
+@pytest.mark.long(but=("setup2",))
 @pytest.mark.parametrize(
     "setup",
     [
@@ -83,8 +84,8 @@ def test_every_way_is_picked_once_and_none_too_dear() -> None:
     assert seen == {(*way, free) for way in ways for free in "ab"}
 
 
-def test_who_is_deposed_just_before_it_would_let_go_does_not_come_back_at_once() -> None:
-    """b hears of each cycle 8 ms before a, whom the owner never hears."""
+def test_a_holder_deposed_just_before_its_release_does_not_return_at_once() -> None:
+    """b receives each cycle 8 ms before a, from which the owner receives nothing."""
     setup = Setup(("0.6", "0.5"), stagger=(8, 0), kinds=("cut",), lasts=(None,))
     world, obeyed = World(setup), 0
     for n in range(1, 108):
@@ -103,7 +104,7 @@ def test_what_cannot_happen_is_not_replayed() -> None:
         replay(Run(Setup(("-", "-")), {1: {"ack>a": "eaten"}}))
 
 
-def test_what_goes_round_for_ever_is_told_from_what_ends() -> None:
+def test_an_endless_loop_is_distinguished_from_an_end() -> None:
     ends = Graph([(1,), (2,), (2,)])
     assert ends.longest([True, True, False]) == [0, 1]
     assert ends.settles_within([True] * 3, [False, True, False]) == 2
@@ -115,7 +116,7 @@ def test_what_goes_round_for_ever_is_told_from_what_ends() -> None:
         round_and_round.settles_within([True] * 3, [False, False, True])
 
 
-def test_what_is_mostly_bad_for_ever_is_told_from_what_seldom_is() -> None:
+def test_mostly_bad_loops_are_distinguished_from_seldom_bad_ones() -> None:
     seldom = Graph([(1,), (2,), (3,), (0,)])
     seldom.mostly_good([True, False, False, False], 3)
     seldom.mostly_good([True, True, True, False], 1)
@@ -128,21 +129,21 @@ def test_what_is_mostly_bad_for_ever_is_told_from_what_seldom_is() -> None:
     assert sorted(never.value.loop) == [0, 1]
 
 
-def test_who_slept_longer_than_a_lease_hears_that_the_others_have_gone() -> None:
+def test_after_a_hang_beyond_the_lease_the_others_are_reported_gone() -> None:
     world = World(Setup(("0.6", "0.5")))
-    said: list[str] = []
+    printed: list[str] = []
     steps = {6: {"event": "hang b 12"}, 18: {"tokens at b": "before it"}}
     for n in range(1, 20):
         script = Script(steps.get(n, {}))
         world.step(script)
         script.done()
-        said += [
+        printed += [
             f"{n} {side.name}" for side in world.sides if side.contender and side.contender.holding
         ]
-    assert said[-1] == "19 a"
+    assert printed[-1] == "19 a"
 
 
-def test_when_all_bid_more_nobody_is_better_than_before() -> None:
+def test_when_all_bids_rise_none_is_better_than_before() -> None:
     world = World(Setup(("0.5", "0.53", "0")))
     for n in range(1, 15):
         world.step(Script({6: {"event": "rise"}}.get(n, {})))
@@ -155,10 +156,10 @@ def test_when_all_bid_more_nobody_is_better_than_before() -> None:
 
 def test_the_command_counts_states(capsys: pytest.CaptureFixture[str]) -> None:
     assert model_check.main(["--faults", "0", "--jobs", "1", "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["counterexamples"] == []
-    assert said["closed"]
-    assert said["states"] > 100
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["counterexamples"] == []
+    assert printed["closed"]
+    assert printed["states"] > 100
     assert model_check.main(["--what", "admission", "--faults", "1", "--jobs", "1"]) == 0
     assert "no promise was broken" in capsys.readouterr().out
 
@@ -171,9 +172,9 @@ def test_what_was_interrupted_claims_nothing(
 
     monkeypatch.setattr(series.Task, "run", interrupt)
     assert model_check.main(["--jobs", "1"]) == INTERRUPTED
-    said = capsys.readouterr()
-    assert "no promise" not in said.out
-    assert "interrupted after 0 of 11" in said.err
+    printed = capsys.readouterr()
+    assert "no promise" not in printed.out
+    assert "interrupted after 0 of 11" in printed.err
 
 
 @pytest.mark.parametrize(

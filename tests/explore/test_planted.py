@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from armadico.core import coordination
-from armadico.core.coordination import Contender, Event, Owner, State, Step, Verdict, last_heard
+from armadico.core.coordination import Contender, Event, Owner, State, Step, Verdict, by_newest
 from armadico.core.cycles import CycleClock
 from armadico.core.membership import Admission, Stage
 from armadico.core.messages import Ack, Command, Message
@@ -28,14 +28,14 @@ def first(setup: Setup, parts: Parts | None = None, faults: int = 1) -> Countere
 
 class ObeysSmaller(Owner):
     def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
-        said = super()._verdict(command, now, stopped=stopped, fault=fault)
-        return Verdict.OBEYED if said is Verdict.STALE_BALLOT else said
+        verdict = super()._verdict(command, now, stopped=stopped, fault=fault)
+        return Verdict.OBEYED if verdict is Verdict.STALE_BALLOT else verdict
 
 
 class ObeysAfterRelease(Owner):
     def _verdict(self, command: Command, now: float, *, stopped: bool, fault: str) -> Verdict:
-        said = super()._verdict(command, now, stopped=stopped, fault=fault)
-        return Verdict.OBEYED if said is Verdict.OVER and command.action is not None else said
+        verdict = super()._verdict(command, now, stopped=stopped, fault=fault)
+        return Verdict.OBEYED if verdict is Verdict.OVER and command.action is not None else verdict
 
 
 class ObeysStopped(Owner):
@@ -94,7 +94,7 @@ class NoSilence(Contender):
 
 
 class NeverListens(CycleClock):
-    """Who slept, or has just begun, takes over at once."""
+    """A contender that slept, or has just started, takes over at once."""
 
     @property
     def listening(self) -> bool:
@@ -105,7 +105,7 @@ class LastHeard(Contender):
     """Compares its newest bid with the newest claim, whatever cycles they answer."""
 
     def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more, compare=last_heard)
+        super().__init__(*args, **more, compare=by_newest)
 
 
 AFTER = Setup(("0.6",), kinds=("fates", "bids"), changes=("-",))
@@ -156,6 +156,7 @@ def test_a_bug_is_found_and_its_run_repeats(
     assert replay(found.run) == []
 
 
+@pytest.mark.long(but=("NoSilence-setup1",))
 @pytest.mark.parametrize(
     ("contender", "setup"),
     [
@@ -169,7 +170,7 @@ def test_what_never_comes_right_is_found(contender: type[Contender], setup: Setu
     assert found.run.loop, "it goes on for ever"
     assert found.run.cost <= 1
     assert found.run.cycles <= 160, "it stands back for four seconds in between"
-    assert any(said.startswith(found.promise) for said in replay(found.run, parts))
+    assert any(text.startswith(found.promise) for text in replay(found.run, parts))
 
 
 def transitions(monkeypatch: pytest.MonkeyPatch, state: State, event: Event, to: Any) -> None:
@@ -199,6 +200,7 @@ def goes_on_unobeyed(monkeypatch: pytest.MonkeyPatch) -> None:
     transitions(monkeypatch, State.HOLDING, Event.NOT_OBEYED, None)
 
 
+@pytest.mark.long(but=("takes_over_from_the_unobeyed_never-setup2",))
 @pytest.mark.parametrize(
     ("plant", "setup"),
     [
@@ -270,7 +272,7 @@ class Impatient(Admission):
 @pytest.mark.parametrize(
     ("kind", "instances", "faults"), [(LargerStays, 2, 0), (BothGo, 2, 1), (Impatient, 2, 2)]
 )
-def test_a_bug_in_who_may_join_is_found(kind: type[Admission], instances: int, faults: int) -> None:
+def test_a_bug_in_admission_is_found(kind: type[Admission], instances: int, faults: int) -> None:
     parts = Parts(admission=kind)
     for backwards in (False, True):
         found = explore(Joining(instances, backwards), Limits(faults), parts)

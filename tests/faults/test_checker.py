@@ -33,21 +33,21 @@ from armadico_tools.faults.record import (
     Observation,
     Ordered,
     Passed,
-    Said,
+    Published,
 )
 
 A, B = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 
 
-def ballot(term: int, who: str = A) -> Ballot:
-    return Ballot(term, 0.6, False, who)
+def ballot(term: int, instance: str = A) -> Ballot:
+    return Ballot(term, 0.6, False, instance)
 
 
 class Story:
-    """Cycles of a tenth of a second, in which a robot drives unless the test says otherwise."""
+    """Cycles of a tenth of a second, in which a robot drives by default."""
 
-    def __init__(self, epoch: int = 1, heard_s: float = 0.0) -> None:
-        self.checker = Checker(Bounds(heard_s=heard_s))
+    def __init__(self, epoch: int = 1, command_delay_s: float = 0.0) -> None:
+        self.checker = Checker(Bounds(command_delay_s=command_delay_s))
         self.epoch, self.number, self.now = epoch, 0, 0.0
         self.ballot: Ballot | None = ballot(3)
         self.v = 0.05
@@ -57,7 +57,7 @@ class Story:
         self.last = Cycle(epoch, 0)  # the cycle that was obeyed last
         self.order = self.talk = True
         self.x = self.driven = self.posed = 0.0
-        self.said(MissionStatus(1, MissionState.DRIVING, 3.0))
+        self.publish(MissionStatus(1, MissionState.DRIVING, 3.0))
 
     @property
     def cycle(self) -> Cycle:
@@ -66,53 +66,53 @@ class Story:
     def see(self, seen: Observation) -> None:
         self.checker.update(seen)
 
-    def said(self, message: Message) -> None:
-        self.see(Said(self.now, message))
+    def publish(self, message: Message) -> None:
+        self.see(Published(self.now, message))
 
     @property
     def state(self) -> RobotState:
         return RobotState(self.cycle, self.x, 0, 0, self.v, 0, 12, True, False, self.stop)
 
-    def says(self, largest: Ballot | None, obeyed: Ballot | None, at: Cycle | None) -> None:
+    def publish_ack(self, largest: Ballot | None, obeyed: Ballot | None, at: Cycle | None) -> None:
         """The robot agent's two messages of a cycle."""
-        self.said(self.state)
-        self.said(Ack("wheels", self.cycle, largest, obeyed, at, 0.6, False, (self.v, 0.0)))
+        self.publish(self.state)
+        self.publish(Ack("wheels", self.cycle, largest, obeyed, at, 0.6, False, (self.v, 0.0)))
 
     def cycles(self, count: int) -> None:
         """So many cycles in which the holder commands and is obeyed."""
         for _ in range(count):
             self.now = round(self.now + 0.1, 3)
             self.number += 1
-            self.said(Truth(self.now, 0, 0, 0, self.v, 0, self.contact, 1.0))
+            self.publish(Truth(self.now, 0, 0, 0, self.v, 0, self.contact, 1.0))
             self.last = Cycle(self.epoch, max(self.number - self.obeyed_age, 0))
-            self.says(self.ballot, self.ballot, self.last)
+            self.publish_ack(self.ballot, self.ballot, self.last)
             if self.ballot is not None and self.talk:
-                self.said(Command("wheels", self.cycle, self.ballot, (self.v, 0.0)))
+                self.publish(Command("wheels", self.cycle, self.ballot, (self.v, 0.0)))
                 self.claim(self.ballot)
             if self.order:
                 self.see(Ordered(self.now, self.v, 0.0))
 
     def claim(self, ballot: Ballot, utility: float | None = 0.6, commanded: float = 0.3) -> None:
-        self.said(
+        self.publish(
             Claim("wheels", ballot, self.cycle, utility, False, (commanded, 0.0), (commanded, 0.0))
         )
 
     def stand(self, seconds: float, **bids: BidRecord) -> None:
-        """At rest, with nobody obeyed, and these bids."""
+        """At rest, with no command obeyed, and these bids."""
         end = self.now + seconds
         self.see(Ordered(self.now, 0.0, 0.0))
         while self.now < end:
             self.now = round(self.now + 0.1, 3)
             self.number += 1
-            self.said(Truth(self.now, 0, 0, 0, 0.0, 0, self.contact, 1.0))
+            self.publish(Truth(self.now, 0, 0, 0, 0.0, 0, self.contact, 1.0))
             self.rest()
             for name, record in bids.items():
                 self.see(Bids(self.now, f"{name}-0123456789abcdef", record))
 
     def rest(self) -> None:
         """A cycle at rest: what was obeyed last is long past."""
-        self.said(replace(self.state, x=0.0, v=0.0))
-        self.said(
+        self.publish(replace(self.state, x=0.0, v=0.0))
+        self.publish(
             Ack("wheels", self.cycle, ballot(3), ballot(3), self.last, 0.6, False, (0.0, 0.0))
         )
 
@@ -155,7 +155,7 @@ def test_one_that_goes_down_and_up_between_two_cycles_is_seen_where_obeying_is(
 
 def test_the_largest_known_may_not_go_down_nor_be_below_the_obeyed(story: Story) -> None:
     story.cycles(5)
-    story.says(ballot(2), ballot(3), story.cycle)
+    story.publish_ack(ballot(2), ballot(3), story.cycle)
     assert story.broken() == [Promise.ONE_DRIVER] * 2
 
 
@@ -202,7 +202,7 @@ def test_the_acks_show_an_older_cycle_of_one_reign_after_a_newer(story: Story) -
     assert story.broken() == [Promise.FRESH]
 
 
-# One holder, and somebody obeyed ------------------------------------------------------------------
+# One holder, and a command obeyed -----------------------------------------------------------------
 
 
 def test_two_reigns_side_by_side_are_seen_after_five_cycles(story: Story) -> None:
@@ -268,7 +268,7 @@ def test_exchanges_one_after_another_are_one_holder_each(story: Story) -> None:
     assert Promise.ONE_HOLDER not in story.broken()
 
 
-def test_nobody_obeyed_for_five_seconds_though_somebody_bids(story: Story) -> None:
+def test_no_command_obeyed_for_five_seconds_though_an_agent_bids(story: Story) -> None:
     story.cycles(5)
     story.stand(5.0, goto=wants(0.6))
     assert Promise.OBEYED not in story.broken()
@@ -276,7 +276,7 @@ def test_nobody_obeyed_for_five_seconds_though_somebody_bids(story: Story) -> No
     assert Promise.OBEYED in story.broken()
 
 
-def test_nobody_need_be_obeyed_who_does_not_bid_is_stopped_or_has_gone(story: Story) -> None:
+def test_no_command_is_due_without_bids_when_stopped_or_gone(story: Story) -> None:
     story.cycles(5)
     story.stand(7.0, goto=wants(None, "no goal"))
     story.stop = Stop(1, True, "somebody")
@@ -288,7 +288,7 @@ def test_nobody_need_be_obeyed_who_does_not_bid_is_stopped_or_has_gone(story: St
     assert Promise.OBEYED not in story.broken()
 
 
-def test_a_moment_without_a_bid_is_no_excuse_for_nobody_being_obeyed(story: Story) -> None:
+def test_a_moment_without_a_bid_does_not_excuse(story: Story) -> None:
     story.cycles(5)
     for _ in range(10):
         story.stand(0.5, goto=wants(0.6))
@@ -314,7 +314,7 @@ def test_a_stop_in_time_is_well(story: Story) -> None:
     assert story.broken() == []
 
 
-def test_speeds_that_nobody_commanded(story: Story) -> None:
+def test_speeds_that_were_not_commanded(story: Story) -> None:
     story.cycles(10)
     story.see(Ordered(story.now, 0.4, 0.0))
     assert story.broken() == [Promise.SILENCE]
@@ -323,18 +323,18 @@ def test_speeds_that_nobody_commanded(story: Story) -> None:
 @pytest.mark.parametrize(
     ("late", "cycles_on", "broken"),
     [(0.9, 0, []), (1.1, 0, [Promise.SILENCE]), (0.9, 4, [Promise.SILENCE])],
-    ids=["that is heard late", "that is heard too late", "of a later cycle"],
+    ids=["that arrives late", "that arrives too late", "of a later cycle"],
 )
 def test_a_command(late: float, cycles_on: int, broken: list[Promise]) -> None:
     """A busy onlooker sees what the robot agent writes before the command that it obeys."""
-    story = Story(heard_s=1.0)
+    story = Story(command_delay_s=1.0)
     story.cycles(10)
     story.see(Ordered(story.now, 0.4, 0.0))
-    asked = Cycle(1, story.number + cycles_on)
-    heard = story.now + late
-    while story.now < heard:
+    requested = Cycle(1, story.number + cycles_on)
+    arrival = story.now + late
+    while story.now < arrival:
         story.cycles(1)
-    story.said(Command("wheels", asked, ballot(3), (0.4, 0.0)))
+    story.publish(Command("wheels", requested, ballot(3), (0.4, 0.0)))
     story.cycles(3)
     assert story.broken() == broken
 
@@ -384,7 +384,7 @@ def test_without_the_robot_agent_no_stop_but_rest_in_time(story: Story) -> None:
     at = story.now
     for tenth in range(1, 52):
         story.now = round(at + 0.1 * tenth, 3)
-        story.said(Truth(story.now, 0, 0, 0, 0.05, 0, 0, 1.0))
+        story.publish(Truth(story.now, 0, 0, 0, 0.05, 0, 0, 1.0))
     assert story.broken() == [Promise.WATCHDOG]
 
 
@@ -395,14 +395,14 @@ def test_without_the_robot_agent_no_stop_but_rest_in_time(story: Story) -> None:
 def test_a_speed_that_jumps(story: Story, v: float, w: float) -> None:
     story.cycles(10)
     story.now = round(story.now + 0.1, 3)
-    story.said(Truth(story.now, 0, 0, 0, v, w, 0, 1.0))
+    story.publish(Truth(story.now, 0, 0, 0, v, w, 0, 1.0))
     assert story.broken() == [Promise.SMOOTH]
 
 
 def test_a_wall_may_stop_it_at_once(story: Story) -> None:
     story.cycles(10)
     story.now = round(story.now + 0.1, 3)
-    story.said(Truth(story.now, 0, 0, 0, 0.0, 0.0, 0, 0.0))
+    story.publish(Truth(story.now, 0, 0, 0, 0.0, 0.0, 0, 0.0))
     assert Promise.SMOOTH not in story.broken()
 
 
@@ -411,7 +411,7 @@ LOSER = (0.3, 0.0)  # as the story's holder commands, with 0.6 and 0.05 m/s meas
 
 
 def begins(start: Action = LOSER, weight: float = 0.6, within: float | None = None) -> Action:
-    """The first action of who wants `WANTED`, with 0.9."""
+    """The first action of an agent that wants `WANTED`, with 0.9."""
     bid = Bid(0.9, WANTED, within=within)
     return SmoothExchange().begin(WHEELS, start, weight, bid, PERIOD).action(1, bid)
 
@@ -427,10 +427,10 @@ def swapped() -> Action:
     ("commanded", "broken"),
     [
         (begins(), 0),
-        (begins((0.05, 0.0)), 0),  # it did not hear the loser
+        (begins((0.05, 0.0)), 0),  # it did not receive from the loser
         (WANTED, 1),  # not blended
         (swapped(), 1),
-        (begins((0.0, 0.0)), 1),  # from rest, which is nobody's
+        (begins((0.0, 0.0)), 1),  # from rest, which is no agent's action
         ((0.02, 0.1), 1),  # beyond both
     ],
 )
@@ -440,19 +440,17 @@ def test_what_a_winner_commands_first_is_blended_by_the_rules(
 ) -> None:
     story.cycles(15)
     claim = Claim("wheels", ballot(4, winner), story.cycle, 0.9, False, WANTED, commanded)
-    story.said(claim)
+    story.publish(claim)
     assert story.broken() == [Promise.SMOOTH] * broken
 
 
 @pytest.mark.parametrize(("winner", "broken"), [("gothrough-0123456789abcdef", 1), (B, 0)])
-def test_who_is_in_a_hurry_may_take_a_shorter_window(
-    story: Story, winner: str, broken: int
-) -> None:
+def test_a_hurried_agent_may_take_a_shorter_window(story: Story, winner: str, broken: int) -> None:
     story.cycles(15)
-    story.said(Truth(story.now, 0, 0, 0, story.v, 0, 0, 0.2))  # near to something
+    story.publish(Truth(story.now, 0, 0, 0, story.v, 0, 0, 0.2))  # near to something
     shorter = begins(within=0.12)
     assert shorter != begins()
-    story.said(Claim("wheels", ballot(4, winner), story.cycle, 0.9, False, WANTED, shorter))
+    story.publish(Claim("wheels", ballot(4, winner), story.cycle, 0.9, False, WANTED, shorter))
     assert story.broken() == [Promise.SMOOTH] * broken
 
 
@@ -464,13 +462,15 @@ def test_what_sonars_that_repeat_themselves_show_may_hurry_it(
     story.cycles(15)
     story.see(Faulted(story.now, "frozen-sonar", ("robot",), began=False))
     story.cycles(round(ago_s / 0.1))
-    story.said(Claim("wheels", ballot(4, B), story.cycle, 0.9, False, WANTED, begins(within=0.12)))
+    story.publish(
+        Claim("wheels", ballot(4, B), story.cycle, 0.9, False, WANTED, begins(within=0.12))
+    )
     assert story.broken() == [Promise.SMOOTH] * broken
 
 
 def test_about_to_collide_it_may_be_at_once(story: Story) -> None:
     story.cycles(15)
-    story.said(Claim("wheels", ballot(4, B), story.cycle, 0.9, True, WANTED, WANTED))
+    story.publish(Claim("wheels", ballot(4, B), story.cycle, 0.9, True, WANTED, WANTED))
     assert story.broken() == []
 
 
@@ -480,8 +480,8 @@ def test_about_to_collide_it_may_be_at_once(story: Story) -> None:
 def falls_silent(story: Story, fault: Faulted, *bidders: str) -> None:
     story.cycles(40)
     story.see(Obeyed(story.now, ballot(3), story.cycle))
-    for who in bidders:
-        story.see(Bids(story.now, who, wants(0.5)))
+    for instance in bidders:
+        story.see(Bids(story.now, instance, wants(0.5)))
     story.talk = story.order = False
     story.see(replace(fault, at=story.now))
 
@@ -503,7 +503,7 @@ def test_a_holder_that_falls_silent_is_replaced_before_its_time(
         assert story.broken().count(Promise.HANDOVER) == broken
 
 
-def test_what_a_holder_said_before_it_hung_may_still_be_on_its_way(story: Story) -> None:
+def test_a_holders_last_messages_may_arrive_after_it_hangs(story: Story) -> None:
     falls_silent(story, HUNG, A, B)
     story.see(Obeyed(story.now + 0.09, ballot(3), story.cycle))
     for late, broken in ((0.38, 0), (0.4, 1)):
@@ -513,7 +513,7 @@ def test_what_a_holder_said_before_it_hung_may_still_be_on_its_way(story: Story)
 
 
 @pytest.mark.parametrize("fault", [KILLED, HUNG, DEAF])
-def test_nobody_need_replace_it_who_does_not_bid_or_has_done_so(
+def test_no_replacement_is_due_without_other_bids_or_after_one(
     story: Story, fault: Faulted
 ) -> None:
     falls_silent(story, fault, A)
@@ -526,7 +526,7 @@ def test_nobody_need_replace_it_who_does_not_bid_or_has_done_so(
     assert Promise.HANDOVER not in story.broken() + other.broken()
 
 
-def test_who_hears_nothing_from_the_robot_need_not_take_over(story: Story) -> None:
+def test_an_agent_that_is_cut_off_from_the_robot_need_not_take_over(story: Story) -> None:
     cut = Faulted(0.0, "partition", ("goto", "sonar"), began=True, to=("robot",))
     falls_silent(story, cut, A, B)
     story.see(Bids(story.now + 1.0, B, wants(0.5)))
@@ -538,10 +538,10 @@ def test_who_hears_nothing_from_the_robot_need_not_take_over(story: Story) -> No
 
 
 def stopped(story: Story, counter: int = 1) -> None:
-    """Somebody stops it, and the robot agent says so."""
+    """A person stops it, and the robot agent publishes that."""
     story.cycles(5)
     story.stop = Stop(counter, True, "somebody")
-    story.said(story.stop)
+    story.publish(story.stop)
     story.talk = story.order = False
     story.v = 0.0
     story.see(Ordered(story.now, 0.0, 0.0))
@@ -551,14 +551,14 @@ def stopped(story: Story, counter: int = 1) -> None:
 def test_a_stop_that_holds_until_it_is_released(story: Story) -> None:
     stopped(story)
     story.stop = Stop(2, False, "somebody")
-    story.said(story.stop)
+    story.publish(story.stop)
     story.talk = story.order = True
     story.cycles(5)
     assert story.broken() == []
 
 
 @pytest.mark.parametrize("restarted", [False, True])
-def test_nobody_drives_while_it_is_stopped_whatever_befalls(story: Story, restarted: bool) -> None:
+def test_no_agent_drives_during_a_stop_under_any_fault(story: Story, restarted: bool) -> None:
     stopped(story)
     if restarted:
         story.see(Faulted(story.now, "crash", ("robot",), began=True))
@@ -571,7 +571,7 @@ def test_nobody_drives_while_it_is_stopped_whatever_befalls(story: Story, restar
 
 def test_a_release_by_a_smaller_counter_is_none(story: Story) -> None:
     stopped(story, counter=5)
-    story.said(Stop(4, False, "somebody"))
+    story.publish(Stop(4, False, "somebody"))
     story.see(Ordered(story.now, 0.05, 0.0))
     assert Promise.STOP in story.broken()
 
@@ -579,8 +579,8 @@ def test_a_release_by_a_smaller_counter_is_none(story: Story) -> None:
 def test_an_old_stop_that_comes_late_is_none_and_must_not_hold(story: Story) -> None:
     old = Stop(1, True, "somebody", 7)
     story.cycles(5)
-    story.said(Stop(2, False, "somebody", 7))
-    story.said(old)
+    story.publish(Stop(2, False, "somebody", 7))
+    story.publish(old)
     story.cycles(5)
     assert story.broken() == []
     story.stop, story.talk, story.order, story.v = old, False, False, 0.0
@@ -598,9 +598,9 @@ def test_a_stop_that_is_forgotten(story: Story) -> None:
     assert story.broken() == [Promise.STOP]
 
 
-def test_a_stop_that_is_said_and_not_latched(story: Story) -> None:
+def test_a_stop_that_is_published_and_not_latched(story: Story) -> None:
     story.cycles(5)
-    story.said(Stop(1, True, "somebody"))
+    story.publish(Stop(1, True, "somebody"))
     story.cycles(2)
     assert story.broken() == []
     story.cycles(2)
@@ -621,15 +621,15 @@ def test_wheels_that_do_not_rest_after_the_stop(story: Story) -> None:
 
 
 def drives(story: Story, metres: float, posed: float | None = None) -> None:
-    """So far ahead in a second; the pose says that it went `posed` (as far as it did)."""
+    """So far ahead in a second; the pose went `posed` (default: as far)."""
     for step in range(1, 11):
         story.now = round(story.now + 0.1, 3)
         story.number += 1
         story.driven += metres / 10
         story.posed += (metres if posed is None else posed) / 10
-        story.said(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
+        story.publish(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
         story.rest()
-        story.said(Pose(story.cycle, story.posed, 0, 0))
+        story.publish(Pose(story.cycle, story.posed, 0, 0))
         del step
 
 
@@ -652,7 +652,7 @@ def test_it_is_off_by_what_rolled_while_the_line_was_broken_not_the_robot_agent(
     for _ in range(10):
         story.now = round(story.now + 0.1, 3)
         story.driven += 0.03
-        story.said(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
+        story.publish(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
     story.see(Faulted(story.now, kind, ("robot",), began=False))
     story.epoch, story.number, story.posed = 2, 0, story.driven - off
     story.last = Cycle(2, 0)
@@ -664,7 +664,7 @@ def test_tyres_slip_where_it_touches_something(story: Story) -> None:
     drives(story, 0.5)
     for clearance in (0.01, 0.0):
         story.now = round(story.now + 0.1, 3)
-        story.said(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, clearance))
+        story.publish(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, clearance))
     drives(story, 0.0, 0.1)
     assert story.broken() == []
 
@@ -672,21 +672,21 @@ def test_tyres_slip_where_it_touches_something(story: Story) -> None:
 def test_a_gap_that_no_fault_explains_is_no_excuse(story: Story) -> None:
     drives(story, 0.5)
     story.now, story.driven = story.now + 1.0, story.driven + 0.3
-    story.said(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
+    story.publish(Truth(story.now, story.driven, 0, 0, 0.0, 0, 0, 1.0))
     drives(story, 0.1)
     assert story.broken() == [Promise.POSE]
 
 
-def says(story: Story, seconds: int, *, off: float, std: float, v: float = 0.2) -> None:
-    """It drives for so long with a pose that is so far off, and says that it may be off by std."""
+def drives_with_pose(story: Story, seconds: int, *, off: float, std: float, v: float = 0.2) -> None:
+    """Drive with a pose that is `off`, with a standard deviation of `std`."""
     for _ in range(10 * seconds):
         story.now = round(story.now + 0.1, 3)
         story.number += 1
         story.driven += 0.1 * v
-        story.said(Truth(story.now, story.driven, 0, 0, v, 0, 0, 1.0))
+        story.publish(Truth(story.now, story.driven, 0, 0, v, 0, 0, 1.0))
         story.v = v
         story.rest()
-        story.said(
+        story.publish(
             Pose(story.cycle, story.driven + off, 0, 0, (std**2, 0.0, 0.0, 0.0, 0.0, 0.01**2))
         )
 
@@ -700,27 +700,27 @@ def posed(story: Story) -> list[Promise]:
     [
         (0.5, 0.05, 0.2, 1),  # 3 x 0.05 + 0.15 m, and 0.25 s of 0.2 m/s
         (0.34, 0.05, 0.2, 0),
-        (0.5, 0.15, 0.2, 0),  # as it says
-        (5.0, 0.6, 0.2, 0),  # it says that it is lost
-        (5.0, 0.05, 0.0, 0),  # who stands does no harm by it, and learns nothing
+        (0.5, 0.15, 0.2, 0),  # within its covariance
+        (5.0, 0.6, 0.2, 0),  # it is reported as lost
+        (5.0, 0.05, 0.0, 0),  # a standing robot does no harm by it
     ],
 )
-def test_a_pose_may_be_off_by_what_it_says(
+def test_a_pose_may_be_off_within_its_covariance(
     story: Story, off: float, std: float, v: float, broken: int
 ) -> None:
-    says(story, 20, off=off, std=std, v=v)
+    drives_with_pose(story, 20, off=off, std=std, v=v)
     assert posed(story) == [Promise.POSE] * broken, "once, however long"
 
 
 def test_a_pose_may_be_wrong_and_unsaid_for_five_seconds_of_driving(story: Story) -> None:
     for _ in range(3):  # each begins anew
-        says(story, 4, off=1.0, std=0.05)
-        says(story, 1, off=1.0, std=0.6)
-        says(story, 4, off=1.0, std=0.05)
-        says(story, 1, off=0.0, std=0.05)
+        drives_with_pose(story, 4, off=1.0, std=0.05)
+        drives_with_pose(story, 1, off=1.0, std=0.6)
+        drives_with_pose(story, 4, off=1.0, std=0.05)
+        drives_with_pose(story, 1, off=0.0, std=0.05)
     assert posed(story) == []
-    assert story.checker.unsaid_s == pytest.approx(4.0, abs=0.2)
-    says(story, 6, off=1.0, std=0.05)
+    assert story.checker.overconfident_s == pytest.approx(4.0, abs=0.2)
+    drives_with_pose(story, 6, off=1.0, std=0.05)
     assert posed(story) == [Promise.POSE]
 
 
@@ -746,7 +746,7 @@ def test_a_mission_of_three_metres_that_nothing_befalls_takes_less_than_32_secon
 
 def test_one_that_is_reached_need_not_be_reached_again(story: Story) -> None:
     story.cycles(100)
-    story.said(MissionStatus(1, MissionState.REACHED, 0.0))
+    story.publish(MissionStatus(1, MissionState.REACHED, 0.0))
     story.cycles(1000)
     assert story.broken() == []
 
@@ -768,13 +768,13 @@ def test_a_contact_counts_once_and_not_where_the_robot_agent_was_away(story: Sto
     assert story.broken() == [Promise.COLLISION]
     story.see(Faulted(story.now, "hang", ("robot",), began=True))
     story.contact = 2
-    story.said(Truth(story.now, 0, 0, 0, story.v, 0, 2, 1.0))
+    story.publish(Truth(story.now, 0, 0, 0, story.v, 0, 2, 1.0))
     assert story.broken() == [Promise.COLLISION]
 
 
 def test_a_contact_does_not_count_while_the_pose_is_wrong(story: Story) -> None:
     story.cycles(5)
-    story.said(Pose(story.cycle, 0.5, 0, 0))
+    story.publish(Pose(story.cycle, 0.5, 0, 0))
     story.contact = 1
     story.cycles(2)
     assert story.broken() == [Promise.POSE]
@@ -786,22 +786,22 @@ def test_a_pose_that_comes_late_is_not_wrong(story: Story) -> None:
     then = story.cycle
     for x in (0.1, 0.2, 0.3):
         story.number += 1
-        story.said(Truth(story.now, x, 0, 0, 0.0, 0, 0, 1.0))
+        story.publish(Truth(story.now, x, 0, 0, 0.0, 0, 0, 1.0))
         story.rest()
-    story.said(Pose(then, 0.0, 0, 0))
-    story.said(Truth(story.now, 0.3, 0, 0, 0.0, 0, 1, 1.0))
+    story.publish(Pose(then, 0.0, 0, 0))
+    story.publish(Truth(story.now, 0.3, 0, 0, 0.0, 0, 1, 1.0))
     assert story.broken() == [Promise.COLLISION]
 
 
 def test_where_there_is_nothing_to_touch_no_time_is_counted(story: Story) -> None:
     for number in range(10):
-        story.said(Truth(0.1 * number, 0, 0, 0, 0.3, 0, 0, None))
+        story.publish(Truth(0.1 * number, 0, 0, 0, 0.3, 0, 0, None))
     assert story.checker.moving_s == {}
 
 
 def test_moving_time_is_counted_by_what_voids_contacts(story: Story) -> None:
     story.cycles(11)
-    story.said(Pose(story.cycle, 0.5, 0, 0))
+    story.publish(Pose(story.cycle, 0.5, 0, 0))
     story.cycles(20)
     assert story.checker.moving_s == pytest.approx({"": 1.0, "pose": 2.0})
 
@@ -831,7 +831,7 @@ def test_a_little_of_a_fault_is_no_excuse(kind: str, amount: float, void: bool) 
 
 def touched(story: Story, clearance: float, count: int) -> None:
     story.now = round(story.now + 0.1, 3)
-    story.said(Truth(story.now, 0, 0, 0, 0.0, 0, count, clearance))
+    story.publish(Truth(story.now, 0, 0, 0, 0.0, 0, count, clearance))
 
 
 def test_what_a_fault_has_brought_it_against_it_may_touch_until_it_has_got_clear(
@@ -859,7 +859,7 @@ def test_what_it_could_have_stopped_for_after_a_fault_is_its_own_doing(
     story.cycles(5)
     story.see(Faulted(story.now, "hang", ("robot",), began=True))
     # From 0.3 m/s: 0.24 m until it has listened and braked, 0.08 m of ramp, 0.1 m for its corners.
-    story.said(Truth(story.now, 0, 0, 0, 0.3, 0, 0, clearance))
+    story.publish(Truth(story.now, 0, 0, 0, 0.3, 0, 0, clearance))
     story.see(Faulted(story.now, "hang", ("robot",), began=False))
     story.now += later
     touched(story, 0.0, 1)
@@ -879,7 +879,7 @@ def test_what_it_came_near_by_itself_it_may_not_touch(story: Story) -> None:
 def test_odometry_that_moves_sideways(story: Story, x: float, y: float, broken: int) -> None:
     story.cycles(5)
     story.number += 1
-    story.said(replace(story.state, x=story.x + x, y=y))
+    story.publish(replace(story.state, x=story.x + x, y=y))
     assert story.broken() == [Promise.ODOMETRY] * broken
 
 
@@ -893,7 +893,7 @@ def healed(story: Story) -> None:
     story.see(Faulted(story.now, "partition", (A,), began=False))
 
 
-def test_it_stands_after_healing_though_somebody_bids(story: Story) -> None:
+def test_it_stands_after_healing_though_an_agent_bids(story: Story) -> None:
     healed(story)
     story.stand(1.9, goto=wants(0.6))
     assert story.broken() == []
@@ -901,20 +901,22 @@ def test_it_stands_after_healing_though_somebody_bids(story: Story) -> None:
     assert story.broken() == [Promise.MOVES]
 
 
-def test_it_stands_after_healing_and_every_bid_says_why(story: Story) -> None:
+def test_it_stands_after_healing_and_every_bid_has_a_reason(story: Story) -> None:
     healed(story)
     story.stand(2.5, goto=wants(None, "no fresh encoder/pose"), avoid=wants(None, "nothing"))
     assert story.broken() == []
 
 
-def test_a_bid_that_does_not_say_why_is_one_that_is_missing(story: Story) -> None:
+def test_a_bid_without_a_reason_counts_as_missing(story: Story) -> None:
     healed(story)
     story.stand(2.5, goto=wants(None, ""))
     assert story.broken() == [Promise.MOVES]
 
 
 @pytest.mark.parametrize(("reason", "broken"), [("the goal is near", 0), ("", 1)])
-def test_who_is_obeyed_and_commands_rest_says_why(story: Story, reason: str, broken: int) -> None:
+def test_an_obeyed_agent_that_commands_rest_has_a_reason(
+    story: Story, reason: str, broken: int
+) -> None:
     healed(story)
     story.v = 0.0
     for _ in range(25):
@@ -938,14 +940,14 @@ def test_it_moves_again_after_the_stop_is_released(story: Story) -> None:
     story.cycles(5)
     for counter, seconds in ((1, 3.0), (2, 1.9)):
         story.stop = Stop(counter, counter == 1, "somebody", 7)
-        story.said(story.stop)
+        story.publish(story.stop)
         story.stand(seconds, goto=wants(0.6))
         assert story.broken() == []
     story.stand(0.3, goto=wants(0.6))
     assert story.broken() == [Promise.MOVES]
 
 
-def test_who_stands_back_has_longer(story: Story) -> None:
+def test_a_holder_that_stands_back_has_longer(story: Story) -> None:
     healed(story)
     story.claim(ballot(9, B), None)
     story.stand(4.5, goto=wants(0.6))
@@ -957,7 +959,7 @@ def test_who_stands_back_has_longer(story: Story) -> None:
 @pytest.mark.parametrize(
     ("utility", "whole_s", "longer"), [(0.6, 0.0, True), (None, 0.0, False), (0.6, 1.5, False)]
 )
-def test_who_lets_go_of_what_is_obeyed_stands_back_if_it_bids_on_and_acks_may_be_slow(
+def test_a_holder_that_releases_while_obeyed_stands_back_if_it_bids_on(
     story: Story, utility: float | None, whole_s: float, longer: bool
 ) -> None:
     story.cycles(5)
@@ -1004,15 +1006,15 @@ def test_others_wait_until_nonsense_that_holds_is_let_go_of(
     assert [promise for promise in story.broken() if promise is Promise.MOVES] == broken
 
 
-@pytest.mark.parametrize(("who", "broken"), [("robot", []), ("sonar", [Promise.MOVES])])
+@pytest.mark.parametrize(("instance", "broken"), [("robot", []), ("sonar", [Promise.MOVES])])
 def test_a_robot_agent_that_another_was_in_the_way_of_is_there_a_second_later(
-    story: Story, who: str, broken: list[Promise]
+    story: Story, instance: str, broken: list[Promise]
 ) -> None:
     story.cycles(5)
     story.see(Faulted(story.now, "two-robot-agents", ("robot",), began=True))
     story.see(Ordered(story.now, 0.0, 0.0))
     story.now = round(story.now + 2.0, 3)
-    story.see(Denied(story.now, f"{who}-0123456789abcdef", "another is alive already"))
+    story.see(Denied(story.now, f"{instance}-0123456789abcdef", "another is alive already"))
     story.see(Faulted(story.now, "two-robot-agents", ("robot",), began=False))
     story.stand(2.9, goto=wants(0.6))
     assert story.broken() == broken
@@ -1027,7 +1029,7 @@ def test_the_longest_time_to_move_again_is_kept(story: Story) -> None:
     assert story.checker.longest == pytest.approx(1.3)
 
 
-def test_every_kind_says_what_it_is_and_only_the_robot_agent_voids_the_stop() -> None:
+def test_every_kind_has_a_meaning_and_only_the_robot_agent_voids_the_stop() -> None:
     for name, kind in KINDS.items():
         assert kind.name == name
         assert kind.meaning

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from armadico.config.errors import ConfigError
 from armadico_tools.faults.fault_types import KINDS
 from armadico_tools.faults.plan import (
+    AGENTS,
     BEGIN_S,
     CALM_END_S,
-    EVERYBODY,
     Case,
     Fault,
     Variation,
@@ -31,13 +31,13 @@ def test_a_seed_draws_faults_within_the_run_that_survive_json(seed: int, lasts: 
     assert loads(case.dumps()) == case
     for fault in case.faults:
         assert BEGIN_S <= fault.at <= fault.until <= lasts
-        assert fault.whom
-        assert {*fault.whom, *fault.to} <= {*EVERYBODY}
+        assert fault.targets
+        assert {*fault.targets, *fault.to} <= {*AGENTS}
     assert [fault.at for fault in case.faults] == sorted(fault.at for fault in case.faults)
 
 
 @given(st.integers(0, 1000), st.sampled_from(sorted(KINDS)))
-def test_only_the_kinds_that_are_asked_for(seed: int, kind: str) -> None:
+def test_only_the_selected_kinds(seed: int, kind: str) -> None:
     assert {fault.kind for fault in draw(Random(seed), 200.0, [kind])} == {kind}
 
 
@@ -134,7 +134,7 @@ def test_some_long_runs_are_calm_at_their_end_so_that_they_must_arrive() -> None
     assert 10 <= sum(calm) <= 35
 
 
-def test_networks_differ_and_a_case_says_how() -> None:
+def test_networks_differ_and_a_case_has_the_difference() -> None:
     drawn = {case_of(seed, 30.0).variation for seed in range(50)}
     assert Variation() in drawn
     assert len(drawn) >= 3

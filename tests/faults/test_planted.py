@@ -28,7 +28,7 @@ from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Correction, Origin, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.plan import EVERYBODY, Case, Fault, Outcome
+from armadico_tools.faults.plan import AGENTS, Case, Fault, Outcome
 from armadico_tools.faults.series import smallest
 from armadico_tools.faults.shrink import AFTER_S
 from armadico_tools.faults.workload import case_of, run, when_broken
@@ -95,7 +95,7 @@ def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
 
 
 def orders_a_stop_only_once(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(robot.Robot, "_insist", lambda self, left, right: None)
+    patch.setattr(robot.Robot, "_repeat_stop", lambda self, left, right: None)
     # The check of how the robot moves would order the stop again after a second.
     patch.setattr(robot.Robot, "_check_obedience", lambda self, report, ordered: None)
 
@@ -157,7 +157,7 @@ def mixes_up_its_axes(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Odometry, "__init__", crosswise)
 
 
-def raises_when_somebody_goes(patch: pytest.MonkeyPatch) -> None:
+def raises_when_an_agent_goes(patch: pytest.MonkeyPatch) -> None:
     def on_disappeared(self: Agent, name: str, instance: str) -> None:
         raise KeyError(name)
 
@@ -202,7 +202,7 @@ def orders_a_stop_late(patch: pytest.MonkeyPatch) -> None:
 
 
 def latches_no_stop(patch: pytest.MonkeyPatch) -> None:
-    take = Agent._take_latched
+    take = Agent._receive_latched
 
     def taken(self: Agent, message: Latched) -> bool:
         if not (isinstance(self, robot.Robot) and isinstance(message, Stop)):
@@ -211,18 +211,18 @@ def latches_no_stop(patch: pytest.MonkeyPatch) -> None:
             self.rest(WHEELS)
         return False
 
-    patch.setattr(Agent, "_take_latched", taken)
+    patch.setattr(Agent, "_receive_latched", taken)
 
 
 def stops_again_by_an_old_stop(patch: pytest.MonkeyPatch) -> None:
-    """As long as a late one comes nobody is told that it was released."""
-    hear = Memory._hear_stop
+    """A late copy of a released stop stops the robot again."""
+    update = Memory._update_stop
 
-    def heard(self: Memory, stop: Stop, now: float) -> bool:
+    def updated(self: Memory, stop: Stop, now: float) -> bool:
         self._presses.clear()
-        return hear(self, stop, now)
+        return update(self, stop, now)
 
-    patch.setattr(Memory, "_hear_stop", heard)
+    patch.setattr(Memory, "_update_stop", updated)
 
 
 def drives_though_stopped(patch: pytest.MonkeyPatch) -> None:
@@ -230,7 +230,7 @@ def drives_though_stopped(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Agent, "stopped", None)
 
 
-def tells_nobody_of_the_stop(patch: pytest.MonkeyPatch) -> None:
+def does_not_publish_the_stop(patch: pytest.MonkeyPatch) -> None:
     publish = Agent.publish
 
     def published(self: Agent, message: Message, **names: str) -> None:
@@ -240,7 +240,7 @@ def tells_nobody_of_the_stop(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Agent, "publish", published)
 
 
-def hears_nobody_who_knows_better(patch: pytest.MonkeyPatch) -> None:
+def ignores_restored_states(patch: pytest.MonkeyPatch) -> None:
     """Localization would mend the pose within a cycle."""
     patch.setattr(Encoder, "on_correction", lambda self, correction: None)
 
@@ -256,7 +256,7 @@ def is_sure_of_what_is_wrong(patch: pytest.MonkeyPatch) -> None:
 
 
 def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
-    hears_nobody_who_knows_better(patch)
+    ignores_restored_states(patch)
     counted = Encoder.on_robot_state
 
     def on_robot_state(self: Encoder, state: RobotState) -> None:
@@ -266,19 +266,19 @@ def counts_a_fifth_too_much(patch: pytest.MonkeyPatch) -> None:
 
 
 def jumps_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
-    hears_nobody_who_knows_better(patch)
-    went_on = Encoder._go_on
+    ignores_restored_states(patch)
+    went_on = Encoder._continue
 
     def goes_on(self: Encoder, origin: Pose2, odometry: Pose2, epoch: int) -> Pose2:
         if self._known[0] == epoch:
             return went_on(self, origin, odometry, epoch)
         return self._begin((self.p.x, self.p.y, self.p.theta), odometry)
 
-    patch.setattr(Encoder, "_go_on", goes_on)
+    patch.setattr(Encoder, "_continue", goes_on)
 
 
 def remembers_no_origin(patch: pytest.MonkeyPatch) -> None:
-    hears_nobody_who_knows_better(patch)
+    ignores_restored_states(patch)
     _forgets(patch, Origin)
 
 
@@ -287,7 +287,7 @@ def remembers_no_mission(patch: pytest.MonkeyPatch) -> None:
 
 
 def _forgets(patch: pytest.MonkeyPatch, kind: type[Latched]) -> None:
-    """Nobody gives a latched state of a kind back."""
+    """No agent restores a latched state of a kind."""
     due = Memory.due
 
     def given(self: Memory, now: float) -> list[Latched]:
@@ -330,7 +330,7 @@ class Bug:
 
 _CUT = Fault("partition", 8.0, 3.0, ("robot",), BEHAVIOURS)
 _LATE = Fault("delay", 8.0, 4.0, BEHAVIOURS, ("robot",), 0.35, 0.3)
-_SLOW = Fault("delay", 4.0, 5.0, EVERYBODY, EVERYBODY, 0.345)
+_SLOW = Fault("delay", 4.0, 5.0, AGENTS, AGENTS, 0.345)
 _LONE = Fault("lone-restart", 15.69, 0.549, ("goto",))
 _HANG = Fault("hang", 14.0, 9.0, ("robot",))
 _AGAIN = Fault("robot-restart", 8.0, 0.5, ("robot",))
@@ -368,7 +368,7 @@ BUGS = (
     Bug(orders_a_stop_late, Promise.SILENCE, case(_CUT)),
     Bug(latches_no_stop, Promise.STOP, case(_STOP)),
     Bug(drives_though_stopped, Promise.STOP, case(_STOP)),
-    Bug(tells_nobody_of_the_stop, Promise.STOP, case(_STOP, _IN_A_STOP)),
+    Bug(does_not_publish_the_stop, Promise.STOP, case(_STOP, _IN_A_STOP)),
     Bug(stops_again_by_an_old_stop, Promise.STOP, case(_OLD_STOP)),
     Bug(remembers_no_origin, Promise.POSE, case(_ENCODER)),
     Bug(remembers_no_mission, Promise.ARRIVES, case(_INTERFACE)),
@@ -377,7 +377,7 @@ BUGS = (
     Bug(jumps_in_a_new_epoch, Promise.POSE, case(_AGAIN)),
     Bug(measures_turns_the_wrong_way, Promise.ODOMETRY, case(lasts=12.0)),
     Bug(rests_half_the_time, Promise.ARRIVES, case(scenario="sc3", lasts=60.0)),
-    Bug(raises_when_somebody_goes, Promise.NO_ERROR, case(_GONE)),
+    Bug(raises_when_an_agent_goes, Promise.NO_ERROR, case(_GONE)),
 )
 
 
@@ -385,6 +385,7 @@ def promises(outcome: Outcome) -> set[str]:
     return {name for name, _, _ in outcome.violations}
 
 
+@pytest.mark.long(but=("measures_turns_the_wrong_way",))
 @pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.plant.__name__)
 def test_it_is_caught_and_without_it_nothing_is_broken(
     bug: Bug, monkeypatch: pytest.MonkeyPatch
@@ -404,6 +405,7 @@ def test_every_promise_has_a_bug_that_breaks_it() -> None:
     assert {bug.breaks for bug in BUGS} == {*Promise}
 
 
+@pytest.mark.long
 def test_what_a_bug_breaks_is_shrunk_to_the_faults_that_matter(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

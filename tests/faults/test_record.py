@@ -7,7 +7,7 @@ import pytest
 from armadico.core.messages import Ack, Ballot, BidRecord, Command, Cycle, RobotState
 from armadico.mobile.messages import Truth
 from armadico_tools.faults.checker import Checker
-from armadico_tools.faults.live import HEARD_S
+from armadico_tools.faults.live import COMMAND_DELAY_S
 from armadico_tools.faults.record import (
     Bids,
     Bounds,
@@ -16,15 +16,15 @@ from armadico_tools.faults.record import (
     Left,
     Ordered,
     Passed,
+    Published,
     Record,
-    Said,
 )
 
 OLD, NEW = "goto-0000000000000001", "goto-0000000000000002"
 
 
-def ballot(term: int, who: str) -> Ballot:
-    return Ballot(term, 0.6, False, who)
+def ballot(term: int, instance: str) -> Ballot:
+    return Ballot(term, 0.6, False, instance)
 
 
 def ack(number: int, by: Ballot | None = None, answered: int = 0) -> Ack:
@@ -43,20 +43,20 @@ def truth(t: float, v: float) -> Truth:
 def test_the_next_obeyed_command_is_the_one_that_is_acknowledged() -> None:
     record = Record()
     first, second = ballot(1, OLD), ballot(2, NEW)
-    record.update(Said(1.00, command(10, first)))
-    record.update(Said(1.10, ack(11, first, 10)))
-    record.update(Said(1.15, command(11, second)))
-    assert record.obeyed_after(1.12) is None, "said, and not known to be obeyed"
-    record.update(Said(1.20, ack(12, second, 11)))
+    record.update(Published(1.00, command(10, first)))
+    record.update(Published(1.10, ack(11, first, 10)))
+    record.update(Published(1.15, command(11, second)))
+    assert record.obeyed_after(1.12) is None, "published, and not known to be obeyed"
+    record.update(Published(1.20, ack(12, second, 11)))
     assert record.obeyed_after(1.12) == 1.15
     assert record.obeyed_after(1.12, (NEW,)) is None
     assert record.driver == NEW
 
 
-def test_what_was_said_before_and_acknowledged_after_does_not_count() -> None:
+def test_a_command_from_before_the_fault_does_not_count() -> None:
     record = Record()
-    record.update(Said(1.00, command(10, ballot(1, OLD))))
-    record.update(Said(1.10, ack(11, ballot(1, OLD), 10)))
+    record.update(Published(1.00, command(10, ballot(1, OLD))))
+    record.update(Published(1.10, ack(11, ballot(1, OLD), 10)))
     assert record.obeyed_after(1.05) is None
 
 
@@ -65,9 +65,9 @@ def test_stop_rest_and_silence() -> None:
     for at, v in ((1.0, 0.3), (1.1, 0.3), (1.4, 0.0)):
         record.update(Ordered(at, v, 0.0))
     for at, v in ((1.5, 0.2), (1.6, 0.005)):
-        record.update(Said(at, truth(at, v)))
+        record.update(Published(at, truth(at, v)))
     record.update(Ordered(2.0, 0.2, 0.0))
-    record.update(Said(2.1, truth(2.1, 0.1)))
+    record.update(Published(2.1, truth(2.1, 0.1)))
     assert record.stop_after(1.05) == 1.4
     assert record.moves_after(1.2) == 2.0
     assert record.rest_after(1.4) == 1.6
@@ -103,30 +103,30 @@ def test_late_commands_are_those_of_a_ballot_of_before() -> None:
     record = Record()
     before = ballot(3, OLD)
     for at, by in ((1.0, before), (2.0, before), (2.1, ballot(5, OLD)), (2.2, ballot(2, NEW))):
-        record.update(Said(at, command(10, by)))
+        record.update(Published(at, command(10, by)))
     assert record.late_commands(1.5, before) == 1
 
 
-def test_the_share_of_cycles_in_which_somebody_was_obeyed() -> None:
+def test_the_share_of_cycles_with_an_obeyed_command() -> None:
     record = Record()
     for number in range(10, 20):
-        record.update(Said(number / 10, ack(number, ballot(1, OLD), min(number, 12))))
+        record.update(Published(number / 10, ack(number, ballot(1, OLD), min(number, 12))))
     assert record.share_obeyed(1.0) == 0.6  # cycles 10 to 15 are within 3 of the last obeyed
     assert record.driver is None
 
 
 @pytest.mark.parametrize("cut_at", [1.04, 1.06, None])
-def test_an_onlooker_that_may_not_hear_everybody_does_not_ask_who_commanded_what(
+def test_orders_are_not_checked_while_the_observer_is_cut_off(
     cut_at: float | None,
 ) -> None:
     """Nor of what was ordered just before the cut that may have taken the command from it."""
-    checker = Checker(Bounds(heard_s=HEARD_S))
-    checker.update(Said(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
-    checker.update(Said(1.0, ack(10, ballot(1, OLD), 9)))
+    checker = Checker(Bounds(command_delay_s=COMMAND_DELAY_S))
+    checker.update(Published(1.0, RobotState(Cycle(1, 10), 0, 0, 0, 0.3, 0, 12, True, False)))
+    checker.update(Published(1.0, ack(10, ballot(1, OLD), 9)))
     for at in (1.04, 1.05, 1.06):
         checker.update(Ordered(at, 0.3, 0.0) if at == 1.05 else Passed(at))
         if at == cut_at:
             checker.update(Faulted(at, "partition", ("goto",), began=True))
     checker.update(Ordered(1.3, 0.0, 0.0))
-    checker.update(Passed(1.1 + HEARD_S))
+    checker.update(Passed(1.1 + COMMAND_DELAY_S))
     assert bool(checker.violations) is (cut_at is None)

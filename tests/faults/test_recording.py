@@ -24,9 +24,9 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Pose
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import rows
-from armadico.observe.watching import Heard, Presence
+from armadico.observe.watching import Presence, Received
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import Bids, Left, Passed, Said
+from armadico_tools.faults.record import Bids, Left, Passed, Published
 from armadico_tools.faults.recording import check, observations
 
 SECOND = 1_000_000_000
@@ -46,17 +46,17 @@ def kept(path: Path, terms: list[int]) -> Path:
     """A recording of cycles in which ballots of these terms are obeyed."""
     recording = Recording(path)
 
-    def said(at: float, key: str, message: Message, *, asked: bool = False) -> None:
-        recording.add(Heard("robot1", key, encode(message), int(at * SECOND), asked))
+    def record_message(at: float, key: str, message: Message, *, queried: bool = False) -> None:
+        recording.add(Received("robot1", key, encode(message), int(at * SECOND), queried))
 
     recording.add(Presence("robot1", "goto", GOTO, True, SECOND))
     for number, term in enumerate(terms, 10):
-        said(1 + number / 10, "robot/state", state(number))
-        said(1 + number / 10, "resource/wheels/ack", ack(number, term))
+        record_message(1 + number / 10, "robot/state", state(number))
+        record_message(1 + number / 10, "resource/wheels/ack", ack(number, term))
     record = BidRecord(Cycle(1, 8 + len(terms)), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
     end = 2 + len(terms) / 10
-    said(end, f"agent/goto/{GOTO}/bids", BidHistory(GOTO, (record,)), asked=True)
-    said(end, "encoder/pose", Pose(Cycle(1, 9), 0, 0, 0))
+    record_message(end, f"agent/goto/{GOTO}/bids", BidHistory(GOTO, (record,)), queried=True)
+    record_message(end, "encoder/pose", Pose(Cycle(1, 9), 0, 0, 0))
     recording.add(Presence("robot1", "goto", GOTO, False, int(end * SECOND)))
     recording.close()
     return path
@@ -82,7 +82,15 @@ def test_a_ballot_that_goes_down_is_found(
 def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
     path = kept(tmp_path / "sound.mcap", [1, 1])
     seen = [*observations(rows(path, pytest.fail))]
-    assert [type(each) for each in seen] == [Said, Said, Said, Said, Bids, Passed, Left]
+    assert [type(each) for each in seen] == [
+        Published,
+        Published,
+        Published,
+        Published,
+        Bids,
+        Passed,
+        Left,
+    ]
     (bids,) = [each for each in seen if isinstance(each, Bids)]
     assert (bids.instance, bids.age) == (GOTO, pytest.approx(0.1))
     assert [each.at for each in seen] == sorted(each.at for each in seen)
@@ -90,14 +98,14 @@ def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("first", ["winner", "loser"])
 @pytest.mark.parametrize("blended", [True, False])
-def test_who_takes_over_may_be_recorded_before_whom_it_took_over_from(
+def test_a_takeover_may_be_recorded_before_the_last_claim(
     tmp_path: Path, first: str, blended: bool
 ) -> None:
     """Both speak at once; the winner had received what the loser wanted in that very cycle."""
     recording = Recording(path := tmp_path / "handed.mcap")
 
-    def said(at: float, key: str, message: Message) -> None:
-        recording.add(Heard("robot1", key, encode(message), round(at * SECOND)))
+    def record_message(at: float, key: str, message: Message) -> None:
+        recording.add(Received("robot1", key, encode(message), round(at * SECOND)))
 
     def claim(number: int, ballot: Ballot, wanted: float, commanded: float) -> Claim:
         cycle, least = Cycle(1, number), ballot.utility
@@ -107,8 +115,10 @@ def test_who_takes_over_may_be_recorded_before_whom_it_took_over_from(
     last, step, wants = 40, 0.02, 0.1
     for number in range(10, last + 1):
         at, speed = number / 10, step * (number - 10)
-        said(at, "robot/state", replace(state(number), v=speed - step))
-        said(at, "resource/wheels/ack", replace(ack(number, 1), measured=(speed - step, 0.0)))
+        record_message(at, "robot/state", replace(state(number), v=speed - step))
+        record_message(
+            at, "resource/wheels/ack", replace(ack(number, 1), measured=(speed - step, 0.0))
+        )
         spoken = [claim(number, loser, speed, speed)]
         if number == last:
             window = fuzzy_window((speed - wants) / WHEELS.scale[0])
@@ -116,7 +126,7 @@ def test_who_takes_over_may_be_recorded_before_whom_it_took_over_from(
             begins = speed + share * (wants - speed)
             spoken.insert(0 if first == "winner" else 1, claim(number, winner, wants, begins))
         for later, each in enumerate(spoken):
-            said(at + 0.01 + later / 1000, "resource/wheels/utility", each)
+            record_message(at + 0.01 + later / 1000, "resource/wheels/utility", each)
     recording.close()
     broken = {violation.promise for violation in check(path, None, pytest.fail).violations}
     assert broken == (set() if blended else {Promise.SMOOTH})

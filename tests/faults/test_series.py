@@ -19,7 +19,7 @@ SEEDS, SECONDS = (*range(235, 247), 360, 371), 30.0
 RARE = frozenset(
     {Sight.CRITICAL, Sight.OUT_OF_RANGE, Sight.WHILE_STOPPED, Sight.WATCHDOG, Sight.TOUCHED}
 )
-"""What so short runs hardly ever show; `armadico faults` asks for these too, of a campaign."""
+"""Situations that short runs hardly ever show; a campaign requires these too."""
 
 
 def outcome(once: Once, seed: int) -> Outcome:
@@ -27,6 +27,7 @@ def outcome(once: Once, seed: int) -> Outcome:
     return once(f"faults-{seed}", Task(seed, SECONDS).run)
 
 
+@pytest.mark.long(but=("240",))
 @pytest.mark.parametrize("seed", SEEDS)
 def test_every_promise_is_kept_under_faults(seed: int, once: Once) -> None:
     found = outcome(once, seed)

@@ -20,6 +20,7 @@ SOON = 90.0
 KINDS = ("holder-hung", "nobody-left")
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_trials_are_made_measured_and_kept(tmp_path: Path) -> None:
     words = ["--live", "--trials", "1", "--json", "--out", str(tmp_path)]
@@ -63,28 +64,28 @@ def test_the_kinds_are_listed_with_what_counts(capsys: pytest.CaptureFixture[str
         assert all(figure.text in out for figure in trial.figures)
 
 
-def test_without_root_it_says_so_and_what_can_be_done(
+def test_without_root_the_alternative_is_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("os.geteuid", lambda: 1000)
     assert main(["faults", "--live", "--kind", "host-lost"]) == 1
-    said = capsys.readouterr().err
-    assert "needs root (sudo)" in said
-    assert "holder-killed" in said
+    printed = capsys.readouterr().err
+    assert "needs root (sudo)" in printed
+    assert "holder-killed" in printed
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "expected"),
     [
         (["--live", "--trials", "0"], "at least 1"),
         (["--live", "--kind", "holder-kiled"], "did you mean 'holder-killed'?"),
-        (["--live", "--seeds", "3"], "--seeds: only without --live"),
-        (["--trials", "3"], "--trials: only with --live"),
+        (["--live", "--seeds", "3"], "--seeds is only for runs without --live"),
+        (["--trials", "3"], "--trials is only for runs with --live"),
         (["--recording", "nothing.mcap"], "nothing.mcap"),
     ],
 )
 def test_what_is_wrong_is_named(
-    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+    words: list[str], expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["faults", *words]) == 2
-    assert says in capsys.readouterr().err
+    assert expected in capsys.readouterr().err

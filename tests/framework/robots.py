@@ -12,7 +12,7 @@ from armadico.mobile.motion import Body
 
 @cache
 def described(profile: str = "pioneer-2dx") -> Description:
-    """What the robot agent says of a robot with this profile."""
+    """Return the description of a robot with this profile."""
     return Robot(Identity("robot-1"), Parameters(port="memory:", profile=profile)).description()
 
 

@@ -1,4 +1,4 @@
-"""One contender alone, or one clock: no mesh, and every message handed over."""
+"""One contender alone, or one clock, without a mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from armadico.core.resources import WHEELS
 
 
 class Solo:
-    """One contender, to whom claims, acks and the time are handed."""
+    """One contender, with the claims, acks and times of a test."""
 
     def __init__(self, epoch: int = 1) -> None:
         self.clock = CycleClock()
@@ -41,22 +41,22 @@ class Solo:
         action: tuple[float, float] = (0.5, 0.0),
         inputs: Cycle | None = None,
     ) -> list[Command]:
-        said = self.contender.bid(self.at, Bid(utility, action), self.now, inputs)
-        return [message for message in said if isinstance(message, Command)]
+        messages = self.contender.bid(self.at, Bid(utility, action), self.now, inputs)
+        return [message for message in messages if isinstance(message, Command)]
 
-    def hear(
-        self, who: str, number: int, utility: float | None, term: int = 3, **about: Any
+    def receive(
+        self, instance: str, number: int, utility: float | None, term: int = 3, **about: Any
     ) -> list[Message]:
-        ballot = Ballot(term, utility or 0.6, False, who)
+        ballot = Ballot(term, utility or 0.6, False, instance)
         return self.contender.on_claim(
             Claim("wheels", ballot, self.numbered(number), utility, **about), self.now
         )
 
     def tick(self) -> list[Command]:
-        """What it says when its draw is over."""
+        """Return its commands after its drawn delay."""
         self.now += DRAW * PERIOD
-        said = self.contender.tick(self.now)
-        return [message for message in said if isinstance(message, Command)]
+        messages = self.contender.tick(self.now)
+        return [message for message in messages if isinstance(message, Command)]
 
 
 def running(number: int) -> CycleClock:

@@ -16,14 +16,14 @@ from armadico.core.agent import (
     ERROR,
     Agent,
     Answer,
-    AskFor,
     Identity,
     Parameters,
     Question,
+    SendQuery,
     Social,
 )
 from armadico.core.exchange import Bid
-from armadico.core.latched import GIVE_BACK_S
+from armadico.core.latched import RESTORE_S
 from armadico.core.messages import Cycle, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, Service
@@ -47,13 +47,13 @@ NOTHING = (None, None, None, None)
 
 
 class Driver(Agent):
-    """Bids what it is told to."""
+    """Bids `next`."""
 
     name = "driver"
     reacts_to = Pose
     needs: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles)
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
     competes_for = (WHEELS,)
 
@@ -61,18 +61,18 @@ class Driver(Agent):
         super().__init__(Identity("driver-1", "here", 42, "9.9"), parameters)
         self.next: Bid | None = Bid(0.5, ACTION)
         self.turns: list[Cycle] = []
-        self.heard: list[Message] = []
+        self.received: list[Message] = []
         self.reply: MissionReply | None = None
         self.woken: list[float] = []
 
     def bid(self, message: Pose) -> Bid | None:
         self.turns.append(message.cycle)
         if self.next is None:
-            self.why = "told not to"
+            self.why = "set to None"
         return self.next
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
-        self.heard.append(trajectory)
+        self.received.append(trajectory)
 
     def on_mission_request(self, question: Question) -> MissionReply | None:
         return self.reply
@@ -93,8 +93,8 @@ def stage(driver: Driver) -> Alone:
 
 def test_the_cycle_in_which_everything_is_there_is_answered_in_it(stage: Alone) -> None:
     for _ in range(5):
-        said = stage.cycle()
-    command, claim = said
+        messages = stage.cycle()
+    command, claim = messages
     assert isinstance(command, m.Command)
     assert isinstance(claim, m.Claim)
     assert command.action == claim.commanded == claim.wanted == ACTION
@@ -125,16 +125,14 @@ def test_a_new_epoch_begins_turns_anew(stage: Alone, driver: Driver) -> None:
     assert driver.turns[-1] == Cycle(2, 1)
 
 
-def test_nobody_bids_before_the_robots_state_was_heard(stage: Alone, driver: Driver) -> None:
+def test_no_bid_before_the_robots_state_was_received(stage: Alone, driver: Driver) -> None:
     stage.number = 1
     stage.give(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
     assert driver.turns == []
     assert stage.published == []
 
 
-def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
-    stage: Alone, driver: Driver
-) -> None:
+def test_no_bid_on_stale_inputs_and_the_record_has_which(stage: Alone, driver: Driver) -> None:
     stage.holding()
     turns = len(driver.turns)
     for _ in range(3):
@@ -142,12 +140,12 @@ def test_nobody_bids_on_what_is_stale_and_it_says_what_that_was(
         stage.give(Pose(stage.at, 0, 0, 0))
     assert len(driver.turns) == turns + 3  # obstacles are good for three cycles
     stage.state()
-    said = stage.give(Pose(stage.at, 0, 0, 0))
+    messages = stage.give(Pose(stage.at, 0, 0, 0))
     assert len(driver.turns) == turns + 3
     assert driver.bids[-1].utility is None
     assert driver.bids[-1].reason == "no fresh sonar/obstacles"
-    assert [claim.utility for claim in claims(said)] == [None]
-    assert [c.action for c in commands(said)] == [None]
+    assert [claim.utility for claim in claims(messages)] == [None]
+    assert [c.action for c in commands(messages)] == [None]
 
 
 BODY = m.Description(
@@ -191,7 +189,7 @@ def test_of_two_sensors_one_that_falls_silent_makes_the_obstacles_stale(
     assert driver.bids[-1].reason == "no fresh sonar/obstacles"
 
 
-def test_nobody_bids_when_the_robot_agent_is_silent(stage: Alone, driver: Driver) -> None:
+def test_no_bid_without_the_robot_agents_acks(stage: Alone, driver: Driver) -> None:
     stage.cycle()
     stage.now += 0.31
     stage.give(Pose(Cycle(1, stage.number + 1), 0, 0, 0))
@@ -224,9 +222,9 @@ def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None
 
     class Listener(Agent):
         name = "listener"
-        hears: ClassVar[tuple[type[Message], ...]] = (Hum, Pose)
+        receives: ClassVar[tuple[type[Message], ...]] = (Hum, Pose)
 
-    services.register(Service(Hum, "hum", Kind.STATE, 1, 8, "said once a second"))
+    services.register(Service(Hum, "hum", Kind.STATE, 1, 8, "once per second"))
     listener = Listener(Identity("listener-1"))
     stage = Alone(listener)
     stage.state()
@@ -252,21 +250,19 @@ def test_freshness_is_each_services_own(monkeypatch: pytest.MonkeyPatch) -> None
     ],
     ids=repr,
 )
-def test_a_bid_that_is_not_sound_is_a_release_and_is_said_to_people(
-    stage: Alone, driver: Driver, bid: Bid
-) -> None:
+def test_an_invalid_bid_is_a_release_and_is_logged(stage: Alone, driver: Driver, bid: Bid) -> None:
     for _ in range(5):
         stage.cycle()
     assert driver.holds(WHEELS)
     driver.next = bid
-    said = stage.cycle()
+    messages = stage.cycle()
     assert not driver.holds(WHEELS)
-    assert [claim.utility for claim in claims(said)] == [None]
-    assert [c.action for c in commands(said)] == [None]
-    logs = [message for message in said if isinstance(message, m.Log)]
+    assert [claim.utility for claim in claims(messages)] == [None]
+    assert [c.action for c in commands(messages)] == [None]
+    logs = [message for message in messages if isinstance(message, m.Log)]
     assert [log.level for log in logs] == [ERROR]
-    assert "not sound" in driver.bids[-1].reason
-    assert all(m.decode(m.encode(message), type(message)) for message in said)
+    assert driver.bids[-1].unsound
+    assert all(m.decode(m.encode(message), type(message)) for message in messages)
 
 
 def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
@@ -274,7 +270,7 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
 ) -> None:
     driver.next = None
     stage.cycle()
-    assert driver.bids[-1].reason == "told not to"
+    assert driver.bids[-1].reason == "set to None"
     driver.next = Bid(0.5, ACTION, reason="because")
     stage.cycle()
     record = driver.bids[-1]
@@ -283,7 +279,7 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
     assert driver.why == ""
 
 
-def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Alone, driver: Driver) -> None:
+def test_recent_bids_are_bounded_and_can_be_queried(stage: Alone, driver: Driver) -> None:
     for _ in range(BIDS_REMEMBERED + 5):
         stage.cycle()
     history = driver.history()
@@ -295,18 +291,18 @@ def test_bids_remembered_are_bounded_and_can_be_asked_for(stage: Alone, driver: 
 
 # The stop latch ----------------------------------------------------------------------------------
 
-STOPPED, RELEASED = Stop(5, True, "somebody", 9), Stop(6, False, "somebody", 9)
+STOPPED, RELEASED = Stop(5, True, "a guest", 9), Stop(6, False, "a guest", 9)
 
 
-def test_nobody_bids_while_the_robot_is_stopped(stage: Alone, driver: Driver) -> None:
+def test_no_bid_while_the_robot_is_stopped(stage: Alone, driver: Driver) -> None:
     for _ in range(5):
         stage.cycle()
-    said = stage.cycle(STOPPED)
-    assert [claim.utility for claim in claims(said)] == [None]
+    messages = stage.cycle(STOPPED)
+    assert [claim.utility for claim in claims(messages)] == [None]
     turns = len(driver.turns)
     assert stage.cycle(STOPPED) == []
     assert len(driver.turns) == turns
-    assert driver.bids[-1].reason == "stopped by somebody"
+    assert driver.bids[-1].reason == "stopped by a guest"
     assert commands(stage.cycle(RELEASED))
 
 
@@ -314,7 +310,7 @@ def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Alone) 
     stage.cycle(STOPPED)
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
-    stage.agent.wake(stage.now + GIVE_BACK_S)
+    stage.agent.wake(stage.now + RESTORE_S)
     assert stage.collect() == [STOPPED]
     assert stage.cycle(STOPPED) == []
 
@@ -325,7 +321,7 @@ def test_a_release_is_remembered_too(stage: Alone, driver: Driver) -> None:
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
     assert driver.bids[-1].utility == 0.5
-    stage.agent.wake(stage.now + GIVE_BACK_S)
+    stage.agent.wake(stage.now + RESTORE_S)
     assert RELEASED in stage.collect()
 
 
@@ -342,14 +338,14 @@ def test_a_stop_counts_though_its_counter_is_smaller(stage: Alone, driver: Drive
 # What goes round ---------------------------------------------------------------------------------
 
 
-def test_who_has_just_started_knows_no_stop_and_gives_none_back(stage: Alone) -> None:
+def test_a_new_agent_knows_no_stop_and_restores_none(stage: Alone) -> None:
     assert stage.cycle(STOPPED) == []
 
 
 def test_handlers_get_what_was_subscribed(stage: Alone, driver: Driver) -> None:
     trajectory = Trajectory(1, 3, ())
     stage.give(trajectory)
-    assert driver.heard == [trajectory]
+    assert driver.received == [trajectory]
     assert driver.latest(Trajectory) is trajectory
 
 
@@ -362,7 +358,7 @@ def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None
     assert patterns == {"resource/wheels/utility", "resource/wheels/ack"}, "its own, no others"
 
 
-def test_the_card_says_who_it_is_and_what_it_offers(stage: Alone, driver: Driver) -> None:
+def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) -> None:
     stage.cycle()
     card = driver.card()
     assert (card.name, card.instance, card.host, card.pid, card.version) == (
@@ -391,29 +387,29 @@ def test_the_card_says_who_it_is_and_what_it_offers(stage: Alone, driver: Driver
 def test_a_question_is_answered_now_or_later(driver: Driver) -> None:
     request = MissionRequest(Waypoint(1, 0, 0))
     driver.reply = MissionReply(3)
-    driver.asked(Question(11, request), 0.0)
+    driver.on_query(Question(11, request), 0.0)
     assert driver.outbox == [Answer(11, MissionReply(3))]
     driver.reply = None
-    driver.asked(Question(12, request), 0.0)
+    driver.on_query(Question(12, request), 0.0)
     assert len(driver.outbox) == 1
     driver.answer(Question(12, request), MissionReply(4))
     assert driver.outbox[-1] == Answer(12, MissionReply(4))
 
 
-def test_an_answer_reaches_who_asked_once(driver: Driver) -> None:
+def test_a_reply_reaches_its_query_once(driver: Driver) -> None:
     got: list[Any] = []
     here = Waypoint(0, 0, 0)
-    driver.ask(PlanRequest(here, here), got.append, timeout=3.0)
-    driver.ask(PlanRequest(here, here), got.append)
+    driver.query(PlanRequest(here, here), got.append, timeout=3.0)
+    driver.query(PlanRequest(here, here), got.append)
     first, second = driver.outbox
-    assert isinstance(first, AskFor)
-    assert isinstance(second, AskFor)
+    assert isinstance(first, SendQuery)
+    assert isinstance(second, SendQuery)
     assert (first.key, first.reply, first.timeout) == ("path/plan", Plan, 3.0)
     assert first.id != second.id
     plan = Plan((), refusal="no")
-    driver.replied(second.id, None, 1.0)
-    driver.replied(first.id, plan, 1.0)
-    driver.replied(first.id, plan, 1.0)
+    driver.on_reply(second.id, None, 1.0)
+    driver.on_reply(first.id, plan, 1.0)
+    driver.on_reply(first.id, plan, 1.0)
     assert got == [None, plan]
 
 
@@ -431,20 +427,20 @@ def test_leaving_lets_go_of_what_it_holds(stage: Alone, driver: Driver) -> None:
     for _ in range(5):
         stage.cycle()
     driver.stop(stage.now)
-    said = stage.collect()
-    assert [c.action for c in commands(said)] == [None]
-    assert [claim.utility for claim in claims(said)] == [None]
+    messages = stage.collect()
+    assert [c.action for c in commands(messages)] == [None]
+    assert [claim.utility for claim in claims(messages)] == [None]
 
 
-def test_a_claim_of_another_shape_takes_nobody_down(stage: Alone, driver: Driver) -> None:
+def test_a_claim_of_another_shape_is_no_failure(stage: Alone, driver: Driver) -> None:
     driver.next = Bid(0.9, ACTION)
     for _ in range(4):
         stage.state()
     rival = m.Ballot(3, 0.2, False, "rival-1")
     stage.give(m.Claim("wheels", rival, stage.at, 0.2, wanted=(0.1,), commanded=(0.1,)))
-    said = stage.give(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
-    assert [claim.ballot.term for claim in claims(said)] == [4]
-    assert [len(claim.commanded) for claim in claims(said)] == [2]
+    messages = stage.give(Obstacles(stage.at, *NOTHING), Pose(stage.at, 0, 0, 0))
+    assert [claim.ballot.term for claim in claims(messages)] == [4]
+    assert [len(claim.commanded) for claim in claims(messages)] == [2]
 
 
 def test_a_claim_for_another_resource_is_none_of_its_business(stage: Alone, driver: Driver) -> None:
@@ -473,9 +469,7 @@ def test_the_social_parameters_reach_the_contender() -> None:
 
 
 @pytest.mark.parametrize("x", [nan, 1e9, "far"])
-def test_a_latched_state_that_nobody_can_be_told_of_is_not_remembered(
-    driver: Driver, x: Any
-) -> None:
+def test_a_latched_state_that_cannot_be_sent_is_not_stored(driver: Driver, x: Any) -> None:
     driver.publish(Trajectory(5, 1, (Waypoint(x, 0.0, 0.0),)))
     assert driver.memory.newest(Trajectory) is None
     driver.publish(Trajectory(1, 2, (Waypoint(1.0, 0.0, 0.0),)))

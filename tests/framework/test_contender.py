@@ -1,4 +1,4 @@
-"""One contender, alone: what it takes for a reason to take over, to wait and to let go."""
+"""One contender alone: its reasons to take over, to wait and to release."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def contending(epoch: int = 1) -> Solo:
     stage = Solo(epoch)
     stage.cycle(5)
     stage.bid(0.3)
-    stage.hear("a-1", 5, 0.6)
+    stage.receive("a-1", 5, 0.6)
     assert stage.contender.state is State.CONTENDING
     return stage
 
@@ -84,7 +84,7 @@ def test_the_better_a_bid_the_shorter_it_waits_where_many_may_take_over(
         assert least <= (due - stage.now) / (DRAW * PERIOD) <= most
 
 
-def test_who_let_go_may_take_at_once_what_nobody_holds() -> None:
+def test_after_its_release_a_contender_may_take_a_free_resource_at_once() -> None:
     stage = holding()
     stage.cycle(5)
     stage.contender.bid(stage.at, None, stage.now)
@@ -104,7 +104,7 @@ def test_each_time_a_new_moment_is_drawn() -> None:
     assert due > stage.now
 
 
-def test_who_wants_nothing_waits_for_nothing() -> None:
+def test_a_contender_without_a_bid_needs_no_wakeup() -> None:
     stage = contending()
     stage.contender.bid(stage.at, None, stage.now)
     assert stage.contender.wakeup is None
@@ -117,7 +117,7 @@ def test_what_was_bid_before_there_was_nothing_to_bid_is_forgotten() -> None:
     stage.contender.bid(stage.at, None, stage.now)
     stage.cycle(6)
     stage.bid(0.1)
-    assert stage.hear("a-1", 5, 0.6) == []
+    assert stage.receive("a-1", 5, 0.6) == []
 
 
 def test_a_silent_holder_is_not_excused_by_what_the_owner_obeyed_before() -> None:
@@ -146,7 +146,7 @@ def test_in_a_new_epoch_the_seven_cycles_begin_anew(epoch: int) -> None:
     assert number == 8
 
 
-def test_who_is_beaten_waits_for_the_winners_claim_as_long_as_for_any() -> None:
+def test_a_beaten_holder_waits_for_the_winners_claim_as_for_any() -> None:
     stage = holding()
     larger = Ballot(9, 0.6, False, "x-1")
     took = []
@@ -167,9 +167,9 @@ def test_the_successor_of_a_holder_has_seven_cycles_of_its_own(epoch: int) -> No
         stage.cycle(number)
         stage.bid(0.3)
         if number < 10:
-            stage.hear("a-1", number, 0.6)
+            stage.receive("a-1", number, 0.6)
         else:
-            stage.hear("c-1", number - 2, 0.6, term=4)  # its claims come late
+            stage.receive("c-1", number - 2, 0.6, term=4)  # its claims come late
         stage.tick()
     assert number == 17
 
@@ -180,12 +180,12 @@ def test_a_release_by_another_does_not_count_as_being_obeyed() -> None:
     while not stage.contender.holding:
         stage.cycle(stage.at.number + 1, largest=other, obeyed_cycle=Cycle(1, 9))
         stage.bid(0.3)
-        stage.hear("a-1", stage.at.number, 0.6)
+        stage.receive("a-1", stage.at.number, 0.6)
         stage.tick()
     assert stage.at.number == 12
 
 
-def test_who_does_not_hear_the_owner_takes_nothing_over_though_cycles_go_on() -> None:
+def test_without_acks_a_contender_does_not_take_over_though_cycles_continue() -> None:
     stage = contending()
     for number in (6, 7, 8, 9):
         assert stage.clock.advance(stage.numbered(number), number * PERIOD)
@@ -194,14 +194,14 @@ def test_who_does_not_hear_the_owner_takes_nothing_over_though_cycles_go_on() ->
     assert stage.tick() == []
 
 
-def test_nobody_takes_over_from_a_dead_holder_when_no_cycles_come() -> None:
+def test_without_cycles_no_contender_takes_over_from_a_dead_holder() -> None:
     stage = contending()
     stage.contender.gone("a-1", stage.now)
     stage.now += 1.0
     assert stage.tick() == []
 
 
-def test_when_there_is_no_larger_term_nobody_casts() -> None:
+def test_without_a_larger_term_no_ballot_is_cast() -> None:
     stage = Solo()
     stage.cycle(5, largest=Ballot(LARGEST_COUNT, 0.6, False, "a-1"))
     stage.bid(0.9)
@@ -209,7 +209,7 @@ def test_when_there_is_no_larger_term_nobody_casts() -> None:
     assert not stage.contender.holding
 
 
-def test_what_the_resource_does_is_neutral_until_its_owner_says_otherwise() -> None:
+def test_the_measured_action_is_neutral_until_the_first_ack() -> None:
     contender = Solo().contender
     assert contender.measured == WHEELS.neutral
     contender.acked(Ack("wheels", Cycle(1, 1)), 0.1)
@@ -221,7 +221,7 @@ def test_what_the_resource_does_is_neutral_until_its_owner_says_otherwise() -> N
 # Terms out of all proportion ----------------------------------------------------------------------
 
 
-def test_who_starts_among_enormous_terms_believes_the_owner_the_second_time() -> None:
+def test_among_enormous_terms_a_new_contender_adopts_the_owners_at_the_second_ack() -> None:
     stage, largest = Solo(), Ballot(2 * JUMP, 0.6, False, "a-1")
     stage.cycle(1, largest=largest)
     assert stage.contender.largest is None
@@ -235,7 +235,7 @@ def test_who_starts_among_enormous_terms_believes_the_owner_the_second_time() ->
 
 def test_one_ack_that_agrees_and_it_takes_two_again() -> None:
     stage, far = contending(), Ballot(3 + JUMP, 0.6, False, "c-1")
-    stage.hear("c-1", 5, 0.6, term=3 + JUMP)
+    stage.receive("c-1", 5, 0.6, term=3 + JUMP)
     stage.cycle(6)
     stage.cycle(7, largest=far)
     stage.cycle(8)
@@ -258,7 +258,7 @@ def test_one_ack_that_agrees_and_it_takes_two_again() -> None:
         (True, 10**15, 5, False),
     ],
 )
-def test_a_release_that_was_not_heard_is_known_by_the_owners_ack(
+def test_a_lost_release_is_known_by_the_owners_ack(
     obeys: bool, epoch: int, number: int, gone: bool
 ) -> None:
     stage = contending(10**15)
@@ -269,7 +269,7 @@ def test_a_release_that_was_not_heard_is_known_by_the_owners_ack(
     assert bool(stage.tick()) is gone
 
 
-def test_an_owner_that_has_obeyed_nobody_yet_ends_nothing() -> None:
+def test_an_owner_that_has_obeyed_no_command_yet_ends_no_tenure() -> None:
     stage = contending()
     stage.cycle(6, largest=Ballot(3, 0.6, False, "a-1"))
     stage.bid(0.3)
@@ -278,8 +278,8 @@ def test_an_owner_that_has_obeyed_nobody_yet_ends_nothing() -> None:
 
 def test_after_a_release_a_late_claim_of_the_tenure_counts_for_nothing() -> None:
     stage = contending()
-    stage.hear("a-1", 5, None)
-    stage.hear("a-1", 5, 0.6)
+    stage.receive("a-1", 5, None)
+    stage.receive("a-1", 5, 0.6)
     assert len(stage.tick()) == 1
 
 
@@ -301,15 +301,15 @@ def test_a_token_that_goes_when_the_silence_is_over_is_no_news() -> None:
     assert not stage.contender.holding
 
 
-def test_who_claims_on_has_not_gone() -> None:
+def test_a_holder_that_claims_again_is_not_gone() -> None:
     stage = contending()
     stage.contender.gone("a-1", stage.now)
-    stage.hear("a-1", 5, 0.6)
+    stage.receive("a-1", 5, 0.6)
     assert stage.tick() == []
 
 
 @pytest.mark.parametrize("other", ["A-1", "c-1"])
-def test_the_token_of_somebody_else_says_nothing_of_the_holder(other: str) -> None:
+def test_the_token_of_another_agent_is_not_the_holders(other: str) -> None:
     stage = contending()
     assert stage.contender.gone(other, stage.now) == []
     assert stage.tick() == []
@@ -325,16 +325,16 @@ def test_that_a_dead_holder_was_obeyed_last_does_not_bring_it_back() -> None:
 
 def test_a_release_before_the_holder_began_is_not_the_holders() -> None:
     stage = contending()
-    stage.hear("c-1", 5, 0.6, term=4)
+    stage.receive("c-1", 5, 0.6, term=4)
     stage.cycle(6, largest=Ballot(3, 0.6, False, "a-1"), obeyed_cycle=Cycle(1, 5))
     stage.bid(0.3)
     assert stage.tick() == []
 
 
-@pytest.mark.parametrize("who", ["a-1", "c-1"])
-def test_who_hears_the_owner_alone_compares_by_what_it_obeys(who: str) -> None:
+@pytest.mark.parametrize("instance", ["a-1", "c-1"])
+def test_a_contender_with_acks_only_compares_by_the_obeyed_bid(instance: str) -> None:
     stage = Solo()
-    ballot = Ballot(3, 0.6, False, who)
+    ballot = Ballot(3, 0.6, False, instance)
     about = {"largest": ballot, "obeyed": ballot, "obeyed_cycle": Cycle(1, 5), "utility": 0.6}
     stage.cycle(5, **about)
     assert stage.bid(0.64) == []
@@ -343,14 +343,14 @@ def test_who_hears_the_owner_alone_compares_by_what_it_obeys(who: str) -> None:
     assert len(stage.bid(0.66)) == 1
 
 
-def test_a_claim_that_was_heard_counts_and_not_what_the_owner_makes_of_it() -> None:
+def test_a_received_claim_counts_before_the_owners_ack() -> None:
     stage = contending()
     ballot = Ballot(3, 0.6, False, "a-1")
     stage.cycle(6, largest=ballot, obeyed=ballot, obeyed_cycle=Cycle(1, 5), utility=0.1)
     assert not stage.contender.holding
 
 
-def test_nobody_compares_with_a_holder_whose_larger_successor_is_known() -> None:
+def test_a_holder_with_a_known_larger_successor_is_not_compared_with() -> None:
     stage = contending()
     beaten, larger = Ballot(3, 0.6, False, "a-1"), Ballot(5, 0.6, False, "c-1")
     stage.cycle(6, largest=larger, obeyed=beaten, obeyed_cycle=Cycle(1, 6), utility=0.1)
@@ -368,7 +368,7 @@ def test_a_token_that_goes_after_the_silence_is_no_news() -> None:
     assert stage.tick() == [], "the owner obeys it all the same"
 
 
-def test_what_the_owner_says_of_ones_own_tenure_is_of_no_rival() -> None:
+def test_an_ack_of_the_own_tenure_is_no_rival() -> None:
     stage = holding()
     mine = own(stage)
     stage.cycle(5, largest=mine, obeyed=mine, obeyed_cycle=Cycle(1, 4))
@@ -379,7 +379,7 @@ def test_what_the_owner_says_of_ones_own_tenure_is_of_no_rival() -> None:
 # Holding ------------------------------------------------------------------------------------------
 
 
-def test_ones_own_claim_that_comes_back_outbids_nobody() -> None:
+def test_an_own_claim_that_comes_back_outbids_no_tenure() -> None:
     stage = holding()
     assert (
         stage.contender.on_claim(Claim("wheels", own(stage), stage.numbered(4), 0.5), stage.now)
@@ -394,7 +394,7 @@ def test_an_owner_that_does_not_know_ones_ballot_yet_ends_nothing() -> None:
     assert len(stage.bid(0.5)) == 1
 
 
-def test_who_is_obeyed_holds_on() -> None:
+def test_an_obeyed_holder_continues() -> None:
     stage = holding(10**15)
     for number in range(5, 20):
         mine, before = own(stage), stage.numbered(number - 1)
@@ -413,7 +413,7 @@ def test_that_another_is_obeyed_does_not_excuse_a_holder_that_is_not() -> None:
 
 
 @pytest.mark.parametrize("cycles", [5, 6, 7])
-def test_who_bids_seldom_lets_go_all_the_same(cycles: int) -> None:
+def test_a_holder_that_bids_seldom_releases_too(cycles: int) -> None:
     stage = holding()
     stage.cycle(4 + cycles)
     assert [c.action is None for c in stage.bid(0.5)] == [cycles >= 6]
@@ -429,15 +429,15 @@ def test_a_holder_that_bids_zero_lets_go_in_the_fourth_cycle() -> None:
     assert stage.contender.state is State.IDLE
 
 
-def rests(stage: Solo, cycles: int, *, heard: bool = False) -> list[float]:
-    """How long it stands back, s, each time, while nobody obeys it; or somebody did at first."""
+def rests(stage: Solo, cycles: int, *, received: bool = False) -> list[float]:
+    """Return each time that it stands back, s, unobeyed; `received`: obeyed in its first tenure."""
     found, since = [], 0.0
     for number in range(stage.at.number + 1, stage.at.number + 1 + cycles):
         about = {}
-        if heard and stage.contender.holding:
+        if received and stage.contender.holding:
             mine = own(stage)
             about = {"largest": mine, "obeyed": mine, "obeyed_cycle": stage.at}
-            heard = False
+            received = False
         before = stage.contender.state
         stage.cycle(number, **about)
         stage.bid(0.5)
@@ -450,24 +450,24 @@ def rests(stage: Solo, cycles: int, *, heard: bool = False) -> list[float]:
     return found
 
 
-def test_who_is_not_obeyed_stands_back_one_two_and_then_four_seconds() -> None:
+def test_a_holder_that_is_not_obeyed_stands_back_one_two_and_then_four_seconds() -> None:
     stage = Solo()
     assert rests(stage, 142) == pytest.approx([1.0, 2.0, 4.0, 4.0], abs=0.05)
-    assert rests(stage, 30, heard=True) == pytest.approx([1.0], abs=0.05), "it was obeyed again"
+    assert rests(stage, 30, received=True) == pytest.approx([1.0], abs=0.05), "it was obeyed again"
 
 
 # Exchanges ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("commanded", [(), (1.0,), (1.0, 0.0, 0.0), b"", b"vw"], ids=str)
-def test_where_a_loser_says_no_sound_action_the_exchange_begins_from_what_is_measured(
+def test_without_a_valid_action_of_the_loser_the_exchange_begins_from_the_measured_one(
     commanded: Action,
 ) -> None:
     stage = Solo()
     exchange, rng = EXCHANGES["smooth"], Random(1)
     stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
     stage.cycle(5)
-    stage.hear("a-1", 5, 0.3, commanded=commanded)
+    stage.receive("a-1", 5, 0.3, commanded=commanded)
     (first,) = stage.bid(0.9, action=(1.4, 0.0))
     assert first.action is not None
     assert not isinstance(first.action, bytes)
@@ -477,8 +477,8 @@ def test_where_a_loser_says_no_sound_action_the_exchange_begins_from_what_is_mea
 
 @pytest.mark.parametrize("exchange", sorted(EXCHANGES))
 @pytest.mark.parametrize("measured", [(), (1.0,), (0.1, 0.0, 0.0), b"", b"vw"], ids=str)
-def test_what_an_owner_measures_ends_nobody_who_casts(exchange: str, measured: Action) -> None:
-    """Of another shape than the resource's it is as if it had not been said."""
+def test_malformed_measurements_do_not_stop_a_take_over(exchange: str, measured: Action) -> None:
+    """Measurements of another shape than the resource's are ignored."""
     stage = Solo()
     stage.contender = Contender(WHEELS, "b-1", stage.clock, EXCHANGES[exchange], Random(1))
     stage.cycle(5)
@@ -507,7 +507,7 @@ def test_an_exchange_goes_on_over_its_cycles() -> None:
     exchange, rng = EXCHANGES["smooth"], Random(1)
     stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
     stage.cycle(5)
-    stage.hear("a-1", 5, 0.3, commanded=(0.0, 0.0))
+    stage.receive("a-1", 5, 0.3, commanded=(0.0, 0.0))
     (first,) = stage.bid(0.9, action=(1.4, 0.0))
     stage.cycle(6)
     (second,) = stage.bid(0.9, action=(1.4, 0.0))
@@ -520,7 +520,7 @@ def careful() -> Solo:
     """It has taken over from one that was about to collide, and was killed."""
     stage = Solo(10**15)
     stage.cycle(5)
-    stage.hear("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
+    stage.receive("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
     stage.contender.gone("a-1", stage.now)
     stage.bid(0.7, action=(0.1, 0.0), inputs=stage.numbered(4))
     (first,) = stage.tick()
@@ -529,7 +529,7 @@ def careful() -> Solo:
     return stage
 
 
-def test_who_may_only_brake_does_not_go_faster_again() -> None:
+def test_a_careful_holder_does_not_accelerate_again() -> None:
     stage = careful()
     (held,) = stage.bid(0.7, action=(0.2, 0.0), inputs=stage.numbered(5))
     assert held.action == (0.1, 0.0)
@@ -538,7 +538,7 @@ def test_who_may_only_brake_does_not_go_faster_again() -> None:
 @pytest.mark.parametrize(
     "inputs", [None, Cycle(0, 9), Cycle(2 * 10**15, 1), Cycle(10**15, 6)], ids=str
 )
-def test_who_has_seen_more_or_of_another_epoch_is_free(inputs: Cycle | None) -> None:
+def test_newer_inputs_or_another_epoch_end_the_caution(inputs: Cycle | None) -> None:
     (free,) = careful().bid(0.7, action=(0.2, 0.0), inputs=inputs)
     assert free.action == (0.2, 0.0)
 
@@ -570,8 +570,8 @@ def test_an_ack_takes_over_at_once_where_this_cycles_bid_is_there() -> None:
     stage.at = stage.numbered(6)
     stage.clock.advance(stage.at, stage.now)
     assert stage.bid(0.9) == []
-    said = stage.contender.acked(obeyed(6, 0.3), stage.now)
-    assert [(type(message), getattr(message, "cycle", None)) for message in said] == [
+    messages = stage.contender.acked(obeyed(6, 0.3), stage.now)
+    assert [(type(message), getattr(message, "cycle", None)) for message in messages] == [
         (Command, stage.at),
         (Claim, stage.at),
     ]

@@ -59,9 +59,9 @@ def test_talk_per_cycle_does_not_grow_with_the_losers() -> None:
             bidder("winner", 0.9), *(bidder(f"l{i}", 0.1 + i / 200) for i in range(losers))
         )
         society.run(1.0)
-        said = len(society.claims) + len(society.commands)
+        messages = len(society.claims) + len(society.commands)
         society.run(5.0)
-        return len(society.claims) + len(society.commands) - said
+        return len(society.claims) + len(society.commands) - messages
 
     assert talk(2) == talk(20) == 100
 
@@ -84,7 +84,7 @@ def test_two_rising_utilities_do_not_swap_each_cycle() -> None:
     assert exchanges <= 1
 
 
-def test_within_the_margin_nobody_takes_over() -> None:
+def test_within_the_margin_no_contender_takes_over() -> None:
     society = Society(bidder("a", 0.50))
     society.run(1.0)
     society.join(bidder("b", lambda now: 0.52 + 0.02 * sin(now)))
@@ -159,9 +159,9 @@ def test_a_stop_ends_the_reign_and_a_release_begins_another() -> None:
     society.mesh.publish(Stop(1, True, "tester", 1))
     society.run(1.0)
     assert society.holders() == []
-    said = len(society.commands)
+    messages = len(society.commands)
     society.run(1.0)
-    assert len(society.commands) == said
+    assert len(society.commands) == messages
     society.mesh.publish(Stop(2, False, "tester", 1))
     society.run(1.0)
     assert society.holders() == ["a"]
@@ -206,10 +206,10 @@ def test_a_restarted_lone_agent_starts_from_the_ack() -> None:
     society.join(kind, start=1)
     society.run(1.0)
     first = next(t for t, _ in society.owner.obeyed if t > restarted)
-    assert first - restarted < (LISTEN + 1.5) * PERIOD  # who starts listens for 3 cycles
+    assert first - restarted < (LISTEN + 1.5) * PERIOD  # after a start it listens for 3 cycles
 
 
-def test_a_holder_nobody_obeys_stands_back_for_longer_each_time() -> None:
+def test_a_holder_that_is_not_obeyed_stands_back_longer_each_time() -> None:
     society = Society(bidder("sane", 0.5))
     society.join(bidder("mute", 0.9, action=(9.0, 0.0)), exchange="abrupt")
     society.run(10.0)
@@ -218,7 +218,7 @@ def test_a_holder_nobody_obeys_stands_back_for_longer_each_time() -> None:
     assert 2 <= len(casts) <= 6
 
 
-def test_a_beaten_holder_yields_when_it_hears_the_larger_ballot_of_its_term() -> None:
+def test_a_beaten_holder_yields_to_a_larger_ballot_of_its_term() -> None:
     society = Society(bidder("a", 0.9), bidder("b", 0.8))
     society.mesh.link("a", "b").up = False
     society.mesh.link("b", "a").up = False
@@ -264,7 +264,7 @@ def test_beats_is_by_margin_or_by_being_critical() -> None:
     assert beats(Bid(0.56, ()), critical, 0.05)
 
 
-def test_who_was_away_itself_does_not_believe_that_the_holder_has_gone() -> None:
+def test_after_its_own_hang_a_contender_does_not_take_the_holder_for_gone() -> None:
     society = Society(bidder("a", 0.5))
     society.run(1.0)
     sleeper = society.join(bidder("b", 0.5))
@@ -278,7 +278,7 @@ def test_who_was_away_itself_does_not_believe_that_the_holder_has_gone() -> None
     assert set(society.obeyed_names()) == {"a"}
 
 
-def test_who_comes_back_after_a_long_hang_is_not_put_off_by_the_cycles_it_missed() -> None:
+def test_after_a_long_hang_missed_cycles_do_not_count() -> None:
     society = Society(bidder("a", 0.9))
     society.run(2.0)
     society.nodes["a"].hang()
@@ -302,19 +302,19 @@ def test_what_a_holder_commanded_that_died_long_ago_is_not_where_an_exchange_beg
     assert max(commanded) <= 0.2
 
 
-def test_a_late_claim_of_an_older_cycle_deposes_nobody_who_is_better_by_now() -> None:
+def test_a_late_claim_of_an_older_cycle_is_not_compared_with_a_newer_bid() -> None:
     stage = Solo()
     stage.cycle(1)
     for number, utility in ((4, 0.9), (5, 0.1)):
         stage.cycle(number)
         stage.bid(utility)
-    stage.hear("a-1", 5, 0.6)
+    stage.receive("a-1", 5, 0.6)
     assert stage.contender.state is State.CONTENDING
-    assert stage.hear("a-1", 4, 0.6) == []  # it was better in cycle 4, and is worse in 5
+    assert stage.receive("a-1", 4, 0.6) == []  # it was better in cycle 4, and is worse in 5
     assert not stage.contender.holding
 
 
-def test_who_cannot_hear_the_holder_compares_by_the_ack() -> None:
+def test_without_the_holders_claims_a_contender_compares_by_the_ack() -> None:
     a = bidder("a", 0.5, critical=False)
     society = Society(a)
     society.run(1.0)
@@ -324,7 +324,7 @@ def test_who_cannot_hear_the_holder_compares_by_the_ack() -> None:
     assert set(society.obeyed_names(since=society.mesh.now - 0.3)) == {"b"}
 
 
-def test_a_token_that_a_cut_hides_deposes_nobody_who_is_obeyed() -> None:
+def test_a_token_hidden_by_a_cut_does_not_depose_an_obeyed_holder() -> None:
     society = Society(bidder("a", 0.9), bidder("b", 0.3))
     society.run(2.0)
     society.mesh.cut(["a"], ["b"], lease=True)
@@ -334,7 +334,7 @@ def test_a_token_that_a_cut_hides_deposes_nobody_who_is_obeyed() -> None:
     assert society.holders() == ["a"]
 
 
-def test_one_huge_term_ends_nobody() -> None:
+def test_one_huge_term_excludes_no_contender() -> None:
     society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
     society.run(1.0)
     cycle = society.owner.cycles.newest
@@ -347,7 +347,7 @@ def test_one_huge_term_ends_nobody() -> None:
     assert set(society.obeyed_names(since=3.0)) == {"a"}
 
 
-def test_who_has_counted_farther_than_the_owner_believes_comes_back_to_its_word() -> None:
+def test_a_contender_with_an_implausible_ballot_adopts_the_owners() -> None:
     society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
     society.run(1.0)
     contender = society.mesh.node("a").agent._contenders["wheels"]
@@ -378,7 +378,7 @@ def test_an_owner_that_starts_anew_is_obeyed_though_all_have_counted_far() -> No
 
 
 @pytest.mark.parametrize("other", [0.5, 0.95])
-def test_a_tenure_of_a_cycle_that_never_was_is_let_go_of_and_somebody_is_obeyed(
+def test_a_tenure_of_a_false_cycle_is_released_and_a_contender_is_obeyed(
     other: float,
 ) -> None:
     """The owner hangs, and one state far ahead of it is believed by all."""
@@ -433,7 +433,7 @@ def test_a_resource_that_is_not_the_robots_is_driven_on_after_a_cycle_that_never
     assert newest.number - 2 <= obeyed.number <= newest.number
 
 
-def test_where_there_is_no_next_term_nobody_casts_and_nobody_dies() -> None:
+def test_without_a_next_term_no_ballot_is_cast_and_no_agent_fails() -> None:
     stage = Solo()
     stage.cycle(4, largest=Ballot(LARGEST_COUNT - JUMP, 0.5, False, "x-1"))
     stage.contender.largest = Ballot(LARGEST_COUNT, 0.5, False, "x-1")
@@ -450,8 +450,8 @@ def test_the_end_of_a_tenure_needs_one_of_its_two_messages_only() -> None:
         at = Cycle(1, 5)
         assert owner.judge(Command("wheels", at, ballot, (0.3, 0.0)), 0.5) is Verdict.OBEYED
         if lost is Claim:
-            said = owner.judge(Command("wheels", at, ballot, None), 0.5)
-            assert said is Verdict.RELEASED
+            messages = owner.judge(Command("wheels", at, ballot, None), 0.5)
+            assert messages is Verdict.RELEASED
         else:
             assert owner.on_claim(Claim("wheels", ballot, at, None))
         assert owner.obeyed is None
@@ -459,11 +459,11 @@ def test_the_end_of_a_tenure_needs_one_of_its_two_messages_only() -> None:
         assert late is Verdict.OVER, "what is left of it is refused"
 
 
-def test_who_takes_over_from_one_about_to_collide_may_only_brake_until_it_has_seen_more() -> None:
+def test_after_a_critical_holder_a_contender_may_only_brake_until_its_inputs_are_newer() -> None:
     stage = Solo()
     stage.cycle(1)
     stage.cycle(5)
-    stage.hear("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
+    stage.receive("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
     stage.contender.gone("a-1", stage.now)  # it was killed
     stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 4))
     first = stage.tick()
@@ -476,22 +476,22 @@ def test_who_takes_over_from_one_about_to_collide_may_only_brake_until_it_has_se
     assert seen[0].action != (0.2, 0.0)
 
 
-def test_nor_may_who_takes_over_because_that_one_fell_silent() -> None:
+def test_nor_may_a_contender_after_that_ones_timeout() -> None:
     stage = Solo()
     for number in (1, 5):
         stage.cycle(number)
-    stage.hear("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
+    stage.receive("a-1", 5, 0.8, critical=True, commanded=(0.2, 0.0))
     for number in (6, 7, 8):
         stage.cycle(number)
-        said = stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 5))
-    said += stage.tick()
-    assert [c.action for c in said] == [(0.4, 0.0)], "no faster than is measured"
+        messages = stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 5))
+    messages += stage.tick()
+    assert [c.action for c in messages] == [(0.4, 0.0)], "no faster than is measured"
     stage.cycle(9)
     (seen,) = stage.bid(0.7, action=(0.5, 0.3), inputs=Cycle(1, 6))
     assert seen.action == (0.5, 0.3)
 
 
-def test_like_is_compared_with_like_and_by_the_thesis_what_was_heard_last() -> None:
+def test_bids_of_one_cycle_are_compared_and_by_the_thesis_the_newest() -> None:
     ballot = Ballot(1, 0.5, False, "x")
     first, second = Cycle(1, 1), Cycle(1, 2)
     falling = {first: Bid(0.9, ()), second: Bid(0.3, ())}
@@ -520,7 +520,7 @@ def test_messages_are_not_braked_and_numbers_that_do_not_fit_are_neutral() -> No
     assert braked((0.5, 0.5), (0.2, 0.1), (0.0,)) == (0.0,)
 
 
-def test_many_who_may_take_over_at_once_do_not_all_speak() -> None:
+def test_of_many_contenders_that_may_take_over_few_publish() -> None:
     count = 40
     society = Society(*(bidder(f"a{i}", 0.5) for i in range(count)))
     society.run(2.0)
@@ -556,7 +556,7 @@ def test_claims_for_old_cycles_are_not_believed() -> None:
     stage = Solo()
     stage.cycle(1)
     stage.cycle(9)
-    stage.hear("a-1", 5, 0.9)
+    stage.receive("a-1", 5, 0.9)
     assert stage.contender.rival is None
     assert stage.contender.largest is None
 
@@ -576,12 +576,12 @@ def test_a_holder_lets_go_after_six_cycles_without_being_obeyed(cycles: int) -> 
 
 
 def taken_over_from_a_release(age: int) -> float:
-    """The speed that is commanded first by who takes up a release of so many cycles ago."""
+    """The first commanded speed after a release of so many cycles ago."""
     stage = Solo()
     exchange, rng = EXCHANGES["smooth"], Random(1)
     stage.contender = Contender(WHEELS, "b-1", stage.clock, exchange, rng)
     stage.cycle(5)
-    stage.hear("a-1", 5 - age, None, commanded=(0.0, 0.0))
+    stage.receive("a-1", 5 - age, None, commanded=(0.0, 0.0))
     stage.bid(0.6)
     (command,) = stage.tick()
     assert command.action is not None

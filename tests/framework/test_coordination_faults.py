@@ -143,4 +143,4 @@ def test_promises_hold_under_faults(contenders: int, seed: int, data: st.DataObj
         counts.append(len(_holders(mesh)))
     assert min(counts) == 1, f"holders in a whole network: {_holders(mesh)}"
     recent = [t for t, _ in world.society.owner.obeyed if t > healed]
-    assert len(recent) >= 15, "nobody is obeyed after healing"
+    assert len(recent) >= 15, "no agent is obeyed after healing"

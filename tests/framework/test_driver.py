@@ -1,4 +1,4 @@
-"""One agent's life, sans-IO: what it remembers before it begins, whom it answers and believes."""
+"""The driver of one agent: states before the start, replies, cards."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import ClassVar
 import pytest
 
 from armadico.core.agent import Agent, Answer, Identity, Question
-from armadico.core.driver import QUESTIONS, AskFor, Driver, Reply
+from armadico.core.driver import OPEN_QUERIES, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
 from armadico.core.messages import PROTOCOL, Card, Message, Stop, encode
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
-STOP = Stop(3, True, "somebody", 5)
+STOP = Stop(3, True, "a guest", 5)
 MISSION = Trajectory(4, 9, (Waypoint(1.0, 0.0, 0.0),))
 REQUEST = PlanRequest(Waypoint(0.0, 0.0, 0.0), Waypoint(1.0, 0.0, 0.0))
 
 
 class Planner(Agent):
-    """Answers when the test says so; it must be alone, so it goes through all stages."""
+    """Replies when the test does; it must be alone, so its admission has all stages."""
 
     name = "planner"
     alone = True
-    hears: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Trajectory,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Identity) -> None:
@@ -34,7 +34,7 @@ class Planner(Agent):
 
 
 def begun(until: Stage = Stage.JOINED) -> tuple[Planner, Driver, float]:
-    """A driver that has come so far, alone; what it has said is taken, and the time is told."""
+    """Return a driver at a stage, without others, with its outputs drained, and the time."""
     agent = Planner(Identity("planner-5"))
     driver, now = Driver(agent, 0.0), 0.0
     driver.begin(now)
@@ -61,7 +61,7 @@ def deliver(driver: Driver, message: Message, now: float) -> None:
 
 @pytest.mark.parametrize("stage", [Stage.LOOKING, Stage.CLAIMING, Stage.JOINED])
 def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> None:
-    """Who publishes its stop once, while this one looks around, is not told that it was in vain."""
+    """A stop that is published once, during the admission, is not lost."""
     agent, driver, now = begun(stage)
     assert driver.stage is stage
     deliver(driver, STOP, now)
@@ -70,11 +70,11 @@ def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> 
     assert agent.memory.newest(Trajectory) == MISSION
 
 
-def test_who_may_not_join_remembers_nothing() -> None:
+def test_a_refused_agent_stores_nothing() -> None:
     agent, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
-    driver.replied(ask.id, card("planner-1", tenure=50), now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    driver.on_reply(query.id, card("planner-1", tenure=50), now)
     assert driver.stage is Stage.REFUSED
     deliver(driver, STOP, now)
     assert agent.memory.newest(Stop) is None
@@ -84,11 +84,11 @@ def test_who_may_not_join_remembers_nothing() -> None:
 
 
 def test_of_more_questions_than_it_keeps_the_oldest_has_no_answer() -> None:
-    """Who asked first has given up first: the newest still waits."""
+    """The oldest query times out first; the newest still waits."""
     agent, driver, now = begun()
-    calls = [object() for _ in range(QUESTIONS + 3)]
+    calls = [object() for _ in range(OPEN_QUERIES + 3)]
     for call in calls:
-        driver.asked("path/plan", encode(REQUEST), call, now)
+        driver.on_query("path/plan", encode(REQUEST), call, now)
     assert len(agent.questions) == len(calls)
     for question in agent.questions:
         agent.outbox.append(Answer(question.id, Plan((), 1.0)))
@@ -100,26 +100,26 @@ def test_of_more_questions_than_it_keeps_the_oldest_has_no_answer() -> None:
 
 
 def test_a_card_speaks_for_its_own_instance_only() -> None:
-    """Somebody with a token of its own says that another is at work here for longer."""
+    """An instance replies with the card of another instance that has worked longer."""
     agent, driver, now = begun()
-    told: list[Card] = []
-    agent.met = lambda card, now: told.append(card)  # type: ignore[method-assign]
+    listening: list[Card] = []
+    agent.met = lambda card, now: listening.append(card)  # type: ignore[method-assign]
     driver.token("planner", "planner-1", True, now)
     driver.token("evil", "evil-1", True, now)
-    asked = {item.key: item.id for item in driver.drain() if isinstance(item, AskFor)}
-    question = asked["agent/evil/evil-1/card"]
-    driver.replied(question, card("planner-1", tenure=10**6), now)
-    assert told == []
+    on_query = {item.key: item.id for item in driver.drain() if isinstance(item, SendQuery)}
+    question = on_query["agent/evil/evil-1/card"]
+    driver.on_reply(question, card("planner-1", tenure=10**6), now)
+    assert listening == []
     assert driver.stage is Stage.JOINED
-    driver.replied(asked["agent/planner/planner-1/card"], card("evil-1"), now)
-    assert told == []
+    driver.on_reply(on_query["agent/planner/planner-1/card"], card("evil-1"), now)
+    assert listening == []
 
 
 def test_one_that_is_given_for_another_is_no_card_at_all() -> None:
-    """Its own is asked for again: one false answer neither lets in nor keeps out."""
+    """Its own card is queried again: one false reply neither admits nor refuses."""
     _, driver, now = begun(Stage.LOOKING)
     driver.token("planner", "planner-1", True, now)
-    (ask,) = [item for item in driver.drain() if isinstance(item, AskFor)]
-    driver.replied(ask.id, card("planner-2", tenure=10**6), now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    driver.on_reply(query.id, card("planner-2", tenure=10**6), now)
     assert driver.stage is Stage.LOOKING
     assert driver.refusal == ""

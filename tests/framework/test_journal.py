@@ -18,10 +18,10 @@ AGAIN = "journal/bell-1/piece"
 
 
 class Bell(Agent):
-    """Says when there is an alarm."""
+    """Publishes alarms."""
 
     name = "bell"
-    hears: ClassVar[tuple[type[Message], ...]] = (Alarm,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Alarm,)
 
     def on_alarm(self, alarm: Alarm) -> None:
         self.log(f"in {alarm.room}")
@@ -54,7 +54,7 @@ def entries(pieces: list[JournalPiece]) -> list[Any]:
     return found
 
 
-def said(out: list[Output]) -> list[JournalPiece]:
+def messages(out: list[Output]) -> list[JournalPiece]:
     return [o.message for o in out if isinstance(o, Publish) and type(o.message) is JournalPiece]
 
 
@@ -63,7 +63,7 @@ def test_what_enters_and_leaves_is_in_it_in_order() -> None:
     ring(driver, 11.0)
     driver.wake(12.0)
     driver.drain()
-    driver.drain()  # of what is not there nothing is said twice
+    driver.drain()  # missing inputs are not logged twice
     found = entries(driver.pieces())
     assert [entry[0] for entry in found] == [
         *(j.START, j.BEGIN, j.TAKE),
@@ -81,10 +81,10 @@ def test_a_spoilt_payload_is_in_it_as_it_came() -> None:
     ring(driver, 11.0, b"\xff")
     delivered, taken = entries(driver.pieces())[-2:]
     assert [delivered[0], *delivered[3:]] == [j.DELIVER, "alarm", b"\xff"]
-    assert "refused or dropped: 1 x on alarm" in str(msgpack.decode(taken[1]))
+    assert "rejected or dropped: 1 x on alarm" in str(msgpack.decode(taken[1]))
 
 
-def test_to_whoever_runs_it_it_is_as_any_driver() -> None:
+def test_its_outputs_are_those_of_any_driver() -> None:
     plain = Driver(Bell(Identity("bell-1")), 10.0, admit=False)
     plain.begin(10.0)
     plain.drain()
@@ -100,36 +100,36 @@ def test_it_wakes_to_publish_and_its_agent_is_not_woken_for_that() -> None:
     assert [type(o.message) for o in out if isinstance(o, Publish)] == [Log]
     assert driver.wakeup == 10.0 + j.EVERY_S
     driver.wake(10.0 + j.EVERY_S)
-    assert [piece.number for piece in said(driver.drain())] == [1]
+    assert [piece.number for piece in messages(driver.drain())] == [1]
 
 
 def test_its_beginning_is_published_as_soon_as_it_can_be_seen() -> None:
     driver = j.Journalled(Bell(Identity("bell-1")), 10.0, b"head", admit=False)
     driver.begin(10.0)
-    (piece,) = said(driver.drain())
+    (piece,) = messages(driver.drain())
     assert [entry[0] for entry in entries([piece])] == [j.START, j.BEGIN, j.TAKE]
 
 
-def test_who_leaves_publishes_all_of_it() -> None:
+def test_a_leaving_agent_publishes_all_of_it() -> None:
     driver = journalled()
     ring(driver, 10.1)
     driver.leave(10.2)
-    found = entries(said(driver.drain()))
+    found = entries(messages(driver.drain()))
     assert found[-2][0] == j.LEAVE
     assert found[-1][0] == j.TAKE
 
 
-def test_a_query_is_answered_to_whoever_asked_and_noted_with_its_number() -> None:
+def test_a_query_is_answered_to_its_client_and_noted_with_its_number() -> None:
     driver = journalled(publishes=False, wall=lambda: 1e9)
     call = object()
     key = f"agent/bell/{driver.agent.instance}/card"
-    driver.asked(key, Ask(), call, 11.0)
+    driver.on_query(key, Ask(), call, 11.0)
     (reply,) = driver.drain()
     assert isinstance(reply, Reply)
     assert reply.call is call
     assert isinstance(reply.message, Card)
-    asked, taken = entries(driver.pieces())[-2:]
-    assert asked[4:] == [1, 1e9]
+    on_query, taken = entries(driver.pieces())[-2:]
+    assert on_query[4:] == [1, 1e9]
     assert msgpack.decode(taken[1])[0][:3] == [j.REPLY, 1, key]
 
 
@@ -137,12 +137,12 @@ def test_a_lost_piece_is_given_again_and_is_not_part_of_its_life() -> None:
     driver = journalled()
     ring(driver, 10.1)
     driver.wake(10.5)
-    (piece,) = said(driver.drain())
+    (piece,) = messages(driver.drain())
     assert driver.queries[AGAIN] is JournalRequest
-    driver.asked(AGAIN, encode(JournalRequest(1)), "call", 10.6)
+    driver.on_query(AGAIN, encode(JournalRequest(1)), "call", 10.6)
     assert driver.drain() == [Reply("call", AGAIN, piece)]
-    driver.asked(AGAIN, encode(JournalRequest(2)), "call", 10.6)  # there is none
-    driver.asked(AGAIN, b"\xff", "call", 10.6)
+    driver.on_query(AGAIN, encode(JournalRequest(2)), "call", 10.6)  # there is none
+    driver.on_query(AGAIN, b"\xff", "call", 10.6)
     assert driver.drain() == []
     assert service_of(JournalRequest).reply is JournalPiece
 

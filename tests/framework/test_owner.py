@@ -1,4 +1,4 @@
-"""The owner of a resource, alone: by which reason it refuses, what it remembers, what it says."""
+"""The owner of a resource alone: its verdicts, its state and its acks."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ AT = 9
 NOW = AT * PERIOD
 
 
-def ballot(term: int = 3, utility: float = 0.6, who: str = "a-1") -> Ballot:
+def ballot(term: int = 3, utility: float = 0.6, instance: str = "a-1") -> Ballot:
     """A new object each time, as decoding makes them."""
-    return Ballot(term, utility, False, who)
+    return Ballot(term, utility, False, instance)
 
 
 def command(
@@ -130,7 +130,7 @@ def test_a_smaller_release_does_not_make_a_larger_tenure_good_again() -> None:
     assert owner.judge(command(), NOW) is Verdict.OVER
 
 
-def test_who_releases_what_another_holds_ends_nothing() -> None:
+def test_a_release_of_another_ballot_ends_no_tenure() -> None:
     owner = obeying()
     assert not owner.on_claim(claim(of=ballot(2), utility=None))
     assert owner.obeyed == ballot()
@@ -148,7 +148,7 @@ def test_who_releases_what_another_holds_ends_nothing() -> None:
     ],
     ids=str,
 )
-def test_what_is_not_obeyed_changes_nothing_but_a_release_is_always_heard(
+def test_a_rejected_command_changes_nothing_but_a_release_always_counts(
     about: dict[str, Any], verdict: Verdict
 ) -> None:
     owner = obeying()
@@ -157,7 +157,7 @@ def test_what_is_not_obeyed_changes_nothing_but_a_release_is_always_heard(
     assert owner.judge(command(action=None), NOW, **about) is Verdict.RELEASED
 
 
-def test_an_owner_that_began_lately_obeys_nobody_yet() -> None:
+def test_an_owner_that_began_recently_obeys_no_command() -> None:
     clock = CycleClock()
     owner = Owner(WHEELS, clock)
     for number in (1, 2, 3):
@@ -190,7 +190,7 @@ def test_the_silence_begins_with_each_command_and_ends_with_a_rest(owner: Owner)
     assert owner.silent_at is None
 
 
-def test_an_ack_says_the_largest_ballot_what_is_obeyed_and_how_much_that_is_worth(
+def test_an_ack_has_the_largest_ballot_the_obeyed_one_and_its_rank(
     owner: Owner,
 ) -> None:
     def ack(
@@ -209,7 +209,7 @@ def test_an_ack_says_the_largest_ballot_what_is_obeyed_and_how_much_that_is_wort
     at = Cycle(1, AT)
     assert owner.ack((0.1, 0.2)) == ack(ballot(), ballot(), at, 0.6, False)
     owner.on_claim(claim())
-    assert owner.ack((0.1, 0.2)) == ack(ballot(), ballot(), at, 0.7, True), "its claim says more"
+    assert owner.ack((0.1, 0.2)) == ack(ballot(), ballot(), at, 0.7, True), "its claim has the rank"
     owner.judge(command(), NOW)
     assert owner.ack((0.1, 0.2)) == ack(ballot(), ballot(), at, 0.7, True)
     owner.on_claim(claim(of=ballot(4, 0.9), utility=0.9))

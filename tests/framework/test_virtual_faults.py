@@ -16,7 +16,7 @@ from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LEASE, RECONNECT, VirtualMesh
 from armadico.mesh.virtual_network import Clock, Link
 
-from .test_virtual_mesh import Listener, Planner, Talker, Word, status, told
+from .test_virtual_mesh import Listener, Planner, Talker, Word, listening, status
 
 
 def texts(listener: Listener) -> list[Any]:
@@ -27,7 +27,7 @@ def texts(listener: Listener) -> list[Any]:
 
 
 def test_a_doubled_message_comes_twice_and_the_second_no_earlier() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     mesh.link("client", "listener").faults = LinkFaults(duplicate=0.5, behind=0.2)
     for number in range(400):
         mesh.publish(Word(str(number)))
@@ -39,7 +39,7 @@ def test_a_doubled_message_comes_twice_and_the_second_no_earlier() -> None:
 
 
 def test_a_reordering_link_lets_some_overtake_and_loses_none() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     mesh.link("client", "listener").faults = LinkFaults(reorder=0.3, behind=0.2)
     for number in range(200):
         mesh.publish(Word(str(number)))
@@ -73,56 +73,56 @@ def test_spoilt_bytes_differ_in_their_share() -> None:
 # Leases -------------------------------------------------------------------------------------------
 
 
-def test_who_is_cut_off_for_the_lease_is_gone_for_both_and_is_found_again() -> None:
-    mesh, listener = told(Talker)
+def test_a_disconnection_for_the_lease_is_seen_by_both_and_heals() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.cut(["talker"], ["listener"], lease=True)
     mesh.run(3.0)
-    gone = [at for at, what in listener.who if what == "-talker"]
+    gone = [at for at, what in listener.tokens if what == "-talker"]
     assert gone == [pytest.approx(1.0 + LEASE)]
     mesh.heal(["talker"], ["listener"])
     mesh.run(4.0)
-    back = [at for at, what in listener.who if what == "+talker"][-1]
+    back = [at for at, what in listener.tokens if what == "+talker"][-1]
     assert RECONNECT[0] <= back - 3.0 <= RECONNECT[1] + 0.01
     assert listener.seen[-1][0] > 3.9
 
 
 def test_a_cut_with_a_lease_ends_the_connection_the_other_way_too() -> None:
-    mesh, listener = told(Talker)
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.cut(["listener"], ["talker"], lease=True)
     mesh.run(1.0 + LEASE - 0.1)
     assert listener.seen[-1][0] > 1.0 + LEASE - 0.2, "one way it still goes"
     mesh.run(4.0)
     assert listener.seen[-1][0] < 1.0 + LEASE + 0.05
-    assert listener.who[-1][1] == "-talker"
+    assert listener.tokens[-1][1] == "-talker"
 
 
-def test_a_cut_without_a_lease_is_noticed_by_nobody() -> None:
-    mesh, listener = told(Talker)
+def test_a_cut_without_a_lease_changes_no_token() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.cut(["talker"], ["listener"])
     mesh.run(5.0)
     counted = len(listener.seen)
     mesh.heal(["talker"], ["listener"])
     mesh.run(5.1)
-    assert [what for _, what in listener.who] == ["+talker"]
+    assert [what for _, what in listener.tokens] == ["+talker"]
     assert len(listener.seen) > counted
 
 
 def test_an_agent_that_starts_during_a_cut_without_a_lease_is_seen_once_it_has_healed() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     mesh.cut(["talker"], ["listener"])
     mesh.add(Talker(mesh.identity("talker")), admit=False)
     mesh.run(3.0)
-    assert listener.who == []
+    assert listener.tokens == []
     mesh.heal(["talker"], ["listener"])
     mesh.run(3.1)
-    assert [what for _, what in listener.who] == ["+talker"]
+    assert [what for _, what in listener.tokens] == ["+talker"]
 
 
 def test_two_cuts_of_one_way_heal_with_the_last() -> None:
-    mesh, listener = told(Talker)
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.cut(["talker"], ["listener"])
     mesh.cut(["talker"], ["listener"])
@@ -134,32 +134,32 @@ def test_two_cuts_of_one_way_heal_with_the_last() -> None:
     assert listener.seen[-1][0] > 2.9
 
 
-def test_who_hangs_for_the_lease_is_gone_and_hears_on_waking_that_all_others_are() -> None:
-    mesh, listener = told(Talker)
+def test_a_process_that_hangs_for_the_lease_is_gone_and_sees_all_others_go_on_waking() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     node = mesh.node("listener")
     node.hang()
     mesh.run(5.0)
-    assert "-talker" not in [what for _, what in listener.who]
+    assert "-talker" not in [what for _, what in listener.tokens]
     node.resume()
-    ((own, what),) = listener.who[-1:]
+    ((own, what),) = listener.tokens[-1:]
     assert (own, what) == (pytest.approx(1.0 + PAUSE_S, abs=0.02), "-talker"), "by its own time"
     mesh.run(6.0)
-    assert [what for _, what in listener.who[-1:]] == ["+talker"]
+    assert [what for _, what in listener.tokens[-1:]] == ["+talker"]
     waited = [at for at, _ in listener.seen if 1.0 < at <= own]
     assert set(waited) == {own}
     assert len(waited) < (LEASE + 0.1) / 0.01, "what came after the lease is lost"
 
 
-def test_who_is_killed_behind_a_cut_is_missed_when_the_lease_ends() -> None:
-    mesh, listener = told(Talker)
+def test_a_process_killed_behind_a_cut_is_gone_when_the_lease_ends() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.link("talker", "listener").up = False
     mesh.node("talker").kill()
     mesh.run(1.0 + LEASE - 0.1)
-    assert "-talker" not in [what for _, what in listener.who]
+    assert "-talker" not in [what for _, what in listener.tokens]
     mesh.run(3.0)
-    ((at, what),) = listener.who[-1:]
+    ((at, what),) = listener.tokens[-1:]
     assert at == pytest.approx(1.0 + LEASE)
     assert what == "-talker"
 
@@ -168,7 +168,7 @@ def test_who_is_killed_behind_a_cut_is_missed_when_the_lease_ends() -> None:
 
 
 def test_a_slow_process_takes_one_thing_after_another() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     mesh.run(0.1)
     mesh.node("listener").slow_down(0.05)
     for number in range(10):
@@ -180,7 +180,7 @@ def test_a_slow_process_takes_one_thing_after_another() -> None:
 
 
 def test_of_a_state_a_slow_process_takes_only_the_latest() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     mesh.run(0.1)
     mesh.node("listener").slow_down(0.1)
     for number in range(1, 30):
@@ -191,8 +191,8 @@ def test_of_a_state_a_slow_process_takes_only_the_latest() -> None:
     assert texts(listener)[-1] == 29
 
 
-def test_what_a_slow_process_says_comes_when_its_work_is_done() -> None:
-    mesh, listener = told(Talker)
+def test_a_slow_process_publishes_after_its_processing_time() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.node("talker").slow_down(0.2)
     counted = len(listener.seen)
@@ -239,7 +239,7 @@ def test_each_process_has_its_own_time_and_wakes_by_it() -> None:
 
 
 def test_a_clock_that_jumps_wakes_what_it_has_passed() -> None:
-    mesh, listener = told(Talker)
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     counted = len(listener.seen)
     mesh.node("talker").jump(3600.0)
@@ -251,44 +251,44 @@ def test_a_clock_that_jumps_wakes_what_it_has_passed() -> None:
 
 
 def test_a_process_that_leaves_in_order_is_gone() -> None:
-    mesh, listener = told(Planner)
+    mesh, listener = listening(Planner)
     mesh.run(1.0)
     mesh.node("planner").leave()
     mesh.run(2.0)
-    assert listener.who[-1][1] == "-planner"
+    assert listener.tokens[-1][1] == "-planner"
 
 
-def test_what_was_said_long_ago_can_arrive_now() -> None:
-    mesh, listener = told()
+def test_an_old_message_can_arrive_now() -> None:
+    mesh, listener = listening()
     mesh.run(0.1)
     mesh.arrive(Word("old"), "listener", "word/a")
-    mesh.arrive(Word("for nobody"), "somebody", "word/a")
+    mesh.arrive(Word("lost"), "absent", "word/a")
     mesh.run(0.2)
     assert texts(listener) == ["old"]
 
 
 class Ticking:
-    """A device that says a byte each tenth of a second."""
+    """A device that sends a byte each tenth of a second."""
 
     def __init__(self) -> None:
-        self.said = 0
-        self.heard = b""
+        self.sent = 0
+        self.received = b""
 
     def receive(self, data: bytes, now: float) -> None:
-        self.heard += data
+        self.received += data
 
     def advance(self, now: float) -> bytes:
-        count = int(now * 10 + 1e-6) - self.said
-        self.said += count
+        count = int(now * 10 + 1e-6) - self.sent
+        self.sent += count
         return b"." * count
 
     @property
     def due(self) -> float:
-        return (self.said + 1) / 10
+        return (self.sent + 1) / 10
 
 
 class Owner(DeviceAgent):
-    """Counts what its device says."""
+    """Counts the bytes of its device."""
 
     name = "owner"
 
@@ -300,7 +300,7 @@ class Owner(DeviceAgent):
         self.got += data
 
 
-def test_a_device_goes_to_whoever_opens_it_last_and_says_nothing_twice() -> None:
+def test_a_device_belongs_to_its_last_node_and_sends_nothing_twice() -> None:
     mesh, device = VirtualMesh(1), Ticking()
     first, second = (Owner(mesh.identity("owner", start)) for start in (0, 1))
     node = mesh.add(first, device, admit=False)
@@ -311,4 +311,4 @@ def test_a_device_goes_to_whoever_opens_it_last_and_says_nothing_twice() -> None
     mesh.run(5.05)
     assert len(first.got) == 20
     assert len(second.got) == 20
-    assert device.said == 50, "it lives on with nobody to hear it"
+    assert device.sent == 50, "it goes on without an agent"

@@ -29,7 +29,7 @@ Seen = list[tuple[float, Any]]
 
 
 class Word(Message, frozen=True):
-    """An event: each one counts, and as many may be said as one likes (lines for people not)."""
+    """An event: each one counts, without a limit as for log lines."""
 
     text: str
 
@@ -38,15 +38,15 @@ register(Service(Word, "word/{instance}", Kind.EVENT, None, None, "a test's own"
 
 
 class Listener(Agent):
-    """Keeps what it is told: a state, an event, and who comes and goes."""
+    """Keeps a state, an event and the changes of tokens."""
 
     name = "listener"
-    hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Word)
+    receives: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Word)
 
     def __init__(self, identity: Any) -> None:
         super().__init__(identity)
         self.seen: Seen = []
-        self.who: Seen = []
+        self.tokens: Seen = []
 
     def on_mission_status(self, status: MissionStatus) -> None:
         self.seen.append((self.now, status.mission))
@@ -55,10 +55,10 @@ class Listener(Agent):
         self.seen.append((self.now, word.text))
 
     def on_appeared(self, name: str, instance: str) -> None:
-        self.who.append((self.now, f"+{name}"))
+        self.tokens.append((self.now, f"+{name}"))
 
     def on_disappeared(self, name: str, instance: str) -> None:
-        self.who.append((self.now, f"-{name}"))
+        self.tokens.append((self.now, f"-{name}"))
 
 
 class Talker(Agent):
@@ -91,30 +91,30 @@ class Planner(Agent):
 
 
 class Asker(Agent):
-    """Asks for a plan as soon as it is told a mission's status."""
+    """Requests a plan when it receives a mission's status."""
 
     name = "asker"
-    hears: ClassVar[tuple[type[Message], ...]] = (MissionStatus,)
-    asks: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    receives: ClassVar[tuple[type[Message], ...]] = (MissionStatus,)
+    queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Any) -> None:
         super().__init__(identity)
         self.got: Seen = []
 
     def on_mission_status(self, status: MissionStatus) -> None:
-        self.ask(REQUEST, lambda plan: self.got.append((self.now, plan)), timeout=0.5)
+        self.query(REQUEST, lambda plan: self.got.append((self.now, plan)), timeout=0.5)
 
 
 def status(number: int) -> MissionStatus:
-    """A state that is told apart by its number."""
+    """Return a state with a number."""
     return MissionStatus(number, MissionState.DRIVING, 0.0)
 
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 0, 0))
 
 
-def told(*kinds: type[Agent], seed: int = 1) -> tuple[VirtualMesh, Listener]:
-    """A mesh with a listener and others on it, who join at once."""
+def listening(*kinds: type[Agent], seed: int = 1) -> tuple[VirtualMesh, Listener]:
+    """A mesh with a listener and others, which join without admission."""
     mesh = VirtualMesh(seed)
     listener = Listener(mesh.identity("listener"))
     mesh.add(listener, admit=False)
@@ -123,8 +123,8 @@ def told(*kinds: type[Agent], seed: int = 1) -> tuple[VirtualMesh, Listener]:
     return mesh, listener
 
 
-def test_what_one_says_to_another_arrives_in_order_and_none_is_lost() -> None:
-    mesh, listener = told(Talker)
+def test_messages_of_one_process_arrive_in_order_and_none_is_lost() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(5.0)
     counted = [text for _, text in listener.seen]
     assert len(counted) > 400
@@ -132,7 +132,7 @@ def test_what_one_says_to_another_arrives_in_order_and_none_is_lost() -> None:
 
 
 def test_order_holds_when_a_burst_takes_longer_than_its_gaps() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     for number in range(200):
         mesh.publish(Word(str(number)))
     mesh.run(1.0)
@@ -161,7 +161,7 @@ def test_a_later_message_never_overtakes_on_a_link_that_was_slow() -> None:
 
 def test_the_same_seed_gives_the_same_run_and_another_another() -> None:
     def run(seed: int) -> Seen:
-        mesh, listener = told(Talker, Planner, seed=seed)
+        mesh, listener = listening(Talker, Planner, seed=seed)
         mesh.link("talker", "listener").faults = LinkFaults(loss=0.2)
         mesh.run(2.0)
         return listener.seen
@@ -172,7 +172,7 @@ def test_the_same_seed_gives_the_same_run_and_another_another() -> None:
 
 def test_another_agent_leaves_the_others_noise_as_it_was() -> None:
     def run(*more: type[Agent]) -> Seen:
-        mesh, listener = told(Talker, *more)
+        mesh, listener = listening(Talker, *more)
         mesh.link("talker", "listener").faults = LinkFaults(loss=0.2)
         mesh.run(2.0)
         return listener.seen
@@ -180,13 +180,13 @@ def test_another_agent_leaves_the_others_noise_as_it_was() -> None:
     assert run() == run(Planner, Asker)
 
 
-def test_instances_are_told_apart_and_repeatable() -> None:
+def test_instances_are_distinct_and_repeatable() -> None:
     ids = [VirtualMesh(seed).identity("a", start).instance for seed in (1, 2) for start in (0, 1)]
     assert len(set(ids)) == 4
     assert ids[0] == VirtualMesh(1).identity("a").instance
 
 
-def test_who_says_something_does_not_hear_it_but_its_twin_does() -> None:
+def test_a_publisher_does_not_receive_its_message_but_its_twin_does() -> None:
     class Echo(Listener):
         name = "echo"
 
@@ -208,21 +208,21 @@ def test_who_says_something_does_not_hear_it_but_its_twin_does() -> None:
 
 
 def test_a_publication_is_decoded_once_and_shared() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     other = Listener(mesh.identity("other"))
     other.name = "other"  # type: ignore[misc]
     mesh.add(other, admit=False)
-    said = status(4)
-    mesh.publish(said)
+    messages = status(4)
+    mesh.publish(messages)
     mesh.run(0.1)
     taken = listener.latest(MissionStatus)
-    assert taken == said
-    assert taken is not said
+    assert taken == messages
+    assert taken is not messages
     assert taken is other.latest(MissionStatus)
 
 
-def test_watchers_are_shown_everything_at_once_and_heard_by_nobody() -> None:
-    mesh, _ = told(Talker)
+def test_watchers_get_every_message_at_once_and_publish_nothing() -> None:
+    mesh, _ = listening(Talker)
     shown: list[tuple[str, Any]] = []
     mesh.watch(lambda key, message, now: shown.append((key, now)), Word)
     mesh.run(0.015)
@@ -233,7 +233,7 @@ def test_watchers_are_shown_everything_at_once_and_heard_by_nobody() -> None:
 
 
 def test_after_a_hang_events_come_in_order_and_of_a_state_only_the_latest() -> None:
-    mesh, listener = told()
+    mesh, listener = listening()
     mesh.run(0.1)
     node = mesh.node("listener")
     node.hang()
@@ -247,8 +247,8 @@ def test_after_a_hang_events_come_in_order_and_of_a_state_only_the_latest() -> N
     assert {now for now, _ in listener.seen} == {mesh.now}
 
 
-def test_what_there_was_no_room_for_is_said_as_a_process_says_it() -> None:
-    mesh, listener = told()
+def test_dropped_deliveries_are_logged_as_by_a_process() -> None:
+    mesh, listener = listening()
     lines: list[str] = []
     mesh.watch(lambda _key, log, _now: lines.append(log.text), Log)
     mesh.run(0.1)
@@ -261,13 +261,13 @@ def test_what_there_was_no_room_for_is_said_as_a_process_says_it() -> None:
     node.resume()
     assert [what for _, what in listener.seen] == [str(n) for n in range(3, EVENTS + 3)]
     (line,) = lines
-    assert line.endswith(": refused or dropped: 3 x too busy: dropped on word/{instance}")
+    assert line.endswith(": rejected or dropped: 3 x too busy: dropped on word/{instance}")
     assert not node.mailbox.dropped
 
 
-def test_who_hangs_hears_of_comings_and_goings_only_afterwards_and_only_how_they_ended() -> None:
-    """Tokens are states: who came and went meanwhile was never there."""
-    mesh, listener = told(Talker)
+def test_a_hanging_process_gets_only_the_final_tokens_afterwards() -> None:
+    """Tokens are states: one that came and went meanwhile is not reported."""
+    mesh, listener = listening(Talker)
     mesh.run(0.1)
     mesh.node("listener").hang()
     mesh.node("talker").kill()
@@ -277,14 +277,14 @@ def test_who_hangs_hears_of_comings_and_goings_only_afterwards_and_only_how_they
     mesh.run(0.2)
     asker.kill()
     mesh.run(0.3)
-    assert [what for _, what in listener.who] == ["+talker"]
+    assert [what for _, what in listener.tokens] == ["+talker"]
     mesh.node("listener").resume()
-    assert [what for _, what in listener.who[1:]] == ["+planner", "-talker"]
+    assert [what for _, what in listener.tokens[1:]] == ["+planner", "-talker"]
     assert planner.alive
 
 
-def test_who_hangs_misses_its_wake_up_and_gets_it_after_what_waited() -> None:
-    mesh, listener = told(Talker)
+def test_a_hanging_process_is_woken_after_the_waiting_messages() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     talker = mesh.node("talker")
     counted = len(listener.seen)
@@ -296,22 +296,22 @@ def test_who_hangs_misses_its_wake_up_and_gets_it_after_what_waited() -> None:
     assert len(listener.seen) > counted + 80
 
 
-def test_a_killed_process_says_nothing_more_and_its_token_goes() -> None:
-    mesh, listener = told(Talker)
+def test_a_killed_process_publishes_nothing_more_and_its_token_disappears() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.node("talker").kill()
     counted = len(listener.seen)
     mesh.run(2.0)
     assert len(listener.seen) <= counted + 1  # what was under way still arrives
-    when, what = listener.who[-1]
+    when, what = listener.tokens[-1]
     assert what == "-talker"
     assert when == pytest.approx(1.0 + LIVELINESS)
-    mesh.publish(Word("who is there"))
+    mesh.publish(Word("hello"))
     assert [node.name for node in mesh.nodes if node.alive] == ["listener"]
 
 
-def test_a_killed_process_hears_nothing_more() -> None:
-    mesh, listener = told(Talker)
+def test_a_killed_process_receives_nothing_more() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(1.0)
     mesh.node("listener").kill()
     counted = len(listener.seen)
@@ -319,18 +319,18 @@ def test_a_killed_process_hears_nothing_more() -> None:
     assert len(listener.seen) == counted
 
 
-def test_who_comes_is_told_who_is_there_and_they_are_told_of_it() -> None:
-    mesh, first = told(Talker)
+def test_a_new_instance_and_the_present_ones_receive_each_others_tokens() -> None:
+    mesh, first = listening(Talker)
     mesh.run(1.0)
     second = Listener(mesh.identity("listener", 1))
     mesh.add(second, admit=False)
     mesh.run(1.1)
-    assert sorted(what for _, what in second.who) == ["+listener", "+talker"]
-    assert [what for _, what in first.who] == ["+talker", "+listener"]
+    assert sorted(what for _, what in second.tokens) == ["+listener", "+talker"]
+    assert [what for _, what in first.tokens] == ["+talker", "+listener"]
 
 
 def test_a_cut_is_one_way_and_heals() -> None:
-    mesh, listener = told(Talker)
+    mesh, listener = listening(Talker)
     other = Listener(mesh.identity("other"))
     other.name = "other"  # type: ignore[misc]
     mesh.add(other, admit=False)
@@ -347,14 +347,14 @@ def test_a_cut_is_one_way_and_heals() -> None:
 
 
 def test_a_lossy_link_loses_its_share() -> None:
-    mesh, listener = told(Talker)
+    mesh, listener = listening(Talker)
     mesh.link("talker", "listener").faults = LinkFaults(loss=0.3)
     mesh.run(20.0)
     assert len(listener.seen) == pytest.approx(0.7 * 2000, rel=0.1)
 
 
 def test_a_slow_link_takes_that_much_longer() -> None:
-    mesh, listener = told(Talker)
+    mesh, listener = listening(Talker)
     mesh.link("talker", "listener").faults = LinkFaults(delay=0.25)
     mesh.run(1.0)
     first, text = listener.seen[0]
@@ -376,7 +376,7 @@ def test_a_query_is_answered_over_the_network() -> None:
     assert 0.0 < asker.got[0][0] < 0.1
 
 
-def test_a_query_that_nobody_can_answer_ends_at_once_and_one_that_hangs_is_waited_for() -> None:
+def test_a_query_without_receivers_ends_at_once_and_one_to_a_hanging_agent_times_out() -> None:
     mesh = VirtualMesh(1)
     asker = Asker(mesh.identity("asker"))
     mesh.add(asker, admit=False)
@@ -405,7 +405,7 @@ def test_one_that_hangs_or_died_does_not_answer_and_of_two_answers_the_first_cou
     dead.kill()
     hung.hang()
     got: list[Message | None] = []
-    mesh.ask(REQUEST, got.append)
+    mesh.query(REQUEST, got.append)
     mesh.run(10.0)
     assert got in ([Plan((), 2.0)], [Plan((), 3.0)])
     hung.resume()
@@ -413,18 +413,18 @@ def test_one_that_hangs_or_died_does_not_answer_and_of_two_answers_the_first_cou
     assert len(got) == 1
 
 
-def test_running_stops_when_it_is_told_to() -> None:
-    mesh, listener = told(Talker)
+def test_running_stops_on_its_condition() -> None:
+    mesh, listener = listening(Talker)
     mesh.run(9.0, lambda: len(listener.seen) == 7)
     assert len(listener.seen) == 7
     assert mesh.now < 0.1
 
 
 def test_a_message_that_could_not_travel_is_not_delivered_either() -> None:
-    mesh, _ = told()
+    mesh, _ = listening()
     shown: list[Message] = []
     mesh.watch(lambda _key, message, _now: shown.append(message), Stop)
-    mesh.publish(Stop(-1, True, "nobody", 1))
+    mesh.publish(Stop(-1, True, "a guest", 1))
     mesh.run(0.1)
     assert shown == []
 
@@ -439,32 +439,32 @@ class Only(Listener):
     alone = True
 
 
-def test_who_joins_looks_around_first_and_is_then_told_who_is_there() -> None:
-    mesh, first = told()
+def test_a_joining_agent_observes_first_and_then_gets_the_tokens() -> None:
+    mesh, first = listening()
     newcomer = Listener(mesh.identity("listener", 1))
     node = mesh.add(newcomer)
     mesh.run(0.05)
     assert not node.driver.started
-    assert newcomer.who == []
+    assert newcomer.tokens == []
     mesh.run(1.0)
     assert node.driver.started
-    assert [what for _, what in newcomer.who] == ["+listener"]
-    assert [what for _, what in first.who] == ["+listener"]
+    assert [what for _, what in newcomer.tokens] == ["+listener"]
+    assert [what for _, what in first.tokens] == ["+listener"]
 
 
 def test_a_second_one_that_must_be_alone_is_refused_and_never_seen() -> None:
-    mesh, listener = told(Only)
+    mesh, listener = listening(Only)
     mesh.run(1.0)
     mesh.node("only").agent.tenure = 100
     second = mesh.add(Only(mesh.identity("only", 1)))
     mesh.run(3.0)
     assert not second.alive
     assert "another only agent is alive already" in second.driver.refusal
-    assert [what for _, what in listener.who] == ["+only"]
+    assert [what for _, what in listener.tokens] == ["+only"]
 
 
 def test_one_that_waits_for_the_card_of_one_that_hangs_does_not_stop_the_clock() -> None:
-    mesh, _ = told(Only)
+    mesh, _ = listening(Only)
     mesh.run(1.0)
     mesh.node("only").hang()
     second = mesh.add(Only(mesh.identity("only", 1)))
@@ -475,7 +475,7 @@ def test_one_that_waits_for_the_card_of_one_that_hangs_does_not_stop_the_clock()
 
 
 def test_of_many_that_begin_at_once_one_stays() -> None:
-    mesh, _ = told()
+    mesh, _ = listening()
     nodes = [mesh.add(Only(mesh.identity("only", start))) for start in range(5)]
     mesh.run(10.0)
     assert sum(node.alive and node.driver.started for node in nodes) == 1
@@ -485,7 +485,7 @@ def test_of_many_that_begin_at_once_one_stays() -> None:
 
 
 class Numb(Agent):
-    """Says, asks and answers what nobody could read."""
+    """Publishes, queries and replies messages that cannot be decoded."""
 
     name = "numb"
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
@@ -494,24 +494,24 @@ class Numb(Agent):
         self.replies: list[Any] = []
         nowhere = Waypoint(float("nan"), 0, 0)
         self.publish(MissionStatus(1, MissionState.DRIVING, float("nan")))
-        self.ask(PlanRequest(nowhere, nowhere), self.replies.append)
+        self.query(PlanRequest(nowhere, nowhere), self.replies.append)
 
     def on_mission_request(self, question: Question) -> Message:
         return MissionReply(-1)
 
 
-def test_what_cannot_be_sent_is_said_to_people() -> None:
-    mesh, listener = told(Numb)
+def test_messages_that_cannot_be_sent_are_logged() -> None:
+    mesh, listener = listening(Numb)
     lines: list[str] = []
     mesh.watch(lambda key, message, now: lines.append(message.text), m.Log)  # type: ignore[attr-defined]
     mesh.run(3.0)
-    (said,) = lines
-    assert "1 x on mission/status: MissionStatus cannot be sent" in said
+    (messages,) = lines
+    assert "1 x on mission/status: MissionStatus cannot be sent" in messages
     mesh.run(10.0)
-    mesh.ask(MissionRequest(Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
+    mesh.query(MissionRequest(Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
     mesh.run(20.0)
-    _, said = lines
-    assert "1 x on path/plan: PlanRequest cannot be sent" in said
-    assert "on mission/request: MissionReply cannot be sent" in said
+    _, messages = lines
+    assert "1 x on path/plan: PlanRequest cannot be sent" in messages
+    assert "on mission/request: MissionReply cannot be sent" in messages
     assert mesh.node("numb").agent.replies == [None]  # type: ignore[attr-defined]
     assert [what for _, what in listener.seen] == []

@@ -51,10 +51,10 @@ class Member(Listener):
         self.seen.append((self.mesh.now, word.text))
 
     def on_appeared(self, name: str, instance: str) -> None:
-        self.who.append((self.mesh.now, f"+{name}"))
+        self.tokens.append((self.mesh.now, f"+{name}"))
 
     def on_disappeared(self, name: str, instance: str) -> None:
-        self.who.append((self.mesh.now, f"-{name}"))
+        self.tokens.append((self.mesh.now, f"-{name}"))
 
     def on_router(self) -> None:
         self.routers.append((self.mesh.now, self.reachable))
@@ -66,10 +66,10 @@ class Member(Listener):
 
     def gone(self) -> list[str]:
         """The agents that were reported as gone, in order."""
-        return [news[1:] for _, news in self.who if news.startswith("-")]
+        return [news[1:] for _, news in self.tokens if news.startswith("-")]
 
     def came(self, since: float) -> set[str]:
-        return {news[1:] for at, news in self.who if news.startswith("+") and at >= since}
+        return {news[1:] for at, news in self.tokens if news.startswith("+") and at >= since}
 
 
 class Robot(Member):
@@ -599,6 +599,7 @@ class Faulty(World):
         return [([name], others), (others, [name])]
 
 
+@pytest.mark.long
 @settings(max_examples=100)
 @given(FAULTS, st.integers(0, 1000))
 def test_after_any_faults_everyone_reaches_everyone_and_knows_exactly_the_living(

@@ -1,4 +1,4 @@
-"""The server for Foxglove, by a WebSocket client that knows nothing of us or of the SDK."""
+"""The Foxglove server, tested with an independent WebSocket client."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from armadico.cli import foxglove as command
 from armadico.cli.options import FailedError
 from armadico.core import messages as m
 from armadico.gateways.foxglove import WAITING, Served, Server, ServerError
-from armadico.gateways.gateway import Asked
+from armadico.gateways.gateway import ReceivedGoal
 from armadico.gateways.ros2.society import Society
 from armadico.mobile.messages import Trajectory, Waypoint
 
@@ -35,7 +35,7 @@ NOW = 1_700_000_000_000_000_007
 
 
 class Viewer:
-    """As Foxglove's app: it subscribes to topics, and may publish."""
+    """A client like Foxglove's app: it subscribes to topics, and may publish."""
 
     def __init__(self, connection: ClientConnection) -> None:
         self.socket = connection
@@ -59,8 +59,10 @@ class Viewer:
         self.send({"op": "subscribe", "subscriptions": [subscription]})
 
     def sample(self, kind: str, do: Callable[[], Any]) -> tuple[int, Any]:
-        """The next sample and its time, ns; when a subscription takes effect nobody says, so
-        something is done until one comes."""
+        """The next sample and its time, ns.
+
+        There is no message when a subscription takes effect, so `do` is repeated until then.
+        """
         for _ in range(400):
             do()
             try:
@@ -71,7 +73,7 @@ class Viewer:
                 op, subscription, at = struct.unpack_from("<BIQ", found)
                 assert (op, subscription) == (1, 8)
                 return at, STORE.deserialize_cdr(found[13:], kind)
-        raise AssertionError("no sample has come")
+        raise AssertionError("no sample was received")
 
     def advertise(self, topic: str) -> None:
         channel = {"id": 3, "topic": topic, "encoding": "json", "schemaName": "x/msg/Y"}
@@ -84,7 +86,7 @@ class Viewer:
         self.socket.send(json.dumps(what))
 
     def settle(self) -> None:
-        """What was sent before has been read."""
+        """Wait until the server has processed everything sent before."""
         assert self.socket.ping().wait(SOON)
 
 
@@ -103,7 +105,7 @@ class Stage:
         made = connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")])
         return Viewer(self._stack.enter_context(made))
 
-    def say(self, message: m.Message) -> None:
+    def publish(self, message: m.Message) -> None:
         for sample in self.society.translate("", message, NOW):
             self.outside.publish(sample, NOW)
 
@@ -118,7 +120,7 @@ def state(number: int = 1) -> m.RobotState:
     return m.RobotState(m.Cycle(7, number), 1.5, 2, 0.5, 0.4, -0.2, 12.5, True, False)
 
 
-def test_every_topic_is_shown_before_anything_is_said(stage: Stage) -> None:
+def test_all_topics_are_advertised_before_the_first_message(stage: Stage) -> None:
     viewer = stage.viewer()
     odom = viewer.find("/odom")
     assert (odom["encoding"], odom["schemaName"]) == ("cdr", "nav_msgs/msg/Odometry")
@@ -127,34 +129,34 @@ def test_every_topic_is_shown_before_anything_is_said(stage: Stage) -> None:
     assert {viewer.find(c.topic)["topic"] for c in stage.society.channels} >= {"/tf", "/map"}
 
 
-def test_samples_come_as_ros2_would_serialise_them(stage: Stage) -> None:
+def test_samples_are_serialised_like_ros2(stage: Stage) -> None:
     viewer = stage.viewer()
     viewer.subscribe("/odom")
-    at, odom = viewer.sample("nav_msgs/msg/Odometry", lambda: stage.say(state()))
+    at, odom = viewer.sample("nav_msgs/msg/Odometry", lambda: stage.publish(state()))
     assert at == NOW
     assert (odom.header.frame_id, odom.pose.pose.position.x) == ("odom", 1.5)
 
 
-def test_who_comes_late_is_given_what_is_latched(stage: Stage) -> None:
-    stage.say(Trajectory(1, 5, (Waypoint(2, 1, 0),)))
+def test_a_late_subscriber_receives_latched_samples(stage: Stage) -> None:
+    stage.publish(Trajectory(1, 5, (Waypoint(2, 1, 0),)))
     viewer = stage.viewer()
     viewer.subscribe("/path")
-    _, path = viewer.sample("nav_msgs/msg/Path", stage.outside.asked)
+    _, path = viewer.sample("nav_msgs/msg/Path", stage.outside.goals)
     assert path.poses[-1].pose.position.x == 2.0
 
 
-def test_goals_are_taken_with_their_encoding_and_type(stage: Stage) -> None:
+def test_goals_have_their_encoding_and_type(stage: Stage) -> None:
     viewer = stage.viewer()
     assert "clientPublish" in viewer.info["capabilities"]
     assert set(viewer.info["supportedEncodings"]) == {"cdr", "json"}
     viewer.advertise(GOAL)
     viewer.publish(JSON)
     viewer.settle()
-    assert stage.outside.asked() == [Asked(GOAL, JSON, "json", "x/msg/Y")]
-    assert not stage.outside.asked()
+    assert stage.outside.goals() == [ReceivedGoal(GOAL, JSON, "json", "x/msg/Y")]
+    assert not stage.outside.goals()
 
 
-def test_what_is_published_elsewhere_goes_nowhere(stage: Stage) -> None:
+def test_publications_on_other_topics_are_ignored(stage: Stage) -> None:
     viewer = stage.viewer()
     viewer.advertise("/cmd_vel")
     viewer.publish(b"{}")
@@ -163,7 +165,7 @@ def test_what_is_published_elsewhere_goes_nowhere(stage: Stage) -> None:
     viewer.advertise(GOAL)
     viewer.publish(JSON)
     viewer.settle()
-    assert [asked.topic for asked in stage.outside.asked()] == [GOAL]
+    assert [each.topic for each in stage.outside.goals()] == [GOAL]
 
 
 def test_a_flood_of_goals_is_bounded(stage: Stage) -> None:
@@ -172,15 +174,15 @@ def test_a_flood_of_goals_is_bounded(stage: Stage) -> None:
     for _ in range(3 * WAITING):
         viewer.publish(JSON)
     viewer.settle()
-    assert len(stage.outside.asked()) == WAITING
+    assert len(stage.outside.goals()) == WAITING
 
 
-def test_without_goals_nobody_may_publish() -> None:
+def test_without_goals_clients_may_not_publish() -> None:
     with ExitStack() as stack:
         assert "clientPublish" not in Stage(stack).viewer().info["capabilities"]
 
 
-def test_a_port_that_is_taken_is_said_with_what_to_do() -> None:
+def test_a_port_in_use_is_named_with_a_remedy() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(ServerError, match=rf"port {port}: .*in use.*--port 0"):
@@ -188,19 +190,19 @@ def test_a_port_that_is_taken_is_said_with_what_to_do() -> None:
 
 
 @pytest.mark.parametrize(("address", "port"), [("127.0.0.1", 70_000), ("nowhere.invalid", 0)])
-def test_where_nobody_can_listen_is_said(address: str, port: int) -> None:
-    with pytest.raises(ServerError, match="cannot listen on"):
+def test_an_invalid_address_or_port_is_named(address: str, port: int) -> None:
+    with pytest.raises(ServerError, match=f"{address}.*{port}"):
         Server("x", address, port, ())
 
 
-def test_the_command_says_which_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_names_a_port_in_use(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(FailedError, match=f"port {port}"):
             command.main(["--port", str(port)])
 
 
-def test_without_the_sdk_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_sdk_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "find_spec", lambda name: None)
-    with pytest.raises(FailedError, match=r"pip install 'armadico\[foxglove\]'"):
+    with pytest.raises(FailedError, match=r"armadico\[foxglove\]"):
         command.main([])

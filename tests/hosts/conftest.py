@@ -27,7 +27,7 @@ from tests.runtime_folder import fresh_folder
 NAMESPACE = "hosts-test"
 
 ROBOT = "robot"
-"""The host of the robot agent, and of a program that is not started as another one's."""
+"""The robot agent's host, and the default host of a program."""
 
 AGENTS: Mapping[str, Sequence[str]] = {
     ROBOT: ["robot"],
@@ -111,11 +111,11 @@ def toy() -> Iterator[Start]:
 
 @pytest.fixture
 def up(start: Start) -> Start:
-    """Have a host's share up: returns once it says so."""
+    """Start a host's share, and wait until it is up."""
 
     def make(host: str, *words: str) -> subprocess.Popen[str]:
         process = start("up", *words, "--host", host)
-        says(process, f"{host} is up")
+        wait_for_line(process, f"{host} is up")
         return process
 
     return make
@@ -138,7 +138,7 @@ def observer(table: Path) -> Iterator[Observer]:
         yield Observer(mesh)
 
 
-def says(process: subprocess.Popen[str], what: str) -> str:
+def wait_for_line(process: subprocess.Popen[str], what: str) -> str:
     """The first line on its standard output, which is what is expected."""
     assert process.stdout is not None
     line = process.stdout.readline()

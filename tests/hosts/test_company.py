@@ -1,4 +1,4 @@
-"""Who may be in a namespace: one robot agent, one protocol, any clock."""
+"""Admission to a namespace: one robot agent, one protocol, any clock."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_a_robot_agent_on_a_host_that_is_not_the_robots_does_not_start(
 ) -> None:
     up("robot")
     observer.until(lambda: observer.states, "the robot talks")
-    (robot,) = (who for who in observer.client.alive if who[0] == "robot")
+    (robot,) = (each for each in observer.client.alive if each[0] == "robot")
     epoch = observer.state.cycle.epoch
     second = call("robot", "--host", "lab1", program="armadico-agent")
     assert second.returncode == 2
@@ -29,7 +29,7 @@ def test_a_robot_agent_on_a_host_that_is_not_the_robots_does_not_start(
     assert "is open" not in second.stderr, "it did not touch the port"
     observer.cycles(3)
     assert observer.state.cycle.epoch == epoch
-    assert {who for who in observer.client.alive if who[0] == "robot"} == {robot}
+    assert {each for each in observer.client.alive if each[0] == "robot"} == {robot}
 
 
 def test_of_two_that_start_in_one_instant_exactly_one_drives(
@@ -46,15 +46,13 @@ def test_of_two_that_start_in_one_instant_exactly_one_drives(
     (stayed,) = [process for process in both if process.poll() is None]
     assert left.returncode == 2
     assert left.stderr is not None
-    said = left.stderr.read()
-    assert f"process {stayed.pid} is the router" in said
-    assert "is open" not in said, "it did not touch the port"
+    printed = left.stderr.read()
+    assert f"process {stayed.pid} is the router" in printed
+    assert "is open" not in printed, "it did not touch the port"
     assert len({state.cycle.epoch for state in observer.states}) == 1
 
 
-def test_the_robot_agent_of_one_that_was_killed_is_in_nobodys_way(
-    up: Start, observer: Observer
-) -> None:
+def test_a_killed_robot_agent_does_not_block_the_next(up: Start, observer: Observer) -> None:
     process = up("robot")
     observer.until(lambda: observer.states, "the robot talks")
     epoch = observer.state.cycle.epoch
@@ -74,9 +72,10 @@ def test_a_newcomer_among_agents_of_another_protocol_refuses_and_names_one(
     assert done.returncode == 2
     for part in ("driver-", "host lab2", f"pid {stranger.pid}"):
         assert part in done.stderr
-    assert f"speaks protocol {PROTOCOL + 1}, this one {PROTOCOL}" in done.stderr
+    assert f"uses protocol {PROTOCOL + 1}, this agent {PROTOCOL}" in done.stderr
 
 
+@pytest.mark.long(but=("driver",))
 @pytest.mark.parametrize("kind", ["driver", "foreign"])
 def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_named(
     up: Start, toy: Start, observer: Observer, kind: str
@@ -88,17 +87,18 @@ def test_one_of_another_protocol_that_joins_all_the_same_is_not_obeyed_and_is_na
     if kind == "driver":
         observer.until(lambda: observer.holder.startswith("driver-"), "it is obeyed")
         return
-    named = f"host lab2, pid {stranger.pid}) speaks protocol {PROTOCOL + 1}"
+    named = f"host lab2, pid {stranger.pid}) uses protocol {PROTOCOL + 1}"
     observer.until(lambda: any(named in text for text in observer.logs), "it is named")
     observer.cycles(10)
     assert observer.acks[-1].obeyed is None
-    assert observer.acks[-1].largest is None, "its claims bind nobody either"
+    assert observer.acks[-1].largest is None, "its claims have no effect either"
 
 
 # Any clock ----------------------------------------------------------------------------------------
 
 
-def test_a_clock_an_hour_ahead_is_said_and_hinders_nobody(
+@pytest.mark.long
+def test_a_clock_an_hour_ahead_is_reported_and_has_no_effect(
     up: Start, toy: Start, observer: Observer
 ) -> None:
     up("robot")

@@ -1,4 +1,4 @@
-"""Real processes under a monitor: whoever dies or hangs is back, and a host's agents move."""
+"""Real processes under a monitor: a dead or hung process is restarted, and a host's agents move."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FAULTS = (
     (SIGKILL, "interface"),
     (SIGSTOP, "monitor"),
 )
-"""Either end of a process, and who watches; tests/launch/test_monitor.py has other agents."""
+"""Either end of a process, and the watcher; tests/launch/test_monitor.py has other agents."""
 
 PAIR = {
     "robot": ("robot", "encoder", "sonar", "monitor"),
@@ -53,14 +53,14 @@ PAIR = {
 
 @pytest.fixture(autouse=True)
 def table(table: Path, request: pytest.FixtureRequest) -> Path:
-    """Another host table, before anybody reads it."""
+    """Another host table, before it is read."""
     write_table(table, request.param)
     return table
 
 
 def sent_off(observer: Observer) -> None:
     request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
-    observer.client.hand_over(request, again=SOON)  # as soon as there is a pose
+    observer.client.request_mission(request, again=SOON)  # as soon as there is a pose
     observer.until(observer.driving, "the robot is on its way")
 
 
@@ -68,6 +68,7 @@ def instances(observer: Observer, name: str) -> set[str]:
     return {instance for other, instance in observer.client.alive if other == name}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("table", [pytest.param(ALONE, id="one host")], indirect=True)
 def test_agents_that_are_killed_or_hang_are_back_once_and_the_mission_goes_on(
     up: Start, far: str, observer: Observer
@@ -82,7 +83,7 @@ def test_agents_that_are_killed_or_hang_are_back_once_and_the_mission_goes_on(
             return bool(instances(observer, name) - {before})
 
         observer.until(back, f"{name} is back after {number.name}")
-        observer.until(observer.driving, f"somebody drives on after {number.name} of {name}")
+        observer.until(observer.driving, f"an agent drives on after {number.name} of {name}")
     process.terminate()
     _, errors = process.communicate(timeout=SOON)
     assert process.returncode == 0, errors
@@ -92,6 +93,7 @@ def test_agents_that_are_killed_or_hang_are_back_once_and_the_mission_goes_on(
     assert sum("is killed: " in line for line in errors.splitlines()) == len(hung), errors
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("table", [pytest.param(PAIR, id="two hosts")], indirect=True)
 def test_what_a_host_had_that_is_gone_is_started_on_another_and_it_may_come_back(
     up: Start, far: str, observer: Observer
@@ -103,7 +105,7 @@ def test_what_a_host_had_that_is_gone_is_started_on_another_and_it_may_come_back
     kill_trees(lab)
     for name, gone in before.items():
         observer.until(lambda n=name, g=gone: instances(observer, n) - g, f"{name} is elsewhere")
-    observer.until(observer.driving, "somebody drives on")
+    observer.until(observer.driving, "an agent drives on")
     (interface,) = instances(observer, "interface")
     card = observer.client.card("interface", interface)
     assert card is not None

@@ -1,4 +1,4 @@
-"""Hosts wait for the robot's host, and outlive it: what they run stays, and goes on with it."""
+"""Hosts wait for the robot's host and outlive it: their agents continue with the next one."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ OTHERS = [name for host, names in AGENTS.items() if host != ROBOT for name in na
 def drives(observer: Observer) -> None:
     """Send the robot a long way off, and wait until it drives."""
     request = MissionRequest(Waypoint(60.0, 0.0, 0.0), planned=False)
-    observer.client.hand_over(request, find=SOON, again=SOON)
+    observer.client.request_mission(request, find=SOON, again=SOON)
     observer.until(observer.driving, "the robot is on its way")
 
 
+@pytest.mark.long
 def test_hosts_that_lose_the_robots_host_keep_all_their_processes_and_drive_on_with_the_next(
     start: Start, up: Start, observer: Observer, tmp_path: Path
 ) -> None:

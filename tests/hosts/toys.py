@@ -1,4 +1,4 @@
-"""Agents as others may have them: python toys.py KIND HOST, on the mesh of ARMADICO_HOSTS.
+"""Agents of other developers: python toys.py KIND HOST, on the mesh of ARMADICO_HOSTS.
 
 `driver` bids for the wheels with all that it has, `foreign` does so by another protocol, and `late`
 is on a machine whose clock is an hour ahead.
@@ -23,7 +23,7 @@ AHEAD_S = 3600.0
 
 
 class Driver(Agent):
-    """Drives, whatever is there."""
+    """Drives straight on, past any obstacle."""
 
     name = "driver"
     reacts_to = RobotState
@@ -35,9 +35,8 @@ class Driver(Agent):
 
 
 def main(kind: str, host: str) -> None:
-    """Run one, until it is ended."""
     logging.basicConfig(stream=sys.stderr)
-    if kind == "foreign":  # on its card; what refuses to join has asked for the number already
+    if kind == "foreign":  # on its card; an agent that refuses to join has read the number already
         messages.PROTOCOL += 1
     ahead = AHEAD_S if kind == "late" else 0.0
     mesh = endpoints(host=host, passing=False).mesh()

@@ -66,6 +66,7 @@ def test_a_bare_checkout_imports_as_it_is_installed() -> None:
     ]
 
 
+@pytest.mark.long
 def test_no_process_is_started_that_looks_into_the_current_folder_first() -> None:
     loose = [
         f"{module}:{node.lineno}"
@@ -84,8 +85,8 @@ def test_no_process_is_started_that_looks_into_the_current_folder_first() -> Non
 @pytest.mark.parametrize("tied", [False, True])
 def test_a_process_imports_nothing_from_the_current_folder(tmp_path: Path, tied: bool) -> None:
     process = Process("version", ["--version"], tmp_path / "log", tied=tied)
-    assert process.popen.wait(30) == 0, process.last_words()
-    assert process.last_words().startswith("    armadico ")
+    assert process.popen.wait(30) == 0, process.last_lines()
+    assert process.last_lines().startswith("    armadico ")
 
 
 def test_workers_import_nothing_from_the_current_folder(hostile: Path) -> None:

@@ -96,6 +96,7 @@ def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_pa
     assert not {name for name, _ in package_files() if name.startswith("armadico/")} - inside
 
 
+@pytest.mark.long(but=("armadico_tools",))
 def test_the_wheel_is_the_tree(wheel: set[str], package: str) -> None:
     """So no experiment is in the product's."""
     inside = {name for name in wheel if ".dist-info/" not in name}

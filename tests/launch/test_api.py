@@ -39,6 +39,7 @@ def sc4() -> Run:
     return armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
 
 
+@pytest.mark.long
 def test_a_virtual_run_is_the_commands(sc4: Run) -> None:
     assert sc4.measures == Rehearsal(ideal(load_scenario("sc4")), Options(seed=7)).run()
     assert sc4 == armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
@@ -93,8 +94,8 @@ def test_a_run_that_never_moved_has_an_empty_path() -> None:
     [
         ({"goal": (1, 2)}, "goal (1, 2): expected finite x and y in m and a heading in rad"),
         ({"start": (0, 0, float("nan"))}, "start (0, 0, nan): expected finite"),
-        ({"goal": (1, 1, 90)}, "goal (1, 1, 90): the heading is in rad"),
-        ({"scenario": replace(SHORT, goal=(1, 0, -90))}, "of degrees it is math.radians(-90)"),
+        ({"goal": (1, 1, 90)}, "goal (1, 1, 90)"),
+        ({"scenario": replace(SHORT, goal=(1, 0, -90))}, "math.radians(-90)"),
         ({"scenario": replace(SHORT, waypoints=((1, 0),))}, "waypoint 1 (1, 0): expected finite"),
         ({"without": "gotoo"}, "no agent 'gotoo'; did you mean 'goto'?"),
         ({"besides": "batery-sensor"}, "no agent 'batery-sensor'"),
@@ -142,6 +143,7 @@ def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_a_run_is_filmed_and_drawn_without_a_word_to_pyplot(sc4: Run, tmp_path: Path) -> None:
     plt = pytest.importorskip("matplotlib.pyplot")
     mpl = pytest.importorskip("matplotlib")
@@ -158,7 +160,7 @@ def test_a_run_is_filmed_and_drawn_without_a_word_to_pyplot(sc4: Run, tmp_path: 
 
 
 def test_show_is_for_notebooks_and_says_so_before_anybody_starts() -> None:
-    with pytest.raises(ValueError, match=r"show draws in a notebook; elsewhere: plot\('run.png'\)"):
+    with pytest.raises(ValueError, match="notebook"):
         armadico.run(SHORT, virtual=True, show=True, progress=lambda _: pytest.fail("it drove"))
 
 
@@ -198,15 +200,15 @@ def test_progress_is_told_while_it_runs() -> None:
 @pytest.mark.parametrize(
     ("wrong", "error", "says"),
     [
-        ({"scenario": "sc11"}, armadico.ConfigError, "did you mean 'sc1'"),
-        ({"goal": (99.0, 0.0, 0.0)}, armadico.ConfigError, "outside the world"),
-        ({"profile": "amigobo"}, armadico.ConfigError, "did you mean 'amigobot'"),
-        ({"without": ["robot"]}, armadico.ConfigError, "only encoder"),
-        ({"without": ["gotho"]}, armadico.UnknownNameError, "did you mean 'goto'"),
+        ({"scenario": "sc11"}, armadico.ConfigError, "'sc1'"),
+        ({"goal": (99.0, 0.0, 0.0)}, armadico.ConfigError, r"goal \(99, 0\)"),
+        ({"profile": "amigobo"}, armadico.ConfigError, "'amigobot'"),
+        ({"without": ["robot"]}, armadico.ConfigError, "encoder"),
+        ({"without": ["gotho"]}, armadico.UnknownNameError, "'goto'"),
         ({"controller": "fas"}, armadico.ConfigError, "fas"),
-        ({"without": ["encoder"]}, armadico.MissionRefusedError, "nobody knows where the robot"),
-        ({"without": ["interface"]}, armadico.AbsentError, "no agent that takes missions"),
-        ({"namespace": "robot2"}, ValueError, "not virtual"),
+        ({"without": ["encoder"]}, armadico.MissionRefusedError, "encoder/pose"),
+        ({"without": ["interface"]}, armadico.AbsentError, "namespace"),
+        ({"namespace": "robot2"}, ValueError, "namespace"),
     ],
 )
 def test_what_cannot_be_driven_is_an_error_of_its_kind(
@@ -252,6 +254,7 @@ def children() -> set[int]:
     return {child.pid for child in psutil.Process().children(recursive=True)}
 
 
+@pytest.mark.long
 @pytest.mark.live
 @pytest.mark.usefixtures("apart")
 def test_a_run_as_processes_says_the_same_and_leaves_nothing(
@@ -280,7 +283,7 @@ def test_a_run_that_fails_is_an_error_with_last_words_and_leaves_no_process(
     before = children()
     with pytest.raises(armadico.RunFailedError, match="did not answer") as caught:
         armadico.run(SHORT, namespace="api-run-test", robot="tcp://127.0.0.1:1")
-    assert "nobody listens there" in str(caught.value)
+    assert "is the simulator running" in str(caught.value)
     assert children() == before
 
 

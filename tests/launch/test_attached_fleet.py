@@ -83,7 +83,7 @@ def test_a_robot_that_dies_is_named_and_the_others_do_its_tasks() -> None:
     attached = Attached()
     result = attached.run(10.0, lambda: attached.band.kill("f/r1"))
     assert result.passed, result.verdict
-    assert attached.heard("f/r1: its fleet agent is silent: its tasks are the others' now")
+    assert attached.heard("f/r1: its fleet agent is silent; other robots take its tasks")
     assert not attached.heard("f/r2")
 
 
@@ -167,7 +167,7 @@ def test_all_that_die_end_it_and_nothing_is_said_to_be_stopped() -> None:
         attached.band.kill("f/r1")
         attached.band.kill("f/r2")
 
-    with pytest.raises(RunFailedError, match="nobody of the fleet 'f' has said anything for 10 s"):
+    with pytest.raises(RunFailedError, match="no robot of the fleet 'f' has published for 10 s"):
         attached.run(10.0, all_die)
     assert attached.heard("f/r1: the stop was sent, not acknowledged", "--namespace f/r1")
     assert not attached.heard("stopped: ")

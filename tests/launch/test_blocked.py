@@ -86,6 +86,7 @@ def test_a_door_that_is_shut_is_gone_round_by_another(tmp_path: Path, seed: int)
     assert result.tt_s < 90.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1])
 def test_where_the_only_door_shuts_for_a_minute_it_waits_and_goes_on(
     tmp_path: Path, seed: int
@@ -97,6 +98,7 @@ def test_where_the_only_door_shuts_for_a_minute_it_waits_and_goes_on(
     assert 60.0 < result.tt_s < 120.0
 
 
+@pytest.mark.long
 def test_where_it_never_opens_the_mission_fails_with_the_reason_and_the_robot_stands(
     tmp_path: Path,
 ) -> None:
@@ -111,6 +113,7 @@ def test_where_it_never_opens_the_mission_fails_with_the_reason_and_the_robot_st
     assert result.collisions == 0
 
 
+@pytest.mark.long(but=("person",))
 @pytest.mark.parametrize(
     "moving",
     [

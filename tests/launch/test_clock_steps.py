@@ -46,6 +46,7 @@ class Stepped:
         return [text for text in self.lines if any(word in text for word in BLAMED)]
 
 
+@pytest.mark.long(but=("scenario1",))
 @pytest.mark.parametrize("scenario", [load_scenario("house"), exploring(load_scenario("sc3"))])
 def test_a_step_of_every_clock_fails_no_mission(scenario: Scenario) -> None:
     run = Rehearsal(scenario, Options(seed=1))
@@ -56,6 +57,7 @@ def test_a_step_of_every_clock_fails_no_mission(scenario: Scenario) -> None:
     assert stepped.blamed() == []
 
 
+@pytest.mark.long
 def test_a_step_of_every_clock_gives_no_task_of_a_fleet_back() -> None:
     scenario = replace(FLEET, tasks=FLEET.tasks[:1] + FLEET.tasks[9:11], look_s=2.0)
     fleet = FleetRehearsal(scenario, Options(seed=1), 2)

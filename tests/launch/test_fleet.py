@@ -29,6 +29,7 @@ def test_two_robots_share_the_tasks_and_touch_nothing() -> None:
     assert all(row.way_m > 3.0 for row in result.robots)
 
 
+@pytest.mark.long
 def test_the_same_seed_is_the_same_run() -> None:
     one, other = (run(SHORT, 2, 5, limit=20.0) for _ in range(2))
     assert all(row.way_m > 1.0 for row in one.robots), "both are on their way"
@@ -45,6 +46,7 @@ def test_a_robot_that_has_fallen_silent_is_not_said_to_hold_anything() -> None:
     assert watch.remark == "0 of 3 done; held: r1 1, r2 silent"
 
 
+@pytest.mark.long
 def test_a_robot_that_dies_on_the_way_stands_there_and_the_others_do_its_tasks() -> None:
     fleet = FleetRehearsal(SHORT, Options(seed=2), 2)
     dies, lives = fleet.names

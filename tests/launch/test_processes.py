@@ -47,5 +47,5 @@ def test_a_process_is_started_whatever_has_become_of_its_log(tmp_path: Path) -> 
     for log in (cleaned, taken):
         process = Process("goto", ["--version"], log)
         assert process.popen.wait(SOON) == 0
-        assert process.last_words()
+        assert process.last_lines()
     assert "armadico" in cleaned.read_text()

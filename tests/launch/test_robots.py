@@ -22,6 +22,12 @@ WATCHED_AND_NOT = ("jackal", "turtlebot3-burger")
 """One with a watchdog of its own, and one without."""
 
 
+@pytest.mark.long(
+    but=(
+        "sc3-turtlebot3-burger",
+        "sc4-pioneer-3dx",
+    )
+)
 @pytest.mark.parametrize(
     ("name", "robot"),
     [
@@ -68,6 +74,7 @@ class Watched(Driven):
         assert self.plant.speeds[0] > at_least
 
 
+@pytest.mark.long(but=("turtlebot3-burger",))
 @pytest.mark.parametrize("robot", WATCHED_AND_NOT)
 def test_a_robot_agent_that_is_killed_and_started_again_goes_on(robot: str) -> None:
     watched = Watched(robot)
@@ -83,6 +90,7 @@ def test_a_robot_agent_that_is_killed_and_started_again_goes_on(robot: str) -> N
     assert result.collisions == 0
 
 
+@pytest.mark.long(but=("jackal",))
 @pytest.mark.parametrize("robot", WATCHED_AND_NOT)
 def test_who_hangs_stops_it_by_its_watchdog_and_comes_back_with_zero(robot: str) -> None:
     watched = Watched(robot)

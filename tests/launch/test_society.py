@@ -156,24 +156,24 @@ def test_every_member_understands_what_it_is_told(options: Options) -> None:
 
 
 def test_a_planned_mission_leaves_the_way_to_the_planner() -> None:
-    asked = mission(SC4)
-    assert asked is not None
-    assert asked.planned
-    assert asked.waypoints == ()
-    assert asked.goal == Waypoint(7.4, 0.7, -pi / 2)
+    on_query = mission(SC4)
+    assert on_query is not None
+    assert on_query.planned
+    assert on_query.waypoints == ()
+    assert on_query.goal == Waypoint(7.4, 0.7, -pi / 2)
 
 
 def test_a_mission_over_waypoints_brings_them() -> None:
-    asked = mission(msgspec.structs.replace(SC4, plan="waypoints"))
-    assert asked is not None
-    assert not asked.planned
-    assert [(w.x, w.y) for w in asked.waypoints] == [
+    on_query = mission(msgspec.structs.replace(SC4, plan="waypoints"))
+    assert on_query is not None
+    assert not on_query.planned
+    assert [(w.x, w.y) for w in on_query.waypoints] == [
         (1.5, 2.5),
         (1.5, 3.6),
         (6.3, 3.75),
         (6.3, 2.4),
     ]
-    assert asked.waypoints[0].theta == pytest.approx(pi / 2)
+    assert on_query.waypoints[0].theta == pytest.approx(pi / 2)
 
 
 def test_the_time_limit_is_five_times_the_way_at_0_3_m_s_and_a_minute_at_least() -> None:

@@ -1,4 +1,4 @@
-"""What of its processes' logs `up` passes on, and how long a log may grow."""
+"""Which log lines `up` passes on, and the truncation of long logs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def write(log: Path, *lines: str, end: str = "\n") -> None:
         file.write("\n".join(lines) + end)
 
 
-def test_faults_are_passed_on_with_who_says_them_and_the_rest_is_not(log: Path) -> None:
+def test_only_warnings_and_errors_are_passed_on_with_the_agents_name(log: Path) -> None:
     tail = Tail("goto-2", log)
     assert tail.loud() == []
     write(log, f"{STAMP} INFO began", f"{STAMP} WARNING slow", f"{STAMP} ERROR no way")
@@ -32,7 +32,7 @@ def test_faults_are_passed_on_with_who_says_them_and_the_rest_is_not(log: Path) 
     assert tail.loud() == []
 
 
-def test_what_belongs_to_a_line_goes_with_it(log: Path) -> None:
+def test_continuation_lines_follow_their_line(log: Path) -> None:
     tail = Tail("goto", log)
     write(log, f"{STAMP} ERROR it failed", "Traceback (most recent call last):", "  here")
     write(log, f"{STAMP} INFO a list:", "  of things", end="\n")
@@ -43,7 +43,7 @@ def test_what_belongs_to_a_line_goes_with_it(log: Path) -> None:
     ]
 
 
-def test_what_is_said_before_there_is_a_log_is_passed_on(log: Path) -> None:
+def test_output_before_the_first_log_line_is_passed_on(log: Path) -> None:
     tail = Tail("goto", log)
     write(log, "armadico-agent: --set v_max=fast: expected a number")
     assert tail.loud() == ["goto: armadico-agent: --set v_max=fast: expected a number"]
@@ -74,7 +74,7 @@ def test_a_long_log_is_begun_anew_while_it_is_written_to(
     assert log.stat().st_size == len(f"{STAMP} ERROR short\n")
 
 
-def test_a_log_that_somebody_has_deleted_ends_nobody(log: Path) -> None:
+def test_a_deleted_log_is_no_error(log: Path) -> None:
     tail = Tail("goto", log)
     write(log, f"{STAMP} ERROR first")
     assert tail.loud() == ["goto: ERROR first"]

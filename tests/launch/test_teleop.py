@@ -109,6 +109,7 @@ class ByHand(Driven):
         assert result.collisions == 0
 
 
+@pytest.mark.long(but=("is killed-2",))
 @pytest.mark.parametrize(("ending", "seed"), [("lets go", 1), ("is killed", 2)])
 def test_a_hand_drives_and_hands_back_without_a_jerk(ending: str, seed: int) -> None:
     driven = ByHand(seed=seed)
@@ -133,6 +134,7 @@ def test_a_hand_drives_and_hands_back_without_a_jerk(ending: str, seed: int) -> 
     driven.smooth()
 
 
+@pytest.mark.long
 def test_among_walls_with_sensors_that_err_nothing_is_touched() -> None:
     driven = ByHand(load_scenario("sc4"), seed=3)
     driven.begin()

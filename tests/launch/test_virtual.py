@@ -52,6 +52,7 @@ BRAKING_S = 3.0
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 
 
+@pytest.mark.long(but=("sc1",))
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_scenario_reaches_its_goal_and_touches_nothing(name: str) -> None:
     result = Rehearsal(ideal(load_scenario(name)), Options(seed=1)).run()
@@ -60,6 +61,12 @@ def test_every_scenario_reaches_its_goal_and_touches_nothing(name: str) -> None:
     assert result.collisions == 0, again
 
 
+@pytest.mark.long(
+    but=(
+        "sc4",
+        "house",
+    )
+)
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_scenario_reaches_its_goal_as_it_is_shipped(name: str) -> None:
     """With the sensors that its file names. On this seed sc1 and sc2 missed it with real ones."""
@@ -69,6 +76,7 @@ def test_every_scenario_reaches_its_goal_as_it_is_shipped(name: str) -> None:
     assert result.collisions == 0, again
 
 
+@pytest.mark.long(but=("sc3",))
 @pytest.mark.parametrize("name", ["sc3", "rooms-a", "house"])
 def test_another_robot_reaches_its_goal_too_and_touches_nothing(name: str) -> None:
     """Of another size, with sonars elsewhere and other limits: its owner describes it."""
@@ -96,6 +104,7 @@ def test_a_run_ends_at_its_time_limit_whatever_is_rounded_off(
         assert Rehearsal(LINE, Options(limit=limit)).run().limit_s == limit
 
 
+@pytest.mark.long
 def test_who_watches_and_stops_a_live_society_can_watch_and_stop_a_virtual_one() -> None:
     """The code of `armadico run --attach` and `armadico stop`, word for word, on the other mesh."""
     rehearsal = Rehearsal(LINE, Options())
@@ -126,7 +135,7 @@ def test_a_robot_that_is_sent_elsewhere_drives_on_when_an_attached_run_ends() ->
     assert sent
     assert not result.reached
     assert result.limit_s is None, "it ends at once, not at its time limit"
-    assert result.why == "another mission has taken its place"
+    assert "another mission" in result.why
     status, state = other.latest(MissionStatus, 1.0), other.latest(RobotState, 1.0)
     assert status is not None
     assert (status.mission, status.state) == (sent[0], MissionState.DRIVING)
@@ -139,7 +148,7 @@ def test_a_run_of_another_world_than_the_societys_is_refused(rooms: Scenario) ->
     """Also where it has agents that this society has not, and that would be waited for."""
     rehearsal = Rehearsal(replace(ideal(load_scenario("house")), goal=None), Options())
     with (
-        pytest.raises(RunFailedError, match="up in the world 'house'"),
+        pytest.raises(RunFailedError, match="world 'house'"),
         AttachedRun(rooms, Options(), VirtualSession(rehearsal.mesh)) as run,
     ):
         run.run()
@@ -155,6 +164,7 @@ def test_a_goal_without_a_heading_is_looked_at_from_where_the_robot_is() -> None
     assert trajectory.waypoints[-1].theta == pytest.approx(pi / 4, abs=0.01)
 
 
+@pytest.mark.long(but=("sc3-pioneer-2dx-0.15",))
 @pytest.mark.parametrize(
     ("name", "robot", "cycle_s"),
     [("sc4", "amigobot", 0.05), ("sc3", "pioneer-2dx", 0.15), ("rooms-a", "pioneer-2dx", 0.15)],
@@ -210,6 +220,7 @@ def test_the_same_seed_is_the_same_run_byte_for_byte_in_any_process() -> None:
     assert other != digest("sc3", 4)
 
 
+@pytest.mark.long
 def test_an_agent_more_leaves_the_others_noise_as_it_was() -> None:
     """Paired comparisons: gothrough has nothing to say on an empty floor."""
     with_it, without = (truths_of(Options(seed=2, without=who)) for who in ((), ("gothrough",)))
@@ -325,6 +336,7 @@ def test_any_agent_may_be_killed_the_rest_drive_on_or_the_robot_stops(name: str)
     run.ballots_never_go_down()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_of_two_of_each_behaviour_whoever_holds_the_wheels_may_be_killed(seed: int) -> None:
     run = Faulty(Options(seed=seed), replace(ideal(load_scenario("sc4")), redundant=True))
@@ -338,6 +350,7 @@ def test_of_two_of_each_behaviour_whoever_holds_the_wheels_may_be_killed(seed: i
     run.ballots_never_go_down()
 
 
+@pytest.mark.long(but=("avoid",))
 @pytest.mark.parametrize("name", EVERYBODY)
 def test_any_agent_may_hang_and_on_its_return_the_goal_is_reached(name: str) -> None:
     run = Faulty()
@@ -350,6 +363,7 @@ def test_any_agent_may_hang_and_on_its_return_the_goal_is_reached(name: str) -> 
     run.ballots_never_go_down()
 
 
+@pytest.mark.long(but=("encoder",))
 @pytest.mark.parametrize("name", DRIVING)
 def test_who_was_killed_and_started_again_drives_to_the_goal(name: str) -> None:
     run = Faulty()
@@ -362,6 +376,7 @@ def test_who_was_killed_and_started_again_drives_to_the_goal(name: str) -> None:
     run.ballots_never_go_down()
 
 
+@pytest.mark.long
 def test_a_new_robot_agent_closes_what_was_left_open_and_the_mission_goes_on() -> None:
     """On a serial line it knows nothing of the way that the robot went without it."""
     run = Faulty()
@@ -382,6 +397,7 @@ def test_a_new_robot_agent_closes_what_was_left_open_and_the_mission_goes_on() -
     run.ballots_never_go_down()
 
 
+@pytest.mark.long
 def test_motors_that_come_on_again_drive_nobody_off_until_the_stop_is_released() -> None:
     run = Faulty()
     run.drive()
@@ -401,6 +417,7 @@ def test_motors_that_come_on_again_drive_nobody_off_until_the_stop_is_released()
     run.finish()
 
 
+@pytest.mark.long(but=("2",))
 @pytest.mark.parametrize("seed", range(3))
 def test_what_no_sonar_hears_is_touched_once_and_driven_round(seed: int) -> None:
     run = Faulty(Options(seed=seed))
@@ -414,7 +431,7 @@ def test_what_no_sonar_hears_is_touched_once_and_driven_round(seed: int) -> None
     assert result.reached
     assert result.collisions == 1
     ((at, text),) = touched
-    assert "something ahead" in text
+    assert " ahead" in text
     zero = [when for when, command in run.commands if when >= at and command.number == Cmd.VEL]
     assert zero[0] - at < 0.01
     held = (c for when, c in run.commands if at < when < at + HELD_S and _moves(c))
@@ -447,6 +464,7 @@ def test_a_robot_agent_that_hung_returns_with_zero_speeds_and_drives_to_the_goal
     run.ballots_never_go_down()
 
 
+@pytest.mark.long(but=("sc3-avoid",))
 @pytest.mark.parametrize(("scenario", "name"), [("sc3", "avoid"), ("sc4", "gothrough")])
 def test_the_holder_among_walls_may_be_killed_and_nothing_is_touched(
     scenario: str, name: str

@@ -1,4 +1,4 @@
-"""The wakeup agent: who is started when, who asks for it, and what it says of itself."""
+"""The wakeup agent: starts, restarts, requests and its report."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from armadico.agents.supervision.messages import (
 )
 from armadico.agents.supervision.wakeup import (
     CARD_S,
-    HEARD_S,
     IN_THE_WAY_S,
     MONITOR_S,
     NEWCOMER_S,
     PAUSES_S,
+    SHARES_S,
     START_S,
     Do,
     Event,
@@ -34,7 +34,7 @@ from armadico.agents.supervision.wakeup import (
     lines,
     orders,
 )
-from armadico.core.agent import Answer, AskFor, Identity, Publish, Question, Write
+from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery, Write
 from armadico.core.messages import PROTOCOL, Card, Message, MonitorReport
 from armadico.core.restart_policy import MISUSED
 
@@ -50,10 +50,10 @@ class Bench:
         parameters = Parameters(host="lab1", processes=processes, **more)
         self.agent = Wakeup(Identity("wakeup-1", "lab1", 1, rng=Random(1)), parameters)
         self.now = 100.0
-        self.said: list[Message] = []
+        self.published: list[Message] = []
         self.orders: list[Order] = []
         self.started: list[float] = []  # when processes were, s
-        self.asked: list[AskFor] = []
+        self.queries: list[SendQuery] = []
         self.answers: list[WakeupReply] = []
         self.agent.start(self.now)
         if up:
@@ -72,9 +72,9 @@ class Bench:
                 case Write():
                     found += orders(item.data)
                 case Publish():
-                    self.said.append(item.message)
-                case AskFor():
-                    self.asked.append(item)
+                    self.published.append(item.message)
+                case SendQuery():
+                    self.queries.append(item)
                 case Answer(_, WakeupReply() as reply):
                     self.answers.append(reply)
         self.orders += found
@@ -82,15 +82,15 @@ class Bench:
         return found
 
     def done(self) -> list[tuple[Do, str]]:
-        """What the machine was told since the last time, without what is for people."""
+        """The orders since the last call, without log lines."""
         return [(order.do, order.label) for order in self.take() if order.do is not Do.SAY]
 
     def begins(self, label: str, pid: int) -> None:
-        self.agent.take_bytes(lines(Event(label, pid)), self.now)
+        self.agent.receive_bytes(lines(Event(label, pid)), self.now)
 
     def ends(self, label: str, code: int = -9, words: str = "") -> None:
         how = f"status {code}" if code >= 0 else "signal SIGKILL"
-        self.agent.take_bytes(lines(Event(label, 0, how, code, words)), self.now)
+        self.agent.receive_bytes(lines(Event(label, 0, how, code, words)), self.now)
 
     def appear(self, instance: str) -> None:
         self.agent.appeared(instance.rpartition("-")[0], instance, self.now)
@@ -103,42 +103,42 @@ class Bench:
         self.appear(instance)
         self.agent.met(self.card(instance, pid, host), self.now)
 
-    def hear(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         self.agent.receive(message, self.now)
 
     def other(self, *kept: Kept, host: str = "lab2") -> None:
-        """Another host's wakeup agent says what it keeps up."""
-        self.hear(HostShare(f"wakeup-{host}", host, kept))
+        """Receive the share of another host."""
+        self.receive(HostShare(f"wakeup-{host}", host, kept))
 
     def request(self, order: WakeupOrder, agent: str, pid: int = 0) -> str:
-        """Ask; its refusal, or nothing."""
-        self.agent.asked(Question(1, WakeupRequest(order, agent, pid, "a test")), self.now)
+        """Send a request; return its refusal, or ""."""
+        self.agent.on_query(Question(1, WakeupRequest(order, agent, pid, "a test")), self.now)
         out = self.agent.outbox
         (answer,) = (item.message for item in out if isinstance(item, Answer))
         assert isinstance(answer, WakeupReply)
         return answer.refusal
 
     def pass_time(self, seconds: float, late: float = 0.0) -> list[tuple[Do, str]]:
-        """Wake it whenever it wants to be, or later, for so long; what the machine was told."""
-        end, told = self.now + seconds, []
+        """Wake the agent when due, or `late` s later, for some time. Return the orders."""
+        end, found = self.now + seconds, []
         while (due := self.agent.wakeup) is not None and due <= end:
             self.now = max(self.now, due) + late
             self.agent.wake(self.now)
-            told += self.done()
+            found += self.done()
         self.now = max(self.now, end)
-        return told
+        return found
 
     def share(self) -> HostShare:
         self.take()
-        return next(m for m in reversed(self.said) if isinstance(m, HostShare))
+        return next(m for m in reversed(self.published) if isinstance(m, HostShare))
 
     def state(self, name: str) -> KeptState:
         return next(kept.state for kept in self.share().kept if name in kept.agents)
 
     def queried(self) -> list[str]:
-        """The instances whose cards were asked for since the last time."""
+        """The instances queried for their cards since the last call."""
         self.take()
-        found, self.asked = self.asked, []
+        found, self.queries = self.queries, []
         return [item.key.split("/")[2] for item in found]
 
 
@@ -173,24 +173,24 @@ def test_a_simulator_is_not_waited_for() -> None:
     assert bench.done() == [(Do.READY, "")]
 
 
-def test_who_does_not_answer_for_its_card_is_asked_again_and_delays_nobody() -> None:
+def test_a_query_for_a_card_is_repeated_and_delays_no_other() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
     bench.begins("avoid", AVOID)
     for instance in ("avoid-dead", "avoid-1", "goto-1", "sonar-1"):
         bench.appear(instance)
     bench.take()
-    (dead,) = (item for item in bench.asked if "avoid-dead" in item.key)
+    (dead,) = (item for item in bench.queries if "avoid-dead" in item.key)
     assert dead.timeout == CARD_S
     assert sorted(bench.queried()) == ["avoid-1", "avoid-dead", "goto-1"], "and whom it waits for"
-    bench.agent.replied(dead.id, None, bench.now)
+    bench.agent.on_reply(dead.id, None, bench.now)
     assert bench.queried() == ["avoid-dead"]
     bench.agent.met(bench.card("goto-1", GOTO), bench.now)
     bench.agent.met(bench.card("avoid-1", AVOID), bench.now)
     assert (Do.READY, "") in bench.done()
 
 
-def test_who_cannot_be_seen_for_long_hangs_and_is_killed() -> None:
+def test_a_process_that_does_not_join_the_mesh_is_killed() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
     bench.begins("avoid", AVOID)
@@ -204,7 +204,7 @@ def test_who_cannot_be_seen_for_long_hangs_and_is_killed() -> None:
 def test_on_a_loaded_machine_a_start_may_take_as_many_times_longer() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
-    bench.agent.take_bytes(lines(Load(2.0)), bench.now)
+    bench.agent.receive_bytes(lines(Load(2.0)), bench.now)
     assert bench.pass_time(2 * START_S - 1.0) == []
     assert bench.share().load == 2.0
     assert bench.pass_time(2.0) == [(Do.KILL, "goto")]
@@ -213,7 +213,7 @@ def test_on_a_loaded_machine_a_start_may_take_as_many_times_longer() -> None:
 # Ending -------------------------------------------------------------------------------------------
 
 
-def test_who_ends_is_started_again_and_the_share_says_so(bench: Bench) -> None:
+def test_a_process_that_ends_is_restarted_and_the_share_reports_it(bench: Bench) -> None:
     bench.ends("goto", 1, "no such thing")
     assert bench.state("goto") is KeptState.WAITING
     (why,) = (kept.why for kept in bench.share().kept if kept.why)
@@ -227,7 +227,7 @@ def test_who_ends_is_started_again_and_the_share_says_so(bench: Bench) -> None:
     assert bench.pass_time(60.0) == []
 
 
-def test_one_that_dies_again_and_again_is_given_up_with_its_last_words() -> None:
+def test_a_process_that_keeps_dying_is_given_up_with_its_last_output() -> None:
     bench = Bench(restarts=2)
     for pid in (21, 22):
         bench.ends("goto", 1, "Traceback")
@@ -235,14 +235,14 @@ def test_one_that_dies_again_and_again_is_given_up_with_its_last_words() -> None
         bench.begins("goto", pid)
     bench.ends("goto", 1, "ValueError: no goal")
     (order,) = (o for o in bench.take() if o.do is Do.GIVE_UP)
-    assert "goto ended with status 1, and is not started again" in order.text
+    assert "status 1" in order.text
     assert "the budget of 2 restarts in 30 s is spent" in order.text
     assert "ValueError: no goal" in order.text
     bench.agent.stop(bench.now)
-    assert not bench.share().leaving, "somebody is to miss them"
+    assert not bench.share().leaving, "another host must replace them"
 
 
-def test_who_keeps_ending_waits_longer_each_time_and_another_does_not() -> None:
+def test_the_delay_of_a_restart_grows_per_process() -> None:
     bench = Bench(restarts=10)
     for pid, pause in enumerate((*PAUSES_S, PAUSES_S[-1]), start=21):
         bench.ends("goto")
@@ -308,30 +308,28 @@ def test_no_window_holds_more_starts_than_the_budget(
         assert sum(first <= at < first + within for at in bench.started) <= restarts
 
 
-def test_who_could_not_begin_at_all_is_given_up() -> None:
+def test_a_process_refused_at_its_first_start_is_given_up() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
     bench.ends("goto", MISUSED, "another goto agent is alive already")
     bench.take()
-    assert bench.pass_time(HEARD_S) == [(Do.GIVE_UP, "")], "nobody says that it took its place"
+    assert bench.pass_time(SHARES_S) == [(Do.GIVE_UP, "")], "no share reports a lent one"
     (order,) = (o for o in bench.orders if o.do is Do.GIVE_UP)
     assert "another goto agent is alive already" in order.text
 
 
-def test_whom_somebody_gets_in_the_way_of_is_tried_again_and_the_others_go_on(
+def test_a_process_replaced_by_another_instance_is_retried(
     bench: Bench,
 ) -> None:
     bench.pass_time(NEWCOMER_S)
     bench.ends("goto", MISUSED)
-    said = [order.text.partition(";")[0] for order in bench.take() if order.do is Do.SAY]
-    assert said == ["goto left: somebody is in its way"]
+    (order,) = (order for order in bench.take() if order.do is Do.SAY)
+    assert order.text.startswith("goto ")
     assert bench.pass_time(IN_THE_WAY_S[0] - 0.01) == []
     assert bench.pass_time(0.02) == [(Do.START, "goto")]
 
 
-def test_who_is_kept_out_waits_longer_each_time_without_spending_the_budget_until_it_works() -> (
-    None
-):
+def test_a_refused_process_is_retried_with_growing_delays_outside_the_budget() -> None:
     bench = Bench(restarts=1)
     bench.pass_time(NEWCOMER_S)
     for pid, pause in enumerate((*IN_THE_WAY_S, IN_THE_WAY_S[-1]), start=21):
@@ -359,7 +357,7 @@ def test_in_the_way_of_one_that_another_host_took_over_is_no_fault_however_early
     bench.meet("avoid-1", AVOID)
     bench.ends("goto", MISUSED)
     bench.other(Kept(("goto",), KeptState.UP, 5, lent=True))
-    assert bench.pass_time(60.0) == [(Do.READY, "")], "nobody is started to find out the same again"
+    assert bench.pass_time(60.0) == [(Do.READY, "")], "it would be refused again"
     assert bench.state("goto") is KeptState.WAITING
     bench.agent.appeared("wakeup", "wakeup-lab2", bench.now)
     bench.agent.disappeared("wakeup", "wakeup-lab2", bench.now)
@@ -369,7 +367,7 @@ def test_in_the_way_of_one_that_another_host_took_over_is_no_fault_however_early
 # Requests -----------------------------------------------------------------------------------------
 
 
-def test_who_hangs_is_killed_once_however_many_ask(bench: Bench) -> None:
+def test_several_requests_restart_a_process_once(bench: Bench) -> None:
     assert bench.request(WakeupOrder.RESTART, "goto", GOTO) == ""
     assert bench.done() == [(Do.KILL, "goto")]
     bench.ends("goto")
@@ -381,23 +379,24 @@ def test_who_hangs_is_killed_once_however_many_ask(bench: Bench) -> None:
     assert bench.done() == [], "that one is gone"
 
 
-def test_a_request_is_refused_where_the_budget_is_spent_and_ends_nobody() -> None:
+def test_a_request_is_refused_if_the_budget_is_spent() -> None:
     bench = Bench(restarts=1, can=("encoder",))
     bench.ends("goto")
     bench.pass_time(1.0)
     for order, name in ((WakeupOrder.RESTART, "avoid"), (WakeupOrder.START, "encoder")):
         refusal = bench.request(order, name)
-        assert refusal == "lab1: the budget of 1 restarts in 30 s is spent"
+        assert "1 restarts in 30 s" in refusal
         assert bench.done() == []
     bench.pass_time(30.0)
     assert bench.request(WakeupOrder.RESTART, "avoid") == ""
 
 
-def test_it_starts_besides_what_it_can_and_says_what_that_is() -> None:
+def test_it_starts_the_agents_that_it_can_on_request() -> None:
     bench = Bench(can=("encoder",))
     assert bench.share().can == ("encoder",)
     refusal = bench.request(WakeupOrder.START, "sonar")
-    assert refusal == "lab1: it cannot start sonar; it could start encoder"
+    assert "sonar" in refusal
+    assert "encoder" in refusal
     bench.take()
     assert bench.request(WakeupOrder.START, "encoder") == ""
     assert bench.done() == [(Do.START, "encoder")]
@@ -410,7 +409,7 @@ def test_it_starts_besides_what_it_can_and_says_what_that_is() -> None:
     assert (lent.agents, lent.state, lent.pid) == (("encoder",), KeptState.UP, 31)
 
 
-def test_what_is_lent_is_given_back_once_its_own_host_has_it_again() -> None:
+def test_a_lent_process_ends_once_its_own_host_has_the_agent_again() -> None:
     bench = Bench(can=("encoder",))
     bench.request(WakeupOrder.START, "encoder")
     bench.begins("encoder", 31)
@@ -433,7 +432,7 @@ def test_what_is_lent_is_given_back_once_its_own_host_has_it_again() -> None:
     assert bench.pass_time(60.0) == []
 
 
-def test_that_what_is_lent_fails_ends_nobody_else() -> None:
+def test_a_lent_process_that_fails_ends_no_other() -> None:
     bench = Bench(can=("encoder",), restarts=1)
     bench.request(WakeupOrder.START, "encoder")
     bench.begins("encoder", 31)
@@ -443,7 +442,7 @@ def test_that_what_is_lent_fails_ends_nobody_else() -> None:
     assert bench.state("goto") is KeptState.UP
 
 
-def test_what_is_lent_and_finds_its_own_hosts_in_the_way_is_let_go_of() -> None:
+def test_a_lent_process_refused_because_of_its_own_host_is_dropped() -> None:
     """Two halves of a network that was cut are one again, and each had started one."""
     bench = Bench(can=("encoder",))
     bench.request(WakeupOrder.START, "encoder")
@@ -455,7 +454,7 @@ def test_what_is_lent_and_finds_its_own_hosts_in_the_way_is_let_go_of() -> None:
     assert bench.share().can == ("encoder",)
 
 
-def test_who_is_ended_on_request_stays_so_until_it_is_started_on_request(bench: Bench) -> None:
+def test_a_process_ended_on_request_stays_ended_until_a_start_request(bench: Bench) -> None:
     assert bench.request(WakeupOrder.END, "goto") == ""
     assert bench.done() == [(Do.END, "goto")]
     bench.ends("goto", 0)
@@ -463,31 +462,31 @@ def test_who_is_ended_on_request_stays_so_until_it_is_started_on_request(bench: 
     assert bench.state("goto") is KeptState.ENDED
     assert bench.request(WakeupOrder.START, "goto") == ""
     assert bench.done() == [(Do.START, "goto")]
-    assert bench.request(WakeupOrder.END, "sonar") == "lab1: sonar is none of its agents"
+    assert "sonar" in bench.request(WakeupOrder.END, "sonar")
 
 
-# Telling ------------------------------------------------------------------------------------------
+# Report -------------------------------------------------------------------------------------------
 
 
-def test_the_share_comes_each_second_and_says_what_is_needed_and_when_it_leaves() -> None:
+def test_the_share_is_published_each_second_with_needs_and_leaving() -> None:
     bench = Bench(needs=("robot", "goto"))
-    before = len(bench.said)
+    before = len(bench.published)
     bench.pass_time(5.0)
-    assert len(bench.said) - before == 5
+    assert len(bench.published) - before == 5
     assert bench.share().needs == ("robot", "goto")
     bench.agent.stop(bench.now)
     assert bench.share().leaving
     assert bench.share().needs == ()
 
 
-def test_a_monitor_of_its_own_that_says_nothing_more_is_killed() -> None:
+def test_a_monitor_of_this_host_that_stops_reporting_is_killed() -> None:
     bench = Bench(processes={"monitor": ("monitor",)}, up=False)
     bench.begins("monitor", 41)
     bench.meet("monitor-1", 41)
-    bench.hear(MonitorReport("monitor-2", 5, acts=True))
+    bench.receive(MonitorReport("monitor-2", 5, acts=True))
     bench.take()
     assert bench.pass_time(60.0) == [], "it has never said anything, nor has another"
-    bench.hear(MonitorReport("monitor-1", 5, acts=True))
+    bench.receive(MonitorReport("monitor-1", 5, acts=True))
     assert bench.pass_time(MONITOR_S - 1.0) == []
     assert bench.pass_time(2.0) == [(Do.KILL, "monitor")]
     bench.ends("monitor")
@@ -509,20 +508,20 @@ def slow() -> Bench:
     return bench
 
 
-def test_a_slow_machine_holds_back_what_is_not_needed_and_says_so_once() -> None:
+def test_a_slow_machine_holds_back_what_is_not_needed() -> None:
     bench = slow()
     before = len(bench.orders)
     assert bench.pass_time(12.0, late=0.3) == [(Do.END, "recorder")]
     bench.ends("recorder", 0)
-    (said,) = [o.text for o in bench.orders[before:] if o.do is Do.SAY]
-    assert "lab1 cannot keep up: processes run 0.30 s late" in said
-    assert "held back: recorder. End other programs" in said
+    (text,) = [o.text for o in bench.orders[before:] if o.do is Do.SAY]
+    assert "0.30 s" in text
+    assert "recorder" in text
     assert bench.pass_time(40.0, late=0.3) == [], "it is not started again and again"
     assert bench.state("recorder") is KeptState.WAITING
     assert bench.state("goto") is KeptState.UP
 
 
-def test_what_a_slow_machine_needs_is_started_again_and_the_rest_once_it_keeps_up() -> None:
+def test_a_slow_machine_restarts_what_is_needed_first() -> None:
     bench = slow()
     bench.pass_time(12.0, late=0.3)
     bench.ends("recorder", 0)

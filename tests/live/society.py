@@ -159,7 +159,7 @@ class Observer:
         replies: list[bytes] = []
         over: list[bool] = []
         mesh = self.client.mesh
-        mesh.ask(key, Ask(), 2.0, lambda _, data: replies.append(data), lambda: over.append(True))
+        mesh.query(key, Ask(), 2.0, lambda _, data: replies.append(data), lambda: over.append(True))
         self.until(lambda: over, "the answer")
         return decode(replies[0], BidHistory).bids if replies else ()
 

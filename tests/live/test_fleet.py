@@ -14,7 +14,7 @@ import pytest
 
 from armadico.agents.fleet.messages import FleetStatus
 from armadico.runtime.client import Client
-from tests.hosts.conftest import says
+from tests.hosts.conftest import wait_for_line
 from tests.live.society import SOON, mesh_of
 from tests.live.test_run import all_gone, children
 from tests.programs import Start, call, starter
@@ -102,6 +102,7 @@ def test_two_robots_do_two_tasks_and_leave_nothing_and_a_second_fleet_is_refused
     assert not [*tmp_path.glob("armadico-*")], "no logs of a run that ended well"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", [SIGINT, SIGKILL])
 def test_whatever_ends_it_nothing_is_left(run: Start, tmp_path: Path, how: int) -> None:
     process = run(*words(tmp_path))
@@ -112,6 +113,7 @@ def test_whatever_ends_it_nothing_is_left(run: Start, tmp_path: Path, how: int) 
     assert all_gone(everybody)
 
 
+@pytest.mark.long
 def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_by_ctrl_c(
     run: Start, tmp_path: Path
 ) -> None:
@@ -123,7 +125,7 @@ def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_
         *("sim", "hall", "--port=0", "--namespace", first, "--start", *starts[0]),
         *("--also", second, *starts[1]),
     )
-    ports = re.findall(r"tcp://\S+?(?=[,;])", says(world, "2 simulated robots"))
+    ports = re.findall(r"tcp://\S+?(?=[,;])", wait_for_line(world, "2 simulated robots"))
     file = words(tmp_path)[1]
     here = ("up", file, "--hosts", str(table), "--host", "here")
     ups = [
@@ -131,7 +133,7 @@ def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_
         for name, port, start in zip((first, second), ports, starts, strict=True)
     ]
     for process in ups:
-        says(process, "here is up")
+        wait_for_line(process, "here is up")
     attached = run("run", file, "--attach", "--namespace", FLEET, "--robots", "2", "--json")
     with mesh_of(first) as mesh:
         client = Client(mesh)

@@ -18,6 +18,7 @@ from tests.live.test_kills import MOST_STATUSES
 pytestmark = pytest.mark.live
 
 
+@pytest.mark.long
 def test_when_the_driver_or_its_senses_hang_a_stop_is_ordered_and_on_waking_it_goes_on(
     start: Start,
 ) -> None:
@@ -34,6 +35,7 @@ def test_when_the_driver_or_its_senses_hang_a_stop_is_ordered_and_on_waking_it_g
     ballots_never_go_down(society.acks)
 
 
+@pytest.mark.long
 def test_those_who_do_not_drive_may_hang_and_come_back(start: Start) -> None:
     society = start()
     holder = society.holder

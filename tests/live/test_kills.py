@@ -15,6 +15,7 @@ MOST_STATUSES = 8
 """Status packets until a stop is ordered: 3 when all is well, and some for a loaded machine."""
 
 
+@pytest.mark.long
 def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered(start: Start) -> None:
     """And who is started again takes its place."""
     society = start()
@@ -30,6 +31,7 @@ def test_without_the_driver_fresh_obstacles_or_a_pose_a_stop_is_ordered(start: S
     ballots_never_go_down(society.acks)
 
 
+@pytest.mark.long
 def test_the_second_of_each_behaviour_drives_on_when_the_first_is_killed(start: Start) -> None:
     society = start(replace(LINE, redundant=True))
     dead = society.holder
@@ -44,6 +46,7 @@ def test_the_second_of_each_behaviour_drives_on_when_the_first_is_killed(start: 
     ballots_never_go_down(society.acks)
 
 
+@pytest.mark.long
 def test_those_who_do_not_drive_may_die_one_after_another(start: Start) -> None:
     society = start()
     dead: list[str] = []
@@ -70,6 +73,7 @@ def test_without_the_robot_agent_the_controllers_watchdog_stops_the_wheels(start
     society.nobody_else_died("robot")
 
 
+@pytest.mark.long
 def test_without_the_simulator_the_robot_agent_says_so_and_all_live(start: Start) -> None:
     society = start()
     society.kill("simulator")

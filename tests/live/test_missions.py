@@ -58,6 +58,7 @@ def programs(apart: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> It
         yield start
 
 
+@pytest.mark.long
 def test_missions_of_a_society_that_is_up_from_the_order_to_the_recording(
     programs: Start, observer: Observer, tmp_path: Path
 ) -> None:

@@ -39,6 +39,7 @@ def test_a_new_robot_agent_closes_what_was_left_open_and_the_same_holder_drives_
     ballots_never_go_down(society.acks)
 
 
+@pytest.mark.long
 def test_those_by_whom_the_pose_is_known_come_back_and_leave_it_right_or_said(
     start: Start,
 ) -> None:
@@ -67,6 +68,7 @@ def test_those_by_whom_the_pose_is_known_come_back_and_leave_it_right_or_said(
     society.nobody_else_died()
 
 
+@pytest.mark.long
 def test_a_simulator_that_comes_back_is_driven_on(start: Start) -> None:
     society = start()
     epoch = society.state.cycle.epoch

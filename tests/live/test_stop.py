@@ -11,6 +11,7 @@ from tests.programs import call
 pytestmark = pytest.mark.live
 
 
+@pytest.mark.long
 def test_a_robot_that_is_stopped_stays_so_until_it_is_released(start: Start) -> None:
     society = start()
     mark = len(society.tap.packets)

@@ -102,7 +102,7 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
     (last,) = corrections
     off = place(last, odometry[-1]) - PATH[-1]
     assert np.hypot(*off[:2]) < 0.1
-    robot.agent.asked(Question(1, MapRequest()), 100.0)
+    robot.agent.on_query(Question(1, MapRequest()), 100.0)
     (answer,) = (one for one in robot.agent.outbox if isinstance(one, Answer))
     assert isinstance(answer.message, OccupancyGrid)
     assert answer.message.revision == revision

@@ -84,16 +84,16 @@ def enter(request: pytest.FixtureRequest) -> Enter:
 
 
 class Crowd:
-    """Agents on one mesh, and somebody who watches them."""
+    """Agents on one mesh, and a client that observes them."""
 
     client: Client
 
     def identity(self, name: str) -> Identity:
-        """Who a new instance is."""
+        """Return the identity of a new instance."""
         raise NotImplementedError
 
     def start(self, agent: Agent) -> Driver:
-        """An agent's process starts, and asks to be admitted."""
+        """Start an agent's process, with admission."""
         raise NotImplementedError
 
     def until(self, condition: Callable[[], object]) -> bool:

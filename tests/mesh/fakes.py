@@ -1,4 +1,4 @@
-"""A mesh that keeps what it is given, and a clock that stands still, for one process."""
+"""A fake mesh and a manual clock for the tests of one process."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from armadico.runtime.process import AgentHost
 
 REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 1, 0))
 
-Asked = tuple[Receiver, Callable[[], None]]
+Pending = tuple[Receiver, Callable[[], None]]
 
 
 class FakeCall:
-    """A query that waits; like the real one it sends only what can be sent."""
+    """A received query; like the real one it sends only messages that can be sent."""
 
     def __init__(self, key: str = "path/plan", request: Message = REQUEST) -> None:
         self.key = key
@@ -32,22 +32,22 @@ class FakeCall:
 
 
 class FakeMesh(Reader, Monotonic):
-    """Keeps what it is given, and lets the test speak; its time is the test's."""
+    """Keeps publications and queries; the test delivers messages and sets the time."""
 
     namespace = "fake"
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()
         self.published: list[tuple[str, Message]] = []
-        self.sent: list[bytes] = []  # of each of them, what went over the wire
+        self.sent: list[bytes] = []  # the encoded messages
         self.subscribers: dict[str, Receiver] = {}
         self.answers: dict[str, Callable[[Call], None]] = {}
         self.changed: Callable[[str, str, bool], None] = lambda *_: None
         self.reachable = True
         self.router_changed: Callable[[bool], None] = lambda _: None
         self.joined = threading.Event()
-        self.asked: list[Asked] = []
-        self.asked_keys: list[str] = []
+        self.queries: list[Pending] = []
+        self.query_keys: list[str] = []
         self.tokens: list[tuple[str, str]] = []
         self.alive = threading.Event()
         self._clock = clock
@@ -56,16 +56,16 @@ class FakeMesh(Reader, Monotonic):
         return self._clock()
 
     @property
-    def said(self) -> list[Message]:
-        """What was published, without its keys."""
+    def messages(self) -> list[Message]:
+        """The published messages, without their keys."""
         return [message for _, message in self.published]
 
     def publish(self, key: str, message: Message, data: bytes | None = None) -> None:
         self.sent.append(encode(message) if data is None else data)
         self.published.append((key, message))
 
-    def has_said(self, key: str) -> bool:
-        return any(key == said for said, _ in self.published)
+    def is_declared(self, key: str) -> bool:
+        return any(key == declared for declared, _ in self.published)
 
     def subscribe(self, pattern: str, receiver: Receiver) -> None:
         self.subscribers[pattern] = receiver
@@ -73,7 +73,7 @@ class FakeMesh(Reader, Monotonic):
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         self.answers[key] = receiver
 
-    def ask(
+    def query(
         self,
         key: str,
         request: Message,
@@ -82,8 +82,8 @@ class FakeMesh(Reader, Monotonic):
         done: Callable[[], None],
     ) -> None:
         encode(request)
-        self.asked_keys.append(key)
-        self.asked.append((each, done))
+        self.query_keys.append(key)
+        self.queries.append((each, done))
 
     def watch_alive(self, changed: Callable[[str, str, bool], None]) -> None:
         self.changed = changed
@@ -102,12 +102,12 @@ class FakeMesh(Reader, Monotonic):
     def close(self) -> bool:
         return True
 
-    def hear(self, pattern: str, message: Message, key: str | None = None) -> None:
+    def receive(self, pattern: str, message: Message, key: str | None = None) -> None:
         self.subscribers[pattern](key or pattern, encode(message))
 
 
 class Clock:
-    """Time as the test has it."""
+    """A clock that the test sets."""
 
     def __init__(self) -> None:
         self.now = 100.0

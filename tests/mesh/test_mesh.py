@@ -57,32 +57,32 @@ class Box:
         return self.take(0.0) is None
 
 
-def heard(mesh: Mesh, pattern: str) -> Box:
+def subscribed(mesh: Mesh, pattern: str) -> Box:
     box = Box(mesh)
     mesh.subscribe(pattern, box.put)
     return box
 
 
-def asked(mesh: Mesh, key: str, request: Any) -> Box:
+def queried(mesh: Mesh, key: str, request: Any) -> Box:
     """A query, its replies, and an empty one for its end."""
     box = Box(mesh)
-    mesh.ask(key, request, SOON, box.put, box.put)
+    mesh.query(key, request, SOON, box.put, box.put)
     return box
 
 
 def linked(*meshes: Mesh, by: str = "") -> None:
     """Wait until every one of them knows the others, subscriptions included."""
-    for speaker in meshes:
+    for publisher in meshes:
         for listener in meshes:
-            if speaker is not listener:
-                _greet(speaker, listener, by)
+            if publisher is not listener:
+                _greet(publisher, listener, by)
 
 
-def _greet(speaker: Mesh, listener: Mesh, by: str) -> None:
-    key = f"{by}greeting/{id(speaker)}/{id(listener)}"
-    greetings = heard(listener, key)
+def _greet(publisher: Mesh, listener: Mesh, by: str) -> None:
+    key = f"{by}greeting/{id(publisher)}/{id(listener)}"
+    greetings = subscribed(listener, key)
     for _ in range(200):
-        speaker.publish(key, Stop())
+        publisher.publish(key, Stop())
         if greetings.take(SOON / 200):
             return
     raise AssertionError("never linked")
@@ -92,10 +92,10 @@ def _greet(speaker: Mesh, listener: Mesh, by: str) -> None:
 
 
 def test_what_is_published_arrives_as_it_was(enter: Enter) -> None:
-    speaker, listener = enter(), enter()
-    box = heard(listener, "encoder/*")
-    linked(speaker, listener)
-    speaker.publish("encoder/pose", POSE)
+    publisher, listener = enter(), enter()
+    box = subscribed(listener, "encoder/*")
+    linked(publisher, listener)
+    publisher.publish("encoder/pose", POSE)
     key, data = box.get()
     assert key == "encoder/pose"
     assert data == encode(POSE)
@@ -103,30 +103,30 @@ def test_what_is_published_arrives_as_it_was(enter: Enter) -> None:
 
 
 def test_a_star_stands_for_one_part_of_a_key(enter: Enter) -> None:
-    speaker, listener = enter(), enter()
-    box = heard(listener, "resource/*/ack")
-    linked(speaker, listener)
+    publisher, listener = enter(), enter()
+    box = subscribed(listener, "resource/*/ack")
+    linked(publisher, listener)
     for key in ("resource/ack", "resource/a/b/ack", "resource/a/utility", "resource/a/ack"):
-        speaker.publish(key, Stop())
+        publisher.publish(key, Stop())
     assert box.get()[0] == "resource/a/ack"
     assert box.empty()
 
 
 def test_what_one_publishes_arrives_in_order_whatever_the_key(enter: Enter) -> None:
-    speaker, listener = enter(), enter()
-    box = heard(listener, "log/*")
-    linked(speaker, listener)
+    publisher, listener = enter(), enter()
+    box = subscribed(listener, "log/*")
+    linked(publisher, listener)
     for number in range(200):
-        speaker.publish(f"log/{number % 3}", Log(20, str(number)))
-    said = [listener.read(Log, *box.get()) for _ in range(200)]
-    assert [log.text for log in said if log is not None] == [str(number) for number in range(200)]
+        publisher.publish(f"log/{number % 3}", Log(20, str(number)))
+    logs = [listener.read(Log, *box.get()) for _ in range(200)]
+    assert [log.text for log in logs if log is not None] == [str(number) for number in range(200)]
 
 
-def test_nobody_receives_what_they_publish(enter: Enter) -> None:
-    speaker, listener = enter(), enter()
-    own, theirs = heard(speaker, "encoder/pose"), heard(listener, "encoder/pose")
-    linked(speaker, listener)
-    speaker.publish("encoder/pose", POSE)
+def test_a_process_does_not_receive_its_own_publications(enter: Enter) -> None:
+    publisher, listener = enter(), enter()
+    own, theirs = subscribed(publisher, "encoder/pose"), subscribed(listener, "encoder/pose")
+    linked(publisher, listener)
+    publisher.publish("encoder/pose", POSE)
     received = theirs.get()
     listener.publish("encoder/pose", POSE)
     assert own.get() == received
@@ -134,16 +134,16 @@ def test_nobody_receives_what_they_publish(enter: Enter) -> None:
 
 
 def test_another_robot_is_not_received(enter: Enter) -> None:
-    speaker, listener, other = enter(), enter(), enter("other")
-    box = heard(listener, "encoder/pose")
-    linked(speaker, listener)
+    publisher, listener, other = enter(), enter(), enter("other")
+    box = subscribed(listener, "encoder/pose")
+    linked(publisher, listener)
     other.publish("encoder/pose", Pose(Cycle(9, 9), 0, 0, 0))
-    speaker.publish("encoder/pose", POSE)
+    publisher.publish("encoder/pose", POSE)
     assert listener.read(Pose, *box.get()) == POSE
     assert box.empty()
 
 
-def test_another_robots_agents_are_not_seen_and_not_asked(enter: Enter) -> None:
+def test_another_robots_agents_are_not_visible_and_not_queried(enter: Enter) -> None:
     other, planner = enter("other"), enter()
     other.declare_alive("goto", "goto-9")
     other.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 9.0)))
@@ -152,29 +152,29 @@ def test_another_robots_agents_are_not_seen_and_not_asked(enter: Enter) -> None:
     client = Client(enter())
     assert client.wait_for(lambda: client.alive, SOON) == {("goto", "goto-1")}
     linked(planner, client.mesh)
-    box = asked(client.mesh, "path/plan", REQUEST)
+    box = queried(client.mesh, "path/plan", REQUEST)
     assert client.mesh.read(Plan, *box.get()) == Plan((), 1.0)
     assert box.get() == ()
 
 
 def test_what_is_published_by_wildcard_is_refused_and_counted(enter: Enter) -> None:
-    speaker, listener = enter(), enter()
-    box = heard(listener, "robot/cmd/*")
-    linked(speaker, listener)
+    publisher, listener = enter(), enter()
+    box = subscribed(listener, "robot/cmd/*")
+    linked(publisher, listener)
     for pattern in ("robot/cmd/*", "robot/**", "**"):
-        speaker.publish(pattern, Stop())
-    speaker.publish("robot/cmd/me", Stop())
+        publisher.publish(pattern, Stop())
+    publisher.publish("robot/cmd/me", Stop())
     assert box.get()[0] == "robot/cmd/me"
     assert box.empty()
     assert {"robot/cmd/*", "robot/**", "**"} <= set(listener.refused)
 
 
 def test_what_was_published_before_leaving_is_received(enter: Enter) -> None:
-    speaker, listener = enter(), enter()
-    box = heard(listener, "log/*")
-    linked(speaker, listener)
-    speaker.publish("log/last", Log(20, "farewell"))
-    speaker.close()
+    publisher, listener = enter(), enter()
+    box = subscribed(listener, "log/*")
+    linked(publisher, listener)
+    publisher.publish("log/last", Log(20, "farewell"))
+    publisher.close()
     assert listener.read(Log, *box.get()) == Log(20, "farewell")
 
 
@@ -218,25 +218,25 @@ LARGEST = LARGEST_PAYLOAD - len(encode(claim(40_000))) + 40_000
         (claim(LARGEST + 2), "at most 65536 are read"),
     ],
 )
-def test_what_nobody_could_read_is_refused_when_it_is_sent(
+def test_messages_that_could_not_be_decoded_are_rejected_when_they_are_sent(
     enter: Enter, message: Any, why: str
 ) -> None:
-    speaker, listener = enter(), enter()
-    box = heard(listener, "any/key")
+    publisher, listener = enter(), enter()
+    box = subscribed(listener, "any/key")
     listener.answer("a/query", lambda call: box.put(call.key))
-    linked(speaker, listener)
+    linked(publisher, listener)
     with pytest.raises(MessageError, match=why):
-        speaker.publish("any/key", message)
+        publisher.publish("any/key", message)
     with pytest.raises(MessageError, match=why):
-        speaker.ask("a/query", message, SOON, box.put, box.put)
-    speaker.publish("any/key", claim(LARGEST))
+        publisher.query("a/query", message, SOON, box.put, box.put)
+    publisher.publish("any/key", claim(LARGEST))
     assert listener.read(Claim, *box.get()) == claim(LARGEST)
     assert box.empty()
 
 
-def test_a_reply_that_nobody_could_read_is_refused_when_it_is_sent(enter: Enter) -> None:
-    asker, answerer = enter(), enter()
-    errors = Box(asker)
+def test_a_reply_that_could_not_be_decoded_is_rejected_when_it_is_sent(enter: Enter) -> None:
+    client, answerer = enter(), enter()
+    errors = Box(client)
 
     def answer(call: Call) -> None:
         try:
@@ -246,16 +246,16 @@ def test_a_reply_that_nobody_could_read_is_refused_when_it_is_sent(enter: Enter)
             call.reply("path/plan", Plan((), 1.0))
 
     answerer.answer("path/plan", answer)
-    linked(asker, answerer)
-    box = asked(asker, "path/plan", REQUEST)
-    assert asker.read(Plan, *box.get()) == Plan((), 1.0)
+    linked(client, answerer)
+    box = queried(client, "path/plan", REQUEST)
+    assert client.read(Plan, *box.get()) == Plan((), 1.0)
     assert "Plan cannot be sent" in errors.get()[0]
 
 
 # Queries ------------------------------------------------------------------------------------------
 
 
-def test_a_query_is_answered_by_whoever_can(enter: Enter) -> None:
+def test_a_query_is_answered_by_the_agent_that_can(enter: Enter) -> None:
     client, planner = Client(enter()), enter()
     plan = Plan(waypoints=(Waypoint(1, 2, 0.5),), length=2.5)
 
@@ -264,33 +264,33 @@ def test_a_query_is_answered_by_whoever_can(enter: Enter) -> None:
         call.reply("path/plan", plan)
 
     planner.answer("path/plan", answer)
-    assert client.ask(REQUEST, SOON) == plan
+    assert client.query(REQUEST, SOON) == plan
 
 
-def test_a_query_that_nobody_can_answer_ends_long_before_its_time_is_up(enter: Enter) -> None:
-    asker, other = enter(), enter()
-    linked(asker, other)
-    box = Box(asker)
-    asker.ask("path/plan", REQUEST, 1000 * SOON, box.put, box.put)
+def test_a_query_without_receivers_ends_long_before_its_timeout(enter: Enter) -> None:
+    client, other = enter(), enter()
+    linked(client, other)
+    box = Box(client)
+    client.query("path/plan", REQUEST, 1000 * SOON, box.put, box.put)
     assert box.get() == ()
 
 
-def test_a_query_that_is_let_go_of_ends_without_a_reply(enter: Enter) -> None:
-    asker, silent = enter(), enter()
+def test_an_abandoned_query_ends_without_a_reply(enter: Enter) -> None:
+    client, silent = enter(), enter()
     silent.answer("path/plan", lambda _call: None)
-    linked(asker, silent)
-    box = Box(asker)
-    asker.ask("path/plan", REQUEST, SOON / 2, box.put, box.put)
+    linked(client, silent)
+    box = Box(client)
+    client.query("path/plan", REQUEST, SOON / 2, box.put, box.put)
     assert box.get() == ()
 
 
-def test_everybody_answers_a_pattern_once_and_then_it_is_over(enter: Enter) -> None:
-    asker, first, second = enter(), enter(), enter()
+def test_each_agent_answers_a_pattern_once_and_then_the_query_ends(enter: Enter) -> None:
+    client, first, second = enter(), enter(), enter()
     for mesh, name in ((first, "a"), (second, "b")):
         key = f"agent/{name}/{name}-1/card"
         mesh.answer(key, lambda call, key=key: call.reply(key, Stop(1)))  # type: ignore[misc]
-    linked(asker, first, second)
-    box = asked(asker, "agent/*/*/card", Ask())
+    linked(client, first, second)
+    box = queried(client, "agent/*/*/card", Ask())
     keys = sorted(box.get()[0] for _ in range(2))
     assert keys == ["agent/a/a-1/card", "agent/b/b-1/card"]
     assert box.get() == ()
@@ -300,7 +300,7 @@ def test_everybody_answers_a_pattern_once_and_then_it_is_over(enter: Enter) -> N
 # Tokens -------------------------------------------------------------------------------------------
 
 
-def test_tokens_are_seen_by_who_came_before_and_who_came_after(enter: Enter) -> None:
+def test_tokens_are_seen_by_earlier_and_later_sessions(enter: Enter) -> None:
     early, agent = Client(enter()), enter()
     agent.declare_alive("goto", "goto-1")
     late = Client(enter())
@@ -321,13 +321,13 @@ def saw(client: Client, alive: set[tuple[str, str]]) -> Callable[[], bool]:
 def test_a_client_keeps_the_latest_of_what_it_listens_to_and_knows_how_old_it_is(
     enter: Enter,
 ) -> None:
-    client, speaker = Client(enter()), enter()
+    client, publisher = Client(enter()), enter()
     shown: list[tuple[Any, float]] = []
     client.listen(Pose, then=lambda message, now: shown.append((message, now)))
     assert client.latest(Pose) is None
     assert client.age(Pose) == float("inf")
-    linked(speaker, client.mesh)
-    speaker.publish("encoder/pose", POSE)
+    linked(publisher, client.mesh)
+    publisher.publish("encoder/pose", POSE)
     assert client.wait_for(lambda: client.latest(Pose), SOON) == POSE
     assert client.key == "encoder/pose"
     ((message, came),) = shown
@@ -335,27 +335,27 @@ def test_a_client_keeps_the_latest_of_what_it_listens_to_and_knows_how_old_it_is
     assert client.age(Pose) == pytest.approx(client.mesh.now() - came, abs=SOON)
 
 
-def test_a_client_waits_no_longer_than_it_is_told_to(enter: Enter) -> None:
+def test_a_client_waits_no_longer_than_its_timeout(enter: Enter) -> None:
     client = Client(enter())
     began = client.mesh.now()
     assert not client.wait_for(lambda: False, 0.05)
     assert client.mesh.now() >= began + 0.05
 
 
-def test_a_client_asks_until_there_is_somebody_to_answer_if_it_has_the_patience(
+def test_a_client_repeats_a_query_until_its_patience_ends(
     enter: Enter,
 ) -> None:
     client, late = Client(enter()), enter()
     began = client.mesh.now()
-    assert client.ask(REQUEST, SOON, patience=0.0) is None
+    assert client.query(REQUEST, SOON, patience=0.0) is None
     assert client.mesh.now() - began < SOON
     late.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 1.0)))
-    assert client.ask(REQUEST, SOON) == Plan((), 1.0)
+    assert client.query(REQUEST, SOON) == Plan((), 1.0)
 
 
 def test_what_a_client_publishes_goes_by_its_services_key(enter: Enter) -> None:
     client, listener = Client(enter()), enter()
-    box = heard(listener, "robot/stop")
+    box = subscribed(listener, "robot/stop")
     linked(client.mesh, listener)
     client.publish(Stop(1, True, "tester", 1))
     assert listener.read(Stop, *box.get()) == Stop(1, True, "tester", 1)
@@ -368,8 +368,8 @@ def test_what_lies_beside_the_robots_namespaces_reaches_every_robot_of_the_fleet
     enter: Enter,
 ) -> None:
     one, two, other = enter("lab/r1"), enter("lab/r2"), enter("yard/r1")
-    mine, theirs = heard(two, "fleet/*"), heard(other, "fleet/*")
-    private = heard(two, "encoder/pose")
+    mine, theirs = subscribed(two, "fleet/*"), subscribed(other, "fleet/*")
+    private = subscribed(two, "encoder/pose")
     linked(one, two, by="fleet/")
     other.publish("fleet/pose", POSE)
     one.publish("encoder/pose", POSE)
@@ -384,7 +384,7 @@ def test_what_lies_beside_the_robots_namespaces_reaches_every_robot_of_the_fleet
 
 def test_everything_of_one_robots_is_not_what_robots_share(enter: Enter) -> None:
     one, two = enter("r1"), enter("r2")
-    everything, shared = heard(two, "**"), heard(two, "fleet/**")
+    everything, shared = subscribed(two, "**"), subscribed(two, "fleet/**")
     linked(one, two, by="fleet/")
     one.publish("fleet/r1/pose", POSE)
     while shared.get()[0] != "fleet/r1/pose":

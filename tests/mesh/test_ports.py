@@ -1,4 +1,4 @@
-"""Ports that the system gives to nobody."""
+"""Free ports that are not ephemeral."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from armadico.mesh import ports
 RANGE = Path("/proc/sys/net/ipv4/ip_local_port_range")
 
 
-@pytest.mark.skipif(not RANGE.exists(), reason="only Linux says which ports it gives out")
-def test_the_system_gives_them_to_nobody() -> None:
+@pytest.mark.skipif(not RANGE.exists(), reason="only Linux publishes its ephemeral ports")
+def test_they_are_not_ephemeral() -> None:
     """What is bound to port 0 meanwhile cannot be what the mesh will connect to."""
     first = int(RANGE.read_text().split()[0])
     assert all(port < first for port in ports.free_ports(ports.SLICE))
@@ -28,7 +28,7 @@ def test_two_processes_that_look_at_once_find_others(monkeypatch: pytest.MonkeyP
     assert not ours & set(ports.free_ports(20))
 
 
-def test_a_port_that_somebody_has_is_not_found() -> None:
+def test_a_port_in_use_is_not_returned() -> None:
     with ExitStack() as stack:
         taken = {ports.free_port() for _ in range(3)}
         for port in taken:

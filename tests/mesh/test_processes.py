@@ -30,12 +30,12 @@ def there(client: Client, count: int) -> bool:
 
 
 def upset(client: Client) -> None:
-    """Say the stop that toys other than calm ones cannot bear, until the query shows it arrived."""
-    assert client.ask(REQUEST, SOON) is not None
+    """Publish the stop that ends toys other than calm ones, until a query shows its arrival."""
+    assert client.query(REQUEST, SOON) is not None
     client.publish(Stop(1, True, "the test", 1))
 
 
-def test_an_agent_turns_what_it_hears_into_what_it_says(client: Client, spawn: Spawn) -> None:
+def test_an_agent_publishes_for_what_it_receives(client: Client, spawn: Spawn) -> None:
     client.listen(Pose)
     spawn()
     assert there(client, 1)
@@ -57,7 +57,7 @@ def test_an_agent_gives_its_card_and_answers_its_queries(client: Client, spawn: 
     assert isinstance(card, Card)
     assert (card.name, card.instance, card.pid) == ("toy", instance, process.pid)
     assert card.provides == ("encoder/pose", "path/plan")
-    assert client.ask(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
+    assert client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
 
 
 def test_two_instances_have_different_names(client: Client, spawn: Spawn) -> None:
@@ -75,7 +75,7 @@ def test_an_agent_that_is_killed_is_seen_to_go(client: Client, spawn: Spawn) -> 
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_an_agent_that_is_told_to_ends_in_order(
+def test_an_agent_ends_in_order_on_a_signal(
     client: Client, spawn: Spawn, number: signal.Signals
 ) -> None:
     process = spawn()
@@ -85,7 +85,7 @@ def test_an_agent_that_is_told_to_ends_in_order(
     assert there(client, 0)
 
 
-def test_an_agent_that_fails_says_why_and_ends(client: Client, spawn: Spawn) -> None:
+def test_an_agent_that_fails_logs_the_reason_and_ends(client: Client, spawn: Spawn) -> None:
     process = spawn("broken")
     assert there(client, 1)
     upset(client)
@@ -97,6 +97,7 @@ def test_an_agent_that_fails_says_why_and_ends(client: Client, spawn: Spawn) -> 
     assert there(client, 0)
 
 
+@pytest.mark.long
 def test_an_agent_that_hangs_can_be_ended_all_the_same(client: Client, spawn: Spawn) -> None:
     process = spawn("hanging")
     assert there(client, 1)
@@ -112,13 +113,13 @@ def test_an_agent_that_is_stopped_by_a_debugger_does_not_answer_and_comes_back(
 ) -> None:
     process = spawn()
     assert there(client, 1)
-    who = set(client.alive)
+    before = set(client.alive)
     process.send_signal(signal.SIGSTOP)
     assert there(client, 0), "its lease runs out"
     process.send_signal(signal.SIGCONT)
     assert there(client, 1)
-    assert client.alive == who
-    assert isinstance(client.cards(SOON)[next(iter(who))], Card)
+    assert client.alive == before
+    assert isinstance(client.cards(SOON)[next(iter(before))], Card)
 
 
 def test_a_robot_agent_beside_another_router_reports_its_process_and_ends(

@@ -1,4 +1,4 @@
-"""Agents on both meshes: they are admitted, refused, seen and asked by the same rules."""
+"""Agents on both meshes: the same rules of admission, tokens and queries."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
 
 
 class Toy(Agent):
-    """Hears the stop, and plans nothing."""
+    """Subscribes to the stop, and plans nothing."""
 
     name = "toy"
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
@@ -75,8 +75,8 @@ def start(crowd: Crowd, kind: type[Agent]) -> Driver:
 def joined(crowd: Crowd, kind: type[Agent]) -> Driver:
     """One that is at work, and seen to be."""
     driver = start(crowd, kind)
-    who = (driver.agent.name, driver.agent.instance)
-    assert crowd.until(lambda: driver.started and who in crowd.client.alive)
+    agent = (driver.agent.name, driver.agent.instance)
+    assert crowd.until(lambda: driver.started and agent in crowd.client.alive)
     return driver
 
 
@@ -87,7 +87,7 @@ def refusal(crowd: Crowd, driver: Driver) -> str:
 
 
 def alive(crowd: Crowd) -> set[str]:
-    """The names of those who are left once nothing changes any more."""
+    """Return the names of the remaining agents once nothing changes any more."""
     crowd.client.settle()
     return {name for name, _ in crowd.client.alive}
 
@@ -102,7 +102,7 @@ def test_a_second_robot_or_encoder_agent_is_refused_and_never_seen(
     assert crowd.until(lambda: seen.update(crowd.client.alive) or second.refusal)
     why = refusal(crowd, second)
     assert why.startswith(f"another {kind.name} agent is alive already: {first.agent.instance} (")
-    assert why.endswith("end that one, or name another namespace: --namespace")
+    assert why.endswith("end that one, or use another namespace: --namespace")
     crowd.client.settle()
     assert seen | crowd.client.alive == {(kind.name, first.agent.instance)}
     assert first.started
@@ -127,7 +127,7 @@ def test_among_agents_of_another_protocol_a_newcomer_is_refused(crowd: Crowd) ->
     foreign = joined(crowd, Foreign)
     why = refusal(crowd, start(crowd, Toy))
     assert why.startswith(f"{foreign.agent.instance} (")
-    assert f"speaks protocol {PROTOCOL + 1}, this one {PROTOCOL};" in why
+    assert f"uses protocol {PROTOCOL + 1}, this agent {PROTOCOL};" in why
     assert alive(crowd) == {"foreign"}
 
 
@@ -138,18 +138,18 @@ def test_where_an_owner_speaks_its_protocol_it_may_join_beside_another(crowd: Cr
     assert alive(crowd) == {"robot", "foreign", "toy"}
 
 
-def test_who_joins_is_told_who_is_there_and_told_again_what_is_latched(
+def test_a_joining_agent_gets_the_tokens_and_the_latched_states(
     crowd: Crowd,
 ) -> None:
     first, stop = joined(crowd, Toy), Stop(7, True, "tester", 1)
 
-    def told(driver: Driver) -> bool:
+    def has_stop(driver: Driver) -> bool:
         return driver.agent.memory.newest(Stop) == stop
 
     crowd.client.publish(stop)
-    assert crowd.until(lambda: told(first))
+    assert crowd.until(lambda: has_stop(first))
     second = joined(crowd, Toy)
-    assert crowd.until(lambda: ("toy", first.agent.instance) in second.alive and told(second))
+    assert crowd.until(lambda: ("toy", first.agent.instance) in second.alive and has_stop(second))
 
 
 def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
@@ -160,7 +160,7 @@ def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
         assert card is not None
         assert (card.name, card.instance, card.protocol) == (name, instance, PROTOCOL)
     instance = toys[0].agent.instance
-    assert crowd.client.ask(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
+    assert crowd.client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
     card = crowd.client.card("toy", instance, SOON)
     assert card is not None
     assert card.provides == ("path/plan",)
@@ -168,20 +168,20 @@ def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
 
 
 class Loud(Toy):
-    """Publishes on a stop what nobody could read, for its numbers or its size, and what all can."""
+    """Publishes on a stop claims that are invalid by numbers or size, and a valid one."""
 
     name = "loud"
-    hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
 
     def on_stop(self, stop: Stop) -> None:
         ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
         claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
         too_large = replace(claim, wanted=large, commanded=large)
-        self.outbox += [Publish(WHEELS.utility_key, said) for said in (too_large, claim)]
+        self.outbox += [Publish(WHEELS.utility_key, each) for each in (too_large, claim)]
         self.outbox += [Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)]
 
 
-def test_what_nobody_could_read_is_dropped_and_said_and_its_agent_goes_on(crowd: Crowd) -> None:
+def test_messages_that_cannot_be_decoded_are_dropped_and_logged(crowd: Crowd) -> None:
     client = crowd.client
     received: list[Any] = []
     lines: list[Any] = []

@@ -224,7 +224,7 @@ def test_a_robot_whose_router_was_killed_is_not_here_though_its_socket_is() -> N
     assert fleet_here("lab/r1") == ()
 
 
-def test_a_socket_that_was_deleted_under_a_router_is_said_with_what_helps(base: Path) -> None:
+def test_a_socket_that_was_deleted_under_a_router_is_reported_with_the_remedy(base: Path) -> None:
     with ZenohMesh("robot1", topology(router=True)):
         socket_of("robot1").unlink()
         with ZenohMesh("robot1", topology(), starts=True) as mesh:

@@ -174,7 +174,7 @@ def test_what_a_client_declares_before_its_router_is_there_works_once_it_comes(
     assert True in news.all
     client = Client(late)
     assert client.wait_for(lambda: GOTO in client.alive, SOON)
-    assert client.ask(REQUEST, SOON) == Plan((), 1.0)
+    assert client.query(REQUEST, SOON) == Plan((), 1.0)
     assert publishes_until(late, "encoder/pose", got)
     assert early.read(Pose, *got[0]) == POSE
 
@@ -193,7 +193,7 @@ def test_what_a_client_publishes_before_its_router_is_there_arrives_nowhere(
 def test_a_query_before_the_router_is_there_ends_at_once_without_a_reply(client_of: Open) -> None:
     early, replies, ends = client_of(), [], []
     early.answer("path/plan", lambda call: call.reply("path/plan", Plan((), 1.0)))
-    early.ask(
+    early.query(
         "path/plan", REQUEST, SOON, lambda *reply: replies.append(reply), lambda: ends.append(1)
     )
     assert ends == [1]
@@ -229,6 +229,7 @@ def test_an_agents_process_that_starts_before_its_router_joins_once_it_comes(
 # A router that restarts ---------------------------------------------------------------------------
 
 
+@pytest.mark.long(but=("tcp-killed",))
 @pytest.mark.parametrize("how", ["killed", "closed"])
 def test_after_a_restart_of_the_router_only_agents_that_do_not_come_back_are_reported_as_gone(
     robot: Robot, how: str
@@ -252,7 +253,7 @@ def test_after_a_restart_of_the_router_only_agents_that_do_not_come_back_are_rep
         assert eventually(lambda: all(mesh.reachable for mesh in (watcher, goto, avoid)))
         assert publishes_until(goto, "encoder/pose", got)
         assert {key for key, _ in got} == {"encoder/pose"}
-        assert Client(goto).ask(REQUEST, SOON) == Plan((), 1.0)
+        assert Client(goto).query(REQUEST, SOON) == Plan((), 1.0)
     news.read()
     robot.end(how)
     assert eventually(lambda: news.all == [False])
@@ -268,6 +269,7 @@ def test_after_a_restart_of_the_router_only_agents_that_do_not_come_back_are_rep
 # A router that hangs ------------------------------------------------------------------------------
 
 
+@pytest.mark.long(but=("socket",))
 def test_after_a_hang_of_the_router_only_agents_that_do_not_come_back_are_reported_as_gone(
     robot: Robot,
 ) -> None:
@@ -287,6 +289,7 @@ def test_after_a_hang_of_the_router_only_agents_that_do_not_come_back_are_report
     assert publishes_until(goto, "encoder/pose", got)
 
 
+@pytest.mark.long(but=("tcp",))
 def test_after_a_hang_of_the_router_each_message_still_arrives_by_its_own_key(
     robot: Robot,
 ) -> None:
@@ -354,8 +357,8 @@ def test_nothing_of_one_robot_reaches_another_by_whatever_key(join: Join) -> Non
     one, two = join("lab/r1"), join("lab/r2")
     got, shared = received(two, "**"), received(two, "fleet/**")
     two.declare_alive(*GOTO)
-    asked: list[str] = []
-    two.answer("path/plan", lambda call: asked.append(call.key))
+    queried: list[str] = []
+    two.answer("path/plan", lambda call: queried.append(call.key))
     news = News(two)
     assert publishes_until(one, "fleet/pose", shared)
     shared.clear()
@@ -371,7 +374,7 @@ def test_nothing_of_one_robot_reaches_another_by_whatever_key(join: Join) -> Non
             PAUSE.wait(0.01)
     assert {key for key, _ in shared} == {"fleet/pose"}
     assert got == []
-    assert asked == []
+    assert queried == []
     assert two.refused == {}
     assert news.alive == {GOTO}
 
@@ -389,6 +392,7 @@ def test_within_its_own_namespace_the_same_session_is_received(join: Join) -> No
         assert eventually(arrived)
 
 
+@pytest.mark.long(but=("True",))
 @pytest.mark.parametrize("turned", [False, True])
 def test_of_several_routers_a_client_joins_its_own_robots(
     client_of: Open, spawn_router: SpawnRouter, turned: bool
@@ -451,6 +455,7 @@ def fleet(spawn_router: SpawnRouter, client_of: Open) -> Fleet:
     return Fleet(spawn_router, client_of)
 
 
+@pytest.mark.long(but=("lab/r2",))
 @pytest.mark.parametrize("restarted", ROBOTS)
 def test_robots_of_a_fleet_share_its_keys_whichever_starts_or_restarts(
     fleet: Fleet, restarted: str
@@ -477,6 +482,7 @@ def test_robots_on_several_computers_share_the_keys_of_their_fleet(
     assert fleet.is_whole()
 
 
+@pytest.mark.long
 def test_robots_with_a_socket_and_an_endpoint_receive_each_message_once(fleet: Fleet) -> None:
     """They are on one computer, and the fleet's list has the endpoints of both."""
     endpoints = [f"tcp/{LOOPBACK}:{free_port()}" for _ in range(2)]
@@ -487,6 +493,7 @@ def test_robots_with_a_socket_and_an_endpoint_receive_each_message_once(fleet: F
         assert fleet.is_whole()
 
 
+@pytest.mark.long
 def test_a_robot_whose_router_hangs_delays_no_other_and_is_back_afterwards(fleet: Fleet) -> None:
     for name in ROBOTS:
         fleet.start(name)

@@ -47,11 +47,12 @@ def links(processes: list[subprocess.Popen[str]]) -> int:
     return sum(len(each) for each in found)
 
 
+@pytest.mark.long
 def test_societies_on_a_starved_core_are_whole_again_after_their_links_were_lost_five_times(
     crowded: tuple[list[subprocess.Popen[str]], list[subprocess.Popen[str]]],
 ) -> None:
     routers, agents = crowded
-    everybody = [*routers, *agents]
+    processes = [*routers, *agents]
     core = min(os.sched_getaffinity(0))
     with ExitStack() as stack:
         clients = [
@@ -69,7 +70,7 @@ def test_societies_on_a_starved_core_are_whole_again_after_their_links_were_lost
         end = clients[0].mesh.now() + DEADLINE_S
         while not all_whole():
             assert clients[0].mesh.now() < end, [len(client.alive) for client in clients]
-        before = links(everybody)
+        before = links(processes)
         busy = stack.enter_context(starter([sys.executable, "-c", "while True: pass"]))
         load = [busy() for _ in range(BUSY)]
         for process in load:
@@ -86,5 +87,5 @@ def test_societies_on_a_starved_core_are_whole_again_after_their_links_were_lost
         end = clients[0].mesh.now() + DEADLINE_S
         while not all_whole():
             assert clients[0].mesh.now() < end, [sorted(client.alive) for client in clients]
-        assert [process.poll() for process in everybody] == [None] * len(everybody)
-        assert links(everybody) <= MOST * before
+        assert [process.poll() for process in processes] == [None] * len(processes)
+        assert links(processes) <= MOST * before

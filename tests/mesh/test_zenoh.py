@@ -29,14 +29,16 @@ SOON = 10.0  # s; nothing here takes a tenth of it
 def test_an_endpoint_that_another_process_has_is_named() -> None:
     with socket.create_server((LOOPBACK, free_port())) as taken:
         endpoint = f"tcp/{LOOPBACK}:{taken.getsockname()[1]}"
-        with pytest.raises(MeshError, match=f"{endpoint}: another process has that port"):
+        with pytest.raises(MeshError, match=f"{endpoint}: another process uses that port"):
             ZenohMesh("endpoints", topology(router=True, robot=endpoint)).open()
     with ZenohMesh("endpoints", topology(router=True, robot=endpoint)):
         pass  # the failed attempt has left nothing behind
 
 
 def test_an_endpoint_that_is_not_this_computers_is_named() -> None:
-    with pytest.raises(MeshError, match=r"192\.0\.2\.1:7447: that is no address of this machine"):
+    with pytest.raises(
+        MeshError, match=r"192\.0\.2\.1:7447: that is not an address of this machine"
+    ):
         ZenohMesh("endpoints", topology(router=True, robot="tcp/192.0.2.1:7447")).open()
 
 

@@ -18,7 +18,7 @@ class Toy(Agent):
     """Turns states into poses and answers plans; what it does on a stop depends on its kind."""
 
     name = "toy"
-    hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
     provides: ClassVar[tuple[type[Message], ...]] = (Pose,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
@@ -47,7 +47,7 @@ class Hanging(Toy):
 class Attentive(Toy):
     """Subscribes to claims, which may be large."""
 
-    hears: ClassVar[tuple[type[Message], ...]] = (Stop, Claim)
+    receives: ClassVar[tuple[type[Message], ...]] = (Stop, Claim)
 
     def on_claim(self, claim: Claim) -> None:
         """Nothing."""

@@ -96,7 +96,7 @@ def test_an_order_that_the_interface_agent_did_not_answer_is_not_done_later(
     hangs = building.mesh.node("interface")
     hangs.hang()
     with pytest.raises(AbsentError, match="no agent that takes missions answers"):
-        building.rehearsal.client.hand_over(ordered())
+        building.rehearsal.client.request_mission(ordered())
     hangs.resume()
     building.run(5.0)
     told = building.board.missions if building.board is not None else ()
@@ -105,7 +105,7 @@ def test_an_order_that_the_interface_agent_did_not_answer_is_not_done_later(
 
 def test_an_order_that_comes_twice_is_one_mission() -> None:
     building = Building()
-    replies = [building.rehearsal.client.ask(ordered(77), 20.0) for _ in range(2)]
+    replies = [building.rehearsal.client.query(ordered(77), 20.0) for _ in range(2)]
     assert replies == [MissionReply(77)] * 2
     building.run(2.0)
     assert building.board is not None
@@ -115,7 +115,7 @@ def test_an_order_that_comes_twice_is_one_mission() -> None:
 def test_what_is_withdrawn_before_it_comes_is_refused_when_it_does() -> None:
     building = Building()
     assert building.cancel(77) == "no mission 77 is under way"
-    reply = building.rehearsal.client.ask(ordered(77), 20.0)
+    reply = building.rehearsal.client.query(ordered(77), 20.0)
     assert reply == MissionReply(0, "it was withdrawn before it came")
 
 
@@ -136,6 +136,7 @@ def test_a_mission_is_cancelled_by_number_and_the_robot_stands() -> None:
     assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.02)
 
 
+@pytest.mark.long
 def test_who_watches_a_mission_that_is_cancelled_leaves_the_robot_to_the_next_one() -> None:
     building = Building()
     other = building.taken(text(NEAR), 0.1)
@@ -181,7 +182,7 @@ def test_while_a_mission_is_driven_a_goal_of_people_s_is_refused() -> None:
     building.taken()
     building.run(6.0)
     with pytest.raises(MissionRefusedError, match=r"mission-planning-.* has the robot driven"):
-        building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 2.0, 0.0)))
+        building.rehearsal.client.request_mission(MissionRequest(Waypoint(6.0, 2.0, 0.0)))
 
 
 def test_too_many_missions_are_refused_and_the_board_always_fits_into_a_message() -> None:
@@ -273,6 +274,7 @@ class ToyExplorer(Agent):
         self.publish(ExploreStatus(77, ExploreState.DONE))
 
 
+@pytest.mark.long
 def test_an_exploration_is_asked_for_and_waited_for() -> None:
     building = Building()
     explorer: Any = building.joins(ToyExplorer).agent
@@ -292,10 +294,10 @@ class SlowExplorer(Agent):
 
     name = "explore"
     alone = True
-    hears = (MissionStatus,)
+    receives = (MissionStatus,)
     provides = (ExploreStatus,)
     answers = (ExploreRequest,)
-    asks = (MissionRequest,)
+    queries = (MissionRequest,)
     state = ExploreState.NONE
     mission = 0
 
@@ -307,7 +309,7 @@ class SlowExplorer(Agent):
             assert reply is not None
             self.mission = reply.mission
 
-        self.ask(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
+        self.query(MissionRequest(Waypoint(9.0, 5.0, 0.0), planned=False), taken)
         self.number = self.rng.getrandbits(63)
         return MissionReply(self.number)
 
@@ -339,6 +341,7 @@ def test_an_exploration_whose_agent_is_started_again_is_asked_for_anew() -> None
     assert building.mission(number).state is MissionEnd.DONE
 
 
+@pytest.mark.long
 def test_an_exploration_whose_agent_is_gone_for_good_fails() -> None:
     building = Building()
     explorer = building.joins(SlowExplorer)
@@ -377,6 +380,7 @@ def test_an_exploration_that_is_cancelled_as_it_begins_ends() -> None:
     assert explorer.state is ExploreState.FAILED
 
 
+@pytest.mark.long
 def test_a_charger_that_dies_and_is_back_costs_no_charge() -> None:
     building = Building(battery=Battery(charge=0.3, capacity_ah=0.1))
     building.node("battery-charger").kill()
@@ -401,7 +405,7 @@ def test_an_exploration_ends_with_the_mission_that_is_cancelled() -> None:
     there = building.pose()
     building.run(3.0)
     assert building.pose().x == pytest.approx(there.x, abs=0.02)
-    building.rehearsal.client.hand_over(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
+    building.rehearsal.client.request_mission(MissionRequest(Waypoint(6.0, 5.0, 0.0)))  # it is free
 
 
 class Deaf(SlowExplorer):
@@ -481,6 +485,7 @@ class Elsewhere(Patient):
     plans = (Surprise.ALARM,)
 
 
+@pytest.mark.long(but=('do = "move", to = "R11"-blocked',))
 @pytest.mark.parametrize(
     ("row", "surprise"),
     [('do = "move", to = "R11"', "blocked"), ('do = "explore"', "failed")],
@@ -506,6 +511,7 @@ def test_planner_agents_that_plan_for_it_are_asked_before_a_step_fails(
     assert building.mission(number).state is MissionEnd.FAILED
 
 
+@pytest.mark.long
 def test_a_step_that_fails_only_once_is_done_after_the_sub_plan() -> None:
     building = Building(without=("planner-onward", "planner-returning"))
     building.joins(Patient)
@@ -528,6 +534,7 @@ def test_planner_agents_are_asked_when_the_energy_will_not_do() -> None:
     building.until(lambda: building.doing(number) == "dock", 10.0)
 
 
+@pytest.mark.long
 def test_who_is_driven_away_while_it_stands_for_a_task_comes_back_to_it() -> None:
     building = Building()
     number = building.taken(text('do = "take-photo", room = "hall", seconds = 3'))
@@ -552,6 +559,7 @@ SHORT = text(
 )
 
 
+@pytest.mark.long(but=("16.5",))
 @pytest.mark.parametrize("when", [1.0, 16.5, 24.0])
 def test_a_mission_goes_on_where_it_was_when_mission_planning_is_started_again(
     when: float,
@@ -572,6 +580,7 @@ def test_a_mission_goes_on_where_it_was_when_mission_planning_is_started_again(
     assert len(building.heard(Photo)) in (1, 2)  # at least once
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["interface", "path-planning", "encoder"])
 def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> None:
     building = Building()
@@ -585,6 +594,7 @@ def test_a_mission_outlives_the_death_and_restart_of_any_agent(name: str) -> Non
     assert building.steps(number) == ["move(R2)", "take-photo", "move(hall)"]
 
 
+@pytest.mark.long(but=("rows2",))
 @pytest.mark.parametrize(
     "rows",
     [
@@ -605,6 +615,7 @@ def test_what_stands_waits_while_nobody_knows_where_the_robot_is(rows: tuple[str
     assert building.mission(number).state is MissionEnd.DONE
 
 
+@pytest.mark.long
 def test_a_photo_where_nobody_knows_where_the_robot_is_fails_in_the_end() -> None:
     building = Building()
     number = building.taken(text('do = "take-photo", room = "hall", seconds = 6'))
@@ -614,6 +625,7 @@ def test_a_photo_where_nobody_knows_where_the_robot_is_fails_in_the_end() -> Non
     assert building.mission(number).note.endswith("nobody knows where the robot is")
 
 
+@pytest.mark.long
 def test_queue_suspended_missions_and_alarms_outlive_it_too() -> None:
     building = Building(without=("planner-onward", "planner-returning"))
     first = building.taken(SHORT, 0.5, "first")
@@ -646,6 +658,7 @@ def test_who_has_enough_already_is_charged_by_the_word() -> None:
     assert building.steps(number) == ["dock(0.5)"]
 
 
+@pytest.mark.long
 def test_a_charge_of_which_nobody_can_say_how_far_it_is_fails() -> None:
     building = Building(without=("battery-sensor",))
     number = building.taken(text('do = "dock", else = [{ do = "wait", seconds = 1 }]'))
@@ -667,6 +680,7 @@ def shut_in(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(PathPlanning, "_plan", planned)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("shut_in")
 def test_a_charge_fails_where_no_way_leads_to_a_dock() -> None:
     building = Building(battery=Battery(charge=0.4))
@@ -675,11 +689,12 @@ def test_a_charge_fails_where_no_way_leads_to_a_dock() -> None:
     assert building.mission(number).note == "dock: no way to any dock"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("shut_in")
 def test_a_charger_that_knows_no_way_leaves_the_planner_to_others() -> None:
     building = Building(battery=Battery(charge=0.02))
     number = building.taken(text(NEAR, above='energy = "risk"'), 0.1)
-    asked = len(building.heard(Planned))
+    on_query = len(building.heard(Planned))
     building.until(lambda: building.ended(number), 100.0)
     assert building.mission(number).state is MissionEnd.DONE
-    assert len(building.heard(Planned)) - asked < building.mesh.now
+    assert len(building.heard(Planned)) - on_query < building.mesh.now

@@ -17,7 +17,7 @@ from armadico.core.messages import Ack, Claim, Message, RobotState, encode
 from armadico.mobile.messages import Pose, Truth
 from armadico.observe.recorder import Recording
 from armadico.observe.recordings import HERE, kinds, rows
-from armadico.observe.watching import Heard
+from armadico.observe.watching import Received
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.recording import check, observations
 from armadico_tools.recordings import LIVE
@@ -29,13 +29,14 @@ M = TypeVar("M", bound=Message)
 SECOND = 1_000_000_000
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)  # a whole mission, and four workers share two cores
 def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     path = tmp_path / "mission.mcap"
     said = surveillance(once).said
     recording = Recording(path)
     for now, key, message in said:
-        recording.add(Heard("robot1", key, encode(message), round(now * SECOND)))
+        recording.add(Received("robot1", key, encode(message), round(now * SECOND)))
     recording.close()
     assert not recording.refused
     read = [(row.key, row.message) for row in rows(path, pytest.fail)]
@@ -60,6 +61,7 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     assert not check(path, None, pytest.fail).violations
 
 
+@pytest.mark.long
 def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
     """`armadico up surveillance`, recorded live, and read back (`armadico_tools.recordings`)."""
     read = [*rows(LIVE, pytest.fail)]
@@ -90,4 +92,4 @@ def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == len(read)
-    assert not Checker().take_all(observations(read))
+    assert not Checker().update_all(observations(read))

@@ -106,6 +106,7 @@ def in_r1(building: Building) -> int:
     return number
 
 
+@pytest.mark.long
 def test_without_the_better_planner_the_other_one_s_plan_is_merged() -> None:
     building = Building(without=("planner-onward",))
     number = in_r1(building)
@@ -113,6 +114,7 @@ def test_without_the_better_planner_the_other_one_s_plan_is_merged() -> None:
     assert building.mission(number).ahead == (*RETURNING, *FINAL[3:])
 
 
+@pytest.mark.long
 def test_without_any_planner_it_goes_straight_there_and_on() -> None:
     building = Building(without=("planner-onward", "planner-returning"))
     number = in_r1(building)
@@ -147,6 +149,7 @@ class Useless(Planner):
         return "no idea"
 
 
+@pytest.mark.long
 def test_planners_come_and_go_while_it_runs() -> None:
     building = Building()
     number = in_r1(building)
@@ -163,6 +166,7 @@ def test_planners_come_and_go_while_it_runs() -> None:
     assert "move(R1)" in ahead
 
 
+@pytest.mark.long
 def test_a_planner_that_dies_while_it_is_waited_for_holds_nobody_up() -> None:
     building = Building(without=("planner-onward",))
     mute = building.joins(Broken)
@@ -175,6 +179,7 @@ def test_a_planner_that_dies_while_it_is_waited_for_holds_nobody_up() -> None:
     building.until(lambda: building.mission(number).ahead == (*RETURNING, *FINAL[3:]), 2.0)
 
 
+@pytest.mark.long
 def test_an_alarm_while_nobody_plans_ways_is_asked_for_again() -> None:
     building = Building()
     number = in_r1(building)
@@ -187,6 +192,7 @@ def test_an_alarm_while_nobody_plans_ways_is_asked_for_again() -> None:
     assert building.mission(number).ahead == tuple(FINAL[1:])
 
 
+@pytest.mark.long
 def test_an_alarm_to_which_no_planner_agent_knows_a_way_is_gone_to_straight() -> None:
     building = Building(without=("planner-onward", "planner-returning"))
     number = in_r1(building)
@@ -198,6 +204,7 @@ def test_an_alarm_to_which_no_planner_agent_knows_a_way_is_gone_to_straight() ->
     building.until(lambda: "check-alarm(R21)" in building.steps(number), 200.0)
 
 
+@pytest.mark.long
 def test_an_alarm_that_is_planned_for_while_the_mission_ends_is_the_next_one_s() -> None:
     building = Building(without=("planner-onward",))
     mute = building.joins(Broken)
@@ -225,6 +232,7 @@ def test_an_alarm_on_the_way_breaks_the_way_off_and_one_in_no_room_is_let_be() -
     assert building.steps(number) == ["move(hall)", "move(R2)", "check-alarm(R2)", "move(R1)"]
 
 
+@pytest.mark.long
 def test_an_alarm_that_is_over_before_anybody_has_gone_is_let_be() -> None:
     building = Building()
     number = building.taken(text('do = "wait", seconds = 20', above='on_alarm = "check-alarm"'))

@@ -7,9 +7,10 @@ import pytest
 from armadico.config.scenarios import Battery
 from armadico_tools.building import Building, text
 from armadico_tools.experiments import use_cases
-from armadico_tools.experiments.use_cases import CASES, Came, as_asked, as_table, come
+from armadico_tools.experiments.use_cases import CASES, Came, as_table, come, is_met
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_use_case(name: str) -> None:
     came = come((name, "ideal", 1))
@@ -18,6 +19,7 @@ def test_use_case(name: str) -> None:
     assert len(came.demands) > 3
 
 
+@pytest.mark.long
 def test_use_case_2_the_mission_may_change_its_task_or_run_the_risk() -> None:
     rows = ('do = "move", to = "R1", else = [{ do = "wait", seconds = 1 }]',)
     for energy, done in (("fail", "wait(1.0)"), ("risk", "move(R1)")):
@@ -39,7 +41,7 @@ def test_what_is_waited_for_in_vain_is_a_fault_and_what_came_before_counts(
     monkeypatch.setitem(CASES, "1, of nothing", (case, Battery()))
     came = come(("1, of nothing", "ideal", 1))
     assert came.fault
-    assert not as_asked(came)
+    assert not is_met(came)
     assert came.demands == (("something", True), ("nothing is touched", True))
 
 

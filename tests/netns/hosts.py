@@ -45,7 +45,7 @@ class NamespaceHosts:
     def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
         return self._bed.popen(host, argv, stdout=subprocess.PIPE, text=True, bufsize=1, **options)
 
-    def last_words(self) -> str:
+    def last_lines(self) -> str:
         return "\n".join(
-            f"  {host}: {line}" for host in self._up for line in self._bed.last_words(host)
+            f"  {host}: {line}" for host in self._up for line in self._bed.last_lines(host)
         )

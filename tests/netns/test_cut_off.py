@@ -40,6 +40,7 @@ def member(network: Network, host: str, role: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.long
 def test_others_receive_from_each_other_while_links_to_a_host_are_given_up(
     network: Network,
 ) -> None:

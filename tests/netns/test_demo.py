@@ -53,11 +53,11 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     scenario = tmp_path / "short.toml"
     scenario.write_text(SHORT)
-    told: list[str] = []
+    lines: list[str] = []
     with NamespaceHosts(str(scenario), LinkFaults(delay=0.002, jitter=0.001)) as hosts:
-        code = demo(hosts, str(scenario), told.append)
-        out = "\n".join(told)
-        assert code == 0, f"{out}\n{hosts.last_words()}"
+        code = demo(hosts, str(scenario), lines.append)
+        out = "\n".join(lines)
+        assert code == 0, f"{out}\n{hosts.last_lines()}"
     story = [
         "goto drives",
         "lab2 is stopped",
@@ -70,6 +70,7 @@ def test_a_host_is_lost_and_comes_back_and_the_goal_is_reached(
     assert not left_behind(tmp_path)
 
 
+@pytest.mark.long
 def test_a_holder_cut_off_is_replaced_and_its_host_rejoins(run: Start, tmp_path: Path) -> None:
     words = ("--live", "--kind", "holder-cut-off", "--trials", "1", "--json")
     process = run("faults", *words, "--out", str(tmp_path / "out"))

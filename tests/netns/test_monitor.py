@@ -43,7 +43,7 @@ ALONE = ("robot", "encoder", "interface")
 
 
 class Bed:
-    """Two hosts that are up, and somebody who asks who is there."""
+    """Two hosts that are up, and a watcher that queries the agents."""
 
     def __init__(self, folder: Path) -> None:
         self.file = folder / "hosts.toml"
@@ -57,7 +57,7 @@ class Bed:
         words = ["up", str(self.scenario), *self.bed.joining(host)]
         self.ups[host] = self.bed.start(host, host, words)
 
-    def asks(self, where: str, *words: str) -> Any:
+    def query(self, where: str, *words: str) -> Any:
         """What a command prints, as JSON."""
         options = () if where == WATCHER else ("--host", where)
         command = ["armadico", *words, "--json", "--hosts", str(self.file), *options]
@@ -67,7 +67,7 @@ class Bed:
 
     def there(self) -> Counter[tuple[str, str]]:
         """The agents that can be seen by the watcher, and the host of each."""
-        found = self.asks(WATCHER, "ps")
+        found = self.query(WATCHER, "ps")
         return (
             Counter((a["name"], a.get("host", "")) for a in found["agents"]) if found else Counter()
         )
@@ -76,8 +76,8 @@ class Bed:
         end = time.monotonic() + SOON
         seen = self.there()
         while not condition(seen):
-            said = {host: self.bed.last_words(host, 12) for host in self.ups}
-            assert time.monotonic() < end, f"{what}: {sorted(seen)}\n{said}"
+            logs = {host: self.bed.last_lines(host, 12) for host in self.ups}
+            assert time.monotonic() < end, f"{what}: {sorted(seen)}\n{logs}"
             seen = self.there()
 
     def plug(self, host: str, there: bool) -> None:
@@ -91,16 +91,17 @@ def bed(tmp_path: Path) -> Iterator[Bed]:
         yield made
 
 
+@pytest.mark.long
 def test_after_a_cut_each_agent_that_must_be_alone_is_there_once_and_no_host_gives_up(
     bed: Bed,
 ) -> None:
     for host in ("robot", "lab"):
         bed.up(host)
-    everybody = {
+    expected = {
         *((name, "robot") for name in ("robot", "encoder", "sonar", "monitor", "wakeup")),
         *((name, "lab") for name in ("goto", "avoid", "interface", "monitor", "wakeup")),
     }
-    bed.until(lambda seen: set(seen) == everybody, "all are there")
+    bed.until(lambda seen: set(seen) == expected, "all are there")
     bed.plug("lab", False)
     moved = {(name, "robot") for name in ("goto", "avoid", "interface")}
     bed.until(lambda seen: moved <= set(seen), "what lab had is on robot")

@@ -28,7 +28,7 @@ def network() -> Iterator[Network]:
 def ends(network: Network) -> Iterator[dict[str, socket.socket]]:
     """A UDP socket on each host."""
     made = {name: network.hosts[name].inside(udp, ADDRESSES[name]) for name in ADDRESSES}
-    # The first datagram waits for the other's address on the wire: it is asked for here.
+    # The first datagram waits for ARP, so it is sent here.
     exchanged(made)
     yield made
     for end in made.values():
@@ -55,7 +55,7 @@ def counts(network: Network) -> tuple[int, int]:
     return count.sent, count.lost
 
 
-def test_hosts_reach_each_other_and_nobody_else(
+def test_hosts_reach_each_other_and_nothing_else(
     network: Network, ends: dict[str, socket.socket]
 ) -> None:
     exchanged(ends)
@@ -100,7 +100,7 @@ def test_a_host_takes_its_processes_with_it() -> None:
     assert child.poll() is not None
 
 
-def test_whoever_is_killed_leaves_neither_processes_nor_namespaces(tmp_path: Path) -> None:
+def test_a_killed_process_leaves_neither_processes_nor_namespaces(tmp_path: Path) -> None:
     script = tmp_path / "maker.py"
     script.write_text(
         "import sys, time\n"

@@ -34,7 +34,7 @@ def state(number: int, **more: Any) -> m.RobotState:
 
 
 def ack(number: int, driver: str | None, resource: str = "wheels") -> m.Ack:
-    """The owner's word: whose command for this very cycle it obeyed."""
+    """An ack that the owner obeyed an instance's command of this cycle."""
     by = None if driver is None else ballot(driver)
     return m.Ack(resource, cycle(number), by, by, None if by is None else cycle(number))
 

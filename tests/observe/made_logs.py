@@ -1,4 +1,4 @@
-"""Logs made here: a robot with a laser drives round a room with an alcove and a pillar."""
+"""Synthetic logs: a robot with a laser drives around a room with an alcove and a pillar."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def driven(rounds: int = 1) -> Poses:
 
 
 def ranges(pose: Pose2) -> NDArray[np.float64]:
-    """What the laser measures: 180 degrees ahead, m."""
+    """The ranges of the laser: 180 degrees ahead, m."""
     angles = pose[2] - pi / 2 + pi / RAYS * np.arange(RAYS)
     dx, dy = np.cos(angles)[:, None], np.sin(angles)[:, None]
     x1, y1, x2, y2 = walls().T
@@ -59,7 +59,7 @@ def ranges(pose: Pose2) -> NDArray[np.float64]:
 
 
 def fields(poses: Poses | None = None, **others: Any) -> dict[str, Any]:
-    """The fields of an npz log; `others` are other than they should be."""
+    """The fields of an npz log; `others` replace some of them."""
     at = driven() if poses is None else poses
     path = np.array(at)
     found: dict[str, Any] = {
@@ -94,5 +94,5 @@ def flaser(t: float, pose: Pose2, odometry: Pose2, seen: NDArray[np.float64]) ->
 
 
 def ahead(pose: Pose2, metres: float) -> Pose2:
-    """A pose so far ahead of another."""
+    """The pose at a distance ahead of another."""
     return pose[0] + metres * cos(pose[2]), pose[1] + metres * sin(pose[2]), pose[2]

@@ -1,4 +1,4 @@
-"""Foxglove's own reader for Python: what a recording holds of ROS 2, by the schemas in the file."""
+"""ROS 2 samples of a recording, read by Foxglove's Python reader with the schemas in the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands beside a result, so that others can come to the same."""
+"""The conditions stored with a result, so that it can be reproduced."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def of(*, scenario: Scenario = SC1, **options: Any) -> Conditions:
     return conditions(scenario, Options(**options), "virtual")
 
 
-def test_a_run_from_python_says_what_it_depends_on() -> None:
+def test_a_run_from_python_has_its_conditions() -> None:
     done = armadico.run("sc1", virtual=True, seed=3, goal=(1.0, 0.0, 0.0), parameters="thesis")
     found = done.measures.conditions
     assert found is not None
@@ -42,7 +42,7 @@ def test_a_run_from_python_says_what_it_depends_on() -> None:
     assert len(software.source) == 16
 
 
-def test_hashes_tell_what_is_otherwise() -> None:
+def test_hashes_differ_in_what_was_changed() -> None:
     one = of()
     assert one == of()
     moved = of(scenario=replace(SC1, goal=(1.0, 0.0, 0.0)))
@@ -53,24 +53,24 @@ def test_hashes_tell_what_is_otherwise() -> None:
     assert "avoid" not in of(without=("avoid",)).agents
 
 
-def test_of_a_society_that_others_have_started_the_settings_are_not_known() -> None:
+def test_an_attached_run_does_not_know_the_parameters_of_the_agents() -> None:
     assert conditions(SC1, Options(), "attached", "robot1").agents == {}
 
 
-def test_the_world_is_told_by_what_is_in_it_and_not_by_its_file(tmp_path: Path) -> None:
+def test_the_hash_of_a_world_does_not_depend_on_its_file(tmp_path: Path) -> None:
     shipped = Path(next(iter(import_module("armadico.configs").__path__))) / "worlds" / "sc1.map"
     copied = str(shutil.copy(shipped, tmp_path / "elsewhere.map"))
     there, here = of(scenario=replace(SC1, world=copied)), of()
     assert (there.world_hash, there.scenario_hash) == (here.world_hash, here.scenario_hash)
 
 
-def test_installed_within_a_checkout_of_something_else_it_is_of_no_commit(
+def test_installed_inside_another_repository_it_has_no_commit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     subprocess.run(["git", "init", "-q", tmp_path], check=True)
-    who = ("-c", "user.name=x", "-c", "user.email=x@y")
+    author = ("-c", "user.name=x", "-c", "user.email=x@y")
     subprocess.run(
-        ["git", "-C", tmp_path, *who, "commit", "-q", "--allow-empty", "-m", "x"], check=True
+        ["git", "-C", tmp_path, *author, "commit", "-q", "--allow-empty", "-m", "x"], check=True
     )
     (tmp_path / "agents").mkdir()
     (tmp_path / "agents" / "a.py").touch()

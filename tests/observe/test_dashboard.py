@@ -1,4 +1,4 @@
-"""What the dashboard draws, from messages and from a run."""
+"""The dashboard's drawings, from messages and from a run."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ from tests.observe.kept import (
 
 BODY = m.Description("slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
 
-# What is drawn ------------------------------------------------------------------------------------
+# Entities -----------------------------------------------------------------------------------------
 
 
-def test_the_map_made_by_driving_lies_where_it_is_in_the_world(tmp_path: Path) -> None:
+def test_the_map_made_by_driving_is_at_its_place_in_the_world(tmp_path: Path) -> None:
     states = np.array([[0, 1, 2], [1, 1, 0]], dtype=np.uint8)
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
@@ -72,10 +72,10 @@ def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> Pose:
     return Pose(cycle(number), 2.0, 1.0, 0.5, (xx, 0.0, 0.0, yy, 0.0, tt))
 
 
-def test_what_the_pose_is_unsure_of_is_an_ellipse_and_an_angle(tmp_path: Path) -> None:
+def test_the_poses_covariance_is_drawn_as_an_ellipse_and_an_angle(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        scene.update(Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # nobody knows
+        scene.update(Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # no covariance
         scene.update(pose(2, 0.09), 1.0)
     ((t, kept),) = Kept(path).rows["/p/map/world/unsure"]
     assert t == 1.0
@@ -98,12 +98,12 @@ def test_an_ellipse_lies_along_the_axes_of_the_covariance() -> None:
     assert reach.min() == pytest.approx(1.0, abs=0.01)
 
 
-def test_particles_are_drawn_where_they_are_until_nobody_says_them(tmp_path: Path) -> None:
+def test_particles_are_drawn_until_they_time_out(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
-        said = particles_of(cycle(1), [(1.0, 2.0, 0.0), (3.0, -1.0, math.pi / 2)])
-        scene.update(said, 1.0)
-        scene.update(replace(said, packed=b"no"), 1.5)
+        particles = particles_of(cycle(1), [(1.0, 2.0, 0.0), (3.0, -1.0, math.pi / 2)])
+        scene.update(particles, 1.0)
+        scene.update(replace(particles, packed=b"no"), 1.5)
         for number, t in enumerate((2.0, 3.1, 9.0)):
             scene.update(state(number), t)
     (_, shown), (gone_at, gone) = Kept(path).rows["/p/map/world/particles"]
@@ -114,7 +114,7 @@ def test_particles_are_drawn_where_they_are_until_nobody_says_them(tmp_path: Pat
     assert "origins" not in gone
 
 
-def test_bids_of_losers_are_drawn_at_the_cycles_that_they_answered(tmp_path: Path) -> None:
+def test_queried_bids_are_drawn_at_the_times_of_their_cycles(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
         for number in range(1, 6):
@@ -172,7 +172,8 @@ def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path)
     assert len(points) == 2
 
 
-def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
+@pytest.mark.long
+def test_drawing_rates_and_memory_are_bounded(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     seconds, rate = 20, 200
     with drawn(path) as scene:
@@ -188,7 +189,7 @@ def test_floods_are_thinned_and_what_is_kept_is_bounded(tmp_path: Path) -> None:
     assert max(len(parts["positions"]) for _, parts in kept.rows["/p/map/world/echoes"]) <= 1500
 
 
-def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
+def test_two_robots_have_separate_entities(tmp_path: Path) -> None:
     recording = keep({"one": None, "two": None}, tmp_path / "a.rrd")
     one, two = (Scene(recording, None, name) for name in ("one", "two"))
     one.update(state(1), 0.0)
@@ -202,14 +203,14 @@ def test_two_robots_are_drawn_apart(tmp_path: Path) -> None:
     assert "/one/map/world/robot" not in kept.rows
 
 
-def test_a_message_that_is_not_shown_is_let_pass(tmp_path: Path) -> None:
+def test_other_messages_are_ignored(tmp_path: Path) -> None:
     with drawn(tmp_path / "a.rrd") as scene:
         scene.update(m.Ask(), 0.0)
     assert Kept(tmp_path / "a.rrd").rows == {}
 
 
 @pytest.mark.parametrize("sector", [0, 4, 13, 8], ids=["ahead", "left", "right", "behind"])
-def test_cells_lie_where_the_robot_has_them(tmp_path: Path, sector: int) -> None:
+def test_cells_are_drawn_at_their_sector_and_ring(tmp_path: Path, sector: int) -> None:
     cells = tuple(Cell(sector, ring, 1.0, 0, 0) for ring in range(10))
     path = tmp_path / "a.rrd"
     with drawn(path) as scene:
@@ -233,7 +234,7 @@ def test_the_local_map_has_forward_up(tmp_path: Path) -> None:
     assert (turned @ (0, 1, 0)).tolist() == [-1, 0, 0]
 
 
-def test_of_several_points_in_a_cell_the_surest_is_shown(tmp_path: Path) -> None:
+def test_the_largest_probability_in_a_cell_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     cells = (Cell(0, 7, 1.0, 0, 0), Cell(0, 7, 0.1, 0, 0), Cell(3, 7, 0.0, 0, 0))
     with drawn(path) as scene:
@@ -249,7 +250,7 @@ def test_zones_lie_around_the_footprint() -> None:
 
 
 @pytest.mark.parametrize("profile", ["pioneer-2dx", "amigobot"])
-def test_the_robot_is_drawn_as_large_as_it_says_and_not_before(
+def test_the_robot_is_drawn_with_its_described_size_and_not_before(
     tmp_path: Path, profile: str
 ) -> None:
     robot, pose = described(profile), Pose(cycle(1), 1.0, 2.0, 0.0)
@@ -310,7 +311,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
     return path, rehearsal
 
 
-def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
+def test_a_virtual_run_has_all_entities(run: tuple[Path, Rehearsal]) -> None:
     path, _ = run
     kept = Kept(path)
     entities = {name.removeprefix("/robot1/") for name in kept.rows}
@@ -327,7 +328,8 @@ def test_a_virtual_run_is_all_there(run: tuple[Path, Rehearsal]) -> None:
     assert len(walls) == len(load_world("sc3").walls)
 
 
-def test_a_run_that_begins_with_no_idea_of_the_pose_is_drawn_until_it_is_found(
+@pytest.mark.long
+def test_a_run_with_an_unknown_start_is_drawn_until_it_is_localized(
     tmp_path: Path,
 ) -> None:
     anywhere = tmp_path / "anywhere.toml"
@@ -353,7 +355,7 @@ def test_a_run_that_begins_with_no_idea_of_the_pose_is_drawn_until_it_is_found(
     assert "/robot1/map/world/unsure" in kept.rows
 
 
-def test_losers_are_drawn_in_almost_every_cycle_in_which_they_bid(
+def test_other_contenders_are_drawn_in_almost_every_cycle_in_which_they_bid(
     run: tuple[Path, Rehearsal],
 ) -> None:
     path, rehearsal = run

@@ -23,15 +23,15 @@ from armadico.observe.dashboard.virtual_run import Rehearsed
 from tests.observe.browser import Browser, Event, executable
 
 SIZE = (1280, 720)
+# Timeout for loading 43 MB of program and drawing without a graphics card; it takes 30 s.
 DRAWN_S = 90.0
-"""What the processor may take to load 43 MB of program and to draw; it takes half a minute."""
 
 WANTED = {palette.agent(name)[:3] for name in ("goto", "avoid", "gothrough")}
 
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """A short run in few chunks: drawn without a graphics card, a few are taken per image."""
+    """A short run in few chunks: without a graphics card the viewer reads a few per image."""
     drawn, packed = tmp_path / "drawn.rrd", tmp_path / "packed.rrd"
     rehearsal = Rehearsal(ideal(load_scenario("sc3")), Options())
     with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, drawn, {}):
@@ -43,7 +43,7 @@ def recording(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def page(recording: Path) -> Iterator[str]:
-    """The address of a page that shows it, as `armadico dashboard` prints one."""
+    """The address of a page that shows it, as `armadico dashboard` prints it."""
     data, web = viewer.free_port(), viewer.free_port()
     options = ["--serve-web", "--web-viewer-port", str(web), "--port", str(data)]
     with viewer.Viewer([*options, str(recording)], web):
@@ -51,6 +51,7 @@ def page(recording: Path) -> Iterator[str]:
         yield f"{address}&renderer=webgl"
 
 
+@pytest.mark.long
 @pytest.mark.live
 @pytest.mark.skipif(executable() is None, reason="no Chromium here: apt-get install chromium")
 @pytest.mark.timeout(240)
@@ -60,14 +61,14 @@ def test_the_page_shows_the_run_without_internet(page: str, tmp_path: Path) -> N
         png = settled(browser)
         (tmp_path / "page.png").write_bytes(png)
         assert colours(png) >= WANTED
-        assert browser.said("Runtime.exceptionThrown") == []
+        assert browser.received("Runtime.exceptionThrown") == []
         assert complaints(browser) == []
-        hosts = {host(r["response"]["url"]) for r in browser.said("Network.responseReceived")}
+        hosts = {host(r["response"]["url"]) for r in browser.received("Network.responseReceived")}
         assert hosts == {viewer.LOOPBACK}
 
 
 def settled(browser: Browser) -> bytes:
-    """The picture, when it has what is wanted and is drawn twice the same; else the last one."""
+    """The screenshot with the wanted colours, twice the same; after a timeout the last one."""
     deadline = time.monotonic() + DRAWN_S
     before, png = b"", browser.screenshot()
     while time.monotonic() < deadline and (png != before or not colours(png) >= WANTED):
@@ -82,13 +83,13 @@ def colours(png: bytes) -> set[tuple[int, ...]]:
 
 
 def complaints(browser: Browser) -> list[Event]:
-    """Errors on the page's console, but for what it tries to fetch from the internet."""
-    logged = [entry["entry"] for entry in browser.said("Log.entryAdded")]
+    """Errors on the page's console, except for failed requests to the internet."""
+    logged = [entry["entry"] for entry in browser.received("Log.entryAdded")]
     here = [entry for entry in logged if host(entry.get("url", "")) in ("", viewer.LOOPBACK)]
-    said = browser.said("Runtime.consoleAPICalled")
+    calls = browser.received("Runtime.consoleAPICalled")
     return [entry for entry in here if entry["level"] == "error"] + [
         event
-        for event in said
+        for event in calls
         if event["type"] == "error" and "Failed to fetch" not in str(event["args"])
     ]
 

@@ -1,4 +1,4 @@
-"""Films: the robot drives again; what ffmpeg does is tried with one that keeps what it is given."""
+"""Films of runs; ffmpeg is replaced by a script that stores its input."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DRIVEN: list[Step] = [
 
 KEEPS = """\
 #!/bin/sh
-printf '%s\\n' "$@" > "$(dirname "$0")/said"
+printf '%s\\n' "$@" > "$(dirname "$0")/arguments"
 cat > "$(dirname "$0")/raw"
 for last; do :; done
 echo film > "$last"
@@ -43,7 +43,7 @@ def rgb(holder: str | None) -> tuple[int, int, int]:
 
 
 def count(frame: Image.Image, holder: str | None) -> int:
-    """How many pixels there are of somebody's colour, as nearly as a palette has it."""
+    """The number of pixels in a holder's colour, within the error of a palette."""
     found = frame.convert("RGB").getcolors(FRAME[0] * FRAME[1])
     assert found is not None
     wanted = rgb(holder)
@@ -62,7 +62,8 @@ def gif(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Image.Image]:
         yield opened
 
 
-def test_a_gif_goes_on_as_the_run_did_and_begins_again(gif: Image.Image) -> None:
+@pytest.mark.long
+def test_a_gif_has_the_duration_of_the_run_and_loops(gif: Image.Image) -> None:
     took = [frame.info["duration"] for frame in ImageSequence.Iterator(gif)]
     assert gif.size == FRAME
     assert gif.info["loop"] == 0
@@ -74,7 +75,7 @@ def test_a_gif_goes_on_as_the_run_did_and_begins_again(gif: Image.Image) -> None
 def test_the_path_grows_in_its_holders_colours(gif: Image.Image) -> None:
     drawn = [frame.copy() for frame in ImageSequence.Iterator(gif)]
     first, half, last = drawn[0], drawn[len(drawn) // 2 - 1], drawn[-1]
-    robot = count(first, "goto")  # it is filled with it, and the legend has both
+    robot = count(first, "goto")  # the robot is filled with it, and the legend has both
     assert count(half, "goto") > count(first, "goto")
     assert count(last, "avoid") > count(first, "avoid") + 0.5 * robot
     reach = []
@@ -88,7 +89,8 @@ def test_the_path_grows_in_its_holders_colours(gif: Image.Image) -> None:
     assert reach[0][2] < reach[1][2]
 
 
-def test_a_long_run_is_as_long_a_film_as_any_and_a_short_one_is_not_slowed_down(
+@pytest.mark.long
+def test_a_long_run_is_accelerated_and_a_short_one_is_not_slowed_down(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("armadico.observe.films.FRAMES_S", 1.25)  # fewer frames, for the test
@@ -100,6 +102,7 @@ def test_a_long_run_is_as_long_a_film_as_any_and_a_short_one_is_not_slowed_down(
         assert took / 1000 == pytest.approx(lasts + RESTS_S, abs=1.0)
 
 
+@pytest.mark.long
 def test_a_run_that_never_began_is_a_still(tmp_path: Path) -> None:
     film_run(WORLD, made_up([]), tmp_path / "run.gif")
     with Image.open(tmp_path / "run.gif") as film:
@@ -107,33 +110,33 @@ def test_a_run_that_never_began_is_a_still(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "speed", "says"),
+    ("name", "speed", "named"),
     [
-        ("run.avi", None, "run.avi: a film is a .gif or an .mp4"),
-        ("run", None, "a .gif or an .mp4"),
-        ("run.gif", 0.0, "speed 0"),
-        ("run.gif", float("nan"), "speed nan"),
+        ("run.avi", None, r"run\.avi.*\.gif.*\.mp4"),
+        ("run", None, r"\.gif.*\.mp4"),
+        ("run.gif", 0.0, "speed.*0"),
+        ("run.gif", float("nan"), "speed.*nan"),
     ],
 )
-def test_what_is_no_film_is_refused(
-    tmp_path: Path, name: str, speed: float | None, says: str
+def test_another_ending_or_speed_is_refused(
+    tmp_path: Path, name: str, speed: float | None, named: str
 ) -> None:
-    with pytest.raises(ValueError, match=says):
+    with pytest.raises(ValueError, match=named):
         film_run(WORLD, made_up(DRIVEN), tmp_path / "new" / name, speed)
     assert not (tmp_path / "new").exists()
 
 
-def test_without_ffmpeg_an_mp4_says_what_needs_none(
+def test_without_ffmpeg_an_mp4_is_refused_and_a_gif_suggested(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(FileNotFoundError, match=r"ffmpeg is not on the path; run\.gif needs none"):
+    with pytest.raises(FileNotFoundError, match=r"ffmpeg.*run\.gif"):
         film_run(WORLD, made_up(DRIVEN), tmp_path / "new" / "run.mp4")
     assert not (tmp_path / "new").exists()
 
 
 def ffmpeg(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with one that does as it says, first on the path."""
+    """A folder with a script as ffmpeg, first on the path."""
     folder.mkdir()
     program = folder / "ffmpeg"
     program.write_text(script)
@@ -146,16 +149,16 @@ def test_an_mp4s_frames_go_to_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyP
     there = ffmpeg(tmp_path / "bin", KEEPS, monkeypatch)
     film_run(WORLD, made_up(DRIVEN), tmp_path / "run.mp4", speed=10.0)
     assert (tmp_path / "run.mp4").read_text() == "film\n"
-    said = (there / "said").read_text().split("\n")
-    assert said[said.index("-s") + 1] == "960x540"
-    assert said[said.index("-framerate") + 1] == "12.5"
+    arguments = (there / "arguments").read_text().split("\n")
+    assert arguments[arguments.index("-s") + 1] == "960x540"
+    assert arguments[arguments.index("-framerate") + 1] == "12.5"
     frames, rest = divmod((there / "raw").stat().st_size, 4 * FRAME[0] * FRAME[1])
     assert rest == 0
     assert frames == round((0.8 + RESTS_S) * FRAMES_S)
 
 
 @pytest.mark.parametrize("reads", ["", "cat > /dev/null; "])
-def test_what_ffmpeg_refuses_is_said_and_half_a_film_is_none(
+def test_ffmpegs_error_is_quoted_and_an_incomplete_film_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reads: str
 ) -> None:
     out = tmp_path / "run.mp4"
@@ -166,7 +169,8 @@ def test_what_ffmpeg_refuses_is_said_and_half_a_film_is_none(
     assert not out.exists()
 
 
-def test_a_film_that_cannot_be_written_leaves_what_was_there(tmp_path: Path) -> None:
+@pytest.mark.long
+def test_a_film_that_cannot_be_written_removes_nothing(tmp_path: Path) -> None:
     (tmp_path / "run.gif").mkdir()
     with pytest.raises(OSError, match="directory"):
         film_run(WORLD, made_up(DRIVEN), tmp_path / "run.gif")

@@ -1,8 +1,9 @@
-"""Agents' journals: whole, with a gap, cut short, begun too early, of a format to come."""
+"""Agents' journals: complete, with a gap, incomplete, begun too early, of a later format."""
 
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from armadico.observe.journals import Head, Journal, Pieces, stream
 from armadico.observe.recorder import McapFile, Recording
 from armadico.observe.recordings import Past, RecordingError
 from armadico.observe.virtual_recording import Recorded
-from armadico.observe.watching import Heard
+from armadico.observe.watching import Received
 
 SECOND = 1_000_000_000
 
@@ -57,10 +58,10 @@ def pieces(*entries: list[Any], instance: str = "goto-1") -> list[JournalPiece]:
 
 
 def read(*found: JournalPiece) -> Journal:
-    taken = Pieces()
+    collected = Pieces()
     for piece in found:
-        taken.add("robot1", encode(piece), piece.number * SECOND)
-    (journal,) = taken.journals()
+        collected.add("robot1", encode(piece), piece.number * SECOND)
+    (journal,) = collected.journals()
     return journal
 
 
@@ -83,7 +84,7 @@ def head(**more: Any) -> list[Any]:
     return [j.START, 0.0, True, msgpack.encode(plain | more)]
 
 
-def test_a_run_is_the_same_whether_journals_are_kept_or_not(tmp_path: Path) -> None:
+def test_a_run_is_the_same_with_and_without_journals(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     kept, bare = run(path=path), run()
     assert kept.watch.path == bare.watch.path
@@ -92,7 +93,7 @@ def test_a_run_is_the_same_whether_journals_are_kept_or_not(tmp_path: Path) -> N
     ]
 
 
-def test_everybody_s_journal_is_in_a_recording_from_its_beginning(recording: Path) -> None:
+def test_a_recording_has_complete_journals_of_all_agents(recording: Path) -> None:
     found = Past(recording, pytest.fail).journals()
     assert {journal.name for journal in found} >= {"robot", "goto", "avoid", "interface"}
     for journal in found:
@@ -104,7 +105,7 @@ def test_everybody_s_journal_is_in_a_recording_from_its_beginning(recording: Pat
         assert journal.offset == pytest.approx(SECOND)
 
 
-def test_the_random_numbers_of_a_head_go_on_as_the_agent_s_did(recording: Path) -> None:
+def test_the_head_has_the_state_of_the_agents_random_numbers(recording: Path) -> None:
     (goto,) = [each for each in Past(recording, pytest.fail).journals() if each.name == "goto"]
     assert goto.head is not None
     options = Options(seed=5, limit=3.0, sensors="ideal")
@@ -112,7 +113,7 @@ def test_the_random_numbers_of_a_head_go_on_as_the_agent_s_did(recording: Path) 
     assert stream(goto.head.random).getstate() == node.agent.drawn
 
 
-def test_pieces_are_put_together_in_the_order_of_their_numbers() -> None:
+def test_pieces_are_assembled_in_the_order_of_their_numbers() -> None:
     one, two, three = pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0])
     journal = read(three, one, two, one)
     assert [entry[0] for entry in journal.entries()] == [j.START, j.BEGIN, j.WAKE]
@@ -125,35 +126,38 @@ def test_a_frame_may_be_longer_than_a_piece() -> None:
     assert [entry[0] for entry in read(*parts).entries()] == [j.START, j.BEGIN]
 
 
-def test_a_gap_is_told_and_nothing_beyond_it_is_read() -> None:
+def test_a_journal_is_read_up_to_a_gap() -> None:
     one, two, _, four = pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0], [j.WAKE, 3.0])
     journal = read(one, two, four)
-    assert journal.fault == "a gap: piece 2 of 4 of its journal was lost"
+    assert "piece 2 of 4" in journal.fault
     assert [entry[0] for entry in journal.entries()] == [j.START, j.BEGIN]
 
 
-def test_a_journal_that_began_before_the_recording_says_so() -> None:
+def test_a_journal_that_began_before_the_recording_has_no_head() -> None:
     _, two = pieces(head(), [j.BEGIN, 1.0])
     journal = read(two)
     assert journal.head is None
-    assert "the recording began after the agent did" in journal.fault
+    assert journal.fault
 
 
 @pytest.mark.parametrize(
-    ("more", "why"),
+    ("more", "named"),
     [
-        ({"format": j.FORMAT + 1}, f"of format {j.FORMAT + 1}; this program reads {j.FORMAT}"),
-        ({"protocol": PROTOCOL + 1}, f"it spoke protocol {PROTOCOL + 1}; this program speaks"),
-        ({"name": 7}, "does not begin with who it is"),
+        ({"format": j.FORMAT + 1}, (j.FORMAT + 1, j.FORMAT)),
+        ({"protocol": PROTOCOL + 1}, (PROTOCOL + 1, PROTOCOL)),
+        ({"name": 7}, ()),
     ],
 )
-def test_a_journal_that_this_program_cannot_read_says_why(more: dict[str, Any], why: str) -> None:
+def test_a_journal_that_cannot_be_read_has_the_reason(
+    more: dict[str, Any], named: tuple[int, ...]
+) -> None:
     journal = read(*pieces(head(**more)))
     assert journal.head is None
-    assert why in journal.fault
+    assert journal.fault
+    assert all(str(number) in journal.fault for number in named)
 
 
-def test_a_damaged_frame_is_an_error_where_it_is() -> None:
+def test_entries_before_a_damaged_frame_are_read() -> None:
     one, two = pieces(head(), [j.BEGIN, 1.0])
     spoilt = JournalPiece("goto-1", 1, two.data[:-3] + b"???")
     entries = read(one, spoilt).entries()
@@ -176,30 +180,30 @@ def test_a_damaged_frame_is_an_error_where_it_is() -> None:
         ["a", 1.0],
     ],
 )
-def test_an_entry_that_is_none_is_an_error_where_it_is(entry: list[Any]) -> None:
+def test_entries_before_an_invalid_one_are_read(entry: list[Any]) -> None:
     journal = read(*pieces(head(), [j.BEGIN, 1.0], entry, [j.WAKE, 2.0]))
     entries = journal.entries()
     assert [next(entries)[0], next(entries)[0]] == [j.START, j.BEGIN]
     with pytest.raises(ValueError, match="entry"):
         next(entries)
-    assert journal.began <= journal.offset  # which is told without it
+    assert journal.began <= journal.offset  # computed without it
 
 
 def test_outputs_after_outputs_are_an_error() -> None:
-    taken = [j.TAKE, j.NOTHING, None]
-    entries = read(*pieces(head(), [j.BEGIN, 1.0], taken, taken)).entries()
-    with pytest.raises(ValueError, match="after"):
+    outputs = [j.TAKE, j.NOTHING, None]
+    entries = read(*pieces(head(), [j.BEGIN, 1.0], outputs, outputs)).entries()
+    with pytest.raises(ValueError, match=str(j.TAKE)):
         list(entries)
 
 
-def test_a_last_frame_that_is_not_whole_is_told() -> None:
+def test_an_incomplete_last_frame_is_a_fault() -> None:
     one, two = pieces(head(), [j.BEGIN, 1.0])
     journal = read(one, JournalPiece("goto-1", 1, two.data[:-1]))
-    assert journal.fault == "its last piece is not whole"
+    assert journal.fault
     assert [entry[0] for entry in journal.entries()] == [j.START]
 
 
-def test_a_journal_in_memory_is_where_it_is_and_not_what_it_holds(recording: Path) -> None:
+def test_a_journal_in_memory_has_places_and_not_contents(recording: Path) -> None:
     found = Past(recording, pytest.fail).journals()
     places = sum(len(pickle.dumps(journal.frames)) for journal in found)
     held = sum(len(frame) for journal in found for _, frame in journal.frames)
@@ -209,23 +213,23 @@ def test_a_journal_in_memory_is_where_it_is_and_not_what_it_holds(recording: Pat
     assert [*pickle.loads(pickle.dumps(goto)).entries()] == [*goto.entries()]
 
 
-def test_a_recording_that_changes_meanwhile_is_an_error_where_it_is(tmp_path: Path) -> None:
+def test_a_recording_that_changes_while_it_is_read_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     run(path=path)
     goto = Past(path, pytest.fail).journals()[0]
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ValueError, match="has changed"):
+    with pytest.raises(ValueError, match=re.escape(str(path))):
         list(goto.entries())
 
 
-def test_a_recording_cut_short_has_the_journals_up_to_there(
+def test_an_incomplete_recording_has_the_journals_up_to_its_end(
     recording: Path, tmp_path: Path
 ) -> None:
     cut, warnings = tmp_path / "cut.mcap", list[str]()
     data = recording.read_bytes()
     cut.write_bytes(data[: len(data) * 2 // 3])
     found = Past(cut, warnings.append).journals()
-    assert any("was cut short" in text for text in warnings)
+    assert any(str(cut) in text for text in warnings)
     assert len(found) >= 7
     assert all(journal.frames and not journal.fault for journal in found)
 
@@ -234,7 +238,7 @@ def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     kept = Recording(path, max_bytes=1)
     for piece in pieces(head(), [j.BEGIN, 1.0], [j.WAKE, 2.0]):
-        kept.add(Heard("robot1", f"journal/{piece.instance}", encode(piece), piece.number))
+        kept.add(Received("robot1", f"journal/{piece.instance}", encode(piece), piece.number))
         kept.flush()
     kept.close()
     past = Past(path, pytest.fail)
@@ -243,21 +247,21 @@ def test_a_recording_of_several_files_is_read_as_one(tmp_path: Path) -> None:
     assert len([*journal.frames]) == 3
 
 
-def test_a_recording_of_another_protocol_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_recording_of_another_protocol_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     Recording(path, {"protocol": str(PROTOCOL + 1), "version": "9"}).close()
-    with pytest.raises(RecordingError, match=f"with protocol {PROTOCOL + 1}; this program speaks"):
+    with pytest.raises(RecordingError, match=f"{PROTOCOL + 1}.* {PROTOCOL}"):
         Past(path, pytest.fail).check()
 
 
-def test_a_recording_of_another_program_is_refused_in_words(tmp_path: Path) -> None:
+def test_a_recording_of_another_program_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     McapFile(path, {}, "ros2").close()
-    with pytest.raises(RecordingError, match="another program wrote it"):
+    with pytest.raises(RecordingError, match="armadico record"):
         Past(path, pytest.fail).check()
 
 
-def test_the_journals_of_some_are_read_without_those_of_others(recording: Path) -> None:
-    everybody = Past(recording, pytest.fail).journals()
-    (one,) = Past(recording, pytest.fail).journals({everybody[0].instance})
-    assert one == everybody[0]
+def test_journals_can_be_selected_by_instance(recording: Path) -> None:
+    found = Past(recording, pytest.fail).journals()
+    (one,) = Past(recording, pytest.fail).journals({found[0].instance})
+    assert one == found[0]

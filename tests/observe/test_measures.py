@@ -60,7 +60,7 @@ def described(controller: str) -> Description:
 
 
 class Run:
-    """A run made up cycle by cycle."""
+    """A synthetic run, cycle by cycle."""
 
     def __init__(self, *, truth: bool = True, goal: Pose2 | None = GOAL) -> None:
         self.watch = RunWatch("made-up", goal, 5)
@@ -90,7 +90,7 @@ class Run:
         bumped: int = 0,
         clearance: float | None = None,
     ) -> None:
-        """One cycle later the robot is there, and this agent's command was the last obeyed."""
+        """Advance by one cycle: the robot is at a pose, and the holder's command was obeyed."""
         self.number += 1
         self.now += 0.1
         cycle = Cycle(1, self.number)
@@ -114,7 +114,7 @@ def test_a_row_has_these_keys_in_this_order() -> None:
     assert list(msgspec.to_builtins(run.watch.result())) == KEYS
 
 
-def test_td_tt_fo_and_p_of_a_run_round_a_corner() -> None:
+def test_td_tt_fo_and_p_of_a_run_around_a_corner() -> None:
     run = Run().begin()
     for x, y, theta in ((0, 0, 0), (0, 1, pi / 2), (1, 1, 0), (1, 0, 0), (1.9, 0, radians(3))):
         run.cycle(x, y, theta)
@@ -165,11 +165,11 @@ def test_reached_is_decided_by_the_true_pose(
     run = Run().begin()
     run.cycle(0.0)
     run.cycle(x, y, theta)
-    run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))  # what the encoders believe does not matter
+    run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))  # the estimated pose does not matter
     assert run.end().reached is reached
 
 
-def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_off() -> None:
+def test_a_goal_reached_by_the_pose_alone_is_astray_by_the_poses_error() -> None:
     run = Run().begin()
     run.cycle(0.0)
     run.cycle(1.7, 0.4)
@@ -179,7 +179,7 @@ def test_a_goal_that_is_reached_by_the_pose_alone_is_told_with_how_far_that_is_o
     assert run.watch.astray == pytest.approx((0.5, 0.0))
 
 
-def test_an_exploration_that_failed_is_not_astray_of_any_pose() -> None:
+def test_an_exploration_that_failed_is_not_astray() -> None:
     run = Run().begin()
     run.cycle(0.0)
     run.show(Pose(Cycle(1, 9), 0.0, 0.0, 0.0))
@@ -197,21 +197,21 @@ def test_a_goal_that_is_reached_is_not_astray(truth: bool) -> None:
     assert run.watch.astray is None
 
 
-def test_being_there_is_not_enough_while_the_interface_agent_says_driving() -> None:
+def test_a_goal_is_not_reached_while_the_interface_agent_reports_driving() -> None:
     run = Run().begin()
     run.cycle(0.0)
     run.cycle(2.0)
     assert not run.end(MissionState.DRIVING).reached
 
 
-def test_another_missions_end_is_not_this_ones() -> None:
+def test_the_end_of_another_mission_is_ignored() -> None:
     run = Run().begin()
     run.cycle(0.0)
     assert not run.end(mission=MISSION + 1).reached
     assert not run.watch.done
 
 
-def test_shares_are_of_the_cycles_in_which_somebody_was_obeyed() -> None:
+def test_shares_are_of_the_cycles_in_which_an_agent_was_obeyed() -> None:
     run = Run().begin()
     run.cycle(0.0)
     for holder in ("goto", "goto", "avoid", "goto"):
@@ -221,7 +221,7 @@ def test_shares_are_of_the_cycles_in_which_somebody_was_obeyed() -> None:
     assert result.exchanges == 2
 
 
-def test_a_reign_that_is_interrupted_by_nobody_is_no_exchange() -> None:
+def test_a_tenure_interrupted_without_another_holder_is_no_exchange() -> None:
     run = Run().begin()
     run.cycle(0.0, holder="goto")
     run.cycle(0.0, holder="goto", behind=4)
@@ -231,7 +231,7 @@ def test_a_reign_that_is_interrupted_by_nobody_is_no_exchange() -> None:
     assert run.watch.holder == "goto"
 
 
-def test_what_was_obeyed_before_the_mission_is_not_counted() -> None:
+def test_cycles_before_the_mission_are_not_counted() -> None:
     run = Run()
     run.cycle(0.0, holder="avoid")
     run.begin()
@@ -240,7 +240,7 @@ def test_what_was_obeyed_before_the_mission_is_not_counted() -> None:
     assert (result.shares, result.exchanges) == ({"goto": 100.0}, 0)
 
 
-def test_who_walks_into_the_robot_is_no_collision_of_its_own() -> None:
+def test_people_who_walk_into_the_robot_are_no_collisions_of_its_own() -> None:
     run = Run()
     run.cycle(0.0, collisions=2, bumped=1)
     run.begin()
@@ -269,7 +269,7 @@ def test_in_an_empty_world_there_is_no_clearance() -> None:
     assert run.watch.result().min_clearance_m is None
 
 
-def test_without_truth_the_pose_stands_in_and_what_it_cannot_tell_is_null() -> None:
+def test_without_truth_the_pose_is_used_and_collisions_and_clearance_are_null() -> None:
     run = Run(truth=False).begin()
     for x in (0.0, 1.0, 1.9):
         run.cycle(x, holder="goto")
@@ -282,7 +282,7 @@ def test_without_truth_the_pose_stands_in_and_what_it_cannot_tell_is_null() -> N
     assert result.min_clearance_m is None
 
 
-def test_what_was_driven_before_the_first_truth_is_by_another_clock_and_does_not_count() -> None:
+def test_the_path_before_the_first_truth_has_another_clock_and_does_not_count() -> None:
     run = Run(truth=False).begin()
     run.show(described("sim"))
     run.cycle(0.0)
@@ -293,24 +293,24 @@ def test_what_was_driven_before_the_first_truth_is_by_another_clock_and_does_not
     assert (result.td_m, result.tt_s) == pytest.approx((1.0, 1.0))
 
 
-def test_before_anything_was_heard_there_is_a_row_too() -> None:
+def test_before_the_first_message_there_is_a_row_too() -> None:
     result = RunWatch("made-up", GOAL).result()
     assert not result.reached
     assert (result.td_m, result.tt_s, result.exchanges) == (0.0, 0.0, 0)
 
 
-def test_the_time_limit_is_told_if_it_ended_the_run() -> None:
+def test_the_time_limit_is_in_the_row_if_it_ended_the_run() -> None:
     run = Run().begin()
     run.cycle(0.0)
     run.watch.end(66.4)
     assert run.watch.result().limit_s == 66.4
-    assert run.watch.result().verdict.startswith("NOT reached: time limit of 66 s; ")
+    assert "66 s" in run.watch.result().verdict
     run.watch.done = True
     run.watch.end(66.4)
     assert run.watch.result().limit_s is None
 
 
-def test_without_a_goal_there_is_none_to_reach_and_all_else_is_measured() -> None:
+def test_without_a_goal_the_rest_is_measured() -> None:
     run = Run(goal=None)
     run.watch.begin()
     run.cycle(0.0)
@@ -319,11 +319,10 @@ def test_without_a_goal_there_is_none_to_reach_and_all_else_is_measured() -> Non
     assert (result.reached, result.fo_deg, result.p_percent) == (None, None, None)
     assert result.td_m == 1.5
     assert result.passed
-    assert result.verdict.startswith("no goal; ")
     assert not msgspec.structs.replace(result, collisions=1).passed
 
 
-def test_a_picture_gets_the_echoes_where_they_were_and_the_way() -> None:
+def test_echoes_and_waypoints_are_kept_for_a_picture() -> None:
     run = Run().begin()
     run.cycle(1.0, 2.0, pi / 2)
     echoes = (Echo(0.1, 0.0, 0.0, 1.0), Echo(0.0, 0.1, pi / 2, None))
@@ -338,7 +337,7 @@ BALLOT = Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
 
 
 @pytest.mark.parametrize(
-    ("resource", "action", "asked"),
+    ("resource", "action", "expected"),
     [
         ("wheels", (0.3, -0.1), (0.3, -0.1)),
         ("wheels", None, (0.0, 0.0)),
@@ -347,13 +346,13 @@ BALLOT = Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
         ("arm", (0.3, -0.1), (0.0, 0.0)),
     ],
 )
-def test_a_command_asks_for_speeds_or_for_rest(
-    resource: str, action: tuple[float, ...] | bytes | None, asked: tuple[float, float]
+def test_the_speeds_of_a_command(
+    resource: str, action: tuple[float, ...] | bytes | None, expected: tuple[float, float]
 ) -> None:
-    assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == asked
+    assert speeds(Command(resource, Cycle(1, 10), BALLOT, action)) == expected
 
 
-def test_only_the_robots_own_simulator_is_believed_and_another_is_named() -> None:
+def test_only_the_robots_own_simulator_counts_and_another_is_a_stranger() -> None:
     run = Run(truth=False)
     ours, other = (Truth(0.0, x, 0, 0, 0, 0, 0, c, s) for x, c, s in ((0, 1, "a"), (50, 0, "b")))
     run.show(described("a"), ours, other)
@@ -372,18 +371,18 @@ def test_only_the_robots_own_simulator_is_believed_and_another_is_named() -> Non
     assert not run.watch.mixed
 
 
-def test_a_robot_of_another_controller_in_mid_run_is_said() -> None:
+def test_another_controller_during_a_run_is_named() -> None:
     run = Run(truth=False)
     run.show(described("a"))
     run.begin()
     run.cycle(0.0)
-    run.show(described(""))  # it has just begun, and does not know yet
+    run.show(described(""))  # a new robot agent does not know its controller yet
     assert not run.watch.mixed
     run.show(described("b"))
     assert run.watch.mixed == "b"
 
 
-def test_a_mission_that_failed_ends_the_run_unreached_and_the_row_says_why() -> None:
+def test_a_failed_mission_ends_the_run_and_the_row_has_the_reason() -> None:
     run = Run().begin()
     run.cycle(0.0)
     run.show(MissionStatus(MISSION, MissionState.DRIVING, 3.0, 0, "waits: door D is shut"))
@@ -397,7 +396,7 @@ def test_a_mission_that_failed_ends_the_run_unreached_and_the_row_says_why() -> 
         False,
         "no nearer: door D is shut",
     )
-    assert result.outcome == "NOT reached: no nearer: door D is shut"
+    assert result.why in result.outcome
     assert run.watch.astray is None
 
 
@@ -408,22 +407,24 @@ def board(state: MissionEnd, note: str = "", mission: int = MISSION) -> Board:
     )
 
 
-def test_a_mission_that_is_not_on_the_board_any_more_is_over() -> None:
+def test_a_mission_removed_from_the_board_is_over() -> None:
     run = Run(goal=None).begin()
     run.cycle(0.0)
-    run.show(Board(1, 1, ()))  # published before it was taken on
+    run.show(Board(1, 1, ()))  # published before it was accepted
     assert not run.watch.done
     run.show(board(MissionEnd.ACTIVE))
     run.show(board(MissionEnd.ACTIVE, mission=MISSION + 1))
     assert run.watch.done
-    assert run.watch.result().outcome == "NOT done: it is not on the board any more"
+    result = run.watch.result()
+    assert result.done is False
+    assert result.why
 
 
-def test_a_mission_of_several_tasks_is_done_or_not_and_its_steps_are_told() -> None:
-    for end, note, outcome in (
-        (MissionEnd.DONE, "", "done"),
-        (MissionEnd.FAILED, "no way", "NOT done: it failed: no way"),
-        (MissionEnd.CANCELLED, "", "NOT done: it was cancelled"),
+def test_a_mission_of_several_tasks_is_done_or_not_and_has_its_steps() -> None:
+    for end, note in (
+        (MissionEnd.DONE, ""),
+        (MissionEnd.FAILED, "no way"),
+        (MissionEnd.CANCELLED, ""),
     ):
         run = Run(goal=None).begin()
         run.cycle(0.0)
@@ -431,11 +432,11 @@ def test_a_mission_of_several_tasks_is_done_or_not_and_its_steps_are_told() -> N
         assert run.watch.result().done is None
         run.show(board(MissionEnd.ACTIVE, "waits"))
         assert not run.watch.done
-        assert run.watch.result().outcome == "NOT done: waits"
+        assert "waits" in run.watch.result().outcome
         run.show(board(end, note))
         result = run.watch.result()
         assert run.watch.done
-        assert result.outcome == outcome
-        assert result.passed == (end is MissionEnd.DONE)
+        assert result.done == result.passed == (end is MissionEnd.DONE)
+        assert note in result.outcome
         assert result.tasks == (TaskResult("move(R1)", "done", "in R1", 3.25),)
         assert run.watch.astray is None

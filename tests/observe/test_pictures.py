@@ -1,4 +1,4 @@
-"""Pictures: of the promised size, with all that happened in them, the same every time."""
+"""Pictures of runs and worlds: their size, colours and content."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ pytest.importorskip("matplotlib")
 
 from armadico.observe.pictures import (
     COLOURS,
-    NOBODY,
+    NO_AGENT,
     Canvas,
     Run,
     Step,
-    _reigns,
     _spaced,
+    _tenures,
     colour,
     draw_run,
 )
@@ -50,7 +50,7 @@ def rgb(name: str | None) -> tuple[int, int, int]:
 
 
 def near(wanted: tuple[int, int, int], seen: set[tuple[int, int, int]]) -> bool:
-    """Whether a colour is there, as nearly as a palette has it."""
+    """Whether a colour is in the picture, within the error of its palette."""
     return any(max(abs(a - b) for a, b in zip(wanted, one, strict=True)) <= 8 for one in seen)
 
 
@@ -70,37 +70,39 @@ def test_a_run_that_never_began_can_be_drawn(tmp_path: Path) -> None:
     assert pixels(tmp_path / "run.png")
 
 
-def test_a_path_is_cut_where_the_holder_changes_and_has_no_gap() -> None:
-    tenures = list(_reigns(STRAIGHT))
+def test_a_path_is_split_at_exchanges_without_gaps() -> None:
+    tenures = list(_tenures(STRAIGHT))
     assert [holder for holder, _ in tenures] == ["goto", "avoid"]
     assert tenures[0][1][-1] == tenures[1][1][0]
     assert sum(len(points) for _, points in tenures) == len(STRAIGHT) + 1
 
 
-def test_outlines_are_so_far_apart_and_the_last_is_told_apart() -> None:
+def test_footprints_are_spaced_and_the_last_is_marked() -> None:
     drawn = list(_spaced(STRAIGHT, 0.98))
     assert [round(step[1], 2) for step, _ in drawn] == [2.0, 3.0, 3.95, 4.95, 5.0]
     assert [last for _, last in drawn] == [False] * 4 + [True]
 
 
-def test_colours_are_fixed_by_name_and_no_two_agents_of_ours_share_one() -> None:
-    assert len({*COLOURS, NOBODY}) == len(COLOURS) + 1
+def test_colours_are_fixed_by_name_and_differ_for_the_shipped_behaviours() -> None:
+    assert len({*COLOURS, NO_AGENT}) == len(COLOURS) + 1
     assert len({colour(name) for name in ("goto", "avoid", "gothrough")}) == 3
     assert colour("wander") in COLOURS
-    assert colour(None) == NOBODY
+    assert colour(None) == NO_AGENT
 
 
-def test_holders_are_told_apart_by_their_lines_too_be_their_colours_the_same() -> None:
+def test_holders_of_the_same_colour_have_different_line_styles() -> None:
     assert colour("wander") == colour("avoid")
     canvas = Canvas(load_world("empty"))
-    who = ["goto", "avoid", "goto", "wander", None]
-    canvas.path([(i, float(i), 0.0, 0.0, holder) for i, holder in enumerate(who)])
-    looks = {name: (line.get_color(), line.get_linestyle()) for name, line in canvas.legend.items()}
-    assert len(set(looks.values())) == 4
-    assert len({looks[name][1] for name in ("goto", "avoid", "wander")}) == 3
+    holders = ["goto", "avoid", "goto", "wander", None]
+    canvas.path([(i, float(i), 0.0, 0.0, holder) for i, holder in enumerate(holders)])
+    styles = {
+        name: (line.get_color(), line.get_linestyle()) for name, line in canvas.legend.items()
+    }
+    assert len(set(styles.values())) == 4
+    assert len({styles[name][1] for name in ("goto", "avoid", "wander")}) == 3
 
 
-def test_docks_are_drawn_where_a_world_has_them() -> None:
+def test_docks_of_a_world_are_drawn() -> None:
     world = load_world("floor")
     canvas = Canvas(world)
     before = len(canvas.axes.lines)

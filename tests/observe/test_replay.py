@@ -1,4 +1,4 @@
-"""A life gone through again: equal with all its faults, and otherwise from the first effect on."""
+"""Replay of journals: equal with all faults, and different from the first effect of a change."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def journal_of(path: Path, name: str) -> Journal:
 
 
 def without(path: Path, out: Path, lost: Callable[[JournalPiece], bool]) -> Path:
-    """The same recording, with pieces of journals lost."""
+    """The same recording without some pieces of journals."""
     file = McapFile(out, {"armadico": {"protocol": str(PROTOCOL)}})
     for row in rows(path, pytest.fail):
         if row.key.startswith("journal/") and lost(decode(row.data, JournalPiece)):
@@ -78,7 +78,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    """`armadico replay` with some words: its code, and what it said."""
+    """`armadico replay` with arguments: exit code, stdout and stderr."""
 
     def called(*words: object) -> tuple[int, str, str]:
         code = cli.main(["replay", *map(str, words)])
@@ -90,7 +90,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str
 # Equal --------------------------------------------------------------------------------------------
 
 
-def test_everybody_decides_what_he_decided(recording: Path) -> None:
+def test_every_agent_decides_the_same(recording: Path) -> None:
     found = [replayed(journal) for journal in journals(recording)]
     assert len(found) >= 7
     for outcome in found:
@@ -101,7 +101,7 @@ def test_everybody_decides_what_he_decided(recording: Path) -> None:
         assert outcome.seconds == pytest.approx(5.0, abs=0.5)
 
 
-def test_whoever_localizes_does_so_again(tmp_path: Path) -> None:
+def test_localization_decides_the_same(tmp_path: Path) -> None:
     path = record(tmp_path / "run.mcap", limit=1.5, sensors="real")
     for name in ("localization", "relocate"):
         outcome = replayed(journal_of(path, name))
@@ -134,19 +134,22 @@ LINKS: Sequence[At] = (
 )
 
 
+@pytest.mark.long(but=("faults1-1",))
 @pytest.mark.parametrize(("faults", "lives"), [(PROCESSES, 2), (LINKS, 1)])
-def test_faults_are_gone_through_again(tmp_path: Path, faults: Sequence[At], lives: int) -> None:
+def test_runs_with_faults_are_replayed_equal(
+    tmp_path: Path, faults: Sequence[At], lives: int
+) -> None:
     path = record(tmp_path / "run.mcap", *faults)
     found = [replayed(journal) for journal in journals(path)]
     assert all(outcome.equal for outcome in found), [o for o in found if not o.equal]
     assert sum(outcome.name == "goto" for outcome in found) == lives
 
 
-# Otherwise ----------------------------------------------------------------------------------------
+# Different ----------------------------------------------------------------------------------------
 
 
 def speeds(path: Path, name: str) -> list[tuple[int, float]]:
-    """What an agent ordered then: how many outputs came before, and the speed."""
+    """An agent's recorded commands: number of outputs before each, and the speed."""
     found, before = list[tuple[int, float]](), 0
     for moment in Life(journal_of(path, name)).moments():
         for item in msgpack.decode(moment.then) if moment.then else ():
@@ -156,7 +159,7 @@ def speeds(path: Path, name: str) -> list[tuple[int, float]]:
     return found
 
 
-def test_a_planted_parameter_is_found_at_its_first_effect(recording: Path) -> None:
+def test_a_changed_parameter_differs_at_its_first_effect(recording: Path) -> None:
     faster = [(before, v) for before, v in speeds(recording, "goto") if v > 0.2]
     assert faster, "it drives"
     outcome = replayed(journal_of(recording, "goto"), ["v_max=0.2"])
@@ -166,14 +169,14 @@ def test_a_planted_parameter_is_found_at_its_first_effect(recording: Path) -> No
     assert "robot/cmd/" in outcome.difference.then[0]
     assert "robot/cmd/" in outcome.difference.now[0]
     assert outcome.difference.inputs
-    assert "open loop, with v_max=0.2" in outcome.notes[-1]
+    assert "v_max=0.2" in outcome.notes[-1]
 
 
-def test_a_parameter_without_effect_changes_nothing(recording: Path) -> None:
+def test_a_parameter_without_effect_is_equal(recording: Path) -> None:
     assert replayed(journal_of(recording, "goto"), ["v_max=0.75"]).equal
 
 
-def test_other_code_is_found_at_its_first_effect(recording: Path) -> None:
+def test_changed_code_differs_at_its_first_effect(recording: Path) -> None:
     journal = journal_of(recording, "sonar")
     kind = type(Life(journal).agent)
     on_sonar: Any = kind.on_sonar  # type: ignore[attr-defined]
@@ -187,23 +190,23 @@ def test_other_code_is_found_at_its_first_effect(recording: Path) -> None:
     assert outcome.difference is not None
     assert '"number":20' in outcome.difference.inputs[-1]
     assert outcome.difference.now == ()
-    assert any("it was armadico.agents.perception.sonar:" in note for note in outcome.notes)
+    assert any("armadico.agents.perception.sonar:" in note for note in outcome.notes)
 
 
-def test_another_wakeup_is_found_though_nothing_came_of_it_yet(recording: Path) -> None:
+def test_another_wakeup_time_is_a_difference_before_it_has_an_effect(recording: Path) -> None:
     outcome = replayed(journal_of(recording, "interface"), ["repeat_s=0.9"])
     assert outcome.difference is not None
     assert outcome.difference.inputs[-1] == "wake up"
-    assert outcome.difference.then[-1].startswith("to be woken 0.5")
-    assert outcome.difference.now[-1].startswith("to be woken 0.4")
+    assert " 0.5" in outcome.difference.then[-1]
+    assert " 0.4" in outcome.difference.now[-1]
 
 
-def test_code_that_listens_to_more_says_so_on_its_card_and_nowhere_else(recording: Path) -> None:
+def test_code_with_one_more_subscription_differs_only_in_its_card(recording: Path) -> None:
     journal = journal_of(recording, "sonar")
     kind = type(Life(journal).agent)
 
     class Curious(kind):  # type: ignore[misc, valid-type]
-        hears: ClassVar[tuple[type[Message], ...]] = (Alarm, *kind.hears)
+        receives: ClassVar[tuple[type[Message], ...]] = (Alarm, *kind.receives)
 
     outcome = replayed(journal, kind=Curious)
     assert outcome.difference is not None
@@ -212,7 +215,7 @@ def test_code_that_listens_to_more_says_so_on_its_card_and_nowhere_else(recordin
     assert outcome.different < 10
 
 
-def test_code_that_fails_now_is_a_difference(recording: Path) -> None:
+def test_an_exception_of_changed_code_is_a_difference(recording: Path) -> None:
     journal = journal_of(recording, "sonar")
     kind = type(Life(journal).agent)
 
@@ -222,10 +225,11 @@ def test_code_that_fails_now_is_a_difference(recording: Path) -> None:
 
     outcome = replayed(journal, kind=Broken)
     assert outcome.difference is not None
-    assert outcome.difference.now == ("it fails: ZeroDivisionError: by hand",)
+    (failure,) = outcome.difference.now
+    assert "ZeroDivisionError: by hand" in failure
 
 
-def test_what_losers_would_have_bid_is_told_beside(recording: Path) -> None:
+def test_a_replay_has_the_bids_that_were_not_published(recording: Path) -> None:
     replay = Replay(journal_of(recording, "avoid"))
     bids = [bid for moment in replay.moments() for bid in moment.bids]
     cycles = [bid.cycle.number for bid in bids]
@@ -233,11 +237,11 @@ def test_what_losers_would_have_bid_is_told_beside(recording: Path) -> None:
     assert cycles == sorted(set(cycles))
 
 
-# Nothing, or what is no journal -------------------------------------------------------------------
+# Empty or damaged ---------------------------------------------------------------------------------
 
 
 def first_entries(journal: Journal, *entries: list[Any]) -> Journal:
-    """The beginning of a life, and then these entries."""
+    """The first entry of a journal, followed by these."""
     start = next(journal.entries())
     frame = zlib.compress(msgpack.encode([start, *entries]))
     return Journal(
@@ -250,7 +254,7 @@ def first_entries(journal: Journal, *entries: list[Any]) -> Journal:
     )
 
 
-def test_a_life_of_which_nothing_was_kept_is_not_equal(recording: Path) -> None:
+def test_an_empty_journal_is_not_equal(recording: Path) -> None:
     goto = journal_of(recording, "goto")
     for entries in list[list[list[Any]]](([], [[j.BEGIN, 0.0]])):
         outcome = replayed(first_entries(goto, *entries))
@@ -262,41 +266,42 @@ def test_a_life_of_which_nothing_was_kept_is_not_equal(recording: Path) -> None:
     "entry",
     [[j.DELIVER, 1.0], [j.ASKED, 1.0, 7, b"", "x", "y"], [j.TAKE, b"", None], [j.REPORT, 1.0, 3]],
 )
-def test_an_entry_that_is_none_ends_its_life_there(recording: Path, entry: list[Any]) -> None:
+def test_an_invalid_entry_ends_the_replay(recording: Path, entry: list[Any]) -> None:
     outcome = replayed(first_entries(journal_of(recording, "goto"), [j.BEGIN, 0.0], entry))
-    assert "its journal is damaged: " in outcome.end + outcome.refusal
+    assert outcome.end
+    assert not outcome.equal
 
 
-# What cannot be gone through ----------------------------------------------------------------------
+# Not replayed -------------------------------------------------------------------------------------
 
 
-def test_up_to_a_gap_it_is_compared_and_the_gap_told(recording: Path, tmp_path: Path) -> None:
+def test_a_journal_is_compared_up_to_a_gap(recording: Path, tmp_path: Path) -> None:
     def lost(piece: JournalPiece) -> bool:
         return piece.number == 3 and piece.instance.startswith("goto")
 
     path = without(recording, tmp_path / "gap.mcap", lost)
     outcome = replayed(journal_of(path, "goto"))
     assert outcome.equal
-    assert "a gap: piece 3 of" in outcome.end
+    assert "piece 3 of" in outcome.end
     assert 0 < outcome.seconds < replayed(journal_of(recording, "goto")).seconds
     assert not replayed(journal_of(path, "avoid")).end
 
 
-def test_who_began_before_the_recording_is_told_and_others_are_replayed(
+def test_an_agent_that_started_before_the_recording_is_not_replayed_and_others_are(
     recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
     def lost(piece: JournalPiece) -> bool:
         return piece.number == 0 and piece.instance.startswith("goto")
 
     path = without(recording, tmp_path / "late.mcap", lost)
-    code, out, _ = run(path)
+    code, out, _ = run(path, "--json")
     assert code == options.FAILED
-    assert "goto          not replayed: the recording began after the agent did" in out
-    assert out.count("equal\n") >= 6
-    assert "; 1 not replayed" in out
+    found = json.loads(out)["agents"]
+    assert [each["name"] for each in found if each["refusal"]] == ["goto"]
+    assert sum(each["equal"] for each in found) >= 6
 
 
-def test_a_question_about_who_cannot_be_replayed_is_not_answered(
+def test_a_changed_parameter_of_an_agent_that_cannot_be_replayed_fails(
     recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
     def lost(piece: JournalPiece) -> bool:
@@ -307,7 +312,7 @@ def test_a_question_about_who_cannot_be_replayed_is_not_answered(
     assert run(path, "--set", "avoid.v_danger=0.05")[0] == 0
 
 
-def test_a_world_that_is_otherwise_by_now_is_told(tmp_path: Path) -> None:
+def test_a_world_that_has_changed_is_named(tmp_path: Path) -> None:
     world = tmp_path / "hall.map"
     shutil.copy(folder("worlds") / f"{load_scenario('sc4').world}.map", world)
     path = record(
@@ -316,9 +321,9 @@ def test_a_world_that_is_otherwise_by_now_is_told(tmp_path: Path) -> None:
     (planner,) = [each for each in journals(path) if each.name == "path-planning"]
     assert replayed(planner).equal
     shutil.copy(folder("worlds") / "house.map", world)
-    assert "is not what it read then" in replayed(planner).refusal
+    assert str(world) in replayed(planner).refusal
     world.unlink()
-    assert "a file that it read is not as it was: no file" in replayed(planner).refusal
+    assert str(world) in replayed(planner).refusal
 
 
 def altered(journal: Journal, **more: Any) -> Journal:
@@ -333,26 +338,26 @@ def altered(journal: Journal, **more: Any) -> Journal:
     )
 
 
-def test_an_agent_that_is_not_installed_is_told(recording: Path) -> None:
+def test_an_agent_that_is_not_installed_is_named_with_its_class(recording: Path) -> None:
     stranger = altered(journal_of(recording, "goto"), name="gotto", kind="mine:Gotto")
-    assert "did you mean 'goto'" in (said := replayed(stranger).refusal)
-    assert "(it was mine:Gotto)" in said
+    refusal = replayed(stranger).refusal
+    assert "'goto'" in refusal, "the suggestion"
+    assert "mine:Gotto" in refusal
 
 
-def test_parameters_that_its_code_does_not_have_any_more_are_told(recording: Path) -> None:
+def test_a_parameter_that_no_longer_exists_is_named(recording: Path) -> None:
     goto = journal_of(recording, "goto")
     assert goto.head is not None
     older = altered(goto, parameters={**goto.head.parameters, "haste": 1.0})
-    assert "unknown key haste" in (said := replayed(older).refusal)
-    assert "its code is another one now" in said
+    assert "haste" in replayed(older).refusal
 
 
-def test_random_numbers_that_are_none_are_told(recording: Path) -> None:
+def test_an_invalid_state_of_random_numbers_is_refused(recording: Path) -> None:
     spoilt = altered(journal_of(recording, "goto"), random=(3, b"", None))
-    assert "random numbers" in replayed(spoilt).refusal
+    assert replayed(spoilt).refusal
 
 
-def test_a_setting_that_it_refuses_is_an_error(recording: Path) -> None:
+def test_an_invalid_parameter_is_an_error(recording: Path) -> None:
     with pytest.raises(ConfigError, match="v_max"):
         replayed(journal_of(recording, "goto"), ["v_max=-1"])
 
@@ -360,29 +365,25 @@ def test_a_setting_that_it_refuses_is_an_error(recording: Path) -> None:
 # The command --------------------------------------------------------------------------------------
 
 
-def test_the_command_says_who_is_equal(
+def test_the_command_reports_equal_agents(
     recording: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
     code, out, _ = run(recording, "--agent", "goto", "--agent", "avoid")
     assert code == 0
-    assert out.count(" equal\n") == 2
-    assert "2 of 2 agents equal, " in out
+    assert "2 of 2" in out
 
 
-def test_the_command_says_the_first_difference(
+def test_the_command_reports_the_first_difference(
     recording: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
     code, out, _ = run(recording, "--agent", "goto", "--set", "v_max=0.2")
-    assert code == 0  # it was a question
-    assert "differs from " in out
-    assert "\n  then         publish robot/cmd/goto-" in out
-    assert "\n  now          publish robot/cmd/goto-" in out
-    assert run(recording, "--set", "goto.v_max=0.2")[1].count("differs") == 1
+    assert code == 0  # a changed parameter may differ
+    assert out.count("publish robot/cmd/goto-") >= 2  # then and now
+    found = json.loads(run(recording, "--set", "goto.v_max=0.2", "--json")[1])["agents"]
+    assert [each["name"] for each in found if each["difference"]] == ["goto"]
 
 
-def test_the_command_says_it_to_programs(
-    recording: Path, run: Callable[..., tuple[int, str, str]]
-) -> None:
+def test_the_command_writes_json(recording: Path, run: Callable[..., tuple[int, str, str]]) -> None:
     found = json.loads(run(recording, "--agent", "goto", "--json")[1])
     (goto,) = found["agents"]
     assert goto["name"] == "goto"
@@ -391,39 +392,39 @@ def test_the_command_says_it_to_programs(
     assert found["recorded"]["seed"] == str(SEED)
 
 
-def test_at_a_rate_each_new_bid_is_told(
+def test_at_a_rate_each_new_bid_is_shown(
     recording: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
     code, out, _ = run(recording, "--agent", "goto", "--rate", "1e6")
     assert code == 0
-    assert " goto           no bid for wheels: no fresh " in out
-    assert " goto           bids 0." in out
+    assert "wheels" in out
+    assert "goto" in out
 
 
 @pytest.mark.parametrize(
-    ("words", "why"),
+    ("words", "named"),
     [
-        (("--agent", "gotto"), "there are avoid, "),
-        (("--namespace", "robot7"), "holds nothing of the robot 'robot7': it is of robot1"),
-        (("--set", "v_max=0.2"), "of which agent? avoid.KEY="),
-        (("--set", "goto.v_max=-1"), "v_max"),
-        (("--set", "goto.haste=1"), "haste"),
-        (("--rate", "0"), "more than 0"),
-        (("--jobs", "0"), "at least 1"),
+        (("--agent", "gotto"), ("avoid",)),
+        (("--namespace", "robot7"), ("robot7", "robot1")),
+        (("--set", "v_max=0.2"), ("avoid.",)),
+        (("--set", "goto.v_max=-1"), ("v_max",)),
+        (("--set", "goto.haste=1"), ("haste",)),
+        (("--rate", "0"), ("--rate",)),
+        (("--jobs", "0"), ("--jobs",)),
     ],
 )
-def test_what_cannot_be_meant_is_said(
+def test_wrong_options_are_named(
     recording: Path,
     run: Callable[..., tuple[int, str, str]],
     words: tuple[str, ...],
-    why: str,
+    named: tuple[str, ...],
 ) -> None:
     code, _, err = run(recording, *words)
     assert code == options.USAGE
-    assert why in err
+    assert all(each in err for each in named)
 
 
-def test_a_recording_without_journals_says_how_to_make_one(
+def test_a_recording_without_journals_names_the_options_that_make_them(
     recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
     kept = Recording(tmp_path / "bare.mcap")
@@ -436,10 +437,10 @@ def test_a_recording_without_journals_says_how_to_make_one(
     kept.close()
     code, _, err = run(tmp_path / "bare.mcap")
     assert code == options.USAGE
-    assert "it kept no journal" in err
+    assert "--journal" in err
 
 
-def test_a_newer_protocol_a_cut_and_what_is_no_recording_are_said(
+def test_another_protocol_a_damaged_file_and_another_file_are_reported(
     recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
     newer = tmp_path / "newer.mcap"
@@ -447,16 +448,14 @@ def test_a_newer_protocol_a_cut_and_what_is_no_recording_are_said(
     assert f"protocol {PROTOCOL + 1}" in run(newer)[2]
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
-    code, out, err = run(cut)
-    assert "was cut short" in err
-    assert "agents equal" in out
-    assert "The recording is damaged" in out
+    code, _, err = run(cut)
+    assert str(cut) in err
     assert code == options.FAILED
     code, out, _ = run(cut, "--json")
     assert code == options.FAILED
-    assert "was cut short" in json.loads(out)["damage"][0]
-    (tmp_path / "no.mcap").write_bytes(b"nothing of the kind")
+    assert str(cut) in json.loads(out)["damage"][0]
+    (tmp_path / "no.mcap").write_bytes(b"no magic bytes")
     code, _, err = run(tmp_path / "no.mcap")
     assert code == options.USAGE
-    assert "no MCAP file" in err
+    assert "no.mcap" in err
     assert run(tmp_path / "none.mcap")[0] == options.USAGE

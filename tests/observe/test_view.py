@@ -1,4 +1,4 @@
-"""One view of a society: who is alive, who drives, what stands, how often things come."""
+"""A view of a society: live agents, the driving agent, claims, and rates."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def claim(by: str, term: int = 1, utility: float | None = 0.6) -> m.Claim:
     return m.Claim("wheels", m.Ballot(term, 0.6, False, by), m.Cycle(1, 1), utility)
 
 
-def test_a_state_that_two_publish_is_named_with_both_and_without_a_robot_two_simulators() -> None:
+def test_two_publishers_of_a_state_and_two_simulators_are_detected() -> None:
     view = View()
     for digit in "12":
         instance = f"encoder-{digit * 16}"
@@ -57,36 +57,36 @@ def test_a_state_that_two_publish_is_named_with_both_and_without_a_robot_two_sim
     assert view.truth is None
 
 
-@pytest.mark.parametrize("told", [False, True], ids=["unknown", "nameless"])
-def test_a_truth_without_a_name_is_nobodys(told: bool) -> None:
-    """Else a simulator that is left in the namespace spoke for any robot that has no name."""
+@pytest.mark.parametrize("is_described", [False, True], ids=["unknown", "nameless"])
+def test_a_truth_without_a_name_is_ignored(is_described: bool) -> None:
+    """Otherwise a simulator left in the namespace would count for any robot without a name."""
     view = View()
     for _ in range(2):
-        if told:
+        if is_described:
             view.learn(described(""), 0.0)
         view.learn(Truth(0, 50.0, 0, 0, 0, 0, 0, None), 0.0)
         assert view.truth is None
-    assert view.strangers(0.0) == ([""] if told else [])
+    assert view.strangers(0.0) == ([""] if is_described else [])
 
 
-# Where it is --------------------------------------------------------------------------------------
+# The pose -----------------------------------------------------------------------------------------
 
 
-def test_it_is_lost_from_when_its_pose_is_one_that_nobody_drives_by() -> None:
+def test_the_robot_is_lost_as_long_as_its_pose_is_too_uncertain() -> None:
     view = View()
-    assert view.whereabouts(0.0) == ""
+    assert view.pose_text(0.0) == ""
     view.learn(Pose(m.Cycle(1, 1), 1.0, 2.0, 0.0), 0.0)
-    assert view.whereabouts(0.0) == "", "by the wheels alone nobody knows how far it is off"
+    assert view.pose_text(0.0) == "", "odometry alone has no covariance"
     for number, wide in ((2, 0.01), (3, 1.0), (4, 2.0)):
         view.learn(Pose(m.Cycle(1, number), 1, 2, 0, (wide, 0, 0, 0, 0, 0.01)), float(number))
     assert view.lost_since == 3.0
-    assert view.whereabouts(15.2) == "LOST for 12 s, +-1.41 m"
+    assert view.pose_text(15.2) == "LOST for 12 s, +-1.41 m"
     view.learn(Pose(m.Cycle(1, 5), 1, 2, 0, (0.01, 0, 0, 0, 0, 0.01)), 16.0)
     assert view.lost_since is None
-    assert view.whereabouts(16.0) == "+-0.10 m, +-6 deg"
+    assert view.pose_text(16.0) == "+-0.10 m, +-6 deg"
 
 
-def test_confidence_is_what_was_said_of_late() -> None:
+def test_confidence_is_that_of_a_fresh_correction() -> None:
     view = View()
     assert view.confidence(0.0) is None
     view.learn(Correction(m.Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.9), 1.0)
@@ -94,11 +94,11 @@ def test_confidence_is_what_was_said_of_late() -> None:
     assert view.confidence(1.1 + QUIET_S) is None
 
 
-# Who drives ---------------------------------------------------------------------------------------
+# Resources ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("obeyed", "at", "who"),
+    ("obeyed", "at", "expected"),
     [
         (BALLOT, m.Cycle(1, 9), BALLOT.instance),
         (BALLOT, m.Cycle(1, 10 - FRESH_CYCLES), BALLOT.instance),
@@ -108,19 +108,19 @@ def test_confidence_is_what_was_said_of_late() -> None:
         (None, None, None),
     ],
 )
-def test_who_drives_is_whom_the_owner_obeyed_lately(
-    obeyed: m.Ballot | None, at: m.Cycle | None, who: str | None
+def test_the_driver_is_the_instance_obeyed_recently(
+    obeyed: m.Ballot | None, at: m.Cycle | None, expected: str | None
 ) -> None:
-    said = m.Ack("wheels", m.Cycle(1, 10), BALLOT, obeyed, at)
-    assert driver(said) == who
+    last = m.Ack("wheels", m.Cycle(1, 10), BALLOT, obeyed, at)
+    assert driver(last) == expected
     view = View()
-    view.learn(said, 5.0)
-    assert view.driver("wheels", 5.1) == who
+    view.learn(last, 5.0)
+    assert view.driver("wheels", 5.1) == expected
     assert view.driver("arm", 5.1) is None
     assert view.last_driver("wheels") == ("" if obeyed is None else BALLOT.instance)
 
 
-def test_of_an_owner_that_is_silent_nobody_drives() -> None:
+def test_without_fresh_acks_there_is_no_driver() -> None:
     view = View()
     view.learn(ack(1, GOTO), 1.0)
     assert view.driver("wheels", 1.0 + QUIET_S) == GOTO
@@ -128,7 +128,7 @@ def test_of_an_owner_that_is_silent_nobody_drives() -> None:
     assert view.last_driver("wheels") == GOTO
 
 
-def test_an_exchange_is_known_with_the_claim_of_who_is_obeyed_from_then_on() -> None:
+def test_an_exchange_has_the_claim_of_the_new_holder() -> None:
     view = View()
     for number, by in enumerate((GOTO, GOTO, AVOID, None), 1):
         if by is not None:
@@ -140,7 +140,7 @@ def test_an_exchange_is_known_with_the_claim_of_who_is_obeyed_from_then_on() -> 
     assert view.exchanges[2].claim is None
 
 
-def test_who_is_silent_tells_neither_of_the_stop_nor_of_a_hand() -> None:
+def test_stop_and_hand_are_not_known_without_fresh_messages() -> None:
     view = View()
     assert view.stopped(0.0) is None
     stop = m.Stop(1, True, "me")
@@ -149,11 +149,11 @@ def test_who_is_silent_tells_neither_of_the_stop_nor_of_a_hand() -> None:
     view.learn(status, 1.0)
     assert view.stopped(1.0 + QUIET_S) is True
     assert view.stopped(1.1 + QUIET_S) is None
-    assert view.stop == stop, "as it was last said"
+    assert view.stop == stop, "the last one received"
     assert [view.hand(at) for at in (2.9, 3.1)] == [status, None]
 
 
-def test_an_owner_whose_cycles_are_long_is_not_silent_between_them() -> None:
+def test_an_owner_with_long_cycles_does_not_time_out_between_them() -> None:
     view = View()
     for number, t in ((1, 1.0), (2, 2.0), (4, 4.0)):  # the third was lost
         view.learn(ack(number, GOTO, "task"), t)
@@ -161,10 +161,10 @@ def test_an_owner_whose_cycles_are_long_is_not_silent_between_them() -> None:
     assert view.driver("task", 7.1) is None
     restarted = m.Ack("task", m.Cycle(2, 1), BALLOT, BALLOT, m.Cycle(2, 1))
     view.learn(restarted, 100.0)
-    assert view.driver("task", 100.1 + QUIET_S) is None, "of a new epoch only one is known"
+    assert view.driver("task", 100.1 + QUIET_S) is None, "a new epoch has no period yet"
 
 
-def test_the_claim_that_stands_is_the_largest_ballots_until_it_is_silent_or_released() -> None:
+def test_the_valid_claim_has_the_largest_ballot_until_it_expires_or_is_released() -> None:
     view = View()
     view.learn(claim(GOTO, 2), 0.0)
     view.learn(claim(AVOID), 0.1)
@@ -175,17 +175,17 @@ def test_the_claim_that_stands_is_the_largest_ballots_until_it_is_silent_or_rele
     view.learn(claim(GOTO, 2), 1.1)
     view.learn(claim(GOTO, 2, None), 1.2)
     view.learn(claim(AVOID), 1.3)
-    assert view.claim("wheels", 1.3) is None, "it was beaten, and comes late"
+    assert view.claim("wheels", 1.3) is None, "it is delayed, and was beaten"
 
 
-# Who is alive, and what they are ------------------------------------------------------------------
+# Agents -------------------------------------------------------------------------------------------
 
 
-def test_tokens_tell_who_is_alive_and_cards_what_they_are() -> None:
+def test_tokens_show_live_agents_and_cards_describe_them() -> None:
     view = View()
     assert not view.complete
     assert view.token(GOTO, there=True, t=1.0)
-    assert not view.token(GOTO, there=True, t=2.0)  # liveliness may say the same twice
+    assert not view.token(GOTO, there=True, t=2.0)  # liveliness may report it twice
     assert view.alive == {GOTO: 1.0}
     view.learn(card(AVOID, "arm"), 2.0)
     assert view.agents == [("goto", GOTO, None)], "a card is no token"
@@ -199,10 +199,10 @@ def test_tokens_tell_who_is_alive_and_cards_what_they_are() -> None:
     assert view.token(GOTO, there=False, t=4.0)
     assert not view.token(GOTO, there=False, t=4.0)
     assert view.contenders("wheels") == []
-    assert view.cards[GOTO].host == "here", "where it was is still known"
+    assert view.cards[GOTO].host == "here", "the card is kept"
 
 
-def test_of_those_that_are_gone_only_the_last_are_known() -> None:
+def test_only_the_newest_instances_that_are_gone_are_kept() -> None:
     view = View()
     view.token(GOTO, there=True, t=0.0)
     view.learn(card(GOTO), 0.0)
@@ -220,10 +220,10 @@ def test_of_those_that_are_gone_only_the_last_are_known() -> None:
 BID = m.BidRecord(m.Cycle(1, 7), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
 
 
-# What is known otherwise --------------------------------------------------------------------------
+# Messages and rates -------------------------------------------------------------------------------
 
 
-def test_the_newest_of_each_is_known() -> None:
+def test_the_newest_message_of_each_kind_is_kept() -> None:
     view = View()
     assert not view.stop.stopped
     cycle = m.Cycle(1, 1)
@@ -245,31 +245,31 @@ def test_the_newest_of_each_is_known() -> None:
     assert view.bids == {GOTO: {"wheels": (BID, 2.0)}}
 
 
-def test_what_is_published_counts_for_its_key_and_what_is_answered_does_not() -> None:
+def test_publications_count_for_the_rate_of_their_key_and_replies_do_not() -> None:
     view = View()
     view.update("encoder/pose", Pose(m.Cycle(1, 1), 1.0, 0.0, 0.0), 1.0)
-    view.update("encoder/pose", None, 1.1)  # it could not be read
+    view.update("encoder/pose", None, 1.1)  # it could not be decoded
     view.learn(card(GOTO), 1.1)
     assert {key: rate.count for key, rate in view.rates.items()} == {"encoder/pose": 2}
     assert view.rates["encoder/pose"].hz(1.1) == pytest.approx(10.0)
     assert view.pose is not None
 
 
-def test_a_rate_is_what_came_over_the_time_it_took() -> None:
+def test_the_rate_falls_during_a_pause_and_counts_missed_deadlines() -> None:
     rate = Rate(deadline_s=0.3)
     for n in range(11):
         rate.add(n / 10)
     assert rate.hz(1.0) == pytest.approx(10.0)
     assert rate.missed == 0
-    assert rate.hz(3.0) == pytest.approx(10 / 3)  # silence counts
+    assert rate.hz(3.0) == pytest.approx(10 / 3)  # the pause counts
     assert rate.hz(60.0) == 0.0
-    assert rate.missed == 1  # one silence, however often it is looked at
+    assert rate.missed == 1  # one pause, however often the rate is computed
     rate.add(61.0)
     rate.add(62.0)
     assert rate.missed == 2
 
 
-def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
+def test_only_periodic_services_have_a_deadline() -> None:
     found = {s.key: s.deadline_s for s in services()}
     assert found["robot/state"] == pytest.approx(0.3)
     assert found["sonar/map"] == pytest.approx(1.0)
@@ -277,7 +277,7 @@ def test_only_what_is_said_all_the_time_has_a_deadline() -> None:
     assert found["log/{instance}"] is None
 
 
-def test_of_a_board_the_active_mission_is_told() -> None:
+def test_the_active_mission_of_a_board_is_described() -> None:
     view = View()
     assert view.tasks == ""
     done = StepResult("move(hall)", StepEnd.DONE)

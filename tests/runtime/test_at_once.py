@@ -19,7 +19,7 @@ TRIES = 100_000
 
 
 class Teller(Agent):
-    """Says a pose for each state, and remembers on which thread it was told of it."""
+    """Publishes a pose for each state, and keeps the thread of each reception."""
 
     name = "teller"
     provides = (Pose,)
@@ -27,14 +27,14 @@ class Teller(Agent):
     def __init__(self, identity: Identity) -> None:
         super().__init__(identity)
         self.threads: list[int] = []
-        self.told = threading.Semaphore(0)
+        self.received = threading.Semaphore(0)
         self.during: Callable[[], None] = lambda: None
 
     def on_robot_state(self, state: RobotState) -> None:
         self.during()
         self.publish(Pose(state.cycle, 0.0, 0.0, 0.0))
         self.threads.append(threading.get_ident())
-        self.told.release()
+        self.received.release()
 
 
 class Society:
@@ -56,18 +56,18 @@ class Society:
         except RuntimeError as error:
             self.raised.append(error)
 
-    def hear(self, after: float = 0.1) -> bool:
+    def receive(self, after: float = 0.1) -> bool:
         """One cycle more; whether it was done here and at once."""
         self.clock.now += after
         self._number += 1
         state = RobotState(Cycle(7, self._number), 0, 0, 0, 0, 0, 12.5, True, False)
-        self.mesh.hear("robot/state", state)
-        assert self.agent.told.acquire(timeout=SOON)
+        self.mesh.receive("robot/state", state)
+        assert self.agent.received.acquire(timeout=SOON)
         return self.agent.threads[-1] == threading.get_ident()
 
-    def hear_at_once(self) -> None:
+    def receive_at_once(self) -> None:
         """Cycles until one is done here: the agents' thread has to be waiting for that."""
-        assert any(self.hear() for _ in range(TRIES))
+        assert any(self.receive() for _ in range(TRIES))
 
 
 @pytest.fixture
@@ -79,17 +79,17 @@ def society() -> Iterator[Society]:
     assert not made.thread.is_alive()
 
 
-def test_it_is_done_where_it_was_received_and_said_from_there(society: Society) -> None:
-    society.hear_at_once()  # the first pose may have been said by the agents' thread
+def test_a_message_is_processed_and_answered_on_the_receiving_thread(society: Society) -> None:
+    society.receive_at_once()  # the first pose may have been sent by the agents' thread
     before = len(society.mesh.published)
-    society.hear_at_once()
+    society.receive_at_once()
     assert len(society.mesh.published) > before
 
 
 def test_what_comes_in_a_bunch_waits_for_the_agents_thread(society: Society) -> None:
-    """It has piled up, during a hang say: of states the latest will do."""
-    society.hear_at_once()
-    assert not any(society.hear(after=0.001) for _ in range(10))
+    """The messages are bunched, such as after a hang: of states only the latest counts."""
+    society.receive_at_once()
+    assert not any(society.receive(after=0.001) for _ in range(10))
 
 
 def test_after_a_slow_turn_the_reception_thread_receives(society: Society) -> None:
@@ -97,29 +97,29 @@ def test_after_a_slow_turn_the_reception_thread_receives(society: Society) -> No
         society.clock.now += 2 * SLOW_S
 
     society.agent.during = slow
-    society.hear_at_once()
+    society.receive_at_once()
     society.agent.during = lambda: None
-    assert not any(society.hear(after=0.1) for _ in range(10))
+    assert not any(society.receive(after=0.1) for _ in range(10))
     society.clock.now += CALM_S
-    society.hear_at_once()
+    society.receive_at_once()
 
 
 def test_what_an_agent_raises_there_comes_out_of_its_life(society: Society) -> None:
     def fail() -> None:
         society.agent.threads.append(threading.get_ident())
-        society.agent.told.release()
+        society.agent.received.release()
         raise RuntimeError("half a turn")
 
-    society.hear_at_once()
+    society.receive_at_once()
     society.agent.during = fail
-    society.hear()
+    society.receive()
     society.thread.join(SOON)
     assert [str(error) for error in society.raised] == ["half a turn"]
 
 
-def test_commands_go_out_before_the_next_agent_is_told() -> None:
-    """In one process whoever hears of the pose, too, is no reason for the wheels to wait."""
-    said: list[str] = []
+def test_commands_are_sent_before_the_next_agent_receives() -> None:
+    """Another subscriber of the pose in the process does not delay the command."""
+    sent: list[str] = []
 
     class Driving(Teller):
         name = "driving"
@@ -131,52 +131,52 @@ def test_commands_go_out_before_the_next_agent_is_told() -> None:
 
     class Following(Agent):
         name = "following"
-        hears = (Pose,)
+        receives = (Pose,)
 
         def on_pose(self, pose: Pose) -> None:
-            said.extend(key for key, _ in mesh.published)
+            sent.extend(key for key, _ in mesh.published)
             host.request_stop()
 
     host, mesh = on_a_fake(Driving(identity("driving")), Following(identity("following")))
     state = RobotState(Cycle(7, 1), 0, 0, 0, 0, 0, 12.5, True, False)
-    host.inbox.put("test", lambda: mesh.hear("robot/state", state))
+    host.inbox.put("test", lambda: mesh.receive("robot/state", state))
     host.live()
-    assert [key.rpartition("/")[0] for key in said] == ["robot/cmd"]
+    assert [key.rpartition("/")[0] for key in sent] == ["robot/cmd"]
 
 
 def test_a_wake_up_that_is_sooner_now_rouses_the_agents_thread(society: Society) -> None:
     woken = threading.Event()
-    society.hear_at_once()
+    society.receive_at_once()
     society.agent.on_wakeup = woken.set  # type: ignore[method-assign]
     society.agent.during = lambda: society.agent.wake_at(society.clock.now)
-    society.hear_at_once()
+    society.receive_at_once()
     assert woken.wait(SOON)
 
 
 def test_what_has_to_be_declared_first_is_left_to_the_agents_thread(
     society: Society, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said: list[int] = []
+    sent: list[int] = []
     done = threading.Event()
 
     def publish(*_: object) -> None:
-        said.append(threading.get_ident())
+        sent.append(threading.get_ident())
         done.set()
 
-    monkeypatch.setattr(society.mesh, "publish", publish)  # so nothing ever has been said
-    society.hear_at_once()
+    monkeypatch.setattr(society.mesh, "publish", publish)  # so nothing ever has been sent
+    society.receive_at_once()
     assert done.wait(SOON)
-    assert threading.get_ident() not in said
+    assert threading.get_ident() not in sent
 
 
-def test_nobody_works_beside_another() -> None:
+def test_only_one_thread_works_at_a_time() -> None:
     inbox = Inbox()
-    assert not inbox.at_once(), "who takes is at work until it waits"
+    assert not inbox.at_once(), "the agents' thread works until it waits"
     taken: list[object] = []
     thread = threading.Thread(target=lambda: taken.append(inbox.get(SOON)))
     thread.start()
     assert any(inbox.at_once() for _ in range(10 * TRIES))
-    assert not inbox.at_once(), "somebody is at work"
+    assert not inbox.at_once(), "a thread works"
     inbox.put("test", print)
     assert not taken
     inbox.done()
@@ -203,7 +203,7 @@ class Held(str):
         return super().rpartition(sep or "/")
 
 
-def test_a_transport_never_waits_for_whoever_takes() -> None:
+def test_a_transport_never_waits_for_the_agents_thread() -> None:
     inbox, taken = Inbox(), []
     key = Held("first")
     key.during = lambda: None

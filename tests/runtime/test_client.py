@@ -1,4 +1,4 @@
-"""A guest hears what came while it was busy, and knows when it came."""
+"""A guest gets messages that arrived while it was busy, with the time of arrival."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def first(guest: Client, encoder: ZenohMesh) -> None:
 
 
 def arrives(guest: Client, encoder: ZenohMesh, message: Message) -> None:
-    """Publish, and come back when it has arrived at the guest, who has not looked yet.
+    """Publish, and come back when it has arrived at the guest, before it waits.
 
     What goes over one link comes in order: after it comes the line that this waits for.
     """
@@ -60,9 +60,7 @@ def arrives(guest: Client, encoder: ZenohMesh, message: Message) -> None:
         encoder.publish("log/encoder", Log(20, "it was published before this"))
 
 
-def test_the_latest_is_the_latest_though_nobody_has_waited(
-    guest: Client, encoder: ZenohMesh
-) -> None:
+def test_the_latest_is_the_latest_without_a_wait(guest: Client, encoder: ZenohMesh) -> None:
     first(guest, encoder)
     arrives(guest, encoder, pose(7))
     assert guest.latest(Pose) == pose(7)
@@ -78,7 +76,7 @@ def test_a_message_is_as_old_as_since_it_came_not_since_it_was_looked_at(
     assert guest.latest(Pose) == pose(7)
     assert guest.age(Pose) >= 100.0
     assert guest.latest(Pose) is not None
-    assert guest.fresh(Pose) is None, "it tells nothing of now"
+    assert guest.fresh(Pose) is None, "it is stale"
 
 
 def test_the_first_is_waited_for_and_without_one_there_is_none(guest: Client) -> None:
@@ -104,12 +102,12 @@ def test_within_a_wait_messages_come_one_by_one(guest: Client, encoder: ZenohMes
     assert [a for a, _ in seen][-1] == 3.0
 
 
-def test_what_is_no_query_is_told(guest: Client) -> None:
+def test_a_message_that_is_no_query_raises(guest: Client) -> None:
     with pytest.raises(TypeError, match="encoder/pose is not a query"):
-        guest.ask(pose(1))
+        guest.query(pose(1))
 
 
-def test_without_a_society_errors_say_who_is_absent(guest: Client) -> None:
+def test_without_a_society_errors_have_the_missing_agent(guest: Client) -> None:
     assert guest.agents() == ()
     with pytest.raises(armadico.AbsentError, match=r"no robot answers.*'guest-test'"):
         guest.stop(timeout=0.2)
@@ -125,7 +123,7 @@ def test_where_to_look_is_checked(wrong: dict[str, object]) -> None:
         pass
 
 
-def test_a_host_table_may_say_where_to_look() -> None:
+def test_a_host_table_may_have_the_endpoint() -> None:
     with (
         pytest.raises(armadico.ConfigError, match="cannot be read"),
         armadico.connect(hosts="no.toml"),

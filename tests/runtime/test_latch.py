@@ -1,4 +1,4 @@
-"""The latch as tools say it, against a robot agent that is made up state by state."""
+"""The latch of tools, against a robot agent of given states."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PRESS = 77
 
 
 class Robot:
-    """A robot agent's latch, and somebody who presses against it ten times a second."""
+    """A robot agent's latch, and a client that publishes ten times a second."""
 
     def __init__(
         self, stop: Stop | None = None, *, stopped: bool = True, code: str | None = None
@@ -30,7 +30,7 @@ class Robot:
         self.press = Latching(stopped=stopped, by=BY, press=PRESS, code=code)
         self.now = 0.0
         self.number = 0
-        self.said: list[Stop] = []
+        self.published: list[Stop] = []
         self.speeds = (0.0, 0.0)
         self.motors = True
 
@@ -47,10 +47,10 @@ class Robot:
         self.press.on_robot_state(state, self.now)
 
     def turn(self) -> None:
-        """What is pressed comes to the robot agent, and then its state to who presses."""
+        """Deliver the client's message to the robot agent, and its state to the client."""
         message = self.press.message()
         if message is not None:
-            self.said.append(checked(message))  # it can be sent
+            self.published.append(checked(message))  # it can be sent
             self.memory.update(message, self.now)
         self.state()
 
@@ -63,7 +63,7 @@ class Robot:
 
 def latches() -> st.SearchStrategy[Stop]:
     counters = st.sampled_from((0, 1, 7, JUMP, JUMP + 2, LARGEST_COUNT - 1, LARGEST_COUNT))
-    return st.builds(Stop, counters, st.booleans(), st.just("somebody"), st.integers(0, 2**63 - 1))
+    return st.builds(Stop, counters, st.booleans(), st.just("a guest"), st.integers(0, 2**63 - 1))
 
 
 @given(latches())
@@ -74,13 +74,13 @@ def test_a_stop_stops_whatever_is_known(before: Stop) -> None:
     assert robot.press.done
 
 
-def test_a_stop_is_published_before_anything_is_heard_and_goes_on_until_it_is_done() -> None:
+def test_a_stop_is_published_before_the_first_state_and_until_it_is_done() -> None:
     robot = Robot()
     assert robot.press.message() == Stop(1, True, BY, PRESS)
     robot.turns(30)
-    assert len(robot.said) == robot.number
-    assert {stop.press for stop in robot.said} == {PRESS}
-    assert robot.said[-1] == robot.stop, "once latched it is the same stop, and no new one"
+    assert len(robot.published) == robot.number
+    assert {stop.press for stop in robot.published} == {PRESS}
+    assert robot.published[-1] == robot.stop, "once latched it is the same stop, and no new one"
 
 
 def test_stopped_is_what_the_robot_agent_goes_on_saying_for_a_second() -> None:
@@ -90,7 +90,7 @@ def test_stopped_is_what_the_robot_agent_goes_on_saying_for_a_second() -> None:
     assert robot.now == pytest.approx(HELD_S + 0.1, abs=0.11)
 
 
-def test_one_old_state_said_again_and_again_is_no_acknowledgement() -> None:
+def test_one_old_state_repeated_is_no_acknowledgement() -> None:
     robot = Robot()
     state = RobotState(Cycle(1, 5), 0, 0, 0, 0, 0, 12, True, False, Stop(9, True, "old", 3))
     for tenth in range(40):
@@ -98,7 +98,7 @@ def test_one_old_state_said_again_and_again_is_no_acknowledgement() -> None:
     assert not robot.press.done
 
 
-def test_a_robot_agent_that_falls_silent_has_to_say_so_for_as_long_again() -> None:
+def test_after_a_gap_the_acknowledgement_begins_again() -> None:
     robot = Robot()
     robot.turns(5)
     robot.now += 2 * SILENT_S
@@ -108,10 +108,10 @@ def test_a_robot_agent_that_falls_silent_has_to_say_so_for_as_long_again() -> No
     assert robot.press.done
 
 
-def test_a_stop_that_somebody_releases_meanwhile_stands_again() -> None:
+def test_a_stop_that_is_released_meanwhile_is_latched_again() -> None:
     robot = Robot()
     robot.turns(5)
-    robot.memory.update(Stop(robot.stop.counter + 1, False, "somebody", PRESS), robot.now)
+    robot.memory.update(Stop(robot.stop.counter + 1, False, "a guest", PRESS), robot.now)
     robot.state()
     assert not robot.stop.stopped
     since = robot.now
@@ -121,7 +121,7 @@ def test_a_stop_that_somebody_releases_meanwhile_stands_again() -> None:
     assert robot.now - since >= HELD_S
 
 
-def test_one_that_does_not_obey_is_never_said_to_be_stopped() -> None:
+def test_a_robot_that_does_not_obey_is_never_reported_as_stopped() -> None:
     robot = Robot()
     for _ in range(100):
         assert robot.press.message() is not None
@@ -145,7 +145,7 @@ def test_it_is_not_stopped_while_its_wheels_turn(speeds: tuple[float, float]) ->
     assert robot.press.rolling == ""
 
 
-def test_what_was_latched_and_is_released_by_somebody_is_not_latched() -> None:
+def test_a_latched_stop_that_is_released_is_not_latched() -> None:
     robot = Robot()
     robot.speeds = (0.5, 0.0)
     robot.turns(30)
@@ -166,7 +166,7 @@ def test_wheels_that_rest_before_the_latch_is_acknowledged_are_not_enough() -> N
 
 
 def test_a_release_is_one_more_than_the_stop_and_has_its_press() -> None:
-    robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
+    robot = Robot(Stop(7, True, "a guest", 5), stopped=False)
     assert robot.press.message() is None, "nothing is known yet"
     robot.state()
     assert robot.press.message() == Stop(8, False, BY, 5)
@@ -176,7 +176,7 @@ def test_a_release_is_one_more_than_the_stop_and_has_its_press() -> None:
 
 
 @given(latches())
-def test_a_release_releases_or_says_why_not(before: Stop) -> None:
+def test_a_release_releases_or_has_a_refusal(before: Stop) -> None:
     robot = Robot(before, stopped=False)
     robot.turns(30)
     assert robot.press.done == (not robot.stop.stopped)
@@ -184,15 +184,15 @@ def test_a_release_releases_or_says_why_not(before: Stop) -> None:
 
 
 def test_what_is_not_stopped_needs_no_release() -> None:
-    robot = Robot(Stop(7, False, "somebody", 5), stopped=False)
+    robot = Robot(Stop(7, False, "a guest", 5), stopped=False)
     robot.turns(10)
     assert robot.press.done
-    assert robot.said == []
+    assert robot.published == []
 
 
 @pytest.mark.parametrize("ahead", [1, 2, 10])
 def test_a_stop_that_was_pressed_meanwhile_is_not_released(ahead: int) -> None:
-    robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
+    robot = Robot(Stop(7, True, "a guest", 5), stopped=False)
     robot.state()
     robot.memory.update(Stop(7 + ahead, True, "another", 6), robot.now)
     robot.turns(30)
@@ -202,7 +202,7 @@ def test_a_stop_that_was_pressed_meanwhile_is_not_released(ahead: int) -> None:
 
 
 @pytest.mark.parametrize("hand", [Hand.MOTORS, Hand.LIFTED])
-def test_a_release_that_the_robot_agent_does_not_let_stand_says_what_has_to_be_done_first(
+def test_a_release_that_the_robot_agent_reverts_has_the_remedy(
     hand: Hand,
 ) -> None:
     robot = Robot(Stop(7, True, hand, 5), stopped=False)
@@ -216,21 +216,21 @@ def test_a_release_that_the_robot_agent_does_not_let_stand_says_what_has_to_be_d
 
 
 def test_the_same_stop_counted_on_by_others_is_released() -> None:
-    robot = Robot(Stop(7, True, "somebody", 5), stopped=False)
+    robot = Robot(Stop(7, True, "a guest", 5), stopped=False)
     robot.state()
-    robot.memory.update(Stop(9, True, "somebody", 5), robot.now)
+    robot.memory.update(Stop(9, True, "a guest", 5), robot.now)
     robot.turns(30)
     assert robot.press.done
     assert robot.stop == Stop(10, False, BY, 5)
 
 
 def test_a_release_by_code_is_of_that_stop_and_of_no_other() -> None:
-    asked, other = Stop(3, True, "ann", 1234), Stop(3, True, "bob", 98765)
-    robot = Robot(asked, stopped=False, code=asked.code)
+    own, other = Stop(3, True, "ann", 1234), Stop(3, True, "bob", 98765)
+    robot = Robot(own, stopped=False, code=own.code)
     robot.turns(3)
     assert robot.press.done
-    robot = Robot(other, stopped=False, code=asked.code)
+    robot = Robot(other, stopped=False, code=own.code)
     robot.turns(3)
-    assert not robot.said
+    assert not robot.published
     assert not robot.press.done
-    assert f"stopped by bob, and the code of that is {other.code}" in robot.press.refusal
+    assert f"stopped by bob with the code {other.code}" in robot.press.refusal

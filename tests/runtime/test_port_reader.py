@@ -45,19 +45,19 @@ class Listener(DeviceAgent):
 
 
 class FakePort:
-    """Says what it was made with, then breaks."""
+    """Returns its reads, then fails."""
 
-    def __init__(self, agent: Listener, says: list[bytes], opening: int = 1) -> None:
+    def __init__(self, agent: Listener, reads: list[bytes], opening: int = 1) -> None:
         self.agent = agent
         self.opening = opening  # how often the agent has seen a port open, this one included
-        self.says = says
+        self.reads = reads
         self.closed = False
 
     def read(self, timeout_s: float) -> bytes:
         self.agent.await_seen("up ", self.opening)
-        if not self.says:
+        if not self.reads:
             raise OSError("unplugged")
-        return self.says.pop(0)
+        return self.reads.pop(0)
 
     def write(self, data: bytes) -> None:
         pass
@@ -99,24 +99,24 @@ def test_a_port_that_cannot_be_written_to_is_taken_for_gone() -> None:
 
     class Deaf(FakePort):
         def read(self, timeout_s: float) -> bytes:
-            if self.says:
+            if self.reads:
                 return super().read(timeout_s)
             tried.wait(timeout_s)
             return b""
 
         def write(self, data: bytes) -> None:
             tried.set()
-            raise OSError("nobody listens")
+            raise OSError("no reader")
 
     host, _ = on_a_fake(agent, connect={agent.instance: lambda: Deaf(agent, [b"x"])})
-    agent.until = ("down: cannot write: nobody listens", host.request_stop)
+    agent.until = ("down: cannot write: no reader", host.request_stop)
     host.live()
     host.leave()
-    assert agent.seen[:3] == ["up ", "x", "down: cannot write: nobody listens"]
+    assert agent.seen[:3] == ["up ", "x", "down: cannot write: no reader"]
 
 
 class Pauses(threading.Event):
-    """Between attempts nobody waits, and after so many it is over."""
+    """No pause between attempts, and an end after so many."""
 
     def __init__(self, count: int) -> None:
         super().__init__()
@@ -131,15 +131,15 @@ class Pauses(threading.Event):
 
 
 class Chatty:
-    """A port that says something each so many seconds, and closes."""
+    """A port that sends once after some seconds, and closes."""
 
     def __init__(self, now: list[float], after_s: float) -> None:
-        self._now, self._after_s, self._said = now, after_s, False
+        self._now, self._after_s, self._sent = now, after_s, False
 
     def read(self, timeout_s: float) -> bytes:
-        if self._said:
+        if self._sent:
             raise OSError("closed")
-        self._said = True
+        self._sent = True
         self._now[0] += self._after_s
         return b"x"
 
@@ -209,7 +209,7 @@ def test_bytes_are_taken_where_they_were_read_while_the_agents_thread_waits() ->
 def test_what_was_decided_before_a_pause_of_the_process_is_not_written_after_it(
     paused: float, goes: bool
 ) -> None:
-    """Stopped in the middle of a turn: what comes out of that is what was asked for before."""
+    """Paused in the middle of a turn: its output follows an older command."""
     clock, written = Clock(), list[bytes]()
 
     class Paused(Listener):

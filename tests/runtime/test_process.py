@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import pytest
 
 from armadico.core.agent import Agent, Identity, Question
-from armadico.core.driver import QUESTIONS
+from armadico.core.driver import OPEN_QUERIES
 from armadico.core.messages import Cycle, Log, Message, RobotState, Stop, encode
 from armadico.mobile.messages import Plan, PlanRequest, Truth
 from armadico.runtime.inbox import Inbox
@@ -20,10 +20,10 @@ SOON = 10.0
 
 
 class Recorder(Agent):
-    """Remembers, and ends its process when it is told to."""
+    """Keeps log lines, and ends its process on a line."""
 
     name = "recorder"
-    hears: ClassVar[tuple[type[Message], ...]] = (Log,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Log,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
     def __init__(self, identity: Identity) -> None:
@@ -104,11 +104,11 @@ def test_what_piles_up_while_it_is_busy_is_the_latest_state_and_every_event(
     agent.gate = gate
     thread = running(host)
     assert mesh.alive.wait(SOON)
-    host.inbox.put("test", lambda: mesh.hear("robot/state", state(1)))  # on the host's thread
+    host.inbox.put("test", lambda: mesh.receive("robot/state", state(1)))  # on the host's thread
     assert busy.wait(SOON)
     for number in (2, 3, 4):
-        mesh.hear("robot/state", state(number))
-        mesh.hear("log/*", Log(20, f"line {number}"), key="log/a")
+        mesh.receive("robot/state", state(number))
+        mesh.receive("log/*", Log(20, f"line {number}"), key="log/a")
     host.inbox.put("test", agent.end)
     go_on.set()
     thread.join(SOON)
@@ -121,7 +121,7 @@ def test_the_queue_is_emptied_before_a_wakeup_fires() -> None:
     host, mesh = host_of(agent, clock)
     agent.wake_at(clock.now + 1.0)
     host.inbox.put("test", lambda: setattr(clock, "now", clock.now + 10.0))
-    host.inbox.put("test", lambda: mesh.hear("robot/state", state(1)))
+    host.inbox.put("test", lambda: mesh.receive("robot/state", state(1)))
     host.live()
     assert agent.seen == [1, "woken"]
 
@@ -170,7 +170,7 @@ def test_a_token_is_news_once() -> None:
     assert agent.seen == ["goto came", "goto went"]
 
 
-def test_who_came_and_went_while_it_was_busy_was_never_there() -> None:
+def test_a_token_that_came_and_went_while_it_was_busy_is_not_reported() -> None:
     """Tokens are states: of each instance the latest news counts."""
     agent = Recorder(identity("recorder"))
     host, mesh = host_of(agent)
@@ -185,7 +185,7 @@ def test_who_came_and_went_while_it_was_busy_was_never_there() -> None:
     assert agent.seen == ["avoid came"]
 
 
-def test_an_agent_is_told_of_each_change_of_the_router_once() -> None:
+def test_an_agent_receives_each_change_of_the_router_once() -> None:
     agent = Recorder(identity("recorder"))
     host, mesh = host_of(agent)
     in_turn(
@@ -227,47 +227,47 @@ def test_a_process_waits_for_its_router_until_it_has_joined_or_is_to_end() -> No
 def test_it_answers_later_and_lets_go_of_the_oldest_of_too_many_questions() -> None:
     agent = Recorder(identity("recorder"))
     host, mesh = host_of(agent)
-    calls = [FakeCall() for _ in range(QUESTIONS + 1)]
+    calls = [FakeCall() for _ in range(OPEN_QUERIES + 1)]
 
     def answer_all() -> None:
         for question in agent.questions:
             agent.answer(question, Plan(()))
         agent.end()
 
-    def ask_all() -> None:
+    def query_all() -> None:
         for call in calls:
             mesh.answers["path/plan"](call)
 
-    host.inbox.put("test", ask_all)
+    host.inbox.put("test", query_all)
     host.inbox.put("test", lambda: host.inbox.put("test", answer_all))
     host.live()
-    assert [len(call.replies) for call in calls] == [0] + [1] * QUESTIONS
+    assert [len(call.replies) for call in calls] == [0] + [1] * OPEN_QUERIES
 
 
-def test_the_first_reply_counts_and_none_comes_if_nobody_gave_one() -> None:
+def test_the_first_reply_counts_and_none_arrives_without_one() -> None:
     agent = Recorder(identity("recorder"))
     host, mesh = host_of(agent)
-    heard: list[Message | None] = []
-    agent.ask(REQUEST, heard.append)
-    agent.ask(REQUEST, heard.append)
+    received: list[Message | None] = []
+    agent.query(REQUEST, received.append)
+    agent.query(REQUEST, received.append)
 
     def reply() -> None:
-        (each, done), (_, nobody) = mesh.asked
+        (each, done), (_, timed_out) = mesh.queries
         each("path/plan", encode(Plan((), length=1.0)))
         each("path/plan", encode(Plan((), length=2.0)))
         done()
-        nobody()
+        timed_out()
         host.inbox.put("test", agent.end)
 
     host.inbox.put("test", reply)
     host.live()
-    assert heard == [Plan((), length=1.0), None]
+    assert received == [Plan((), length=1.0), None]
 
 
 def test_an_agent_is_refused_the_truth() -> None:
     class Cheat(Agent):
         name = "cheat"
-        hears: ClassVar[tuple[type[Message], ...]] = (Truth,)
+        receives: ClassVar[tuple[type[Message], ...]] = (Truth,)
 
     with pytest.raises(ValueError, match="cheat listens to sim/truth, which agents may not"):
         Cheat(identity("cheat"))
@@ -276,7 +276,7 @@ def test_an_agent_is_refused_the_truth() -> None:
 def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
     class Failing(Agent):
         name = "failing"
-        hears: ClassVar[tuple[type[Message], ...]] = (Stop,)
+        receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
 
         def on_stop(self, stop: Stop) -> None:
             self.log("half a turn")
@@ -287,11 +287,11 @@ def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
             self.log("released")
 
     host, mesh = on_a_fake(Failing(identity("failing")))
-    host.inbox.put("test", lambda: mesh.hear("robot/stop", Stop(1, True, "t", 1)))
+    host.inbox.put("test", lambda: mesh.receive("robot/stop", Stop(1, True, "t", 1)))
     with pytest.raises(RuntimeError, match="the other half"):
         host.live()
     host.leave()
-    assert [message.text for message in mesh.said if isinstance(message, Log)] == ["released"]
+    assert [message.text for message in mesh.messages if isinstance(message, Log)] == ["released"]
 
 
 def test_instances_are_never_the_same() -> None:
@@ -300,7 +300,7 @@ def test_instances_are_never_the_same() -> None:
     assert all(name.startswith("goto-") and len(name) == len("goto-") + 16 for name in names)
 
 
-def test_a_bell_that_was_rung_before_anybody_listens_is_heard() -> None:
+def test_a_bell_that_rang_before_the_wait_ends_the_wait() -> None:
     inbox = Inbox()
     inbox.ring()
     inbox.ring()

@@ -65,6 +65,7 @@ def declared(*cells: Cell) -> Experiment:
 # Runs ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_same_seeds_give_the_same_bytes_however_many_processes(tmp_path: Path) -> None:
     context(tmp_path / "one", runs=2).run(declared(SC1, FAST), "x")
     context(tmp_path / "two", runs=2, jobs=2).run(declared(SC1, FAST), "x")
@@ -73,6 +74,7 @@ def test_the_same_seeds_give_the_same_bytes_however_many_processes(tmp_path: Pat
     assert one.count(b"\n") == 5
 
 
+@pytest.mark.long
 def test_interrupted_runs_are_kept_and_not_driven_again(tmp_path: Path) -> None:
     SEEN.clear()
     with pytest.raises(KeyboardInterrupt):
@@ -173,7 +175,7 @@ def test_a_folder_of_other_runs_is_moved_aside_and_more_runs_go_on(tmp_path: Pat
 def test_a_folder_that_no_experiment_made_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "identify").mkdir()
     (tmp_path / "identify" / "letter.txt").write_text("mine", encoding="utf-8")
-    with pytest.raises(FailedError, match="holds no results"):
+    with pytest.raises(FailedError, match=r"identify.*--out"):
         main(["identify", "--runs", "1", "--out", str(tmp_path)])
     assert [path.name for path in (tmp_path / "identify").iterdir()] == ["letter.txt"]
 
@@ -185,7 +187,7 @@ def test_results_come_in_the_order_of_the_items() -> None:
     assert sorted(finished) == [-3, -1, 2]
 
 
-# What a run says ----------------------------------------------------------------------------------
+# Results of a run ---------------------------------------------------------------------------------
 
 
 def test_the_fast_controller_stops_where_it_comes_to_rest() -> None:
@@ -197,7 +199,8 @@ def test_the_fast_controller_stops_where_it_comes_to_rest() -> None:
     assert not sample.reached
 
 
-def test_an_agent_that_joins_restarts_nobody() -> None:
+@pytest.mark.long
+def test_an_agent_that_joins_restarts_no_other() -> None:
     found = join(("rooms-b", 1000))
     assert found.kept
     assert len(found.before.split()) == 7
@@ -206,6 +209,7 @@ def test_an_agent_that_joins_restarts_nobody() -> None:
     assert found.first_held_s > 5.0
 
 
+@pytest.mark.long
 def test_a_robot_that_gets_nowhere_is_stuck_before_the_time_limit() -> None:
     run = Drive(Cell("x", "sc1", without=("goto", "avoid", "gothrough")), 1000)
     sample = run.go().sample()
@@ -250,13 +254,13 @@ def test_a_floor_plan_is_the_same_again_can_be_passed_and_loads(seed: int, tmp_p
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_whoever_walks_in_a_floor_plan_is_the_same_again_and_the_scenario_takes_them(
+def test_people_in_a_floor_plan_are_repeatable_and_the_scenario_accepts_them(
     seed: int, tmp_path: Path
 ) -> None:
     plan = floor_plan(seed)
     walking = people(plan, seed, 3)
     assert walking == people(plan, seed, 3)
-    scenario = load_scenario(save(plan, tmp_path, walking))  # which refuses who stands in a wall
+    scenario = load_scenario(save(plan, tmp_path, walking))  # which refuses people in walls
     assert [one.heeds for one in scenario.moving] == [True, True, False]
     assert scenario.moving == tuple(walking)
 
@@ -293,6 +297,7 @@ def test_the_shares_of_the_published_tables_add_up() -> None:
         assert sum(shares) == pytest.approx(100.0, abs=0.7)
 
 
+@pytest.mark.long
 def test_means_intervals_and_p_values_against_known_ones() -> None:
     found = statistics.spread([1.0, 2.0, 3.0, 4.0, 5.0])
     assert found is not None
@@ -336,22 +341,22 @@ def test_a_run_that_did_not_arrive_has_no_time_in_a_table_but_counts_as_not_reac
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "expected"),
     [
-        (["table-5.9"], "did you mean 'table-5"),
-        (["table-5.1", "--runs", "0"], "--runs 0: at least 1"),
-        (["table-5.1", "--runs", "-3"], "--runs -3: at least 1"),
-        (["table-5.1", "--jobs", "0"], "--jobs 0: at least 1"),
-        ([], "--list shows them"),
+        (["table-5.9"], "'table-5"),
+        (["table-5.1", "--runs", "0"], r"--runs .*\b0\b"),
+        (["table-5.1", "--runs", "-3"], "--runs .*-3"),
+        (["table-5.1", "--jobs", "0"], r"--jobs .*\b0\b"),
+        ([], "--list"),
     ],
 )
-def test_wrong_calls_are_told_what_is_right(words: list[str], says: str, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=says):
+def test_wrong_calls_are_corrected(words: list[str], expected: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=expected):
         main([*words, "--out", str(tmp_path / "results")])
     assert not (tmp_path / "results").exists()
 
 
-def test_the_list_says_what_each_is_and_imports_nothing_heavy() -> None:
+def test_the_list_has_titles_and_imports_nothing_heavy() -> None:
     among = {"numpy", "scipy", "matplotlib", "msgspec", "pymunk", "rich"}
     done = heavy("armadico_tools.commands.experiment", ["--list", "--json"], among)
     assert imports_nothing(done)
@@ -373,11 +378,15 @@ def test_an_experiment_writes_its_runs_table_and_figures(
     monkeypatch.setattr(thesis, "TABLE_5_1", small)  # one cell of twelve: less to drive
     words = ["table-5.1", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
     assert main(words) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["runs"] == 1
-    assert said["cells"][SC1.name]["reached"] == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["runs"] == 1
+    assert printed["cells"][SC1.name]["reached"] == 1
     folder = tmp_path / "table-5.1"
-    assert {path.name for path in folder.iterdir()} == {*said["files"], "about.json", "found.csv"}
+    assert {path.name for path in folder.iterdir()} == {
+        *printed["files"],
+        "about.json",
+        "found.csv",
+    }
     assert (folder / "paths.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "paths.svg").read_text(encoding="utf-8").startswith("<?xml")
     assert "| arrived | 1 of 1 |" in (folder / "table.md").read_text(encoding="utf-8")
@@ -393,6 +402,7 @@ def test_each_experiment_of_the_index_is_declared(name: str) -> None:
     assert isinstance(found, Experiment)
 
 
+@pytest.mark.long
 def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -405,6 +415,7 @@ def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
     assert "No failure." in (tmp_path / "other-maps" / "table.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.long(but=("flat.map",))
 @pytest.mark.parametrize("name", foreign_worlds.MAPS)
 def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
     name: str, tmp_path: Path
@@ -423,6 +434,7 @@ def test_a_seed_draws_the_same_free_places_again_and_the_next_one_others(
         assert load_scenario(cell.scenario).plan is None
 
 
+@pytest.mark.long
 def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -437,7 +449,7 @@ def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
         assert sum(swings) < 0.05 * len(swings), "from one side to the other, cycle by cycle"
 
 
-def test_a_folder_says_what_its_runs_depend_on(tmp_path: Path) -> None:
+def test_a_folder_has_the_conditions_of_its_runs(tmp_path: Path) -> None:
     made = context(tmp_path)
     made.run(declared(SC1), "x")
     found = json.loads((tmp_path / runner.CONDITIONS).read_bytes())

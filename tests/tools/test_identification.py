@@ -108,7 +108,7 @@ def test_the_intervals_hold_the_true_values(trial: Trial) -> None:
         assert sum(one[name].holds(TRUE[name]) for one in many) >= 17, name
 
 
-def test_the_interval_is_no_wider_than_the_scatter_asks_for() -> None:
+def test_the_interval_is_no_wider_than_the_scatter() -> None:
     many = estimates(STRAIGHT[1], range(20), seconds=30.0)
     for name in LINEAR.gives:
         scatter = float(np.std([one[name].value for one in many], ddof=1))
@@ -144,7 +144,7 @@ def test_the_equation_as_printed_takes_the_coupling_for_friction() -> None:
     assert not printed["C_v1"].holds(TRUE["C_v1"])
 
 
-def test_the_caster_s_friction_cannot_be_told_from_zero() -> None:
+def test_the_casters_friction_does_not_differ_from_zero() -> None:
     for one in estimates(MENDED[1], range(3)):
         assert one["C_s1"].holds(0.0)
         assert one["C_s1"].half > 10 * TRUE["C_s1"]
@@ -160,7 +160,7 @@ def test_the_model_stops_where_friction_stops_it() -> None:
     assert model[-1] == 0.0
 
 
-def test_autocorrelation_tells_white_noise_from_a_drift() -> None:
+def test_autocorrelation_distinguishes_white_noise_from_drift() -> None:
     white = np.random.default_rng(1).normal(size=400)
     assert autocorrelation(white, 3)[0] == 1.0
     assert abs(autocorrelation(white, 3)[1]) < 0.2
@@ -175,21 +175,21 @@ def constant(rows: int = 600) -> Log:
     return Log(np.arange(rows) * 0.05, *np.full((2, rows), 5.0), speed, np.zeros(rows))
 
 
-def test_a_steady_drive_tells_nothing() -> None:
+def test_a_steady_drive_determines_nothing() -> None:
     with pytest.raises(NotIdentifiableError, match="hardly change") as caught:
         instrumental(constant(), ROBOT, LINEAR)
     assert caught.value.names == ("a11 (1/a11)", "a15 (C_v)", "a18 (C_s)")
 
 
 def test_one_voltage_forward_and_backward_leaves_mass_and_coulomb_friction_one_unknown() -> None:
-    """Force and friction's sign are in proportion then; C_v alone would be told apart."""
+    """Force and friction's sign are in proportion then; C_v alone could be distinguished."""
     log = record(Trial("steps", LINEAR, "STEP", 8.0, 8.0), 1, ROBOT)
     with pytest.raises(NotIdentifiableError) as caught:
         least_squares(log, ROBOT, LINEAR)
     assert caught.value.names == ("a11 (1/a11)", "a18 (C_s)")
 
 
-def test_who_only_drives_straight_learns_nothing_of_turning() -> None:
+def test_driving_straight_does_not_determine_turning() -> None:
     with pytest.raises(NotIdentifiableError, match=r"a22 \(1/a22\), a26 \(C_v1\), a29 \(C_s1\)"):
         instrumental(record(STRAIGHT[0], 1, ROBOT, 10.0), ROBOT, ANGULAR)
 
@@ -241,6 +241,7 @@ def shortly(
     return record(trial, seed, robot, seconds, noise_m_s)
 
 
+@pytest.mark.long
 def test_the_experiment_shows_the_thesis_s_tables_beside_the_truth(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -305,12 +306,14 @@ def test_simulated_logs_are_identified_from_the_command_line(
     assert main(["identify", "--simulate", turning, "--motion", "angular", "--seed", "3"]) == 0
     assert main(["identify", straight, turning, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["found"]
-    told = {name: it for entry in found for name, it in entry.get("parameters", {}).items()}
-    assert set(told) == set(TRUE)
-    for name, it in told.items():
+    found_parameters = {
+        name: it for entry in found for name, it in entry.get("parameters", {}).items()
+    }
+    assert set(found_parameters) == set(TRUE)
+    for name, it in found_parameters.items():
         assert abs(it["value"] - it["profile"]) < 2.0 * it["half_95"], name
-    assert told["1/a11"]["told_from_zero"]
-    assert not told["C_s1"]["told_from_zero"]
+    assert found_parameters["1/a11"]["told_from_zero"]
+    assert not found_parameters["C_s1"]["told_from_zero"]
 
 
 def test_the_table_marks_what_may_be_zero(
@@ -341,7 +344,7 @@ def test_wrong_use_is_one_line_and_exit_code_2(
     assert reason in capsys.readouterr().err
 
 
-def test_a_log_that_tells_nothing_is_a_failure_that_says_why(
+def test_a_log_without_excitation_fails_with_the_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "steady.csv"

@@ -16,6 +16,7 @@ from armadico_tools.experiments.runner import Context
 from tests.observe import made_logs
 
 
+@pytest.mark.long
 def test_the_plain_filter_follows_the_reference(tmp_path: Path) -> None:
     log = logs.with_errors(logs.read(made_logs.npz(tmp_path / "a.npz")), 0.05, 1)
     cells = localizing.mapped(log, "all", load_profile("jackal"))
@@ -42,6 +43,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(experiment, "FOUND_S", 10.0)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("small")
 def test_a_folder_of_logs_makes_a_table_and_nothing_is_gone_through_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -96,7 +96,7 @@ def test_what_replaces_a_file_is_on_the_disk_before_it_does(
     assert rows.read() == ROWS
 
 
-def test_whoever_is_killed_leaves_no_process_not_even_one_that_hangs(tmp_path: Path) -> None:
+def test_a_killed_process_leaves_none_behind_not_even_a_hung_one(tmp_path: Path) -> None:
     script = tmp_path / "maker.py"
     script.write_text(MAKER)
     with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as maker:

@@ -56,6 +56,6 @@ def test_what_becomes_of_each_mission_is_counted_once(monkeypatch: pytest.Monkey
     assert watchman.counts["suspended"] == watchman.counts["resumed"] == 1
 
 
-def test_a_mission_of_which_nothing_more_is_said_is_lost() -> None:
+def test_a_mission_without_a_reported_end_is_lost() -> None:
     lost = Day(1, 8.0, 3, 0, 2, 0, 1, 0, 0, 4, 1, 1, 2, 11.5, 0.3, 0, ())
     assert "| 1 | 3 | 0 | 2 | 0 | 1 |" in as_table([lost])

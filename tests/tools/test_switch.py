@@ -39,7 +39,7 @@ def number_of(data: bytes) -> int:
 
 
 def drain(of: Switch, until: float = 1e6) -> list[Arrival]:
-    """What arrives, each at the time when the switch says that it is due."""
+    """What arrives, each at its due time by the switch."""
     arrivals: list[Arrival] = []
     while (at := of.next_due) is not None and at <= until:
         arrivals += [(at, host, data) for host, data in of.due(at)]
@@ -55,7 +55,7 @@ def sent(
     return drain(of)
 
 
-def test_a_whole_link_delivers_at_once_to_whom_it_is_addressed() -> None:
+def test_a_whole_link_delivers_at_once_to_the_addressee() -> None:
     of = switch()
     of.forward("lab1", frame("robot", 7), 1.5)
     assert drain(of) == [(1.5, "robot", frame("robot", 7))]
@@ -68,7 +68,7 @@ def test_what_is_for_all_goes_to_all_but_the_sender() -> None:
     assert sorted(host for _, host, _ in drain(of)) == ["lab2", "robot"]
 
 
-def test_nobody_hears_what_he_addresses_to_himself() -> None:
+def test_no_host_receives_its_own_frames() -> None:
     of = switch()
     of.forward("lab1", frame("lab1"), 0.0)
     assert drain(of) == []
@@ -118,7 +118,7 @@ def test_a_partition_leaves_what_else_is_wrong_with_a_link() -> None:
     assert [at for at, *_ in sent(of, 1)] == [0.1]
 
 
-def test_who_is_unplugged_hears_and_says_nothing_and_loses_what_was_on_its_way() -> None:
+def test_a_disconnected_host_receives_and_sends_nothing_and_loses_frames_under_way() -> None:
     of = switch()
     of.set([THERE], LinkFaults(delay=0.5))
     of.forward("lab2", frame("robot"), 0.0)

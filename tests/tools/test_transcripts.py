@@ -79,7 +79,7 @@ def test_floats_may_be_as_short_as_they_like_and_the_draw_its_own() -> None:
         (lambda lines: [lines[2], lines[1], *lines[2:]], "another cycle"),
     ],
 )
-def test_whatever_is_otherwise_is_told(change: Any, why: str) -> None:
+def test_every_difference_is_reported(change: Any, why: str) -> None:
     lines = change(published("hand-over", "a"))
     assert why in difference_of(SCENES["hand-over"], "a", lines)
 
@@ -102,7 +102,7 @@ def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector.what)
-def test_a_payload_is_read_or_refused_as_the_file_says(vector: Vector) -> None:
+def test_payloads_are_accepted_or_refused_as_in_the_file(vector: Vector) -> None:
     lines = (FOLDER / "vectors.jsonl").read_text(encoding="utf-8").splitlines()
     line = next(x for x in map(json.loads, lines) if x["what"] == vector.what)
     payload = bytes.fromhex(line["cbor"]) + bytes(line.get("zeros", 0))
@@ -129,7 +129,7 @@ def test_a_payload_is_read_or_refused_as_the_file_says(vector: Vector) -> None:
     )
 
 
-def test_an_ack_whose_ballot_is_too_far_ahead_is_otherwise_believed() -> None:
+def test_an_ack_with_a_ballot_too_far_ahead_is_otherwise_accepted() -> None:
     clock = CycleClock()
     clock.advance(Cycle(7, 42), 0.0)
     contender = Contender(WHEELS, "a-1", clock, EXCHANGES["abrupt"], random.Random(1))

@@ -1,1 +1,1 @@
-"""Things that watch, draw or measure; nothing that drives."""
+"""Experiments, benchmarks and fault tests of a society, and generators of the documentation."""

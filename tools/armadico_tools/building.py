@@ -1,4 +1,4 @@
-"""The thesis's building with its whole society on a virtual mesh, and everything that is said."""
+"""The thesis's building with its whole society on a virtual mesh, for tests."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ SURVEY = find("missions", "surveillance").read_text()
 
 
 def text(*rows: str, more: str = "", above: str = "") -> str:
-    """A mission of these steps, as TOML; `above` and `more` stand before and after them."""
+    """A mission of these steps as TOML; `above` is put before them and `more` after."""
     return "\n".join([above, "steps = [", *(f"  {{ {row} }}," for row in rows), "]", more])
 
 
 class Building:
-    """Nobody is sent anywhere until somebody orders something; sensors without error."""
+    """The society of `surveillance` without missions; with `ideal` sensors by default."""
 
     def __init__(
         self,
@@ -47,7 +47,7 @@ class Building:
         without: tuple[str, ...] = (),
         sensors: str = "ideal",
     ) -> None:
-        """Everybody has joined, and the robot stands in the hall."""
+        """Start the society; on return all agents have joined, and the robot is in the hall."""
         options = Options(seed=seed, sensors=sensors, without=without)
         scenario = replace(
             load_scenario("surveillance"), battery=battery or Battery(), start=(2.0, 5.0, 0.0)
@@ -70,48 +70,49 @@ class Building:
         self.logs.append(line.text)
 
     def _claimed(self, _key: str, claim: Any, _now: float) -> None:
-        who = claim.resource, claim.ballot.instance.rpartition("-")[0]
+        held = claim.resource, claim.ballot.instance.rpartition("-")[0]
         if claim.utility is None:
             return
-        if not self.holders or next((h for h in self.holders[::-1] if h[0] == who[0]), None) != who:
-            self.holders.append(who)
+        last = next((each for each in self.holders[::-1] if each[0] == held[0]), None)
+        if last != held:
+            self.holders.append(held)
 
     def run(self, seconds: float) -> None:
         self.mesh.run(self.mesh.now + seconds)
 
     def until(self, done: Callable[[], object], seconds: float = 120.0) -> None:
-        """Let time pass until something is so; it must be, in so many seconds."""
+        """Advance until `done` is true. Fails after so many seconds."""
         self.mesh.run(self.mesh.now + seconds, lambda: bool(done()))
         assert done(), (self.board, self.logs[-12:])
 
-    # What is asked for ----------------------------------------------------------------------------
+    # Requests -------------------------------------------------------------------------------------
 
     def order(
         self, what: str = SURVEY, priority: float | None = None, name: str = "m"
     ) -> MissionReply:
         packed = zlib.compress(what.encode())
-        reply = self.rehearsal.client.ask(MissionOrder(name, packed, priority, "a test"), 20.0)
+        reply = self.rehearsal.client.query(MissionOrder(name, packed, priority, "a test"), 20.0)
         assert isinstance(reply, MissionReply)
         return reply
 
     def taken(self, what: str = SURVEY, priority: float | None = None, name: str = "m") -> int:
-        """Order a mission that is taken on; its number."""
+        """Order a mission that must be accepted. Returns its number."""
         reply = self.order(what, priority, name)
         assert reply.refusal == ""
         return reply.mission
 
     def cancel(self, number: int) -> str:
-        """Cancel a mission; why that is refused."""
-        reply = self.rehearsal.client.ask(MissionCancel(number, "a test"), 20.0)
+        """Cancel a mission. Returns the reason of a refusal, or ""."""
+        reply = self.rehearsal.client.query(MissionCancel(number, "a test"), 20.0)
         assert isinstance(reply, MissionReply)
         return reply.refusal
 
     def rings(self, room: str, *, on: bool = True) -> None:
-        """An alarm begins in a room, or ends."""
+        """Publish the begin or end of an alarm in a room."""
         self.rehearsal.client.publish(Alarm(room, on))
         self.run(1.0)
 
-    # What is seen ---------------------------------------------------------------------------------
+    # Observations ---------------------------------------------------------------------------------
 
     def heard(self, kind: type[Any]) -> list[Any]:
         """All messages of a kind so far."""
@@ -127,32 +128,31 @@ class Building:
         return next(m for m in self.board.missions if m.mission == number)
 
     def doing(self, number: int) -> str:
-        """What step a mission is in."""
+        """The present step of a mission."""
         return self.mission(number).doing
 
     def ended(self, number: int) -> bool:
-        """Whether a mission is over."""
         return self.mission(number).over
 
     def steps(self, number: int) -> list[str]:
-        """What was done, in order."""
+        """The completed steps of a mission, in order."""
         results = self.mission(number).course.results
         return [r.step for r in results if r.end.value == "done"]
 
     def who_had(self, resource: str) -> list[str]:
-        """Who held a resource, in order."""
+        """The holders of a resource, in order."""
         return [name for held, name in self.holders if held == resource]
 
     def agent(self, name: str) -> Any:
-        """The newest agent of a name."""
+        """The newest agent with a name."""
         return self.node(name).agent
 
     def node(self, name: str) -> Node:
-        """The process that it runs in."""
+        """The process of that agent."""
         return next(node for node in self.mesh.nodes[::-1] if node.name == name)
 
     def pose(self) -> Pose:
-        """Where the robot believes to be."""
+        """The estimated pose of the robot."""
         pose = self.agent("mission-planning").latest(Pose)
         assert isinstance(pose, Pose)
         return pose

@@ -1,4 +1,4 @@
-"""What the laboratory's commands share: options of a series, how it begins and is interrupted."""
+"""Options that the laboratory's commands share, and how they run a series."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ R = TypeVar("R")
 
 
 def add_jobs(made: argparse.ArgumentParser) -> None:
-    """How many processes share the work."""
+    """--jobs: the number of processes."""
     made.add_argument(
-        "--jobs", type=int, metavar="J", help="so many processes (default: one a core)"
+        "--jobs", type=int, metavar="J", help="run J processes (default: one per core)"
     )
 
 
@@ -28,21 +28,20 @@ def add_out(made: argparse.ArgumentParser, folder: str, what: str) -> None:
         type=Path,
         default=Path(folder),
         metavar="DIR",
-        help=f"where {what} (default: {folder})",
+        help=f"write {what} into DIR (default: {folder})",
     )
 
 
 def add_json(made: argparse.ArgumentParser) -> None:
-    """--json: the results, for programs."""
-    made.add_argument("--json", action="store_true", help="what came of it as JSON on stdout")
+    made.add_argument("--json", action="store_true", help="print the results as JSON")
 
 
 def at_least(args: argparse.Namespace, **least: int) -> None:
-    """Raises UsageError for a number that is given and smaller."""
+    """Raises UsageError for a number below its bound."""
     for name, bound in least.items():
         value = getattr(args, name)
         if value is not None and value < bound:
-            raise UsageError(f"--{name} {value}: at least {bound}")
+            raise UsageError(f"--{name} must be at least {bound} (got {value})")
 
 
 def over(
@@ -52,7 +51,7 @@ def over(
     label: str,
     done: Callable[[T, R], None],
 ) -> bool:
-    """A function over tasks, by as many processes as were asked for; False on Ctrl-C."""
+    """Apply a function to tasks in `--jobs` processes. Returns False after Ctrl-C."""
     from armadico.cli import pool
 
     count = 0
@@ -65,6 +64,6 @@ def over(
     try:
         pool.over(function, tasks, args.jobs or os.cpu_count() or 1, label, counted)
     except KeyboardInterrupt:
-        options.say(f"interrupted after {count} of {len(tasks)} {label}")
+        options.report(f"interrupted after {count} of {len(tasks)} {label}")
         return False
     return True

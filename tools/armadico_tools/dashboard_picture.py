@@ -1,4 +1,4 @@
-"""Pictures of a recording, as the native viewer draws it without a window; for docs and tests.
+"""Pictures of a recording by the native viewer, without a window; for docs and tests.
 
 `python -m armadico_tools.dashboard_picture RUN.rrd OUT.png [SECONDS [WIDTH HEIGHT]]`
 """
@@ -21,14 +21,14 @@ from armadico.observe.dashboard.viewer import VIEWER_MEMORY, Viewer, ViewerError
 
 LOADING_S: Final = 30.0
 SETTLE_S: Final = 2.0
-"""What a viewer takes to lay its views out."""
+"""Time for a viewer to lay out its views."""
 
 SIZE: Final = (1280, 720)
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG, the names of the views that are on it, and the errors that a user would see."""
+    """A PNG, the names of the views in it, and the errors shown in it."""
 
     png: bytes
     views: frozenset[str]
@@ -36,14 +36,14 @@ class Picture:
 
 
 def photograph(recording: Path, t: float, size: tuple[int, int] = SIZE) -> Picture:
-    """What the dashboard looks like at t (s) of a recording. Raises ViewerError."""
+    """The dashboard at t (s) of a recording. Raises ViewerError."""
     port = free_port()
     options = ["--headless", "--port", str(port), "--memory-limit", VIEWER_MEMORY]
     window = f"{size[0]}x{size[1]}"
     with Viewer([*options, "--window-size", window], port, log="error") as viewer:
         client = ViewerClient.connect(f"rerun+http://{LOOPBACK}:{viewer.port}/proxy")
         deadline = time.monotonic() + LOADING_S
-        while not _opened(client, recording):  # it listens before it answers
+        while not _opened(client, recording):  # it listens before it can answer
             viewer.check()
             if time.monotonic() > deadline:
                 raise ViewerError(f"the viewer did not answer within {LOADING_S:.0f} s")
@@ -76,7 +76,7 @@ def main(arguments: list[str]) -> None:
         taken = photograph(Path(recording), numbers[0] if numbers else 0.0, size)
     except (ViewerError, TimeoutError) as error:
         sys.exit(f"no picture of {recording}: {error}")
-    with Image.open(io.BytesIO(taken.png)) as image:  # the same picture, in a third of the bytes
+    with Image.open(io.BytesIO(taken.png)) as image:  # optimized, a third of the bytes
         image.convert("RGB").save(out, format="PNG", optimize=True)
     print(f"{out}: {', '.join(sorted(taken.views))}; errors: {taken.errors or 'none'}")
 

@@ -1,8 +1,8 @@
-"""Draws the documents' Mermaid diagrams, for the site, which runs no script to draw them.
+"""Draws the documents' Mermaid diagrams, because the site runs no script.
 
-`python -m armadico_tools.diagrams MERMAID.JS` draws those that are not drawn yet, and removes those
-that no document has any more. It needs Chromium, and `dist/mermaid.min.js` of the npm package
-`mermaid`. A drawing's name has a digest of the diagram's text, so none can be stale.
+`python -m armadico_tools.diagrams MERMAID.JS` draws new diagrams and removes unused drawings. It
+needs Chromium, and `dist/mermaid.min.js` of the npm package `mermaid`. The name of a drawing is a
+digest of the diagram's text, so a drawing is never stale.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ QUIET: Final = (
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 WAITS_MS: Final = 20_000
-"""How much of the browser's own time a drawing may take; it does not pass in real time."""
+"""Limit of the browser's virtual time for a drawing, which is not real time."""
 
 PAGE: Final = """\
 <!doctype html><meta charset="utf-8"><body>
@@ -57,28 +57,28 @@ def diagrams() -> Iterator[str]:
 
 
 def draw(text: str, script: Path, browser: str) -> str:
-    """The SVG of a diagram. Raises RuntimeError if the browser shows none."""
+    """The SVG of a diagram. Raises RuntimeError if the browser draws none."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder, "page.html")
         page.write_text(PAGE.format(script=script.resolve().as_uri(), text=html.escape(text)))
         show = (f"--virtual-time-budget={WAITS_MS}", "--dump-dom", page.as_uri())
-        told = subprocess.run(
+        dom = subprocess.run(
             [browser, *QUIET, f"--user-data-dir={folder}/profile", *show],
             capture_output=True,
             text=True,
             check=True,
         ).stdout
-    found = re.search(r'<body id="drawn">.*?(<svg.*</svg>)', told, re.DOTALL)
+    found = re.search(r'<body id="drawn">.*?(<svg.*</svg>)', dom, re.DOTALL)
     if found is None:
         raise RuntimeError(f"not drawn: {text.splitlines()[0]}")
-    # A file of its own is XML, and has its size: width="100%" is for a page.
+    # A file needs XML and a size: width="100%" is for a page.
     svg = re.sub(r"<br\s*>", "<br/>", found[1])
     wide, high = re.search(r'viewBox="\S+ \S+ (\S+) (\S+)"', svg).groups()  # type: ignore[union-attr]
     return re.sub(r'width="100%"', f'width="{wide}" height="{high}"', svg, count=1) + "\n"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw what is not drawn yet."""
+    """Draw the missing diagrams."""
     parser = argparse.ArgumentParser(prog="python -m armadico_tools.diagrams")
     parser.add_argument("script", type=Path, help="mermaid.min.js")
     args = parser.parse_args(argv)

@@ -1,8 +1,8 @@
-"""Write the generated parts of the documentation again: `python -m armadico_tools.docs`.
+"""Update the generated parts of the documentation: `python -m armadico_tools.docs`.
 
-A part stands between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in a Markdown file of the
+A part is between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in a Markdown file of the
 checkout: services, messages, transitions, agents, commands. Parts are committed, because the pages
-are read on GitHub too. A test fails if one is stale.
+are also read on GitHub. A test fails if one is stale.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ ALL: Final = "all agents"
 
 
 def stale() -> dict[Path, str]:
-    """The documents with stale parts, and what they should be. Raises KeyError for no such part."""
+    """The documents with stale parts, and their new text. Raises KeyError for an unknown part."""
     found = {}
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
         text = path.read_text(encoding="utf-8")
@@ -50,18 +50,18 @@ def stale() -> dict[Path, str]:
 
 
 def main() -> int:
-    """Write what is stale."""
+    """Write the stale documents."""
     for path, text in stale().items():
         path.write_text(text, encoding="utf-8")
         print(f"{path.relative_to(ROOT)}: written")
     return 0
 
 
-# Who publishes what -------------------------------------------------------------------------------
+# Providers ----------------------------------------------------------------------------------------
 
 
 def entries(group: str) -> dict[str, str]:
-    """The entry points of a group, as our two project files have them."""
+    """The entry points of a group in both project files."""
     found: dict[str, str] = {}
     for folder in (ROOT, ROOT / "tools"):
         with (folder / "pyproject.toml").open("rb") as file:
@@ -70,7 +70,7 @@ def entries(group: str) -> dict[str, str]:
 
 
 def agents() -> dict[str, type[Agent]]:
-    """Our own agents' classes, by name."""
+    """The shipped agents' classes, by name."""
     found: dict[str, type[Agent]] = {}
     for name, value in entries("armadico.agents").items():
         module, _, attribute = value.partition(":")
@@ -95,7 +95,7 @@ def _provides(kind: type[Agent], service: Service) -> bool:
 
 
 def providers(service: Service) -> str:
-    """Who publishes it, or answers it."""
+    """The agents that publish or answer a service, in words."""
     if service.message is Log or service.key.startswith(("agent/", "journal/")):
         return ALL
     if service.message is Stop:
@@ -112,7 +112,7 @@ def providers(service: Service) -> str:
 
 
 def keys() -> str:
-    """The table of services, with who provides each."""
+    """The table of services, with their providers."""
 
     def link(kind: type[Message]) -> str:
         return f"[{kind.__name__}](#{kind.__name__.lower()})"
@@ -138,7 +138,7 @@ def keys() -> str:
 
 
 def fields() -> str:
-    """Every message: what it is, and its fields in the order of the wire."""
+    """Every message with its fields in the order of the wire."""
     parts = []
     for kind in ours()[1]:
         rows = (
@@ -160,7 +160,7 @@ def transitions() -> str:
 
 
 def diagram() -> str:
-    """The same as a state diagram that GitHub draws."""
+    """The transitions as a state diagram that GitHub draws."""
     ids = {state: state.name.title().replace("_", "") for state in State}
     lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {ids[State.IDLE]}"]
     lines += [f'    state "{state.value}" as {name}' for state, name in ids.items()]
@@ -174,7 +174,7 @@ def diagram() -> str:
 
 
 def commands(package: str) -> str:
-    """Commands of a package, each with the first line of its module."""
+    """The commands of a package, each with the first line of its module."""
     rows = [
         (f"`armadico {name}`", summary(value.partition(":")[0]))
         for name, value in entries("armadico.commands").items()
@@ -184,7 +184,7 @@ def commands(package: str) -> str:
 
 
 def agent_list(*, asked_for: bool = False) -> str:
-    """The agents of a society, or those that take part if they are asked for."""
+    """The agents of a society, or the optional ones."""
     usual = (society().robot, *society().agents)
     rows = (
         (f"`{name}`", summary(kind.__module__), ", ".join(r.name for r in kind.competes_for))

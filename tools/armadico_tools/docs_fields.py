@@ -1,7 +1,7 @@
-"""The messages as the protocol page shows them: each field's place, type, range and default.
+"""The fields of messages for the protocol page: index, type, range and default.
 
-Ranges come from the annotations that `decode` checks by; what a field means, from the comment
-beside it, or the text below it, where the message is defined.
+Ranges come from the annotations that `decode` checks. The meaning of a field is the comment beside
+it, or the text below it, in the message's definition.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ COMMENT: Final = re.compile(r"^ {4}(\w+): .*?  # (.+)$", re.MULTILINE)
 BELOW: Final = re.compile(r'^ {4}(\w+): [^\n]*\n {4}"""(.+?)"""$', re.MULTILINE | re.DOTALL)
 
 POWERS: Final = {2**52: "2^52", 2**63 - 1: "2^63 - 1", 1e6: "1e6", -1e6: "-1e6"}
-"""Bounds that are read more easily as powers."""
+"""Bounds that are easier to read as powers."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """One place of a message's array."""
+    """One element of a message's array."""
 
     index: int
     name: str
     type: str
-    default: str  # what an array that is too short stands for; empty: it must be there
+    default: str  # for a shorter array; "": the field is required
     meaning: str
 
 
@@ -67,13 +67,13 @@ def fields_of(kind: type[Message]) -> list[Field]:
 
 
 def parameters_of(kind: type[msgspec.Struct]) -> Iterator[Field]:
-    """The parameters of an agent by their dotted names, those of nested structs among them."""
+    """The parameters of an agent by dotted names, including those of nested structs."""
     yield from _nested(kind, kind(), "")
 
 
 def _nested(kind: type[msgspec.Struct], default: Any, prefix: str) -> Iterator[Field]:
     comments: dict[str, str] = {}
-    for base in reversed(kind.__mro__[:-1]):  # without `object`; a subclass may say it again
+    for base in reversed(kind.__mro__[:-1]):  # without `object`; a subclass may override
         if base.__module__.startswith("armadico."):
             comments |= COMMENT.findall(inspect.getsource(base))
     info = types.type_info(kind)
@@ -136,7 +136,7 @@ def _number(value: float) -> str:
 
 
 def _default(value: Any) -> str:
-    """A default as it would stand on the wire."""
+    """A default in the form of the wire."""
     if value is None:
         return "null"
     if isinstance(value, Enum):

@@ -1,4 +1,4 @@
-"""Hash what virtual runs publish, to compare two commits: the same line, the same run.
+"""Hash what virtual runs publish, to compare two commits: equal lines mean equal runs.
 
     python -m armadico_tools.fingerprint sc1 sc4 house surveillance fleet --seed 7
 
@@ -44,8 +44,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Hash what virtual runs publish.")
     parser.add_argument("scenarios", nargs="*", default=["sc4"])
     parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument("--sensors", choices=("ideal", "real"), help="instead of the scenario's")
-    parser.add_argument("--parameters", help="thesis, or a TOML file")
+    parser.add_argument(
+        "--sensors", choices=("ideal", "real"), help="sensors (default: the scenario's)"
+    )
+    parser.add_argument("--parameters", help="thesis, or a TOML file (default: the scenario's)")
     parser.add_argument("--robots", type=int, default=3, help="robots of a fleet (default: 3)")
     args = parser.parse_args(argv)
     options = Options(seed=args.seed, sensors=args.sensors, parameters=args.parameters)

@@ -5,19 +5,19 @@ Straight ahead (4.34) and turning on the spot (4.35) the equation of motion of a
     eta_dot = a F - b eta - c sign(eta)
 
 with F the motors' force (N) or couple (Nm). Its integral over a window (4.30) is linear in
-(a, b, c), and least squares (4.31) needs no acceleration. On the thesis's method this improves:
+(a, b, c), so least squares (4.31) needs no acceleration. Improvements on the thesis's method:
 
-- Integrals are sums of trapezia. With the voltage held from row to row they give Tustin's
-  coefficients, all three too small by tanh(x) / x with x = b dt / 2, which is undone exactly.
-- The noise of the speeds is in the regressors too and drags `least_squares` off (at 10 Hz and
-  0.04 m/s C_s by half its interval). `instrumental` takes the model's own response, which has no
-  noise, as instruments: consistent, and the intervals hold the true values.
+- Integrals are sums of trapezia. With voltages held between rows they give Tustin's coefficients,
+  all three too small by tanh(x) / x with x = b dt / 2, which is corrected exactly.
+- The noise of the speeds is also in the regressors and biases `least_squares` (at 10 Hz and
+  0.04 m/s C_s by half its interval). `instrumental` uses the model's own response, which has no
+  noise, as instruments: it is consistent, and the intervals contain the true values.
 - Residuals of neighbouring windows share a sample, so they are correlated (-1/2). The covariance
-  is computed through that sharing instead of taking residuals for independent.
-- The robot that turns also drives: the mass centre is off the axle. The couple M x v w (x is the
-  thesis's y_m) is of known numbers, so `coupled` takes it off Gamma and adds no unknown.
+  includes that correlation.
+- A turning robot also drives, because the mass centre is off the axle. The couple M x v w (x is the
+  thesis's y_m) has known factors, so `coupled` subtracts it from Gamma and adds no unknown.
 
-What the data cannot give is refused by name (`NotIdentifiableError`), not estimated from noise.
+Coefficients that the data do not determine are rejected by name (`NotIdentifiableError`).
 Voltages: left is the thesis's V3, right its V2. Speeds as REP-103: m/s ahead, rad/s to the left.
 """
 
@@ -39,24 +39,24 @@ WINDOW_S: Final = 0.4
 """From t_(k-1) to t_k of (4.30)."""
 
 ROUNDS: Final = 2
-"""Models whose response becomes the instruments, one after the other."""
+"""Iterations: each model's response becomes the next instruments."""
 
 MOVING_M_S: Final = 0.1
-"""A wheel's rim slower than this may be at rest, where friction's sign is not known."""
+"""A wheel with a slower rim may be at rest, where the sign of friction is unknown."""
 
 LEAST_WINDOWS: Final = 6
 EXCITED: Final = 5.0
-"""A regressor's own part must have so many times the energy that noise alone would give it: noise
-gives 0.4 to 1.6 in 20 windows, our least exciting trial 11."""
+"""Least energy of a regressor's own part, as a multiple of what noise alone would give: noise gives
+0.4 to 1.6 in 20 windows, the least exciting trial 11."""
 
-CONFIDENCE: Final = 1.959963984540054  # standard deviations to either side, for 95 %
+CONFIDENCE: Final = 1.959963984540054  # standard deviations on either side, for 95 %
 
 
 class NotIdentifiableError(ValueError):
     """The log does not excite the motion enough.
 
     Attributes:
-        names: The coefficients and what would have followed from them.
+        names: The coefficients, and what would follow from them.
     """
 
     def __init__(self, motion: Motion, coefficients: tuple[str, ...], reason: str) -> None:
@@ -68,7 +68,7 @@ class NotIdentifiableError(ValueError):
 
 
 class Motion(Struct, frozen=True):
-    """One degree of freedom by itself."""
+    """One degree of freedom."""
 
     name: str
     coefficients: tuple[str, str, str]  # of force, of speed, of its sign
@@ -96,7 +96,7 @@ class Interval(Struct, frozen=True):
 
 
 class Estimate(Struct, frozen=True, eq=False):
-    """What came of a log: coefficients of (4.34) or (4.35) and how sure they are."""
+    """Coefficients of (4.34) or (4.35) from a log, with their covariance."""
 
     motion: Motion
     theta: Floats  # a, b, c
@@ -152,7 +152,7 @@ def instrumental(
 
 
 def response(log: Log, profile: P2osRobot, estimate: Estimate) -> Floats:
-    """What an estimate predicts for the log's voltages, from rest or the first measured speed."""
+    """The speeds that an estimate predicts for the log's voltages, from the first or from rest."""
     return _respond(log, profile, estimate.motion, estimate.theta, estimate.coupled)
 
 
@@ -178,7 +178,7 @@ def _onward(speed: float, drive: float, b: float, c: float, dt: float) -> float:
     after = settled + (speed - settled) * exp(-b * dt)
     if after * sign >= 0.0:
         return after
-    stopped = log1p(-speed / settled) / b  # the time to rest
+    stopped = log1p(-speed / settled) / b  # time until rest
     return _onward(0.0, drive, b, c, dt - stopped)
 
 
@@ -200,8 +200,8 @@ class _Problem:
         size = max(1, round(WINDOW_S / self.dt))
         starts = np.arange(0, len(log.t) - size, size)
         self._samples = starts[:, None] + np.arange(size + 1)  # of every window, ends included
-        self._held = steps[self._samples[:, :-1]]  # s that each row's voltage stays on
-        self._trapezia = np.zeros(self._samples.shape)  # s that each sample stands for
+        self._held = steps[self._samples[:, :-1]]  # s that each row's voltage is applied
+        self._trapezia = np.zeros(self._samples.shape)  # weight of each sample, s
         self._trapezia[:, :-1] += 0.5 * self._held
         self._trapezia[:, 1:] += 0.5 * self._held
         speed = _speed(log, motion)
@@ -212,8 +212,8 @@ class _Problem:
         """The integral of Psi (4.30) over every window, with this speed."""
         log = self._log
         v, w = (speed, log.w) if self.motion == LINEAR else (log.v, speed)
-        seen = Log(log.t, log.left_v, log.right_v, v, w)
-        push = force(seen, self._profile, self.motion, coupled=self.coupled)
+        used = Log(log.t, log.left_v, log.right_v, v, w)
+        push = force(used, self._profile, self.motion, coupled=self.coupled)
         driven = np.sum(self._held * push[self._samples[:, :-1]], axis=1)
         rubbed = np.sum(self._held * np.sign(speed)[self._samples[:, :-1]], axis=1)
         return np.column_stack([driven, -self._integral(speed), -rubbed])
@@ -223,7 +223,7 @@ class _Problem:
         return integral
 
     def choose(self, speed: Floats, rim_m_s: float) -> NDArray[np.bool_]:
-        """Windows in which the robot moves one way, and as this motion does."""
+        """Windows in which the robot moves in one direction, and only in this motion."""
         slow = _slow(self._profile, self.motion, rim_m_s)
         inside = speed[self._samples]
         one_way = (inside >= slow).all(axis=1) | (inside <= -slow).all(axis=1)
@@ -247,7 +247,7 @@ class _Problem:
         return theta
 
     def estimate(self, instruments: Floats, chosen: NDArray[np.bool_]) -> Estimate:
-        """Theta and its covariance, by way of the samples that windows share."""
+        """Theta and its covariance, including the samples that windows share."""
         self.check(chosen)
         raw = self._raw(instruments, chosen)
         stretch = self._stretch(raw)
@@ -265,7 +265,7 @@ class _Problem:
         )
 
     def check(self, chosen: NDArray[np.bool_]) -> None:
-        """Each regressor must have a part of its own, and not of noise alone."""
+        """Raise NotIdentifiableError unless each regressor has a part of its own beyond noise."""
         if chosen.sum() < LEAST_WINDOWS:
             raise NotIdentifiableError(
                 self.motion,
@@ -290,7 +290,7 @@ class _Problem:
             raise NotIdentifiableError(self.motion, tuple(weak), "voltage and speed hardly change")
 
     def _noise(self, theta: Floats, chosen: NDArray[np.bool_]) -> tuple[float, Floats]:
-        """The speed's noise, and how each window's residual is made of that of its samples."""
+        """The speed's noise, and the weights of the samples' noise in each window's residual."""
         f, y = self._measured[0][chosen], self._measured[1][chosen]
         shared = theta[1] * self._trapezia[chosen]
         shared[:, 0] -= 1.0
@@ -298,7 +298,7 @@ class _Problem:
         return float(np.sqrt(np.sum((y - f @ theta) ** 2) / np.sum(shared**2))), shared
 
     def _stretch(self, theta: Floats) -> float:
-        """From Tustin's coefficients to those of continuous time."""
+        """The factor from Tustin's coefficients to those of continuous time."""
         x = 0.5 * float(theta[1]) * self.dt
         return atanh(x) / x if 0.0 < x < 1.0 else 1.0
 
@@ -306,18 +306,18 @@ class _Problem:
 METHODS: Final = {"instruments": instrumental, "least-squares": least_squares}
 
 
-# What follows from the coefficients ---------------------------------------------------------------
+# Physical parameters ------------------------------------------------------------------------------
 
 
 class Friction(Struct, frozen=True):
-    """C_v (Nm s) and C_s (Nm) of a driving wheel, which the rotation's friction is left over."""
+    """C_v (Nm s) and C_s (Nm) of a driving wheel, to be subtracted from the rotation's friction."""
 
     viscous: Interval
     coulomb: Interval
 
     @classmethod
     def known(cls, profile: P2osRobot) -> Friction:
-        """Those of the profile, taken for certain."""
+        """Those of the profile, without uncertainty."""
         inertia = profile.inertia
         return cls(
             Interval(inertia.wheel_viscous_nms, 0.0), Interval(inertia.wheel_coulomb_nm, 0.0)
@@ -331,8 +331,8 @@ def physical(
 
     Args:
         estimate: Of a log.
-        profile: For the characteristics that are known (tables 4.2 and 4.3).
-        friction: Of the driving wheels, from the linear motion; the profile's when None.
+        profile: For the known characteristics (tables 4.2 and 4.3).
+        friction: Of the driving wheels, from the linear motion; None: the profile's.
     """
     a, b, c = (float(x) for x in estimate.theta)
     wheels, radius, inertia = Wheels.of(profile), profile.body.wheel_radius_m, profile.inertia
@@ -359,7 +359,7 @@ def physical(
 
 
 def truth(profile: P2osRobot) -> dict[str, float]:
-    """What `physical` should find in a log of the simulated robot of a profile."""
+    """The values that `physical` should find for the simulated robot of a profile."""
     body, inertia, wheel = profile.body, profile.inertia, profile.caster
     roll = inertia.wheel_mass_kg + inertia.wheel_roll_kg_m2 / body.wheel_radius_m**2
     caster = wheel.mass_kg + inertia.caster_roll_kg_m2 / wheel.radius_m**2
@@ -383,9 +383,9 @@ def autocorrelation(residuals: Floats, lags: int) -> Floats:
 
 
 def report(logs: Sequence[tuple[str, Log]], robot: P2osRobot, method: str) -> list[dict[str, Any]]:
-    """What is found in named logs, as JSON has it: an entry for each motion of each log.
+    """Identify named logs; an entry for each motion of each log, for JSON.
 
-    The friction of the wheels is that of the first log that is straight ahead; else the profile's.
+    The friction of the wheels is from the first straight log; without one, the profile's.
     """
     friction: Friction | None = None
     entries: list[dict[str, Any]] = []

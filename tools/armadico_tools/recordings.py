@@ -1,11 +1,11 @@
 """Write the recordings that tests read: `python -m armadico_tools.recordings`.
 
-Without options `tests/recordings/sc4.mcap` is written again, for a change of decisions that is
-meant; the commit says what it was and why. It is a drive through two doors that avoid, gothrough
-and goto share, in which goto is killed once and started again. Only the agents' journals are kept.
+Without options it writes `tests/recordings/sc4.mcap`, after an intended change of decisions; the
+commit states the change and its reason. In this drive avoid, gothrough and goto share two doors,
+and goto is killed and restarted. Only the agents' journals are kept.
 
-The other recording, of ten minutes, was made by real processes. `--live FILE` copies such a
-recording without the messages that are large and that no test reads.
+The other recording, of ten minutes, is of real processes. `--live FILE` copies such a recording
+without large messages that no test reads.
 
     armadico up surveillance &
     armadico record ten.mcap --duration 600 &
@@ -38,17 +38,17 @@ SHIPPED: Final = Path(__file__).resolve().parents[2] / "tests" / "recordings" / 
 LIVE: Final = SHIPPED.with_name("surveillance.mcap")
 
 LEFT_OUT: Final = (JournalPiece, BidRecord, LocalMap, Obstacles, Particles, Sonar, Correction)
-"""Four fifths of a live recording's bytes. The checker of promises needs none of it."""
+"""Four fifths of a live recording's bytes, which the checker of promises does not need."""
 
 SEED: Final = 11
 LIMIT_S: Final = 10.0
 KILLED_S, BACK_S = 5.0, 5.6
-"""When goto is killed, and started again, s."""
+"""When goto is killed and restarted, s."""
 
 
 def make(path: Path) -> None:
     """Drive, and write the journals into a file. Raises OSError."""
-    chosen = Options(seed=SEED, limit=LIMIT_S, sensors="ideal")  # nothing of what numpy sums
+    chosen = Options(seed=SEED, limit=LIMIT_S, sensors="ideal")  # sums by numpy may differ
     made = Rehearsal(prepared(load_scenario("sc4"), chosen), chosen)
 
     def back(_a: object, _b: object) -> None:
@@ -65,27 +65,29 @@ def make(path: Path) -> None:
 
 
 def copy(source: Path, path: Path, kept: Callable[[Row], bool], about: Mapping[str, str]) -> None:
-    """Copy these messages of a recording. Raises RecordingError and OSError."""
+    """Copy the messages of a recording that `kept` selects. Raises RecordingError and OSError."""
     path.unlink(missing_ok=True)
     file = McapFile(path, {PROFILE: about})
-    for row in rows(source, options.say):
+    for row in rows(source, options.report):
         if kept(row):
             file.add(row.namespace, row.key, kinds().get(row.schema), row.data, row.t)
     file.close()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the one again, or the other."""
+    """Write one of the two recordings."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--live", type=Path, metavar="FILE", help="copy this one for the tests")
+    parser.add_argument(
+        "--live", type=Path, metavar="FILE", help="copy FILE for the tests (default: make sc4.mcap)"
+    )
     args = parser.parse_args(argv)
     if args.live is None:
         make(SHIPPED)
         return 0
     about: dict[str, str] = {}
-    next(rows(args.live, options.say, about), None)
+    next(rows(args.live, options.report, about), None)
     copy(args.live, LIVE, lambda r: kinds().get(r.schema, JournalPiece) not in LEFT_OUT, about)
     return 0
 

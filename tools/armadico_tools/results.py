@@ -1,7 +1,7 @@
-"""The one store of results: rows of a CSV file, each written as soon as it is known.
+"""The store of results: rows of a CSV file, each written as soon as it is known.
 
-Experiments, faults and trials are interrupted and go on where they were: what is there is
-read again, by the kind of its rows. A line that was cut off does not count.
+Interrupted experiments, faults and trials continue where they were: existing rows are read again,
+by their type. An incomplete line is ignored.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ T = TypeVar("T")
 
 
 class Rows(Generic[R]):
-    """The rows of one file, of one kind; its fields are the columns."""
+    """The rows of one file, of one type; its fields are the columns."""
 
     def __init__(self, path: Path, kind: type[R]) -> None:
-        """Go on with a file, or make its folder. Raises OSError."""
+        """Continue a file, or make its folder. Raises OSError."""
         self.path = path
         self._kind = kind
         path.parent.mkdir(parents=True, exist_ok=True)
-        with self._alone():  # or a row that another process is writing is taken for cut off
+        with self._alone():  # or a row that another process is writing would count as incomplete
             if path.is_file() and not (data := path.read_bytes()).endswith(b"\n"):
-                os.truncate(path, data.rfind(b"\n") + 1)  # the next row is not to end this one
+                os.truncate(path, data.rfind(b"\n") + 1)  # or the next row would continue this one
 
     def read(self) -> list[R]:
-        """What is there, in the order in which it was written."""
+        """The existing rows, in order of writing."""
         if not self.path.is_file():
             return []
         found = []
@@ -62,7 +62,7 @@ class Rows(Generic[R]):
                 csv.writer(file, lineterminator="\n").writerows(map(_cells, rows))
 
     def rewrite(self, rows: Iterable[R]) -> None:
-        """Have these instead of what is there; an interruption leaves one or the other."""
+        """Replace all rows; an interruption leaves the old or the new ones."""
         text = StringIO(newline="")
         _write(text, self._kind.__struct_fields__, map(_cells, rows))
         with self._alone():
@@ -70,7 +70,7 @@ class Rows(Generic[R]):
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
-        """Hold the folder's lock, so that no other process writes rows in it."""
+        """Hold the folder's lock, so that no other process writes in it."""
         folder = os.open(self.path.parent, os.O_RDONLY)
         try:
             fcntl.flock(folder, fcntl.LOCK_EX)
@@ -80,40 +80,40 @@ class Rows(Generic[R]):
 
 
 class _Result(Struct, frozen=True):
-    """What a function returned, under the hash of all that it depends on."""
+    """The result of a function, under the hash of all that it depends on."""
 
     key: str
-    of: str  # what it depends on besides the code, for people
+    of: str  # its inputs, for people
     found: str  # as JSON
 
 
 class Kept(Generic[T]):
-    """Results of one function by one version of the code, which need not be computed again.
+    """Stored results of one function for one version of the code.
 
-    A result is kept if it reads back as it was, by the type that the function is annotated with.
-    All others, for example paths of files, are computed again each time.
+    A result is stored if decoding it by the function's return annotation gives an equal value.
+    Others, such as paths of files, are computed each time.
     """
 
     def __init__(self, path: Path, function: Callable[..., T], source: str) -> None:
-        """Go on with a file; `source` is a hash of the code outside of the function's module."""
+        """Continue a file; `source` is a hash of the code outside the function's module."""
         name = f"{function.__module__}.{function.__qualname__} {source} "
         self._code = sha256(name.encode() + Path(getfile(function)).read_bytes()).hexdigest()
         self._decoder: msgspec.json.Decoder[T] | None = None
-        with suppress(TypeError):  # a type that JSON does not have
+        with suppress(TypeError):  # a type without JSON
             kind: Any = get_type_hints(function)["return"]
             self._decoder = msgspec.json.Decoder(kind)
         self._rows = Rows(path, _Result)
         self._known = {row.key: row.found for row in self._rows.read()}
 
     def read(self, of: Sequence[str]) -> dict[int, T]:
-        """The results that are there, by their place in `of`."""
+        """The stored results, by their index in `of`."""
         if self._decoder is None:
             return {}
         known = {at: self._known.get(self._key(each)) for at, each in enumerate(of)}
         return {at: self._decoder.decode(text) for at, text in known.items() if text is not None}
 
     def add(self, of: str, found: T) -> None:
-        """Keep a result, now, if it reads back as it is."""
+        """Store a result, if it can be decoded to an equal value."""
         if self._decoder is None:
             return
         try:
@@ -129,7 +129,7 @@ class Kept(Generic[T]):
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
-    """A CSV file whose bytes depend on the numbers only."""
+    """Write a CSV file whose bytes depend on the numbers only."""
     with path.open("w", newline="", encoding="utf-8") as file:
         _write(file, header, rows)
 
@@ -141,7 +141,7 @@ def _write(file: TextIO, header: Sequence[str], rows: Iterable[Iterable[object]]
 
 
 def write_json(path: Path, about: object) -> None:
-    """What a folder of results holds, or came to, for programs and people."""
+    """Write metadata or a summary of results as indented JSON."""
     path.write_bytes(msgspec.json.format(msgspec.json.encode(about), indent=2) + b"\n")
 
 
@@ -150,7 +150,7 @@ def _cells(row: Struct) -> Iterable[object]:
 
 
 def plain(value: object) -> object:
-    """A value as it stands in a CSV: nothing for None, 0 and 1 for truth values, text in a line."""
+    """A value for a CSV: "" for None, 0 and 1 for booleans, text in one line."""
     if value is None:
         return ""
     if isinstance(value, str):

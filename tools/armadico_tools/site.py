@@ -1,10 +1,9 @@
-"""What makes a site of the documents: a hook of MkDocs (`mkdocs.yml`), which calls it by its names.
+"""A hook of MkDocs (`mkdocs.yml`) that makes the site from the documents.
 
-The documents link one another as files of the checkout, so that they read well there. Here the
-README becomes the first page; what is linked outside `docs/` comes along, Markdown as pages and
-the rest as files; diagrams, which a page would need a script for, are drawn beforehand
-(`armadico_tools.diagrams`); and the reference is a page for each part of what `armadico` exports,
-from its docstrings.
+The documents link each other as files of the checkout, for reading on GitHub. For the site the
+README becomes the first page. Linked files outside `docs/` are added, Markdown as pages and others
+as files. Diagrams, which would need a script, are drawn before (`armadico_tools.diagrams`). The
+reference has a page for each part of what `armadico` exports, from its docstrings.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from mkdocs.structure.pages import Page
 from armadico_tools.diagrams import FENCE, drawing
 
 SURFACE: Final = import_module("armadico")
-"""What is exported is documented; nothing else of ours asks for all of it."""
+"""The exported names, all of which are documented."""
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 
@@ -40,16 +39,16 @@ REFERENCE: Final = (
     ("Messages", ("core.messages", "mobile.messages", "mobile.obstacles")),
     ("Errors", ("runtime.errors", "config.errors", "config.discovery", "mesh.topology")),
 )
-"""The pages of the reference, and the modules whose names they have; others are in the last."""
+"""The pages of the reference, and their modules; other modules go to the last page."""
 
 SHIM: Final = ("https://unpkg.com/iframe-worker/shim", "site/iframe-worker.js")
-"""What the search needs where pages are read from the disk: where Material has it, and we."""
+"""The script that search needs for pages read from disk: Material's address, and ours."""
 
 BESIDES: Final = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
 
 
 def page_of(path: str) -> str:
-    """Where a file of the checkout is in the site."""
+    """The page of a file of the checkout."""
     if path == "README.md":
         return "index.md"
     if path.startswith("docs/"):
@@ -60,7 +59,7 @@ def page_of(path: str) -> str:
 
 
 def source_of(uri: str) -> str | None:
-    """The file of the checkout that a page is made of, if it is made of one."""
+    """The file of the checkout for a page, or None."""
     return _SOURCES.get(uri, f"docs/{uri}" if (ROOT / "docs" / uri).is_file() else None)
 
 
@@ -68,7 +67,7 @@ _SOURCES: dict[str, str] = {}
 
 
 def links(path: str) -> Iterator[str]:
-    """The files of the checkout that one of them leads to."""
+    """The files of the checkout that a file links to."""
     for _, target, _ in LINK.findall((ROOT / path).read_text(encoding="utf-8")):
         if not target.startswith(ELSEWHERE):
             place = target.partition("#")[0]
@@ -76,11 +75,11 @@ def links(path: str) -> Iterator[str]:
 
 
 def sources() -> list[str]:
-    """The files of the checkout that the site is made of: the documents, and all they lead to."""
+    """The files of the checkout in the site: the documents, and all that they link to."""
     waiting = ["README.md", *BESIDES]
     waiting += [f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md"))]
     found: dict[str, None] = {}
-    for path in waiting:  # which grows meanwhile
+    for path in waiting:  # grows during the loop
         if path not in found and (ROOT / path).is_file():
             found[path] = None
             waiting += links(path) if path.endswith(".md") else ()
@@ -88,7 +87,7 @@ def sources() -> list[str]:
 
 
 def project() -> list[str]:
-    """Pages that are neither in `docs/` nor the first one."""
+    """Pages outside `docs/`, except the first page."""
     pages = [path for path in sources() if path.endswith(".md") and path != "README.md"]
     return [path for path in pages if not path.startswith("docs/")]
 
@@ -96,12 +95,12 @@ def project() -> list[str]:
 def reference() -> Iterator[tuple[str, list[str]]]:
     """Each page's title and the full names that it documents."""
     homes = {name: _home(name) for name in SURFACE.__all__}
-    told = {module for _, modules in REFERENCE for module in modules}
+    listed = {module for _, modules in REFERENCE for module in modules}
     for title, modules in REFERENCE:
         others = REFERENCE[-1][0] == title
         names = [
             f"armadico.{home}.{name}"
-            for module in (*modules, *(sorted({*homes.values()} - told) if others else ()))
+            for module in (*modules, *(sorted({*homes.values()} - listed) if others else ()))
             for name, home in homes.items()
             if home == module
         ]
@@ -115,7 +114,7 @@ def _home(name: str) -> str:
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Complete the navigation: documents that it lacks, the reference, and the project's own."""
+    """Complete the navigation: unlisted documents, the reference, and the project's pages."""
     nav: list[Any] = list(config.nav or [])
     there = set(re.findall(r"[\w/-]+\.md", str(nav)))
     more = sorted({path.name for path in (ROOT / "docs").glob("*.md")} - there)
@@ -132,7 +131,7 @@ def _slug(title: str) -> str:
 
 
 def on_files(files: Files, *, config: MkDocsConfig) -> Files:
-    """Add what is not in `docs/`."""
+    """Add the pages outside `docs/`."""
     for title, names in reference():
         text = "\n\n".join([f"# {title}", *(f"::: {name}" for name in names)])
         files.append(File.generated(config, f"reference/{_slug(title)}.md", content=text))
@@ -144,23 +143,23 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead the links to where their files are in the site, and show diagrams as drawn."""
+    """Point links to pages of the site, and replace diagrams by their drawings."""
     del config, files
     source = source_of(page.file.src_uri)
     if source is None:
         return markdown
     here = posixpath.dirname(page.file.src_uri) or "."
 
-    def led(found: re.Match[str]) -> str:
+    def relink(found: re.Match[str]) -> str:
         target = found[2]
         if target.startswith(ELSEWHERE):
             return found[0]
         place, mark, anchor = target.partition("#")
         path = posixpath.normpath(posixpath.join(posixpath.dirname(source), place))
         if (ROOT / path).is_dir():
-            return found[1][1:-2]  # a site has no listings
+            return found[1][1:-2]  # the site has no listings of folders
         if not (ROOT / path).is_file():
-            return found[0]  # and MkDocs says that there is none
+            return found[0]  # MkDocs reports it
         return f"{found[1]}{os.path.relpath(page_of(path), here)}{mark}{anchor}{found[3]}"
 
     def drawn(found: re.Match[str]) -> str:
@@ -170,18 +169,18 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
 
     parts = re.split(r"(^```.*?^```$)", markdown, flags=re.MULTILINE | re.DOTALL)
     for number, part in enumerate(parts):
-        parts[number] = FENCE.sub(drawn, part) if part.startswith("```") else LINK.sub(led, part)
+        parts[number] = FENCE.sub(drawn, part) if part.startswith("```") else LINK.sub(relink, part)
     return "".join(parts)
 
 
 def on_post_page(output: str, *, page: Page, config: MkDocsConfig) -> str:
-    """Have nothing loaded from elsewhere."""
+    """Load nothing from other sites."""
     del config
     up = "../" * page.url.count("/")
     return output.replace(SHIM[0], up + SHIM[1])
 
 
 def on_post_template(output_content: str, *, template_name: str, config: MkDocsConfig) -> str:
-    """Likewise, of the page for what is not there."""
+    """The same for the page of error 404."""
     del template_name, config
     return output_content.replace(*SHIM)

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 COLUMNS: Final = ("t", "left_v", "right_v", "v", "w")
-"""Of a log: s, V, V, m/s, rad/s. A row's voltages stay on until the next row."""
+"""Columns of a log: s, V, V, m/s, rad/s. A row's voltages are applied until the next row."""
 
 GAP: Final = 1.5
-"""A step of the log longer than this many usual ones is a gap."""
+"""A gap is a step longer than this many usual ones."""
 
 LEAST_ROWS: Final = 20
 
 
 class LogError(ValueError):
-    """The log cannot be used; the message names the row or column, and the reason."""
+    """The log is unusable; the message names the row or column, and the reason."""
 
 
 class Log(Struct, frozen=True, eq=False):
@@ -40,7 +40,7 @@ class Log(Struct, frozen=True, eq=False):
 
 
 def read_log(text: str) -> Log:
-    """A log from CSV with a header; more columns than `COLUMNS` are let be. Raises LogError."""
+    """Read a log from CSV with a header; other columns are ignored. Raises LogError."""
     rows = list(csv.reader(io.StringIO(text)))
     if not rows:
         raise LogError("the log is empty")
@@ -60,7 +60,7 @@ def read_log(text: str) -> Log:
 
 
 def write_log(log: Log) -> str:
-    """The CSV that `read_log` reads, to 1e-6."""
+    """The CSV for `read_log`, to 1e-6."""
     lines = [",".join(COLUMNS)]
     columns = (log.t, log.left_v, log.right_v, log.v, log.w)
     lines += [",".join(f"{x:.6f}" for x in row) for row in zip(*columns, strict=True)]
@@ -68,7 +68,7 @@ def write_log(log: Log) -> str:
 
 
 def checked(log: Log) -> Log:
-    """The log, if it has enough rows, time that goes on without gaps, and numbers only."""
+    """Return the log if it has enough rows, no gaps, and only numbers. Raises LogError."""
     if len(log.t) < LEAST_ROWS:
         raise LogError(f"{len(log.t)} rows: at least {LEAST_ROWS} are needed")
     for name in COLUMNS:

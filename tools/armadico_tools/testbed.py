@@ -1,7 +1,7 @@
-"""Where real processes run: on this machine's loopback, or on hosts that are network namespaces.
+"""Where real processes run: on this machine's loopback, or on network namespaces as hosts.
 
-Trials, benchmarks and the demo are on one of the two. Whatever is started ends with its testbed,
-and with this process, however that ends.
+Trials, benchmarks and the demo use one of the two. Started processes end with their testbed and
+with this process, even if it is killed.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 TABLE: Final = "demo"
-"""The shipped host table whose hosts trials and demo are on."""
+"""The shipped host table of trials and demo."""
 
 WATCHER: Final = "watcher"
-"""The host of whoever watches, on the network of the others."""
+"""The host of the watching process, in the network of the others."""
 
 
 class Place:
-    """This machine, with a folder of sockets and a namespace of keys of its own.
+    """This machine, with a separate folder of sockets and a namespace of keys.
 
-    Every process that is started while it is entered finds its mesh.
+    Processes that are started inside the `with` block find its mesh.
     """
 
     hosts: tuple[str, ...] = ("localhost",)
@@ -46,7 +46,7 @@ class Place:
         self.namespace = f"{name}-{os.getpid()}"
         self._stack = ExitStack()
         self._folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="armadico-bed-")))
-        # Of a short path, which a socket needs, wherever other temporary files are.
+        # A socket needs a short path, wherever other temporary files are.
         short = TemporaryDirectory(prefix="armadico-", dir="/tmp")
         self._sockets = Path(self._stack.enter_context(short))
         self._processes: list[subprocess.Popen[Any]] = []
@@ -69,12 +69,12 @@ class Place:
         return process
 
     def start(self, host: str, name: str, words: Sequence[str]) -> subprocess.Popen[bytes]:
-        """Run `armadico WORDS`; what it writes is kept for `last_words` of this name."""
+        """Run `armadico WORDS`; its output is kept for `last_lines` of this name."""
         with self._log(name).open("ab") as log:
             return self.popen(host, ["armadico", *words], stdout=log, stderr=log)
 
-    def last_words(self, name: str, lines: int = 5) -> list[str]:
-        """The end of what was written under a name."""
+    def last_lines(self, name: str, lines: int = 5) -> list[str]:
+        """The last lines of the output under a name."""
         return self._log(name).read_text(errors="replace").splitlines()[-lines:]
 
     def inside(self, host: str, function: Callable[..., T], *args: Any) -> T:  # noqa: ARG002
@@ -82,11 +82,11 @@ class Place:
         return function(*args)
 
     def joining(self, host: str) -> tuple[str, ...]:  # noqa: ARG002
-        """The options by which a process on that host joins, besides the namespace of the keys."""
+        """The options with which a process on that host joins, except the namespace of keys."""
         return ()
 
     def mesh(self, *, router: bool = False) -> ZenohMesh:
-        """An open session of a watcher, which may be the router where no robot agent is."""
+        """An open session of a watcher, which can be the router if there is no robot agent."""
         from armadico.mesh.zenoh import ZenohMesh
 
         mesh = ZenohMesh(self.namespace, topology(router=router), starts=True)
@@ -94,16 +94,16 @@ class Place:
         return mesh
 
     def onlooker(self) -> ZenohMesh:
-        """An open session that receives from the simulator while there is no robot agent, too."""
+        """An open session that also receives from the simulator while there is no robot agent."""
         return onlooker(self.namespace, self._sockets / WATCHER)
 
     def joining_onlooker(self) -> tuple[str, ...]:
-        """The options by which a simulator is linked to it."""
+        """The options that link a simulator to the onlooker."""
         return joining_onlooker(self.namespace, self._sockets / WATCHER)
 
     @property
     def watching(self) -> tuple[str, tuple[str, ...]]:
-        """The host of a process that watches, and the options by which it joins there."""
+        """The host of a watching process, and its options to join."""
         return self.hosts[0], ()
 
     def kill(self) -> None:
@@ -117,7 +117,7 @@ class Place:
 
 @contextmanager
 def sockets_in(folder: Path) -> Iterator[None]:
-    """What is opened or started meanwhile has its sockets in a folder, as on another computer."""
+    """Use sockets in a folder inside the `with` block, as on another computer."""
     folder.mkdir(exist_ok=True)
     before = os.environ.get(RUNTIME_VARIABLE)
     os.environ[RUNTIME_VARIABLE] = str(folder)
@@ -131,10 +131,10 @@ def sockets_in(folder: Path) -> Iterator[None]:
 
 
 def onlooker(namespace: str, folder: Path) -> ZenohMesh:
-    """An open session beside which a simulator can be watched while there is no robot agent.
+    """An open session that also receives from a simulator while there is no robot agent.
 
-    It has a router of its own, whose socket is in `folder`: what is published there, it receives,
-    and passes on to the robot's society.
+    It has a router of its own, with a socket in `folder`. It receives what is published there, and
+    passes it on to the robot's society.
     """
     from armadico.mesh.base import Receiver
     from armadico.mesh.zenoh import ZenohMesh
@@ -145,7 +145,7 @@ def onlooker(namespace: str, folder: Path) -> ZenohMesh:
             self.beside = ZenohMesh(namespace, topology(router=True))
 
         def open(self) -> None:
-            with sockets_in(folder):  # before the client looks for the robot's router
+            with sockets_in(folder):  # before the client connects to the robot's router
                 self.beside.open()
             self.beside.subscribe("**", self.pass_on)
             super().open()
@@ -163,15 +163,15 @@ def onlooker(namespace: str, folder: Path) -> ZenohMesh:
 
 
 def joining_onlooker(namespace: str, folder: Path) -> tuple[str, ...]:
-    """The options by which a simulator is linked to the onlooker, and not to the robot's router."""
+    """The options that link a simulator to the onlooker instead of the robot's router."""
     return "--connect", sockets.endpoint(folder / "armadico" / f"{sockets.stem(namespace)}.sock")
 
 
 class Namespaces(Place):
-    """The hosts of a table as network namespaces, and one more for whoever watches."""
+    """The hosts of a table as network namespaces, and one more for the watcher."""
 
     def __init__(self, table: HostTable, seed: int = 0) -> None:
-        """Make them. Raises OSError."""
+        """Make the namespaces. Raises OSError."""
         super().__init__("namespaces")
         self.namespace = "robot1"
         self.hosts = tuple(table.hosts)
@@ -184,7 +184,7 @@ class Namespaces(Place):
         return self
 
     def popen(self, host: str, program: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
-        """Run a program on that host: in our environment, but with sockets of that host."""
+        """Run a program on that host: in this environment, with sockets of that host."""
         own_folder = self._sockets / host
         own_folder.mkdir(exist_ok=True)
         own = {"TMPDIR": str(self._folder), RUNTIME_VARIABLE: str(own_folder)}
@@ -202,8 +202,8 @@ class Namespaces(Place):
     def mesh(self, *, router: bool = False) -> ZenohMesh:
         """A session on the watcher's host.
 
-        Zenoh's threads belong to the network of the first session that a process opens: this must
-        be that one.
+        It must be the first that this process opens: Zenoh's threads belong to the network of the
+        first session.
         """
         from armadico.mesh.zenoh import ZenohMesh
 
@@ -213,17 +213,17 @@ class Namespaces(Place):
         return mesh
 
     def onlooker(self) -> ZenohMesh:
-        """A session on the watcher's host: the simulator is on the robot's."""
+        """A session on the watcher's host, which receives from the simulator on the robot's."""
         return self.mesh()
 
     def joining_onlooker(self) -> tuple[str, ...]:
-        """As all others on the robot's host."""
+        """The options of all other processes on the robot's host."""
         return self.joining(self.hosts[0])
 
     @property
     def _robots_router(self) -> str:
         router = self._table.robots_router
-        assert router is not None, "it is a table of several hosts"
+        assert router is not None, "a table of several hosts has one"
         return router
 
     @property
@@ -232,7 +232,7 @@ class Namespaces(Place):
         return WATCHER, ("--connect", self._robots_router)
 
     def kill(self) -> None:
-        """End every process, and mend every link."""
+        """End every process, and restore every link."""
         for host in self.network.hosts.values():
             host.kill()
         self.network.change(lambda switch: switch.heal())

@@ -1,6 +1,6 @@
-"""The control page: one page that shows a society and takes a person's requests (docs/operate.md).
+"""The control page: shows a society and handles an operator's requests (docs/operate.md).
 
-`model` knows one robot and what was asked of it, `requests` what a browser may say, `guard` who may
-say anything: all sans-IO. `session` stands between the models and the meshes, `server` between the
-session and the browsers; `web` is the page itself.
+Sans-IO: `model` has one robot's state and pending requests, `requests` the requests of browsers,
+`guard` the access checks. `session` connects the models with the meshes, `server` the session with
+the browsers. `web` has the page's files.
 """

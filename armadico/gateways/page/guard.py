@@ -1,8 +1,8 @@
-"""Who may use the page: by the address asked for, by the page that asks, and by a token (sans-IO).
+"""Access checks of the page, by Host, Origin and token (sans-IO).
 
-A browser shows pages of strangers, and those may send requests to this machine, too. They are told
-by the `Origin` that browsers add; one that has its own name resolve to this machine (DNS rebinding)
-by the `Host`. Whoever listens on another address than loopback also wants a token of each request.
+Pages of other sites, open in the same browser, could send requests to this machine. The `Origin`
+header, which browsers add, identifies them. The `Host` header detects a site whose name resolves to
+this machine (DNS rebinding). A server on another address than loopback also requires a token.
 """
 
 from __future__ import annotations
@@ -15,22 +15,21 @@ from ipaddress import ip_address
 from typing import Final
 from urllib.parse import urlsplit
 
-LEAST_TOKEN: Final = 16
-"""Characters; what is drawn at random has twice as many."""
+LEAST_TOKEN: Final = 16  # characters; generated tokens have twice as many
 
+# The WebSocket's subprotocol. The token is offered as a second one, because scripts cannot add
+# headers to a WebSocket.
 PROTOCOL: Final = "armadico.page"
-"""The WebSocket's subprotocol; a token follows as a second one, since a page can add no header."""
-
 TOKEN_PREFIX: Final = "token."
 
 
 class GuardError(ValueError):
-    """An address or a token that cannot be used; the message says why."""
+    """An invalid address or token; the message has the reason."""
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why somebody is not let in: a status of HTTP, and words for people."""
+    """Why a request is refused: an HTTP status, and a text."""
 
     status: int
     why: str
@@ -38,11 +37,11 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Guard:
-    """What is let in.
+    """The access rules.
 
     Attributes:
-        token: What every request has to know; empty: none, on loopback only.
-        names: Names of this machine by which it may be asked for, besides localhost.
+        token: Required of every request; empty for none, on loopback only.
+        names: Names of this machine that are valid as Host, besides localhost.
     """
 
     token: str = ""
@@ -50,47 +49,52 @@ class Guard:
 
     @classmethod
     def of(cls, address: str, token: str | None, names: Iterable[str] = ()) -> Guard:
-        """For a server on an address. Raises GuardError: another than loopback needs a token."""
+        """The rules for a server on an address; all but loopback need a token.
+
+        Raises GuardError.
+        """
         if not address:
-            raise GuardError("no address: 0.0.0.0 is for everybody, 127.0.0.1 for this machine")
+            raise GuardError(
+                "the address is empty: use 127.0.0.1 for this machine only, or 0.0.0.0 for all"
+            )
         if token is not None and len(token) < LEAST_TOKEN:
-            raise GuardError(f"a token has at least {LEAST_TOKEN} characters")
+            raise GuardError(f"a token must have at least {LEAST_TOKEN} characters")
         if token is not None and not (token.isascii() and token.isprintable()):
-            raise GuardError("a token is made of printable ASCII characters")
+            raise GuardError("a token must consist of printable ASCII characters")
         if token is None and not is_loopback(address):
-            raise GuardError(f"{address} is not this machine alone, so it needs a token")
+            raise GuardError(f"{address} is reachable from other machines, so it needs a token")
         return cls(token or "", frozenset(name.lower() for name in names))
 
     def refusal(self, host: str | None, origin: str | None) -> Refusal | None:
-        """Whether a request comes from our own page, by its headers; None: it may.
+        """None if the headers show that a request comes from this server's page; else why not.
 
-        A program that is no browser has no origin; it could not be made to send this by a page.
+        A program other than a browser sends no origin; no page can make it send requests.
         """
         if host is None or not self._is_ours(host):
-            return Refusal(403, f"this server is not called {_short(host)}")
+            return Refusal(403, f"{_short(host)} is not a name of this server")
         if origin is not None and not _same(origin, host):
-            return Refusal(403, f"a page of {_short(origin)} may not ask this robot for anything")
+            return Refusal(403, f"requests from pages of {_short(origin)} are not allowed")
         return None
 
     def admit(self, given: str | None) -> Refusal | None:
-        """Whether a token is right; None: it is, or none is needed."""
+        """None if a token is right, or if none is required; else why it is refused."""
         if not self.token:
             return None
         if not given:
-            return Refusal(401, "a token is needed: it is in the link that `armadico page` prints")
-        said = given.encode(errors="surrogatepass")  # a header's bytes may be no text
-        if not hmac.compare_digest(said, self.token.encode()):
-            return Refusal(401, "this token is not the right one")
+            return Refusal(401, "a token is required: open the link that `armadico page` prints")
+        data = given.encode(errors="surrogatepass")  # a header may contain invalid text
+        if not hmac.compare_digest(data, self.token.encode()):
+            return Refusal(401, "the token is wrong")
         return None
 
     def _is_ours(self, host: str) -> bool:
-        """Addresses and localhost cannot be made to point here by somebody else's name server."""
+        # No foreign name server can make addresses and localhost point here.
         name = _name(f"//{host}")
         return name == "localhost" or name in self.names or _is_address(name)
 
 
 def is_loopback(address: str) -> bool:
-    """Whether only programs of this machine reach an address."""
+    """Whether an address can be reached only from this machine."""
     if address == "localhost":
         return True
     try:
@@ -100,13 +104,13 @@ def is_loopback(address: str) -> bool:
 
 
 def subprotocol(token: str) -> str:
-    """A token as a subprotocol's name, which has no spaces, slashes or the like."""
+    """A token as the name of a subprotocol, without spaces, slashes or the like."""
     packed = base64.urlsafe_b64encode(token.encode()).decode().rstrip("=")
     return f"{TOKEN_PREFIX}{packed}"
 
 
 def token_in(offered: Iterable[str]) -> str | None:
-    """The token among the subprotocols that a page offers; None: there is none."""
+    """The token among the subprotocols that a page offers; None if there is none."""
     found = next((each for each in offered if each.startswith(TOKEN_PREFIX)), None)
     if found is None:
         return None
@@ -118,7 +122,7 @@ def token_in(offered: Iterable[str]) -> str | None:
 
 
 def bearer(header: str | None) -> str | None:
-    """The token in an `Authorization` header; None: there is none."""
+    """The token in an `Authorization` header; None if there is none."""
     kind, _, token = (header or "").partition(" ")
     return token.strip() if kind.lower() == "bearer" and token else None
 

@@ -1,7 +1,8 @@
-"""One robot as the page shows it (sans-IO).
+"""One robot on the page (sans-IO).
 
-Messages, tokens, requests and the time come in; `parts` is what is shown, and `drain` what is to be
-published, queried and told. The page decides nothing: a goal is a mission like any other client's.
+Inputs are messages, tokens, requests and the time. `parts` returns the data to show, `drain` the
+publications, queries and answers. The page makes no decisions: a goal is a mission, as from any
+other client.
 """
 
 from __future__ import annotations
@@ -28,20 +29,12 @@ from armadico.observe.pictures import colour
 from armadico.observe.standing import NO_TABLE, Hosts, Installed
 from armadico.observe.view import View, agent_of
 
+# Largest numbers shown:
 EXCHANGES: Final = 30
-"""The most exchanges that are shown."""
-
-LINES: Final = 40
-"""The most log lines that are shown."""
-
-POINTS: Final = 300
-"""The most points of one sensor that are shown."""
-
-TRAIL: Final = 3000
-"""The most points of the driven path that are kept."""
-
-TRAIL_M: Final = 0.04
-"""The distance between two of them."""
+LINES: Final = 40  # of the log
+POINTS: Final = 300  # of one sensor
+TRAIL: Final = 3000  # points of the driven path
+TRAIL_M: Final = 0.04  # distance between two of them
 
 
 @cache
@@ -66,15 +59,15 @@ class Robot:
         installed: Installed = lambda _: (),
         hosts: Hosts = NO_TABLE,
     ) -> None:
-        """Nothing is known yet.
+        """Start without messages.
 
         Args:
             namespace: The robot's.
-            world: Whose walls are shown.
-            bits64: Draws the number that distinguishes one stop from another.
-            helpers: Agents that can be started beside the page, where no host would.
-            installed: As `standing` takes it.
-            hosts: As `standing` takes it.
+            world: Its walls are shown.
+            bits64: Returns the random number of a stop.
+            helpers: Agents that can be started beside the page if no host can start them.
+            installed: See `standing`.
+            hosts: See `standing`.
         """
         self.namespace = namespace
         self.view = View()
@@ -83,20 +76,19 @@ class Robot:
         added = [kind(self._desk) for kind in capabilities()]
         own = (Goals(self._desk), StopLatch(self._desk), Parameters(self._desk))
         self._parts: tuple[Part, ...] = (*own, Starting(self._desk, helpers, added), *added)
-        self._takers = {kind: part for part in self._parts for kind in part.requests}
+        self._handlers = {kind: part for part in self._parts for kind in part.requests}
         self._installed, self._hosts = installed, hosts
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
-    # What comes in -------------------------------------------------------------------------------
+    # Input ---------------------------------------------------------------------------------------
 
-    def receive(self, key: str, message: Message | None, t: float, *, asked: bool = False) -> None:
-        """A message that was published on a key, or a reply to what was `asked`, at t (s).
-
-        None: it cannot be read.
-        """
-        if not asked:
+    def receive(
+        self, key: str, message: Message | None, t: float, *, is_reply: bool = False
+    ) -> None:
+        """Process a publication or a reply, at t (s); None cannot be decoded."""
+        if not is_reply:
             self.view.update(key, message, t)
         elif message is not None:
             self.view.learn(message, t)
@@ -114,41 +106,37 @@ class Robot:
             part.receive(key, message, t)
 
     def router(self, *, there: bool, t: float) -> None:
-        """The robot's router can be reached, or cannot."""
         self.view.router(there=there, t=t)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
-        """A liveliness token appeared or disappeared."""
         self.view.token(instance, there=there, t=t)
         for part in self._parts:
             part.on_token(instance, there=there)
 
     def request(self, browser: str, request: Asked, t: float) -> None:
-        """A browser's request. Raises RequestError if it cannot be met."""
-        self._takers[type(request)].request(browser, request, t)
+        """Handle a browser's request. Raises RequestError."""
+        self._handlers[type(request)].request(browser, request, t)
 
-    def answered(self, number: int, reply: Message | None) -> None:
-        """A query's reply; None: it was not answered in time."""
-        self._desk.answered(number, reply)
+    def on_reply(self, number: int, reply: Message | None) -> None:
+        """Process a query's reply; None is a timeout."""
+        self._desk.on_reply(number, reply)
 
     def leave(self, browser: str) -> None:
-        """A browser has disconnected."""
         for part in self._parts:
             part.on_leave(browser)
 
     def wake(self, t: float) -> None:
-        """Do what is due at t (s)."""
         for part in self._parts:
             part.wake(t)
 
-    # What goes out -------------------------------------------------------------------------------
+    # Output --------------------------------------------------------------------------------------
 
     def drain(self) -> list[Out]:
-        """What is to be published, queried and told, in this order; each once."""
+        """The publications, queries and answers since the last call, in order."""
         return self._desk.drain()
 
     def parts(self, t: float) -> dict[str, Any]:
-        """All that is shown at t (s), in parts that change at different rates."""
+        """All data to show at t (s), in parts that change at different rates."""
         view = self.view
         parts = {
             "body": self._body(),
@@ -171,12 +159,12 @@ class Robot:
 
     @property
     def trail(self) -> list[list[Any]]:
-        """The path driven so far, for a browser that connects: x, y, and which agent drove."""
+        """The path driven so far, for a browser that connects: x, y, and the driving agent."""
         return list(self._trail)
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """What does not change."""
+        """The data that do not change."""
         found: dict[str, Any] = {"world": None if self.world is None else drawn(self.world)}
         for part in self._parts:
             found |= part.fixed
@@ -192,8 +180,8 @@ class Robot:
     def _motion(self, t: float) -> dict[str, Any]:
         view, truth = self.view, self.view.truth
         found: dict[str, Any] = {
-            "heard": view.hears_robot(t),
-            "silent_s": None if view.heard_at is None else round(t - view.heard_at, 1),
+            "heard": view.state_is_fresh(t),
+            "silent_s": None if view.state_at is None else round(t - view.state_at, 1),
         }
         found |= rounded((described.robot(view) or {}) | (described.pose(view, t) or {}))
         if truth is not None:
@@ -211,7 +199,7 @@ class Robot:
         return found
 
     def _wheels(self, t: float) -> dict[str, Any]:
-        """Which agent drives, and the bids of all contenders: of the others the last ones."""
+        """The driving agent, and the newest bids of all contenders."""
         view, wheels = self.view, WHEELS.name
         driver, claim = view.driver(wheels, t), view.claim(wheels, t)
         rows = []
@@ -230,7 +218,6 @@ class Robot:
         return {"driver": _name(driver), "contenders": rows}
 
     def _agents(self) -> list[dict[str, Any]]:
-        """The agents that are alive, by name."""
         return [
             {"pid": 0}
             | described.agent(seen)
@@ -243,12 +230,12 @@ class Robot:
         lines = list(self.view.logs)[-LINES:]
         return [
             {
-                "t": round(said.at, 1),
-                "name": agent_of(said.instance),
-                "level": said.log.level,
-                "text": said.log.text,
+                "t": round(line.at, 1),
+                "name": agent_of(line.instance),
+                "level": line.log.level,
+                "text": line.log.text,
             }
-            for said in lines
+            for line in lines
         ]
 
     def _exchanges(self) -> list[dict[str, Any]]:
@@ -262,8 +249,6 @@ class Robot:
                 rows.append(row)
         return rows[-EXCHANGES:]
 
-    # What it comes to ----------------------------------------------------------------------------
-
     def _step(self, pose: Pose, t: float) -> None:
         x, y = rounded([pose.x, pose.y])
         name = _name(self.view.driver(WHEELS.name, t))
@@ -275,7 +260,6 @@ class Robot:
 
 
 def drawn(world: World) -> dict[str, Any]:
-    """A world as the page draws it."""
     return {
         "name": world.name,
         "bounds": rounded(world.bounds),
@@ -298,7 +282,7 @@ def _points(obstacles: Obstacles) -> list[list[float]]:
 
 
 def _grid(message: OccupancyGrid) -> dict[str, Any]:
-    """The browser inflates it."""
+    # The browser inflates the cells.
     return {
         "x": message.x,
         "y": message.y,

@@ -27,20 +27,19 @@ from armadico.runtime.latch import Latching
 
 
 class Goals(Part):
-    """Sends the robot to a place: a mission like any other client's."""
+    """Sends the robot to a place, as a mission."""
 
     requests = (Goto,)
 
     def request(self, browser: str, request: Goto, t: float) -> None:  # noqa: ARG002
-        """Ask for a mission."""
         theta = request.theta
         if theta is None:
             theta = heading_to(request.x, request.y, self.view.pose)
         goal = Waypoint(request.x, request.y, remainder(theta, tau))
 
         def describe(reply: MissionReply) -> str:
-            stop = ", once the stop is released" if self.view.stop.stopped else ""
-            return f"on its way{stop}: {reply.length:.1f} m to go"
+            stop = ", starts when the stop is released" if self.view.stop.stopped else ""
+            return f"goal accepted{stop}: {reply.length:.1f} m to go"
 
         self.desk.query(browser, request.id, MissionRequest(goal), describe, PLANNING_S)
 
@@ -67,14 +66,13 @@ class StopLatch(Part):
         self._pressed: _Pressed | None = None
 
     def request(self, browser: str, request: Halt | Resume, t: float) -> None:
-        """Stop, or release the stop that the browser has shown."""
         if isinstance(request, Halt):
             self._stop(browser, request.id, t)
         else:
             self._resume(browser, request, t)
 
     def receive(self, key: str, message: Message, t: float) -> None:  # noqa: ARG002
-        """The robot's state tells whether the stop holds."""
+        """Check in the robot's state whether the stop is latched or released."""
         pressed = self._pressed
         if pressed is None or not isinstance(message, RobotState):
             return
@@ -87,7 +85,7 @@ class StopLatch(Part):
             self._close(False, pressed.latching.refusal)
 
     def wake(self, t: float) -> None:
-        """Repeat what was not acknowledged, and tell the browsers if that takes long."""
+        """Repeat an unacknowledged stop or release, and tell the browsers after `STOP_S`."""
         pressed = self._pressed
         if pressed is None:
             return
@@ -95,15 +93,15 @@ class StopLatch(Part):
             self._press(pressed, t)
         late = t - pressed.since > STOP_S
         if late and not pressed.stopped:
-            self._close(False, "the release was not acknowledged: nothing is heard of the robot")
+            self._close(False, "the release was not acknowledged: no data from the robot")
         elif late:
             for browser, number in pressed.requests:
-                text = "SENT, NOT ACKNOWLEDGED by the robot, and sent again until it is"
-                self.desk.tell(browser, number, False, text, over=False)
+                text = "SENT, NOT ACKNOWLEDGED by the robot; it is repeated until acknowledged"
+                self.desk.answer(browser, number, False, text, over=False)
             pressed.requests = []
 
     def show(self, parts: dict[str, Any], t: float) -> None:
-        """`held` only by the robot's own report, and only while that is fresh."""
+        """Add the stop; `held` only if a fresh robot state reports it."""
         stop, pressed = self.view.stop, self._pressed
         parts["stop"] = {
             "held": self.view.stopped(t) is True,
@@ -111,22 +109,22 @@ class StopLatch(Part):
             "stopped": stop.stopped,
             "by": stop.by,
             "press": str(stop.press),
-            "code": stop.code if stop.stopped else "",  # programs need it to confirm a release
+            "code": stop.code if stop.stopped else "",  # for programs, to confirm a release
             "asked": pressed is not None and pressed.stopped,
             "rolling": "" if pressed is None else pressed.latching.rolling,
         }
 
     def _check_stop(self, pressed: _Pressed, stop: Stop) -> None:
         if pressed.latching.done:
-            self._close(True, "the robot is stopped, by its own word")
+            self._close(True, "stopped, confirmed by the robot")
         elif not stop.stopped and stop.press == pressed.press:
-            self._close(False, f"released meanwhile, by {stop.who}")
+            self._close(False, f"released meanwhile by {stop.requester}")
 
     def _stop(self, browser: str, number: int, t: float) -> None:
         pressed = self._pressed
         if pressed is None or not pressed.stopped:
             if pressed is not None:
-                self._close(False, f"stopped again, by {browser}")
+                self._close(False, f"stopped again by {browser}")
             press = self.desk.bits64()
             latching = Latching(stopped=True, by=browser, press=press)
             pressed = self._pressed = _Pressed(latching, press, True, since=t, repeat_at=t)
@@ -134,18 +132,20 @@ class StopLatch(Part):
         pressed.requests.append((browser, number))
 
     def _resume(self, browser: str, request: Resume, t: float) -> None:
-        """Release the stop that the browser has shown: one that was pressed since is another."""
+        """Release the stop that the browser has shown, and not a later one."""
         stop, pressed = self.view.stop, self._pressed
         if pressed is not None and pressed.stopped and not stop.stopped:
-            self._close(False, f"given up, by {browser}: it was never acknowledged")
-            self.desk.tell(browser, request.id, True, "the order to stop is given up")
+            self._close(False, f"cancelled by {browser}: the stop was never acknowledged")
+            self.desk.answer(browser, request.id, True, "the unacknowledged stop is cancelled")
             return
         if not stop.stopped:
             raise RequestError("the robot is not stopped")
         if stop.press != bits(request.press):
-            raise RequestError(f"it was stopped again meanwhile, by {stop.who}")
+            raise RequestError(
+                f"the robot was stopped again by {stop.requester}; release that stop"
+            )
         if pressed is not None:
-            self._close(False, f"released, by {browser}")
+            self._close(False, f"released by {browser}")
         latching = Latching(stopped=False, by=browser, press=0)
         assert self.view.state is not None, "it reported the stop"
         latching.on_robot_state(self.view.state, t)
@@ -160,30 +160,26 @@ class StopLatch(Part):
         pressed.repeat_at = t + PRESS_S
 
     def _close(self, ok: bool, text: str) -> None:
-        """What was pressed is acknowledged, or given up."""
+        """Answer all browsers: the stop or release is acknowledged, or has failed."""
         pressed, self._pressed = self._pressed, None
         for browser, number in () if pressed is None else pressed.requests:
-            self.desk.tell(browser, number, ok, text)
+            self.desk.answer(browser, number, ok, text)
 
 
 class Starting(Part):
-    """Starts agents: on a host that could, or beside the page."""
+    """Starts agents: on a host that can, or beside the page."""
 
     requests = (Start,)
 
     def __init__(self, desk: Desk, helpers: Collection[str], parts: Sequence[Part]) -> None:
-        """`helpers` can be started beside the page; `parts` know what hosts could start."""
+        """`helpers` can be started beside the page; `parts` start agents on hosts."""
         super().__init__(desk)
         self._helpers, self._parts = tuple(helpers), parts
 
     def request(self, browser: str, request: Start, t: float) -> None:
-        """A host goes before the page."""
         agent = request.agent
         if agent not in self._missing(t):
-            raise RequestError(
-                f"no host says that it could start {agent}; `armadico-agent {agent}` does so"
-                " by hand"
-            )
+            raise RequestError(f"no host can start {agent}; run `armadico-agent {agent}`")
         for part in self._parts:
             if agent in part.startable(t):
                 part.start(browser, request, t)
@@ -191,7 +187,6 @@ class Starting(Part):
         self.desk.spawn(browser, request.id, agent)
 
     def show(self, parts: dict[str, Any], t: float) -> None:
-        """The agents that could be started."""
         parts["could"] = self._missing(t)
 
     def _missing(self, t: float) -> list[str]:
@@ -209,7 +204,6 @@ class Parameters(Part):
         self._rows: dict[str, list[dict[str, Any]]] = {}  # by instance
 
     def request(self, browser: str, request: Tune, t: float) -> None:  # noqa: ARG002
-        """Set one parameter."""
         instance = request.instance
         if instance not in self.view.alive:
             raise RequestError(f"{instance} is not alive")
@@ -224,7 +218,7 @@ class Parameters(Part):
         self.desk.query(browser, request.id, change, describe, key=key)
 
     def receive(self, key: str, message: Message, t: float) -> None:  # noqa: ARG002
-        """An agent's parameters, or a change of one by anybody."""
+        """Process an agent's parameters, or a change of one by any client."""
         if isinstance(message, ParametersReply):
             self._rows[message.instance] = [*map(plain, message.parameters)]
         elif isinstance(message, ParameterChange):
@@ -233,12 +227,10 @@ class Parameters(Part):
                     row["json"] = message.json
 
     def on_token(self, instance: str, *, there: bool) -> None:
-        """Forget an agent that has ended."""
         if not there:
             self._rows.pop(instance, None)
 
     def show(self, parts: dict[str, Any], t: float) -> None:  # noqa: ARG002
-        """By agent."""
         parts["parameters"] = [
             {"agent": agent.name, "instance": agent.instance, "rows": self._rows[agent.instance]}
             for agent in self.view.agents

@@ -1,7 +1,7 @@
-"""What a robot's page consists of: parts, each with its requests and what it shows (sans-IO).
+"""The parts of a robot's page, each with its requests and the data that it shows (sans-IO).
 
-The page has parts of its own (`own.py`). A capability adds others by an entry point in the group
-`armadico.page`, so the page knows no capability.
+The page has parts of its own (`own.py`). A capability adds others by entry points in the group
+`armadico.page`, so the page does not import capabilities.
 """
 
 from __future__ import annotations
@@ -15,23 +15,20 @@ from armadico.core.services import service_of
 from armadico.gateways.page.requests import Asked, RequestError, Start
 from armadico.observe.view import View
 
-ANSWER_S: Final = 10.0
-"""Timeout of a query, unless a part names another one."""
-
-UNDER_WAY: Final = 8
-"""Queries of one browser that may wait for one robot's answers."""
+ANSWER_S: Final = 10.0  # default timeout of a query
+UNDER_WAY: Final = 8  # pending queries of one browser for one robot
 
 
 @dataclass(frozen=True)
 class Publish:
-    """A message to be published on its service's key."""
+    """A message to publish on its service's key."""
 
     message: Message
 
 
 @dataclass(frozen=True)
 class Put:
-    """A query; its answer goes to `Desk.answered` by its number."""
+    """A query; its reply goes to `Desk.on_reply` with its number."""
 
     number: int
     key: str
@@ -41,27 +38,26 @@ class Put:
 
 
 @dataclass(frozen=True)
-class Tell:
+class Answer:
     """The answer to a browser's request."""
 
     browser: str
     id: int
     ok: bool
     text: str
-    over: bool = True
-    """False: a further answer follows."""
+    over: bool = True  # False: a further answer follows
 
 
 @dataclass(frozen=True)
 class Spawn:
-    """An agent to be started here, beside the page."""
+    """An agent to start on this machine, beside the page."""
 
     browser: str
     id: int
     agent: str
 
 
-Out = Publish | Put | Tell | Spawn
+Out = Publish | Put | Answer | Spawn
 
 
 @dataclass(frozen=True)
@@ -72,11 +68,11 @@ class _Waiting:
 
 
 class Desk:
-    """What the parts of one robot's page publish, query and answer.
+    """The publications, queries and answers of the parts of one robot's page.
 
     Attributes:
         view: The society.
-        bits64: Draws the number that distinguishes one stop from another.
+        bits64: Returns the random number of a stop.
     """
 
     def __init__(self, view: View, bits64: Callable[[], int]) -> None:
@@ -92,9 +88,8 @@ class Desk:
         """Start an agent beside the page; the session answers the request."""
         self._out.append(Spawn(browser, number, agent))
 
-    def tell(self, browser: str, number: int, ok: bool, text: str, *, over: bool = True) -> None:
-        """Answer a browser's request."""
-        self._out.append(Tell(browser, number, ok, text, over))
+    def answer(self, browser: str, number: int, ok: bool, text: str, *, over: bool = True) -> None:
+        self._out.append(Answer(browser, number, ok, text, over))
 
     def query(
         self,
@@ -105,12 +100,12 @@ class Desk:
         timeout: float = ANSWER_S,
         key: str = "",
     ) -> None:
-        """Put a query for a browser; its answer is told as `describe` says, or as its refusal.
+        """Send a query for a browser; it is answered with `describe(reply)`, or with the refusal.
 
-        Raises RequestError if too many queries of this browser wait already.
+        Raises RequestError if too many queries of this browser are pending.
         """
         if sum(each.browser == browser for each in self._waiting.values()) >= UNDER_WAY:
-            raise RequestError("too much is asked for at once")
+            raise RequestError("too many requests at once; wait for the answers")
         service = service_of(type(message))
         assert service.reply is not None, "it is a query"
         self._number += 1
@@ -118,29 +113,28 @@ class Desk:
         put = Put(self._number, key or service.key, message, service.reply, timeout)
         self._out.append(put)
 
-    def answered(self, number: int, reply: Message | None) -> None:
-        """A query's reply; None: it was not answered in time."""
+    def on_reply(self, number: int, reply: Message | None) -> None:
+        """Answer the browser of a query; a reply of None is a timeout."""
         waiting = self._waiting.pop(number, None)
         if waiting is None:
             return
         if reply is None:
-            self.tell(waiting.browser, waiting.id, False, "nobody answered")
+            self.answer(waiting.browser, waiting.id, False, "no answer: the query timed out")
         elif refusal := getattr(reply, "refusal", ""):
-            self.tell(waiting.browser, waiting.id, False, refusal)
+            self.answer(waiting.browser, waiting.id, False, refusal)
         else:
-            self.tell(waiting.browser, waiting.id, True, waiting.describe(reply))
+            self.answer(waiting.browser, waiting.id, True, waiting.describe(reply))
 
     def drain(self) -> list[Out]:
-        """What is to be published, queried and told, in this order; each once."""
+        """The outputs since the last call, in order."""
         out, self._out = self._out, []
         return out
 
 
 class Part:
-    """One part of a robot's page; each method may be left as it is here."""
+    """One part of a robot's page; subclasses override methods as needed."""
 
-    requests: ClassVar[tuple[type[Asked], ...]] = ()
-    """The requests that it takes."""
+    requests: ClassVar[tuple[type[Asked], ...]] = ()  # the requests that it handles
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
@@ -151,30 +145,30 @@ class Part:
 
     @property
     def fixed(self) -> Mapping[str, Any]:
-        """What a browser is shown once, when it connects."""
+        """Data sent to a browser once, when it connects."""
         return {}
 
     def request(self, browser: str, request: Any, t: float) -> None:
-        """A browser's request. Raises RequestError if it cannot be met."""
+        """Handle a browser's request. Raises RequestError."""
 
     def receive(self, key: str, message: Message, t: float) -> None:
-        """A message, published or answered; the view has it already."""
+        """Process a message, published or a reply; the view is already updated."""
 
     def on_token(self, instance: str, *, there: bool) -> None:
-        """A liveliness token appeared or disappeared."""
+        """Process a liveliness token that appeared or disappeared."""
 
     def on_leave(self, browser: str) -> None:
-        """A browser has disconnected."""
+        """Process that a browser has disconnected."""
 
     def wake(self, t: float) -> None:
         """Do what is due at t (s); called in each turn of the session."""
 
     def startable(self, t: float) -> Collection[str]:  # noqa: ARG002
-        """The agents that it could have started."""
+        """The agents that this part can have started."""
         return ()
 
     def start(self, browser: str, request: Start, t: float) -> None:
         """Have one of these started."""
 
     def show(self, parts: dict[str, Any], t: float) -> None:
-        """Add to what is shown at t (s), or amend it; values are for JSON."""
+        """Add data to show at t (s), or change them; values are for JSON."""

@@ -1,7 +1,7 @@
-"""A browser's requests: one JSON object each, with an `id` that the answer repeats.
+"""Requests of browsers: one JSON object each, with an `id` that the answer repeats.
 
-Capabilities add further kinds (`part.py`). Anything else is rejected. Integers of 64 bits are sent
-as text, because JavaScript's numbers have 53 bits.
+Capabilities add further kinds (`part.py`). All others are rejected. Integers of 64 bits are sent as
+text, because JavaScript's numbers have 53 bits.
 """
 
 from __future__ import annotations
@@ -14,22 +14,21 @@ from msgspec import Meta, Struct
 
 from armadico.core.messages import Bits64, Name, Real, Text
 
-LONGEST: Final = 4096
-"""Bytes; no request is nearly as long."""
+LONGEST: Final = 4096  # bytes of a request; valid ones are much shorter
 
 Number = Annotated[str, Meta(pattern=r"^[0-9]{1,19}\Z")]
 Turned = Annotated[float, Meta(ge=-7.0, le=7.0)]
 
 
 class Asked(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do"):
-    """What all have: a number of the browser's, and the robot's namespace."""
+    """The base of all requests: the browser's number, and the robot's namespace."""
 
     id: Annotated[int, Meta(ge=0, le=2**53)]
     robot: Name
 
 
 class Goto(Asked, frozen=True, tag="go"):
-    """Drive to a place, m; without a heading (rad) it is that from the robot to there."""
+    """Drive to a place, m; the default heading (rad) is the direction from the robot to it."""
 
     x: Real
     y: Real
@@ -41,19 +40,19 @@ class Halt(Asked, frozen=True, tag="stop"):
 
 
 class Resume(Asked, frozen=True, tag="resume"):
-    """Release the stop that whoever asks has seen, and no other."""
+    """Release the stop that the browser has shown, and no other."""
 
     press: Number
 
 
 class Start(Asked, frozen=True, tag="start"):
-    """Start an agent on a host that could."""
+    """Start an agent on a host that can, or beside the page."""
 
     agent: Name
 
 
 class Tune(Asked, frozen=True, tag="set"):
-    """Give a parameter of an instance another value, as JSON."""
+    """Set a parameter of an instance to a value, as JSON."""
 
     instance: Name
     name: Name
@@ -61,10 +60,10 @@ class Tune(Asked, frozen=True, tag="set"):
 
 
 class RequestError(ValueError):
-    """What a browser said is none of these; the message says why.
+    """A request is invalid or cannot be met; the message has the reason.
 
     Attributes:
-        id: The number that the answer repeats, or the browser would wait for it for ever; -1: none.
+        id: The number that the answer repeats, so that the browser does not wait forever; -1: none.
     """
 
     def __init__(self, why: str, number: int = -1) -> None:
@@ -89,7 +88,7 @@ class Reader:
     def read(self, data: str | bytes) -> Asked:
         """The request in a browser's message. Raises RequestError."""
         if len(data) > LONGEST:
-            why = f"{len(data)} bytes; no request is longer than {LONGEST}"
+            why = f"a request may have at most {LONGEST} bytes (got {len(data)})"
             raise RequestError(why, _number(data))
         try:
             return self._decoder.decode(data)

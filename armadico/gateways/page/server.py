@@ -1,7 +1,7 @@
 """The page's server: files over HTTP, and a WebSocket for each browser, on a thread of its own.
 
-It knows nothing of robots. Who may come in `guard` says; what browsers say goes to the session, and
-what they are shown comes from there.
+It has no knowledge of robots. `guard` checks access. Messages of browsers go to the session, and
+the session sends the data to show.
 """
 
 from __future__ import annotations
@@ -31,27 +31,18 @@ from armadico.gateways.page.session import Session
 T = TypeVar("T")
 
 SOCKET: Final = "/socket"
-ALLOWED: Final = "/allowed"
-"""Whether a token is right: of a WebSocket that is refused a browser does not say why."""
+ALLOWED: Final = "/allowed"  # checks a token: browsers do not report why a WebSocket is refused
 
-MOST: Final = 16
-"""Browsers at once."""
+MOST: Final = 16  # browsers at once
+ANSWERS: Final = 256  # answers that may wait for a browser; beyond them it is disconnected
 
-ANSWERS: Final = 256
-"""Answers that may wait for a browser; one that reads nothing any more is let go."""
-
+# Connections at once, including those without a request yet. Thousands of them would leave the
+# process no file descriptors.
 SOCKETS: Final = 64
-"""Connections at once, those that have not said yet what they want among them: a stranger who opens
-thousands would leave the process no file for anything else."""
 
-OPEN_S: Final = 5.0
-"""Who has not said by then what it wants is let go."""
-
-CLOSE_S: Final = 1.0
-"""Who ends waits so long for the others to say goodbye."""
-
-PING_S: Final = 5.0
-"""A browser that is silent for so long twice, a phone out of reach say, has gone."""
+OPEN_S: Final = 5.0  # timeout of a connection's request
+CLOSE_S: Final = 1.0  # timeout of closing handshakes at the end
+PING_S: Final = 5.0  # interval and timeout of pings, to detect phones that are out of reach
 
 TYPES: Final = {
     ".html": "text/html; charset=utf-8",
@@ -61,7 +52,7 @@ TYPES: Final = {
 }
 
 HEADERS: Final = {
-    # Nothing from elsewhere, and in no frame of a stranger's page that has people click through it.
+    # No content from other servers, and no frames in other sites' pages (clickjacking).
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self';"
     " img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none';"
     " frame-ancestors 'none'",
@@ -74,16 +65,16 @@ HEADERS: Final = {
 
 
 logger = logging.getLogger("armadico.page")
-logger.addHandler(logging.NullHandler())  # what a stranger sends to a port is not our news
+logger.addHandler(logging.NullHandler())  # invalid requests of other programs are not logged
 logger.propagate = False
 
 
 class ServerError(Exception):
-    """It cannot be served; the message says why, and what to do."""
+    """The server cannot start; the message has the reason and what to do."""
 
 
 class _Browser:
-    """One that is connected: the newest that is to be shown, and all answers."""
+    """A connected browser, with the newest data to show and all pending answers."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self.connection = connection
@@ -94,16 +85,16 @@ class _Browser:
 
 
 class Server:
-    """Listens from its construction on; a context manager, which ends it."""
+    """A context manager that listens from its construction on."""
 
     def __init__(self, session: Session, guard: Guard, address: str, port: int) -> None:
-        """Listen at once. Raises ServerError.
+        """Start to listen. Raises ServerError.
 
         Args:
-            session: Who is told what browsers say.
-            guard: Who is let in.
-            address: Where it listens.
-            port: A port, 0: one that is free.
+            session: Receives the messages of browsers.
+            guard: Checks access.
+            address: To listen on.
+            port: A port; 0 selects a free one.
         """
         self._session = session
         self._guard = guard
@@ -118,7 +109,7 @@ class Server:
             self._listening: Listening = self._run(self._listen(address, port))
         except (OSError, OverflowError, UnicodeError) as error:
             self._end()
-            hint = "; --port 0 takes one that is free" if isinstance(error, OSError) else ""
+            hint = "; --port 0 selects a free one" if isinstance(error, OSError) else ""
             what = getattr(error, "strerror", None) or error
             raise ServerError(f"cannot listen on {address}, port {port}: {what}{hint}") from None
         session.browsers = self
@@ -150,23 +141,23 @@ class Server:
         found = self._browsers.get(browser)
         if found is not None:
             found.ready = False
-            self._loop.call_soon_threadsafe(self._show, found, data)
+            self._loop.call_soon_threadsafe(self._queue_shown, found, data)
 
-    def tell(self, browser: str, data: bytes) -> None:
+    def answer(self, browser: str, data: bytes) -> None:
         found = self._browsers.get(browser)
         if found is not None:
-            self._loop.call_soon_threadsafe(self._tell, found, data)
+            self._loop.call_soon_threadsafe(self._queue_answer, found, data)
 
     # On its own thread ---------------------------------------------------------------------------
 
     async def _listen(self, address: str, port: int) -> Listening:
         return await serve(
-            self._talk,
+            self._serve,
             address,
             port,
-            process_request=self._look,
-            select_subprotocol=_chosen,
-            compression=None,  # of a robot's speeds there is little to be saved, and it takes time
+            process_request=self._check,
+            select_subprotocol=_subprotocol,
+            compression=None,  # it costs time and saves little for small messages
             max_size=2 * LONGEST,
             max_queue=16,
             ping_interval=PING_S,
@@ -178,8 +169,11 @@ class Server:
             logger=logger,
         )
 
-    def _look(self, connection: ServerConnection, request: Request) -> Response | None:
-        """Who may not come in is told why; files are for anybody who asks from here."""
+    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The response to a request; None for a WebSocket that is allowed.
+
+        Files need no token, only valid headers.
+        """
         headers = request.headers
         refusal = self._guard.refusal(_one(headers, "Host"), _one(headers, "Origin"))
         path = request.path.partition("?")[0]
@@ -189,7 +183,7 @@ class Server:
                 token = token_in(_offered(headers))
             refusal = self._guard.admit(token)
             if refusal is None and path == SOCKET and len(self._browsers) >= MOST:
-                refusal = Refusal(503, f"{MOST} browsers look already")
+                refusal = Refusal(503, f"{MOST} browsers are connected already")
         if refusal is not None:
             return _response(connection, refusal.status, refusal.why.encode(), "text/plain")
         if path == SOCKET:
@@ -198,30 +192,29 @@ class Server:
             return _response(connection, 200, b"", "text/plain")
         found = web_files().get("/index.html" if path == "/" else path)
         if found is None:
-            return _response(connection, 404, b"there is nothing here", "text/plain")
+            return _response(connection, 404, b"not found", "text/plain")
         data, kind = found
         return _response(connection, 200, data, kind)
 
-    async def _talk(self, connection: ServerConnection) -> None:
-        """One browser, until it goes."""
+    async def _serve(self, connection: ServerConnection) -> None:
         peer = connection.remote_address
-        # Of two pages of one robot, or one that was started again, no hand is another's.
+        # Unique across pages and restarts, so that no browser takes over another one's stick.
         name = f"page {next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
         browser = self._browsers[name] = _Browser(connection)
         writing = asyncio.create_task(self._write(browser))
-        self._session.came(name)
+        self._session.on_connect(name)
         try:
             async for data in connection:
-                self._session.said(name, data)
+                self._session.on_message(name, data)
         except ConnectionClosed:
             pass
         finally:
             del self._browsers[name]
-            self._session.left(name)
+            self._session.on_disconnect(name)
             writing.cancel()
 
     async def _write(self, browser: _Browser) -> None:
-        """All answers, and the newest of what is shown: who reads slowly is not sent the rest."""
+        """Send all answers and the newest data to show; a slow browser skips older data."""
         try:
             while True:
                 await browser.wake.wait()
@@ -235,11 +228,11 @@ class Server:
         except ConnectionClosed:
             pass
 
-    def _show(self, browser: _Browser, data: bytes) -> None:
+    def _queue_shown(self, browser: _Browser, data: bytes) -> None:
         browser.shown = data
         browser.wake.set()
 
-    def _tell(self, browser: _Browser, data: bytes) -> None:
+    def _queue_answer(self, browser: _Browser, data: bytes) -> None:
         if browser.answers.full():
             browser.connection.transport.abort()
             return
@@ -250,7 +243,7 @@ class Server:
         self._listening.close()
         closing = asyncio.ensure_future(self._listening.wait_closed())
         await asyncio.wait([closing], timeout=CLOSE_S)
-        for each in self._sockets:  # one that has said nothing yet would keep us for OPEN_S
+        for each in self._sockets:  # a connection without a request would last OPEN_S
             each.abort()
         await closing
 
@@ -264,7 +257,7 @@ class Server:
 
 
 def _counted(sockets: set[asyncio.Transport]) -> type[ServerConnection]:
-    """Connections of a server that are in a set while they are open; no more than so many."""
+    """A class of connections that are in a set while open, and at most `SOCKETS`."""
 
     class Counted(ServerConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -280,8 +273,10 @@ def _counted(sockets: set[asyncio.Transport]) -> type[ServerConnection]:
     return Counted
 
 
-def _chosen(_connection: ServerConnection, offered: Sequence[Subprotocol]) -> Subprotocol | None:
-    """The page's own; the token beside it is not repeated."""
+def _subprotocol(
+    _connection: ServerConnection, offered: Sequence[Subprotocol]
+) -> Subprotocol | None:
+    """The page's subprotocol; the token offered beside it is not repeated."""
     return next((each for each in offered if each == PROTOCOL), None)
 
 
@@ -291,7 +286,7 @@ def _offered(headers: Headers) -> list[str]:
 
 
 def _one(headers: Headers, name: str) -> str | None:
-    """A header; one that comes twice is as none that anybody would take."""
+    """A header's value; an invalid value if it occurs twice."""
     found = headers.get_all(name)
     return None if not found else found[0] if len(found) == 1 else "\0"
 
@@ -309,7 +304,7 @@ def _response(connection: ServerConnection, status: int, data: bytes, kind: str)
 
 @cache
 def web_files() -> dict[str, tuple[bytes, str]]:
-    """What is served, by its path: the bytes, and their type."""
+    """The served files by path: content and type."""
     return {
         f"/{each.name}": (each.read_bytes(), TYPES[suffix])
         for each in (files("armadico.gateways.page") / "web").iterdir()

@@ -4,5 +4,5 @@ from importlib.util import find_spec
 
 if find_spec("pycdr2") is None:
     raise ImportError(
-        "ROS 2's messages need pycdr2, which is not installed: pip install 'armadico[ros2]'"
+        "ROS 2 messages need pycdr2, which is not installed; run: pip install 'armadico[ros2]'"
     )

@@ -1,4 +1,4 @@
-"""Maps as ROS 2 has them: nav_msgs/OccupancyGrid."""
+"""Maps as nav_msgs/OccupancyGrid."""
 
 from __future__ import annotations
 
@@ -13,19 +13,15 @@ from armadico.bridge.ros2.geometry import pose_of
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, coarser
 from armadico.config.worlds import World
 
-WORLD_M: Final = 0.05
-"""A cell of a world's map,"""
-
-MAP_CELLS: Final = 1_000_000
-"""and how many a map has at the most: a larger one comes in larger cells."""
+WORLD_M: Final = 0.05  # size of a cell of a world's map
+MAP_CELLS: Final = 1_000_000  # largest number of cells; a larger map has larger cells
 
 CELLS: Final[NDArray[np.int8]] = np.zeros(3, dtype=np.int8)
-CELLS[[UNKNOWN, FREE, OCCUPIED]] = -1, 0, 100
-"""nav_msgs/OccupancyGrid's words for a cell."""
+CELLS[[UNKNOWN, FREE, OCCUPIED]] = -1, 0, 100  # values of nav_msgs/OccupancyGrid
 
 
 def occupancy(cells: Cells, header: types.Header) -> types.OccupancyGrid:
-    """A grid as a message, loaded when it is stamped."""
+    """A grid as a message; its load time is the stamp."""
     while cells.states.size > MAP_CELLS:
         cells = coarser(cells)
     rows, columns = cells.states.shape
@@ -36,7 +32,7 @@ def occupancy(cells: Cells, header: types.Header) -> types.OccupancyGrid:
 
 
 def drawn(world: World) -> Cells:
-    """A world as a grid: its walls are occupied, the rest of its rectangle is free."""
+    """A world as a grid: walls are occupied, the rest of its rectangle is free."""
     x1, y1, x2, y2 = world.bounds
     cell = WORLD_M
     while (x2 - x1 + cell) * (y2 - y1 + cell) > MAP_CELLS * cell * cell:

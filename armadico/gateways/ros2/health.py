@@ -1,4 +1,4 @@
-"""The robot's condition and which agent drives it, as ROS 2's diagnostics and battery state."""
+"""The robot's condition and the driving agent, as ROS 2 diagnostics and battery state."""
 
 from __future__ import annotations
 
@@ -12,51 +12,47 @@ from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.messages import BatteryLevel, MissionStatus, Pose
 from armadico.observe.view import agent_of, driver
 
+# Interval of battery state and diagnostics; a change of the driving agent is published immediately.
 EACH_S: Final = 1.0
-"""How often the battery and the diagnostics are published; a change of the driving agent, at
-once."""
 
-MOST: Final = 64
-"""So many resources are told apart; the acks of others are discarded."""
-
-OK, WARN, ERROR = 0, 1, 2
-"""diagnostic_msgs/DiagnosticStatus's levels."""
+MOST: Final = 64  # resources whose acks are used; those of others are discarded
+OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
 
 _M = TypeVar("_M", bound=m.Message)
 
 
 class Health:
-    """What is known of one robot's condition.
+    """The state of one robot.
 
     Attributes:
         newest: The newest message of each kind.
     """
 
     def __init__(self, prefix: str) -> None:
-        """`prefix` begins the names of what is reported: the namespace and a slash, or nothing."""
+        """`prefix` begins the names of statuses: the namespace and a slash, or nothing."""
         self.newest: dict[type[m.Message], m.Message] = {}
         self._prefix = prefix
         self._acks: dict[str, m.Ack] = {}
-        self._battery_at = self._told_at = 0  # ns: not before then
+        self._battery_at = self._due_at = 0  # ns: not before then
 
     def known(self, kind: type[_M]) -> _M | None:
-        """The newest message of a kind; None: there was none."""
+        """The newest message of a kind; None if there was none."""
         message = self.newest.get(kind)
         return message if isinstance(message, kind) else None
 
     def on_ack(self, ack: m.Ack) -> None:
-        """Take an ack; if another agent drives, the diagnostics are due."""
+        """Process an ack; if the driving agent has changed, the diagnostics are due."""
         before = self._acks.get(ack.resource)
         if before is None and len(self._acks) >= MOST:
             return
         self._acks[ack.resource] = ack
         if before is None or driver(before) != driver(ack):
-            self._told_at = 0
+            self._due_at = 0
 
     def battery(
         self, state: m.RobotState, header: types.Header, at: int
     ) -> types.BatteryState | None:
-        """The battery at a time (ns), if it is due."""
+        """The battery state at a time (ns), if it is due."""
         if at < self._battery_at:
             return None
         self._battery_at = at + int(EACH_S * 1e9)
@@ -76,11 +72,11 @@ class Health:
         )
 
     def diagnostics(self, at: int) -> types.DiagnosticArray | None:
-        """Which agent drives, and how the robot is, at a time (ns), if that is due."""
+        """The diagnostics at a time (ns), if they are due."""
         state = self.known(m.RobotState)
-        if at < self._told_at or (state is None and not self._acks):
+        if at < self._due_at or (state is None and not self._acks):
             return None
-        self._told_at = at + int(EACH_S * 1e9)
+        self._due_at = at + int(EACH_S * 1e9)
         known = [self._holder(ack) for _, ack in sorted(self._acks.items())]
         if state is not None:
             known.append(self._robot(state))
@@ -96,8 +92,8 @@ class Health:
             "term": "" if ballot is None else str(ballot.term),
             "cycle": str(ack.cycle.number),
         }
-        who = "nobody" if holder is None else agent_of(holder)
-        return self._status(OK, f"{ack.resource} holder", who, values)
+        name = "no agent" if holder is None else agent_of(holder)
+        return self._status(OK, f"{ack.resource} holder", name, values)
 
     def _robot(self, state: m.RobotState) -> types.DiagnosticStatus:
         values = {
@@ -109,20 +105,20 @@ class Health:
         if (mission := self.known(MissionStatus)) is not None:
             values["mission"] = mission.state.value
             values["mission note"] = mission.note
-        level, said = OK, "well"
+        level, text = OK, "ok"
         if state.stalled:
-            level, said = WARN, "stalled"
+            level, text = WARN, "stalled"
         if state.stop.stopped:
-            level, said = WARN, f"stopped by {state.stop.who}"
+            level, text = WARN, f"stopped by {state.stop.requester}"
         pose = self.known(Pose)
         if pose is not None and pose.deviation > LOST_M:
-            level, said = ERROR, f"lost: the pose is {pose.deviation:.1f} m off"
-        return self._status(level, "robot", said, values)
+            level, text = ERROR, f"lost: the deviation of the pose is {pose.deviation:.1f} m"
+        return self._status(level, "robot", text, values)
 
     def _status(
-        self, level: int, what: str, said: str, values: dict[str, str]
+        self, level: int, what: str, text: str, values: dict[str, str]
     ) -> types.DiagnosticStatus:
         pairs = [types.KeyValue(name, value) for name, value in values.items()]
         description = self.known(m.Description)
         robot = "" if description is None else description.robot
-        return types.DiagnosticStatus(level, self._prefix + what, said, robot, pairs)
+        return types.DiagnosticStatus(level, self._prefix + what, text, robot, pairs)

@@ -1,4 +1,4 @@
-"""A society's samples on ROS 2, by whatever wire; goals back. What happens around it is noted."""
+"""The ROS 2 side of a gateway: publishes samples, receives goals, and logs conflicts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ from typing import Final
 from armadico.bridge.ros2.frames import Wanted
 from armadico.bridge.ros2.graph import ODOMETRY, Endpoint
 from armadico.bridge.ros2.samples import LOOK_S, SETTLE_S, Wire
-from armadico.gateways.gateway import Asked
+from armadico.gateways.gateway import ReceivedGoal
 from armadico.observe.translators import Channel, Sample
 
-NODE: Final = "armadico_society"
-"""What `ros2 node list` calls it; the robot agent of a ROS 2 robot is another node."""
-
-BACKLOG: Final = 64
-"""Goals of one turn; only the newest counts."""
-
-SHARED: Final = ("/tf", "/tf_static", "/diagnostics")
-"""Topics on which many publish."""
+NODE: Final = (
+    "armadico_society"  # the node's name; the robot agent of a ROS 2 robot is another node
+)
+BACKLOG: Final = 64  # goals of one turn; only the newest is used
+SHARED: Final = ("/tf", "/tf_static", "/diagnostics")  # topics that may have several publishers
 
 
 class SocietyNode:
@@ -30,67 +27,67 @@ class SocietyNode:
         wire: Wire,
         channels: Sequence[Channel],
         goals: Channel | None,
-        say: Callable[[str], None],
+        log: Callable[[str], None],
         *,
         beside: bool = False,
         settle_s: float = SETTLE_S,
     ) -> None:
-        """Publish and read; the wire is closed elsewhere. Raises OSError.
+        """Publish and subscribe; the caller closes the wire. Raises OSError.
 
         Args:
             wire: Joined.
-            channels: All that may be said.
-            goals: Where goals come from; None: none are taken.
-            say: Told what does not fit around here.
-            beside: The robot itself speaks ROS 2: what it says by itself is left out.
-            settle_s: So long is looked for a robot that publishes its odometry here, before
-                anything is said that such a one says.
+            channels: All channels of the translators.
+            goals: The channel of goals; None: no goals are accepted.
+            log: Receives lines about conflicts with other nodes.
+            beside: The robot itself runs ROS 2: the topics that it publishes are left out.
+            settle_s: Time to detect a robot that publishes its odometry, before the topics of a
+                robot are published.
         """
-        self._wire, self._beside, self._say = wire, beside, say
+        self._wire, self._beside, self._log = wire, beside, log
         self._channels, self._goals = channels, goals
         self._odometry = {each.topic for each in channels if each.schema == ODOMETRY}
-        self._own: bool | None = None  # whether what a robot would say is said here
+        self._own: bool | None = None  # whether the topics of a robot are published
         self._own_at = time.monotonic() + settle_s
-        self._kept: dict[str, Sample] = {}  # by topic, for who comes late
+        self._kept: dict[str, Sample] = {}  # latched samples, by topic
         self._wanted: dict[str, Wanted] = {}
         self._known: set[str] = set()
-        self._looked_at = 0.0
+        self._polled_at = 0.0
         self._choose(())
 
     def publish(self, sample: Sample, at: int) -> None:
-        del at  # it is in the sample
+        del at  # the sample has its stamp
         if sample.channel.latched:
             self._kept[sample.channel.topic] = sample
         if self._own or not sample.channel.own:
             self._wire.publish(sample.channel.topic, sample.data)
 
-    def asked(self) -> Iterable[Asked]:
+    def goals(self) -> Iterable[ReceivedGoal]:
         now = time.monotonic()
-        if now - self._looked_at >= LOOK_S:
-            self._looked_at = now
+        if now - self._polled_at >= LOOK_S:
+            self._polled_at = now
             self._poll()
         frames = self._wire.receive(0.0)
-        return [Asked(topic, data, "cdr") for topic, data in frames[-BACKLOG:]]
+        return [ReceivedGoal(topic, data, "cdr") for topic, data in frames[-BACKLOG:]]
 
     def _choose(self, others: Iterable[Endpoint]) -> None:
-        """Say what a robot would say, unless there is one that says it.
+        """Publish the topics of a robot, unless a robot publishes them itself.
 
-        Its robot agent would read both, and believe that robot to jump to and fro. Where one has
-        been, nothing of that is said any more: it may come back at any time.
+        Otherwise the robot agent would read both odometries, and its pose would jump. Once a robot
+        was detected, its topics are never published again, because it may return.
         """
         for other in others:
             if _is_robot(other) and other.topic in self._odometry and not self._beside:
                 self._beside = True
-                self._say(
-                    f"{other.node} publishes {other.topic}, the odometry of a robot that speaks"
-                    " ROS 2 itself: odometry, scan and battery are left to it (--beside)"
+                self._log(
+                    f"{other.node} publishes {other.topic}, the odometry of a ROS 2 robot:"
+                    " odometry, scan and battery are not published here (--beside)"
                 )
         own = not self._beside and time.monotonic() >= self._own_at
         if own is self._own:
             return
         self._own = own
-        said = [channel for channel in self._channels if own or not channel.own]
-        self._wanted = {channel.topic: _wanted(channel, writes=True) for channel in said}
+        chosen = [channel for channel in self._channels if own or not channel.own]
+        self._wanted = {channel.topic: _wanted(channel, writes=True) for channel in chosen}
         if self._goals is not None:
             self._wanted[self._goals.topic] = _wanted(self._goals, writes=False)
         self._wire.want(tuple(self._wanted.values()))
@@ -106,33 +103,33 @@ class SocietyNode:
             *self._wire.complaints(),
         }
         for note in sorted(notes - self._known):
-            self._say(note)
+            self._log(note)
         self._known |= notes
 
 
 def unfit(wanted: Sequence[Wanted], others: Iterable[Endpoint]) -> list[str]:
-    """What of others does not fit what is said and read here, in words."""
-    by_topic = {want.topic: want for want in wanted}
-    robot = any(want.writes and want.type == ODOMETRY for want in wanted)
+    """Conflicts of other nodes' endpoints with those of this node, as text."""
+    by_topic = {each.topic: each for each in wanted}
+    robot = any(each.writes and each.type == ODOMETRY for each in wanted)
     found = []
     for other in others:
-        want = by_topic.get(other.topic)
+        ours = by_topic.get(other.topic)
         if robot and _is_robot(other):
             found.append(
-                f"{other.node} publishes {other.topic}, the odometry of a robot that speaks ROS 2"
-                " itself? Then --beside leaves out what it says"
+                f"{other.node} publishes odometry on {other.topic}; if it is a ROS 2 robot, use"
+                " --beside, which leaves out the topics that the robot publishes"
             )
-        elif want is None:
+        elif ours is None:
             continue
-        elif other.type != want.type:
-            does = "publishes" if other.writes else "reads"
-            found.append(f"{other.node} {does} {other.topic} as {other.type}, and not {want.type}")
-        elif other.writes and want.writes and want.topic not in SHARED:
-            found.append(f"{other.node} publishes {other.topic}, too")
-        elif not other.writes and want.writes and other.latched and not want.latched:
+        elif other.type != ours.type:
+            does = "publishes" if other.writes else "subscribes to"
+            found.append(f"{other.node} {does} {other.topic} as {other.type}, not as {ours.type}")
+        elif other.writes and ours.writes and ours.topic not in SHARED:
+            found.append(f"{other.node} also publishes {other.topic}")
+        elif not other.writes and ours.writes and other.latched and not ours.latched:
             found.append(
-                f"{other.node} reads {other.topic} as transient local, and it is volatile: nothing"
-                " is sent to it"
+                f"{other.node} subscribes to {other.topic} as transient local, but it is volatile:"
+                " it receives nothing"
             )
     return found
 

@@ -1,12 +1,12 @@
-"""What a society says as ROS 2 would have it: topics, types and frames of reference (sans-IO).
+"""A society as ROS 2 topics: types and frames (sans-IO); docs/ros2.md has the list.
 
-Frames are REP-105's: `map` is the world, `odom` the controller's odometry, `base_link` the middle
-of the wheel axle. `map` -> `odom` is worked out from the pose and the odometry of one cycle, so
-that `map` -> `base_link` is the pose that agents drive by, whoever corrected it. A stamp is the
-time at which the cycle's status packet was received: what was measured in one cycle has one stamp.
+Frames follow REP-105: `map` is the world, `odom` the controller's odometry, `base_link` the middle
+of the wheel axle. `map` -> `odom` is computed from the pose and the odometry of one cycle, so
+`map` -> `base_link` is the pose that agents use. A stamp is the time at which the cycle's status
+packet was received; all samples of a cycle have the same stamp.
 
-What nobody knows: covariances are 0, a battery's numbers NaN, cells -1, and a range of nothing
-heard is infinite (REP-117). Type by type: docs/ros2.md.
+Unknown values: covariances are 0, a battery's numbers NaN, cells -1. A range without an echo is
+infinite (REP-117).
 """
 
 from __future__ import annotations
@@ -47,23 +47,13 @@ from armadico.mobile.scans import ranges_of
 from armadico.observe.translators import Channel, Sample
 from armadico.observe.view import FRESH_CYCLES
 
-MAP: Final = "map"
-"""The frame that all robots of a mesh share."""
-
+MAP: Final = "map"  # the frame that all robots of a mesh share
 ODOM, BASE, SCAN = "odom", "base_link", "base_scan"
 
-STATES: Final = 32
-"""Cycles whose stamp and odometry are known still."""
-
-LOCAL_M: Final = 0.1
-"""A cell of the local map,"""
-
-LOCAL_CELLS: Final = 256
-"""and how many it has a side at the most: what reaches further comes in larger cells."""
-
-OLD_S: Final = 10.0
-"""A goal whose stamp is older is not driven to: it was held up on its way, or is played back."""
-
+STATES: Final = 32  # newest cycles whose stamp and odometry are in memory
+LOCAL_M: Final = 0.1  # size of a cell of the local map
+LOCAL_CELLS: Final = 256  # largest number of cells per side; a larger reach has larger cells
+OLD_S: Final = 10.0  # a goal with an older stamp is refused: it was delayed, or is a playback
 ULTRASOUND: Final = 0
 
 _UNFIT: Final = re.compile(r"[^A-Za-z0-9_/]")
@@ -71,7 +61,7 @@ _DIGIT: Final = re.compile(r"(?<![^/])(?=[0-9])")
 
 
 class _Topic(NamedTuple):
-    """A topic; its fields are those of `Channel`. Without a slash it is below the namespace."""
+    """A topic with fields of `Channel`; a name without a slash is below the namespace."""
 
     name: str
     kind: type[IdlStruct]
@@ -95,18 +85,16 @@ _PATH: Final = _Topic("path", types.Path, 1, latched=True)
 _BATTERY: Final = _Topic("battery_state", types.BatteryState, own=True)
 _GOAL: Final = _Topic("goal_pose", types.PoseStamped, 1)
 
-_SAID: Final = (
+_TOPICS: Final = (  # of samples
     *(_TF, _OWN_TF, _TF_STATIC, _DIAGNOSTICS, _ODOM, _POSE, _SCAN, _SONAR, _OBSTACLES),
     *(_LOCAL_MAP, _MAP, _PATH, _BATTERY),
 )
-"""All that samples are given on."""
 
-_Said = tuple[_Topic, IdlStruct]
-"""A topic and a sample."""
+_Output = tuple[_Topic, IdlStruct]  # a topic and a sample
 
 
 class _State(NamedTuple):
-    """The status packet of a cycle."""
+    """Stamp and odometry of a cycle."""
 
     cycle: m.Cycle
     at: int  # ns
@@ -114,36 +102,36 @@ class _State(NamedTuple):
 
 
 def ros_namespace(namespace: str) -> str:
-    """A namespace as ROS 2 can have it: letters, digits and `_`, no digit first."""
+    """A namespace valid in ROS 2: letters, digits and `_`, not beginning with a digit."""
     return _DIGIT.sub("_", _UNFIT.sub("_", namespace))
 
 
 class Society:
-    """One robot's society, as topics; see `armadico.observe.translators`."""
+    """One robot's society as ROS 2 topics; see `armadico.observe.translators`."""
 
     profile = "ros2"
-    # rosbag2 reads quality of service as numbers where no version is told, as Iron wrote it.
+    # Without a version rosbag2 reads quality of service as numbers, which is Iron's format.
     about: Mapping[str, Mapping[str, str]] = {"rosbag2": {"ROS_DISTRO": "iron"}}
 
     def __init__(self, namespace: str = "", world: World | None = None) -> None:
-        """See `Makes`. A namespace begins topics (`/robot1/odom`) and frames (`robot1/odom`)."""
+        """See `Makes`. Topics (`/robot1/odom`) and frames (`robot1/odom`) have the namespace."""
         self.namespace = ros_namespace(namespace)
         self._prefix = f"{self.namespace}/" if namespace else ""
         self._world = world
-        self._channels = {topic: self._channel(topic) for topic in _SAID}
+        self._channels = {topic: self._channel(topic) for topic in _TOPICS}
         self.channels: Sequence[Channel] = tuple(self._channels.values())
         self.goals = self._channel(_GOAL)
         self._states: deque[_State] = deque(maxlen=STATES)
-        self._base: Pose2 | None = None  # of the robot in the map, as it was last said
-        self._odom: Pose2 | None = None  # where the odometry's origin lies in it
+        self._base: Pose2 | None = None  # the robot's newest pose in the map
+        self._odom: Pose2 | None = None  # the odometry's origin in the map
         self._sonars: dict[tuple[float, float, float], str] = {}
         self._scan: tuple[int, int] | None = None  # the epoch and number of the newest
-        self._near: dict[str, Obstacles] = {}  # by key: of each sensor
+        self._near: dict[str, Obstacles] = {}  # by key, for each sensor
         self._local: dict[str, LocalMap] = {}
         self._grid: OccupancyGrid | None = None
         self._path: tuple[object, ...] | None = None
         self._health = Health(self._prefix)
-        self._receivers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Said]]] = {
+        self._receivers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Output]]] = {
             m.RobotState: self._on_state,
             Pose: self._on_pose,
             Sonar: self._on_sonar,
@@ -162,10 +150,10 @@ class Society:
     # Messages in, samples out ---------------------------------------------------------------------
 
     def translate(self, key: str, message: m.Message, at: int) -> Iterator[Sample]:
-        for topic, sample in self._said(key, message, at):
+        for topic, sample in self._outputs(key, message, at):
             yield Sample(self._channels[topic], cdr.encode(sample))
 
-    def _said(self, key: str, message: m.Message, at: int) -> Iterator[_Said]:
+    def _outputs(self, key: str, message: m.Message, at: int) -> Iterator[_Output]:
         if self._world is not None:
             yield _MAP, occupancy(drawn(self._world), self._on_map(at))
             self._world = None
@@ -175,7 +163,7 @@ class Society:
         if (diagnostics := self._health.diagnostics(at)) is not None:
             yield _DIAGNOSTICS, diagnostics
 
-    def _on_state(self, _: str, state: m.RobotState, at: int) -> Iterator[_Said]:
+    def _on_state(self, _: str, state: m.RobotState, at: int) -> Iterator[_Output]:
         here = (state.x, state.y, state.theta)
         self._states.append(_State(state.cycle, at, here))
         self._health.newest[m.RobotState] = state
@@ -192,11 +180,11 @@ class Society:
         )
         pose = self._health.known(Pose)
         if pose is not None and pose.cycle == state.cycle:
-            yield self._corrected(pose, self._states[-1])  # it has overtaken the state
+            yield self._corrected(pose, self._states[-1])  # the pose arrived before the state
         if (battery := self._health.battery(state, self._header(at, BASE), at)) is not None:
             yield _BATTERY, battery
 
-    def _on_pose(self, _: str, pose: Pose, at: int) -> Iterator[_Said]:
+    def _on_pose(self, _: str, pose: Pose, at: int) -> Iterator[_Output]:
         self._health.newest[Pose] = pose
         self._base = (pose.x, pose.y, pose.theta)
         state = self._at(pose.cycle)
@@ -207,13 +195,13 @@ class Society:
         known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
         yield _POSE, types.PoseWithCovarianceStamped(header, known)
 
-    def _corrected(self, pose: Pose, state: _State) -> _Said:
-        """Where the odometry's origin lies, by the pose and the odometry of one cycle."""
+    def _corrected(self, pose: Pose, state: _State) -> _Output:
+        """The odometry's origin in the map, from the pose and the odometry of one cycle."""
         origin = relative(state.odometry, (0.0, 0.0, 0.0))
         self._odom = compose((pose.x, pose.y, pose.theta), origin)
         return _TF, types.TFMessage([self._transform(state.at, MAP, ODOM, self._odom)])
 
-    def _on_sonar(self, _: str, sonar: Sonar, at: int) -> Iterator[_Said]:
+    def _on_sonar(self, _: str, sonar: Sonar, at: int) -> Iterator[_Output]:
         mounted = {(echo.x, echo.y, echo.bearing) for echo in sonar.echoes}
         new = sorted(mounted - self._sonars.keys())
         if new and len(self._sonars) < MOST:
@@ -229,34 +217,32 @@ class Society:
                 ),
             )
         stamp = self._stamp(sonar.cycle, at)
-        said = self._health.known(m.Description)
-        limits = (0.0, 0.0) if said is None else (said.cone, said.nearest)
+        robot = self._health.known(m.Description)
+        limits = (0.0, 0.0) if robot is None else (robot.cone, robot.nearest)
         for echo in sonar.echoes:
             frame = self._sonars.get((echo.x, echo.y, echo.bearing))
             if frame is None:
                 continue
-            heard = math.inf if echo.range is None else echo.range
-            yield (
-                _SONAR,
-                types.Range(self._header(stamp, frame), ULTRASOUND, *limits, sonar.reach, heard),
-            )
+            measured = math.inf if echo.range is None else echo.range
+            header = self._header(stamp, frame)
+            yield _SONAR, types.Range(header, ULTRASOUND, *limits, sonar.reach, measured)
 
-    def _on_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Said]:
+    def _on_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Output]:
         if grid == self._grid:
-            return  # it is said each second
+            return  # agents repeat it each second
         self._grid = grid
         try:
             cells = cells_of(grid)
-        except ValueError:  # anybody may say anything
+        except ValueError:  # a malformed grid is ignored
             return
         if cells.states.size:
             yield _MAP, occupancy(cells, self._on_map(at))
 
-    def _on_trajectory(self, _: str, trajectory: Trajectory, at: int) -> Iterator[_Said]:
-        said = (trajectory.mission, trajectory.start, trajectory.waypoints)
-        if said == self._path:
-            return  # it is said each second
-        self._path = said
+    def _on_trajectory(self, _: str, trajectory: Trajectory, at: int) -> Iterator[_Output]:
+        path = (trajectory.mission, trajectory.start, trajectory.waypoints)
+        if path == self._path:
+            return  # agents repeat it each second
+        self._path = path
         header = self._on_map(at)
         places = [(w.x, w.y, w.theta) for w in trajectory.waypoints]
         if places:
@@ -264,23 +250,23 @@ class Society:
             places = [(x, y, math.atan2(places[0][1] - y, places[0][0] - x)), *places]
         yield _PATH, types.Path(header, [types.PoseStamped(header, pose_of(at)) for at in places])
 
-    def _on_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Said]:
+    def _on_ack(self, _: str, ack: m.Ack, _at: int) -> Iterator[_Output]:
         self._health.on_ack(ack)
         yield from ()
 
-    def _keep(self, _: str, message: m.Message, _at: int) -> Iterator[_Said]:
+    def _keep(self, _: str, message: m.Message, _at: int) -> Iterator[_Output]:
         self._health.newest[type(message)] = message
         yield from ()
 
-    def _on_scan(self, _: str, scan: Scan, at: int) -> Iterator[_Said]:
-        """Once each, in a frame that lies where the laser was, so that nothing is turned."""
+    def _on_scan(self, _: str, scan: Scan, at: int) -> Iterator[_Output]:
+        """Each scan once, in a frame at the laser's place with the robot's heading."""
         which = (scan.cycle.epoch, scan.number)
         if which == self._scan:
-            return  # a laser that is slower than the cycles
+            return  # the laser is slower than the cycles
         self._scan = which
         try:
-            found = ranges_of(scan)  # NaN: nothing valid, infinite: nothing there, by REP-117
-        except ValueError:  # anybody may say anything
+            found = ranges_of(scan)  # REP-117: NaN is invalid, infinite is no obstacle
+        except ValueError:  # a malformed scan is ignored
             return
         stamp = self._stamp(scan.cycle, at)
         place = (scan.x, scan.y, 0.0)
@@ -297,8 +283,8 @@ class Society:
             ),
         )
 
-    def _on_obstacles(self, key: str, obstacles: Obstacles, at: int) -> Iterator[_Said]:
-        """The points of all sensors that have spoken within the freshest cycles."""
+    def _on_obstacles(self, key: str, obstacles: Obstacles, at: int) -> Iterator[_Output]:
+        """The points of all sensors with fresh obstacles."""
         self._near[key] = obstacles
         found = [p for each in _fresh(self._near, obstacles.cycle) for p in each.points]
         points = np.zeros((len(found), 3), dtype="<f4")
@@ -308,8 +294,8 @@ class Society:
         size = (1, len(found), fields, False, 12, 12 * len(found))
         yield _OBSTACLES, types.PointCloud2(header, *size, points.tobytes(), is_dense=True)
 
-    def _on_local_map(self, key: str, local: LocalMap, at: int) -> Iterator[_Said]:
-        """A square around the robot; what has no cell in the local map is unknown."""
+    def _on_local_map(self, key: str, local: LocalMap, at: int) -> Iterator[_Output]:
+        """A square around the robot; places without a cell in the local map are unknown."""
         self._local[key] = local
         maps = _fresh(self._local, local.cycle)
         reach = max(each.reach for each in maps)
@@ -319,8 +305,8 @@ class Society:
         for cell in (cell for each in maps for cell in each.cells):
             row, column = (math.floor(v / side) + half for v in (cell.y, cell.x))
             if 0 <= row < 2 * half and 0 <= column < 2 * half:
-                believed = round(100.0 * cell.probability)
-                cells[row, column] = max(int(cells[row, column]), believed)
+                percent = round(100.0 * cell.probability)
+                cells[row, column] = max(int(cells[row, column]), percent)
         corner = -half * side
         stamp = self._stamp(local.cycle, at)
         size = types.MapMetaData(
@@ -334,20 +320,20 @@ class Society:
     def goal(
         self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
     ) -> MissionRequest:
-        """See `Translator` and `goals`: in a frame that is known, and not of long ago."""
+        """See `Translator`; the frame must be known and the stamp at most `OLD_S` old."""
         frame, place, stamp = read_goal(data, encoding, schema)
         if stamp and (age_s := 1e-9 * (at - stamp)) > OLD_S:
             raise ValueError(
-                f"its stamp is {age_s:.0f} s old, and a goal may be {OLD_S:.0f} s (0 is now);"
-                " do the clocks agree?"
+                f"its stamp is {age_s:.0f} s old, but may be at most {OLD_S:.0f} s (0 means now);"
+                " check that the clocks agree"
             )
         x, y, theta = compose(self._frame(frame), place)
         if max(abs(x), abs(y)) > m.LARGEST:
-            raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is no place")
+            raise ValueError(f"it is {math.hypot(x, y):.3g} m away, which is too far")
         return MissionRequest(Waypoint(x, y, theta))
 
     def _frame(self, frame: str) -> Pose2:
-        """Where a frame lies in the map. Raises ValueError."""
+        """The pose of a frame in the map. Raises ValueError."""
         known = {
             MAP: (0.0, 0.0, 0.0),
             self._prefix + ODOM: self._odom,
@@ -355,10 +341,10 @@ class Society:
         }
         name = frame.removeprefix("/")
         if name not in known:
-            raise ValueError(f"its frame is {frame!r}, and it must be one of {', '.join(known)}")
+            raise ValueError(f"its frame is {frame!r}, but must be one of {', '.join(known)}")
         where = known[name]
         if where is None:
-            raise ValueError(f"nobody has said yet where {name} lies in {MAP}")
+            raise ValueError(f"the pose of {name} in {MAP} is not known yet")
         return where
 
     # Stamps and frames ----------------------------------------------------------------------------
@@ -383,7 +369,7 @@ class Society:
         )
 
     def _sonar_frame(self, where: tuple[float, float, float]) -> str:
-        """By where it looks: a ring has one a bearing, a robot with two has a rear one."""
+        """A sonar's frame, by its ring (front or rear) and its bearing."""
         row = "sonar" if where[0] >= 0.0 else "sonar_rear"
         name = f"{row}_{round(math.degrees(where[2]))}"
         same = sum(frame.partition(".")[0] == name for frame in self._sonars.values())
@@ -408,7 +394,7 @@ _M = TypeVar("_M", Obstacles, LocalMap)
 
 
 def _fresh(known: dict[str, _M], cycle: m.Cycle) -> list[_M]:
-    """Those that answer much the same cycle; each sensor speaks for itself."""
+    """The messages of sensors whose cycle is at most `FRESH_CYCLES` from a cycle."""
     return [
         each
         for _, each in sorted(known.items())
@@ -417,7 +403,7 @@ def _fresh(known: dict[str, _M], cycle: m.Cycle) -> list[_M]:
 
 
 def _covariance(known: Sequence[float]) -> list[float]:
-    """Of x, y, z, roll, pitch and yaw, by rows, from the upper triangle of that of x, y, yaw."""
+    """The 6 x 6 covariance by rows, from the upper triangle for x, y and yaw."""
     whole = [0.0] * 36
     if len(known) == COVARIANCE:
         pairs = ((0, 0), (0, 1), (0, 5), (1, 1), (1, 5), (5, 5))
@@ -430,7 +416,7 @@ _INFINITE: Final = "sec: 9223372036\n    nsec: 854775807"
 
 
 def _qos(latched: bool, depth: int) -> str:
-    """As rosbag2 up to its version 8 writes it: reliable, keep last, rmw's numbers, as YAML."""
+    """Quality of service as rosbag2 up to version 8 writes it: YAML with rmw's numbers."""
     return (
         f"- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {1 if latched else 2}\n"
         f"  deadline:\n    {_INFINITE}\n  lifespan:\n    {_INFINITE}\n  liveliness: 1\n"

@@ -1,1 +1,1 @@
-"""The live dashboard: one process that watches the mesh and the only one that imports rerun."""
+"""The live dashboard: an observer of the mesh, and the only package that imports rerun."""

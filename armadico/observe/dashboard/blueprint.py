@@ -1,4 +1,4 @@
-"""How the views lie on the screen: legible from 1280 x 720 on, with rerun's own panels shut."""
+"""The layout of the views: legible from 1280 x 720 on, with rerun's own panels closed."""
 
 from __future__ import annotations
 
@@ -11,23 +11,15 @@ from armadico.config.worlds import World
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import TIMELINE
 
-WINDOW_S: Final = 50.0
-"""The curves show this many seconds up to now; the legend covers the first ten."""
-
-MARGIN: Final = 0.05
-"""Of a world's size, around it."""
-
-LOCAL_REACH_M: Final = 2.6
-"""How far the local map is shown: the outermost ring is at 2.5 m."""
-
+WINDOW_S: Final = 50.0  # period of the curves up to now; the legend covers the first ten seconds
+MARGIN: Final = 0.05  # around a world, as a share of its size
+LOCAL_REACH_M: Final = 2.6  # of the local map's view: the outermost ring is at 2.5 m
 UTILITY: Final = (-0.05, 1.05)
-
-VIEWS: Final = ("Global map", "Local map", "Utilities")
-"""The names of the views of one robot."""
+VIEWS: Final = ("Global map", "Local map", "Utilities")  # names of the views of one robot
 
 
 def blueprint(worlds: Mapping[str, World | None]) -> rrb.Blueprint:
-    """A tab for each namespace, or the only one's views."""
+    """A tab for each namespace, or the views of a single one."""
     pages = [_page(namespace, world) for namespace, world in worlds.items()]
     return rrb.Blueprint(
         pages[0] if len(pages) == 1 else rrb.Tabs(*pages),
@@ -74,7 +66,7 @@ def _page(namespace: str, world: World | None) -> rrb.Horizontal:
 
 
 def _bounds(world: World | None) -> rrb.VisualBounds2D | None:
-    """The world and a margin, with y up; without a world the view finds its own."""
+    """The world and a margin, with y up; None without a world, so that the view chooses."""
     if world is None:
         return None
     x1, y1, x2, y2 = world.bounds

@@ -1,7 +1,7 @@
-"""Where a scene draws: one root in a recording, one timeline, and a rate for each entity.
+"""The canvas of a scene: one root in a recording, one timeline, and a rate for each entity.
 
-Rerun keeps every row, so the drawing rates decide how much memory an hour takes. An entity that is
-not in `RATES_HZ` is drawn at up to `FASTEST_HZ`.
+Rerun keeps every row, so the drawing rates determine the memory used. An entity that is not in
+`RATES_HZ` is drawn at up to `FASTEST_HZ`.
 """
 
 from __future__ import annotations
@@ -10,11 +10,8 @@ from typing import Any, Final
 
 import rerun as rr
 
-TIMELINE: Final = "t"
-"""Seconds since the recording began."""
-
-FASTEST_HZ: Final = 12.0
-"""Nothing is drawn more often, however short the robot's cycle is."""
+TIMELINE: Final = "t"  # seconds since the recording began
+FASTEST_HZ: Final = 12.0  # largest rate, also if the robot's cycle is shorter
 
 RATES_HZ: Final[dict[str, float]] = {
     "map/world/path": 1.0,
@@ -28,11 +25,9 @@ RATES_HZ: Final[dict[str, float]] = {
     "local/robot/zones": 5.0,
 }
 
-EARLY: Final = 0.2
-"""An entity may be drawn this share of its period too early, because cycles jitter."""
+EARLY: Final = 0.2  # share of its period by which an entity may be drawn early: cycles jitter
 
-Colour = tuple[int, int, int, int]
-"""Red, green, blue and opacity, 0 to 255."""
+Colour = tuple[int, int, int, int]  # red, green, blue and opacity, 0 to 255
 
 
 def rgba(hexadecimal: str, alpha: int = 255) -> Colour:
@@ -42,7 +37,7 @@ def rgba(hexadecimal: str, alpha: int = 255) -> Colour:
 
 
 def pixels(width: float) -> float:
-    """A radius in points of the screen at any zoom; rerun takes positive radii for metres."""
+    """A radius in screen points at any zoom; rerun interprets positive radii as metres."""
     return -width
 
 
@@ -55,9 +50,9 @@ class Canvas:
         self._drawn_at: dict[str, float] = {}
 
     def due(self, path: str, t: float) -> bool:
-        """Whether an entity may be drawn at t (s), by its rate; true counts as drawn.
+        """Whether an entity may be drawn at t (s), by its rate; True counts as drawn.
 
-        A time before the last one, as in a recording that is played again, starts afresh.
+        A time before the last one, as when a recording is played again, is always due.
         """
         before = self._drawn_at.get(path)
         period = 1.0 / RATES_HZ.get(path, FASTEST_HZ)
@@ -67,10 +62,10 @@ class Canvas:
         return True
 
     def draw(self, path: str, t: float, *what: Any) -> None:
-        """Draw an entity as it is from t (s) on."""
+        """Draw an entity, valid from t (s) on."""
         self._recording.set_time(TIMELINE, duration=t)
         self._recording.log(f"{self._root}/{path}", *what)
 
     def fix(self, path: str, *what: Any) -> None:
-        """Draw an entity as it is at all times."""
+        """Draw an entity, valid at all times."""
         self._recording.log(f"{self._root}/{path}", *what, static=True)

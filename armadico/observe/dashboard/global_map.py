@@ -1,7 +1,6 @@
 """The global map: a grid, walls, the estimated and the true pose, the path, the plan and echoes.
 
-World frame, m, REP-103. Rerun's 2D views have y down, so everything hangs below a transform that
-turns y up.
+World frame, m, REP-103. Rerun's 2D views have y down, so everything is below a transform with y up.
 """
 
 from __future__ import annotations
@@ -34,43 +33,28 @@ MAPPED: Final = f"{ROOT}/mapped"
 PARTICLES: Final = f"{ROOT}/particles"
 UNSURE: Final = f"{ROOT}/unsure"
 
-STEP_M: Final = 0.04
-"""The path has a point for each such distance."""
-
-PATH_POINTS: Final = 2500
-"""Points of the path that are kept: the last 100 m."""
-
-ECHOES: Final = 1500
-"""Echoes that are kept, the newest."""
-
-ECHO_APART_M: Final = 0.08
-"""Echoes that are nearer to one another are drawn as one."""
-
-SIGMAS: Final = 2.0
-"""Size of the pose's ellipse and angle: 86 % of the places, 95 % of the headings."""
-
-HEADING_M: Final = 0.6
-"""Length of the sides of that angle."""
-
+STEP_M: Final = 0.04  # distance between points of the path
+PATH_POINTS: Final = 2500  # points of the path in memory: the last 100 m
+ECHOES: Final = 1500  # echoes in memory, the newest
+ECHO_APART_M: Final = 0.08  # closer echoes are drawn as one
+SIGMAS: Final = 2.0  # of the pose's ellipse and angle: 86 % of the places, 95 % of the headings
+HEADING_M: Final = 0.6  # length of the sides of that angle
 PARTICLE_M: Final = 0.12
 DOCK_M: Final = 0.3
+SILENT_S: Final = 2.0  # timeout after which particles are removed
 
-SILENT_S: Final = 2.0
-"""Particles are removed when none has been received for this long."""
-
+# The grid uses the first of these steps that gives at most LINES lines.
 STEPS_M: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 1000.0)
 LINES: Final = 16
-"""The grid has the first of these steps that gives no more lines than this."""
 
-UNKNOWN: Final = (-10.0, -10.0, 10.0, 10.0)
-"""What the grid covers without a world, m."""
+UNKNOWN: Final = (-10.0, -10.0, 10.0, 10.0)  # extent of the grid without a world, m
 
 
 class GlobalMap:
     def __init__(self, canvas: Canvas, world: World | None) -> None:
         self._canvas = canvas
         self._robot: Description | None = None
-        self._bodies: set[str] = set()  # where the footprint is drawn as described
+        self._bodies: set[str] = set()  # entities with the footprint of the present description
         self._pose: Pose2 | None = None
         self._path: deque[tuple[tuple[float, float], str]] = deque(maxlen=PATH_POINTS)
         self._echoes: dict[tuple[int, int], tuple[float, float]] = {}
@@ -81,13 +65,13 @@ class GlobalMap:
         if world is not None:
             self._walls(world)
 
-    def take_description(self, robot: Description) -> None:
+    def on_description(self, robot: Description) -> None:
         if robot != self._robot:
             self._robot = robot
             self._bodies.clear()
 
-    def take_pose(self, pose: Pose, holder: str, t: float) -> None:
-        """The estimated pose, and the agent that holds the wheels meanwhile."""
+    def on_pose(self, pose: Pose, holder: str, t: float) -> None:
+        """Draw the estimated pose, and the path in the colour of the holder."""
         self._pose = x, y, _ = (pose.x, pose.y, pose.theta)
         self._place(ROBOT, self._pose, palette.BODY, t)
         if pose.covariance and self._canvas.due(UNSURE, t):
@@ -99,12 +83,12 @@ class GlobalMap:
         if self._canvas.due(f"{ROOT}/path", t):
             self._draw_path(t)
 
-    def take_truth(self, truth: Truth, t: float) -> None:
-        """The simulated robot's true pose."""
+    def on_truth(self, truth: Truth, t: float) -> None:
+        """Draw the simulated robot's true pose."""
         self._place(TRUTH, (truth.x, truth.y, truth.theta), palette.TRUTH, t)
 
-    def take_particles(self, particles: Particles, t: float) -> None:
-        """Particles as arrows; a malformed message is ignored."""
+    def on_particles(self, particles: Particles, t: float) -> None:
+        """Draw particles as arrows; a malformed message is ignored."""
         try:
             poses = poses_of(particles)
         except ValueError:
@@ -120,8 +104,8 @@ class GlobalMap:
             self._particles_at = None
             self._canvas.draw(PARTICLES, t, rr.Clear(recursive=False))
 
-    def take_seen(self, points: Iterable[tuple[float, float]], t: float) -> None:
-        """What a sensor measured in the body frame, m, placed by the estimated pose."""
+    def add_points(self, points: Iterable[tuple[float, float]], t: float) -> None:
+        """Draw a sensor's points (body frame, m) at the estimated pose."""
         if self._pose is None:
             return
         for x, y in (to_world(self._pose, *point) for point in points):
@@ -135,8 +119,8 @@ class GlobalMap:
             dots = rr.Points2D(echoes, radii=pixels(1.3), colors=palette.ECHO, draw_order=5)
             self._canvas.draw(f"{ROOT}/echoes", t, dots)
 
-    def take_grid(self, grid: OccupancyGrid, t: float) -> None:
-        """The map made by driving, below everything else; a malformed message is ignored."""
+    def on_grid(self, grid: OccupancyGrid, t: float) -> None:
+        """Draw the map made by driving below all else; a malformed message is ignored."""
         try:
             cells = cells_of(grid)
         except ValueError:
@@ -149,8 +133,8 @@ class GlobalMap:
             png = rr.EncodedImage(contents=raw.getvalue(), media_type="image/png", draw_order=-20)
             self._canvas.draw(MAPPED, t, place, png)
 
-    def take_trajectory(self, trajectory: Trajectory, t: float) -> None:
-        """The mission's waypoints, drawn when they change."""
+    def on_trajectory(self, trajectory: Trajectory, t: float) -> None:
+        """Draw the mission's waypoints if they have changed."""
         points = [(w.x, w.y) for w in trajectory.waypoints]
         plan = trajectory.mission, trajectory.start, points
         if plan == self._plan:
@@ -169,7 +153,7 @@ class GlobalMap:
     # Inside --------------------------------------------------------------------------------------
 
     def _grid(self, bounds: Segment) -> None:
-        """Lines at round metres, with their coordinates at the left and below."""
+        """Draw lines at round metres, with their coordinates at the left and below."""
         x1, y1, x2, y2 = bounds
         longer = max(x2 - x1, y2 - y1)
         step = next((step for step in STEPS_M if longer <= LINES * step), STEPS_M[-1])
@@ -185,7 +169,7 @@ class GlobalMap:
         places = [(x, y1 - away) for x in xs] + [(x1 - away, y) for y in ys]
         places += [(x2 + away, y1 - away), (x1 - away, y2 + away)]
         texts = [*(f"{at:g}" for at in (*xs, *ys)), "x, m", "y, m"]
-        self._canvas.fix(f"{ROOT}/numbers", _words(places, texts))
+        self._canvas.fix(f"{ROOT}/numbers", _labels(places, texts))
 
     def _walls(self, world: World) -> None:
         for name, lines, ink in (
@@ -201,10 +185,10 @@ class GlobalMap:
             self._canvas.fix(f"{ROOT}/docks", docks)
         if world.rooms:
             middles = [((room.x1 + room.x2) / 2, (room.y1 + room.y2) / 2) for room in world.rooms]
-            self._canvas.fix(f"{ROOT}/rooms", _words(middles, [room.name for room in world.rooms]))
+            self._canvas.fix(f"{ROOT}/rooms", _labels(middles, [room.name for room in world.rooms]))
 
     def _place(self, where: str, pose: Pose2, colour: Colour, t: float) -> None:
-        """The footprint at a pose."""
+        """Draw the footprint at a pose."""
         if self._robot is not None and where not in self._bodies:
             self._bodies.add(where)
             self._canvas.fix(f"{where}/outline", robot_shape(self._robot, colour, 1.4))
@@ -214,7 +198,7 @@ class GlobalMap:
             self._canvas.draw(where, t, place)
 
     def _draw_path(self, t: float) -> None:
-        """One strip per tenure; each begins where the one before it ended."""
+        """Draw one strip per tenure; each begins where the previous one ended."""
         strips: list[list[tuple[float, float]]] = []
         colours = []
         for holder, steps in groupby(self._path, key=lambda step: step[1]):
@@ -226,7 +210,7 @@ class GlobalMap:
 
 
 def _unsure(pose: Pose) -> rr.LineStrips2D:
-    """What the pose's covariance covers: an ellipse of places and an angle of headings."""
+    """The pose's covariance as an ellipse of places and an angle of headings."""
     xx, xy, _, yy, _, _ = pose.covariance
     here = np.array([(pose.x, pose.y)])
     half = min(SIGMAS * pose.heading_deviation, pi)
@@ -242,7 +226,7 @@ def _arrows(poses: Sequence[Pose2], length: float, colour: Colour, **how: Any) -
     return rr.Arrows2D(origins=origins, vectors=vectors, colors=colour, **how)
 
 
-def _words(places: Sequence[tuple[float, float]], texts: Sequence[str]) -> rr.Points2D:
+def _labels(places: Sequence[tuple[float, float]], texts: Sequence[str]) -> rr.Points2D:
     """Texts without a dot."""
     return rr.Points2D(
         places,

@@ -1,7 +1,7 @@
-"""From the mesh to the scenes, on one thread.
+"""The live dashboard: messages of the mesh are drawn into scenes, on one thread.
 
-A guest on the mesh: it has no token and answers nothing. Agents publish with congestion control
-DROP, so what it does not read in time is discarded at its own link and no agent waits for it.
+It has no liveliness token and answers no queries. Agents publish with congestion control DROP, so
+messages that it does not read in time are discarded at its link, and no agent waits for it.
 """
 
 from __future__ import annotations
@@ -14,26 +14,19 @@ from armadico.core.resources import WHEELS
 from armadico.core.services import service_of
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.dashboard.scene import SHOWN, Scene
-from armadico.observe.watching import ASK_S, Heard, Watcher, read_or_none
+from armadico.observe.watching import QUERY_S, Received, Watcher, read_or_none
 
-ANSWER_S: Final = 0.8
-"""Timeout of an answer: less than `ASK_S`, so that questions do not pile up."""
-
-TURN_S: Final = 0.25
-"""How often the loop checks whether to end, and draws what changes with time."""
-
-WAITING: Final = 2000
-"""Messages that may wait to be drawn: about 10 s of one robot."""
-
-ALONE_S: Final = 10.0
-"""Without a robot for this long, the user is told."""
+ANSWER_S: Final = 0.8  # timeout of a query: less than QUERY_S, so that queries do not accumulate
+TURN_S: Final = 0.25  # interval at which the loop checks for its end and removes stale items
+WAITING: Final = 2000  # capacity of the queue of messages: about 10 s of one robot
+ALONE_S: Final = 10.0  # time without a robot after which a warning is given
 
 
 class Live:
     def __init__(
         self, meshes: Sequence[ZenohMesh], scenes: Sequence[Scene], warn: Callable[[str], None]
     ) -> None:
-        """Subscribe; the meshes are open, a scene belongs to each; `warn` is given lines."""
+        """Subscribe on open meshes, with a scene for each; `warn` receives lines of text."""
         self._scenes = {mesh.namespace: s for mesh, s in zip(meshes, scenes, strict=True)}
         self._watcher = Watcher(meshes, WAITING)
         self._began = self._watcher.clock()
@@ -45,23 +38,23 @@ class Live:
             self._watcher.subscribe(service_of(kind).pattern)
 
     def stop(self) -> None:
-        """Have `run` return soon; may be called from a signal handler or another thread."""
+        """Make `run` return soon; may be called from a signal handler or another thread."""
         self._stopping = True
 
     def run(self, ended: Callable[[], bool] = lambda: False) -> None:
-        """Draw what is received until `stop`, or until `ended` is true (checked each `TURN_S`)."""
-        ask_at = turn_at = time.monotonic()
+        """Draw messages until `stop`, or until `ended` is true (checked each `TURN_S`)."""
+        query_at = turn_at = time.monotonic()
         while not self._stopping:
-            heard = self._watcher.get(TURN_S)
-            at = self._watcher.clock() if heard is None else heard.at
+            item = self._watcher.get(TURN_S)
+            at = self._watcher.clock() if item is None else item.at
             t = (at - self._began) / 1e9
-            message = read_or_none(heard) if isinstance(heard, Heard) else None
-            if heard is not None and message is not None:
-                self._scenes[heard.namespace].update(message, t)
+            message = read_or_none(item) if isinstance(item, Received) else None
+            if item is not None and message is not None:
+                self._scenes[item.namespace].update(message, t)
             now = time.monotonic()
-            if now >= ask_at:
-                ask_at = now + ASK_S
-                self._watcher.ask_for_bids(ANSWER_S)
+            if now >= query_at:
+                query_at = now + QUERY_S
+                self._watcher.query_bids(ANSWER_S)
             if now >= turn_at:
                 turn_at = now + TURN_S
                 if ended():
@@ -69,14 +62,14 @@ class Live:
                 self._turn(t)
 
     def _turn(self, t: float) -> None:
-        """Draw what changes with time; report losses and missing robots once each.
+        """Remove stale items; report losses and missing robots once each.
 
-        The time is the last message's: by the clock, messages that still wait would be overdue.
+        `t` is the time of the last message: by the clock, waiting messages would seem stale.
         """
         for scene in self._scenes.values():
             scene.refresh(t)
         if self._watcher.dropped > self._dropped:
-            self._warn(f"too slow: {self._watcher.dropped - self._dropped} messages were left out")
+            self._warn(f"too slow: {self._watcher.dropped - self._dropped} messages were dropped")
             self._dropped = self._watcher.dropped
         if t < ALONE_S:
             return
@@ -85,7 +78,7 @@ class Live:
         alone = {ns for ns in joined if WHEELS.name not in self._scenes[ns].view.acks}
         for namespace in sorted(alone - self._alone):
             self._warn(
-                f"no robot in namespace {namespace!r}; waiting for one (`armadico ps` lists alive"
-                " agents, --namespace and --connect select where to look)"
+                f"no robot in namespace {namespace!r}; waiting for one (`armadico ps` lists live"
+                " agents; select another with --namespace or --connect)"
             )
         self._alone = alone

@@ -1,7 +1,7 @@
 """The local map around the robot: its cells, the closest points, avoid's zones (thesis 3.4.2).
 
 Body frame, m, REP-103, drawn with forward up. The zones are distances from the robot's footprint
-at the measured speed (figure 3.16); whoever starts the dashboard supplies them.
+at the measured speed (figure 3.16); the command that starts the dashboard supplies them.
 """
 
 from __future__ import annotations
@@ -23,41 +23,34 @@ from armadico.observe.dashboard.shapes import Points
 ROOT: Final = "local/robot"
 CELLS: Final = f"{ROOT}/cells"
 
-REMEMBERED_S: Final = 0.5
-"""A sonar that has not fired for this long is not drawn; each fires four times a second."""
+REMEMBERED_S: Final = 0.5  # a sonar that has not fired for this long is not drawn; each has 4 Hz
+SEEN_M: Final = 6.0  # laser points farther away are drawn only on the global map
+NEAR_M: Final = 0.35  # a side's closest point this near to the closest of all has no label
 
-SEEN_M: Final = 6.0
-"""Laser points farther away are drawn on the global map only."""
-
-NEAR_M: Final = 0.35
-"""A closest point of one side that is this near to the closest of all is not labelled too."""
-
+# Colours of a cell at probability 0 and 1.
 FAINT, FULL = np.array([24.0, 44.0, 58.0]), np.array([86.0, 180.0, 233.0])
-"""A cell's colour at probability 0 and 1."""
 
+# By name (stop, danger, caution): the reach of a zone, m, at a speed, m/s.
 Zones = Mapping[str, Callable[[float], float]]
-"""By name (stop, danger, caution), how far a zone reaches at a speed, m/s: metres."""
 
 
 class LocalView:
-    """Draws what is around one robot."""
-
     def __init__(self, canvas: Canvas, zones: Zones) -> None:
         self._canvas = canvas
         self._grid: tuple[int, int, float] | None = None
-        self._heard: dict[tuple[float, float, float], tuple[float, Echo]] = {}
+        self._echoes: dict[tuple[float, float, float], tuple[float, Echo]] = {}
         self._zones = zones
         self._robot: Description | None = None
         # Forward is up on the screen, where y points down, and left is left.
         canvas.fix(ROOT, rr.Transform3D(mat3x3=[[0, -1, 0], [-1, 0, 0], [0, 0, 1]]))
 
-    def take_description(self, robot: Description) -> None:
+    def on_description(self, robot: Description) -> None:
         if robot != self._robot:
             self._robot = robot
             self._canvas.fix(f"{ROOT}/outline", shapes.robot_shape(robot, palette.BODY, 1.3))
 
-    def take_map(self, cells: LocalMap, t: float) -> None:
-        """The cells that are not empty, each as a thick arc; their colour is the probability."""
+    def on_map(self, cells: LocalMap, t: float) -> None:
+        """Draw the cells that are not empty as thick arcs, coloured by probability."""
         self._fix_grid(cells)
         if not self._canvas.due(CELLS, t):
             return
@@ -75,8 +68,8 @@ class LocalView:
         filled = rr.LineStrips2D(arcs, radii=depth / 2.0, colors=colours, draw_order=-10)
         self._canvas.draw(CELLS, t, filled)
 
-    def take_obstacles(self, obstacles: Obstacles, t: float) -> None:
-        """All points, and the closest one of each side."""
+    def on_obstacles(self, obstacles: Obstacles, t: float) -> None:
+        """Draw all points, and mark the closest one of each side."""
         if not self._canvas.due(f"{ROOT}/points", t):
             return
         points = [(point.x, point.y) for point in obstacles.points]
@@ -100,8 +93,8 @@ class LocalView:
         )
         self._canvas.draw(f"{ROOT}/closest", t, marks)
 
-    def take_state(self, state: RobotState, t: float) -> None:
-        """The zones grow with the speed."""
+    def on_state(self, state: RobotState, t: float) -> None:
+        """Draw the zones, which grow with the speed."""
         robot = self._robot
         if robot is not None and self._zones and self._canvas.due(f"{ROOT}/zones", t):
             zones = rr.LineStrips2D(
@@ -112,29 +105,29 @@ class LocalView:
             )
             self._canvas.draw(f"{ROOT}/zones", t, zones)
 
-    def take_sonar(self, sonar: Sonar, t: float) -> None:
-        """The cones of the sonars that fired lately and measured a range."""
+    def on_sonar(self, sonar: Sonar, t: float) -> None:
+        """Draw the cones of sonars that fired recently and measured a range."""
         for echo in sonar.echoes:
-            self._heard[echo.x, echo.y, echo.bearing] = (t, echo)
-        self._heard = {
+            self._echoes[echo.x, echo.y, echo.bearing] = (t, echo)
+        self._echoes = {
             place: (at, echo)
-            for place, (at, echo) in self._heard.items()
+            for place, (at, echo) in self._echoes.items()
             if abs(t - at) < REMEMBERED_S
         }
         if self._canvas.due(f"{ROOT}/sonar", t):
-            cones = [shapes.cone(e) for _, e in self._heard.values() if e.range is not None]
+            cones = [shapes.cone(e) for _, e in self._echoes.values() if e.range is not None]
             wedges = rr.LineStrips2D(cones, radii=pixels(0.6), colors=palette.CONE, draw_order=8)
             self._canvas.draw(f"{ROOT}/sonar", t, wedges)
 
-    def take_seen(self, points: Points, t: float) -> None:
-        """What a laser measured, (n, 2), body frame, m."""
+    def add_points(self, points: Points, t: float) -> None:
+        """Draw the points of a laser, (n, 2), body frame, m."""
         if self._canvas.due(f"{ROOT}/scan", t):
             near = points[np.hypot(points[:, 0], points[:, 1]) < SEEN_M]
             dots = rr.Points2D(near, radii=pixels(1.0), colors=palette.ECHO, draw_order=18)
             self._canvas.draw(f"{ROOT}/scan", t, dots)
 
     def _fix_grid(self, cells: LocalMap) -> None:
-        """The borders of rings and sectors, once."""
+        """Draw the borders of rings and sectors, once."""
         grid = (cells.sectors, cells.rings, cells.reach)
         if grid == self._grid:
             return

@@ -1,4 +1,4 @@
-"""The dashboard's colours: an agent has its colour of the pictures, nothing else has one of those.
+"""The dashboard's colours. Agents have the colours of the pictures; nothing else uses those.
 
 Rerun draws on black, so walls and footprints are light.
 """
@@ -10,7 +10,7 @@ from typing import Final
 from armadico.observe.dashboard.canvas import Colour, rgba
 from armadico.observe.pictures import colour
 
-NOBODY: Final = "nobody"
+NO_AGENT: Final = "no agent"
 
 BACKGROUND: Final = rgba("#0d1116")
 WALL: Final = rgba("#c9d3da")
@@ -29,8 +29,8 @@ PLAN: Final = rgba("#b9a7e0")
 GOAL: Final = rgba("#ff5fa8")
 DOCK: Final = rgba("#7bd389")
 
+# Cells of the map made by driving: unknown, free, occupied.
 MAPPED: Final = (rgba("#000000", 0), rgba("#233440"), rgba("#e8b04b"))
-"""Cells of the map made by driving: unknown, free, occupied."""
 
 ZONES: Final[dict[str, Colour]] = {
     "stop": rgba("#e5484d"),
@@ -40,5 +40,5 @@ ZONES: Final[dict[str, Colour]] = {
 
 
 def agent(name: str) -> Colour:
-    """An agent's colour, or the one of `NOBODY`."""
-    return rgba(colour(None if name == NOBODY else name))
+    """The colour of an agent, or of `NO_AGENT`."""
+    return rgba(colour(None if name == NO_AGENT else name))

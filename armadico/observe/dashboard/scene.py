@@ -1,6 +1,6 @@
-"""Everything that the dashboard shows of one robot, from its messages and the time (sans mesh).
+"""The dashboard's drawing of one robot, from its messages and the time (sans mesh).
 
-The live dashboard, `armadico run --rrd`, `armadico export --to rrd` and the tests use it alike.
+The live dashboard, `armadico run --rrd`, `armadico export --to rrd` and the tests use it.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ from armadico.mobile.scans import points_of
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.dashboard.global_map import GlobalMap
 from armadico.observe.dashboard.local_map import LocalView, Zones
-from armadico.observe.dashboard.palette import NOBODY
+from armadico.observe.dashboard.palette import NO_AGENT
 from armadico.observe.dashboard.utilities import Utilities
 from armadico.observe.view import View, agent_of
 
+# Messages to subscribe to; `BidHistory` is queried.
 SHOWN: Final[tuple[type[Message], ...]] = (
     m.RobotState,
     m.Description,
@@ -51,10 +52,8 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     Trajectory,
     m.Claim,
 )
-"""The messages to subscribe to. Agents are asked for their `BidHistory`."""
 
-SHOWN_RAYS: Final = 40
-"""Of a scan, on the global map."""
+SHOWN_RAYS: Final = 40  # of a scan, on the global map
 
 
 class Scene:
@@ -73,68 +72,68 @@ class Scene:
         self._local = LocalView(canvas, zones)
         self._surroundings = Surroundings()
         self._utilities = Utilities(canvas)
-        self._takers: dict[type[Message], Callable[[Any, float], None]] = {
+        self._handlers: dict[type[Message], Callable[[Any, float], None]] = {
             m.RobotState: self._state,
             m.Description: self._described,
-            m.Ack: lambda ack, t: self._utilities.take_cycle(ack.cycle, t),
+            m.Ack: lambda ack, t: self._utilities.on_cycle(ack.cycle, t),
             Pose: self._pose,
-            Particles: self._map.take_particles,
+            Particles: self._map.on_particles,
             Truth: self._truth,
             Sonar: self._sonar,
             Scan: self._scan,
             Obstacles: self._near,
-            LocalMap: self._local.take_map,
-            OccupancyGrid: self._map.take_grid,
-            Trajectory: self._map.take_trajectory,
-            m.Claim: self._utilities.take_claim,
-            m.BidHistory: lambda history, _t: self._utilities.take_history(history),
+            LocalMap: self._local.on_map,
+            OccupancyGrid: self._map.on_grid,
+            Trajectory: self._map.on_trajectory,
+            m.Claim: self._utilities.on_claim,
+            m.BidHistory: lambda history, _t: self._utilities.on_history(history),
         }
 
     def update(self, message: Message, t: float) -> None:
-        """Draw one message that was received at t (s); a message that is not shown is ignored."""
-        taker = self._takers.get(type(message))
-        if taker is not None:
+        """Draw one message received at t (s); other kinds of messages are ignored."""
+        handler = self._handlers.get(type(message))
+        if handler is not None:
             self.view.learn(message, t)
-            taker(message, t)
+            handler(message, t)
             if isinstance(message, m.RobotState):
                 self.refresh(t)
 
     def refresh(self, t: float) -> None:
-        """Remove what is stale."""
+        """Remove stale items."""
         self._map.forget(t)
 
     # Inside --------------------------------------------------------------------------------------
 
     def _state(self, state: m.RobotState, t: float) -> None:
-        self._utilities.take_cycle(state.cycle, t)
-        self._local.take_state(state, t)
+        self._utilities.on_cycle(state.cycle, t)
+        self._local.on_state(state, t)
 
     def _described(self, robot: m.Description, _t: float) -> None:
-        self._map.take_description(robot)
-        self._local.take_description(robot)
+        self._map.on_description(robot)
+        self._local.on_description(robot)
         self._surroundings.describe(robot)
 
     def _pose(self, pose: Pose, t: float) -> None:
         driver = self.view.driver(WHEELS.name, t)
-        self._map.take_pose(pose, NOBODY if driver is None else agent_of(driver), t)
+        self._map.on_pose(pose, NO_AGENT if driver is None else agent_of(driver), t)
 
     def _truth(self, truth: Truth, t: float) -> None:
-        if truth is self.view.truth:  # and not another simulator's
-            self._map.take_truth(truth, t)
+        if truth is self.view.truth:  # else it is another simulator's
+            self._map.on_truth(truth, t)
 
     def _sonar(self, sonar: Sonar, t: float) -> None:
-        self._local.take_sonar(sonar, t)
+        self._local.on_sonar(sonar, t)
         echoes = [((e.x, e.y, e.bearing), e.range) for e in sonar.echoes if e.range is not None]
-        self._map.take_seen([to_world(place, far, 0.0) for place, far in echoes], t)
+        self._map.add_points([to_world(place, far, 0.0) for place, far in echoes], t)
 
     def _scan(self, scan: Scan, t: float) -> None:
         with suppress(ValueError):  # a malformed scan is ignored
             points = points_of(scan)
-            self._local.take_seen(points, t)
-            self._map.take_seen(points[:: max(1, len(points) // SHOWN_RAYS)].tolist(), t)
+            self._local.add_points(points, t)
+            self._map.add_points(points[:: max(1, len(points) // SHOWN_RAYS)].tolist(), t)
 
     def _near(self, obstacles: Obstacles, t: float) -> None:
         if self._surroundings.counts(obstacles):
             around = self._surroundings.update(obstacles)
             if around is not None:
-                self._local.take_obstacles(around, t)
+                self._local.on_obstacles(around, t)

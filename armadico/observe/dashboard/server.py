@@ -1,11 +1,11 @@
-"""The recording that everything is drawn into, served on loopback and kept in a file.
+"""The dashboard's recording, served on loopback and written to a file.
 
-`rr.serve_grpc` and `rr.serve_web_viewer` would listen on every interface, so neither is used; and
-the server is inside this process, since a client of a server elsewhere blocks when that one does.
+`rr.serve_grpc` and `rr.serve_web_viewer` listen on all interfaces, so they are not used. The server
+runs in this process, because a client of another server blocks when that server blocks.
 
-**Memory.** The server keeps `SERVER_MEMORY` of messages and drops the oldest, so a viewer that
-comes late sees the recent past; a scene keeps bounded collections; a native viewer keeps
-`viewer.VIEWER_MEMORY`. A file that is recorded to grows, and is not kept in memory.
+**Memory.** The server keeps `SERVER_MEMORY` of messages and drops the oldest; a viewer that
+connects later shows the recent past. Scenes have bounded collections. A native viewer keeps
+`viewer.VIEWER_MEMORY`. A recorded file grows, but is not in memory.
 """
 
 from __future__ import annotations
@@ -24,14 +24,13 @@ from armadico.observe.dashboard.blueprint import blueprint
 
 APPLICATION: Final = "armadico"
 
-SERVER_MEMORY: Final = "256MiB"
-"""What is kept for viewers that come late."""
+SERVER_MEMORY: Final = "256MiB"  # messages kept for viewers that connect later
 
+# Interval at which rows are sent together. A browser reads only a few chunks per image, so few
+# large chunks are better than many small ones.
 FLUSH_S: Final = 0.25
-"""Rows are sent together this often: fewer chunks, of which a browser takes a few per image."""
 
-CLOSE_S: Final = 2.0
-"""What writing out the rest may take."""
+CLOSE_S: Final = 2.0  # timeout of the last flush
 
 
 def serve(
@@ -42,7 +41,7 @@ def serve(
     Args:
         worlds: The namespaces to show, each with its world, if that is known.
         port: Where to listen; it must be free.
-        record: A file to keep it in, too.
+        record: A file to write it to as well.
     """
     recording = _stream()
     sinks: list[rr.GrpcServerSink | rr.FileSink] = [
@@ -55,7 +54,7 @@ def serve(
 
 
 def keep(worlds: Mapping[str, World | None], record: Path) -> rr.RecordingStream:
-    """A recording that only goes into a file. Raises OSError."""
+    """A recording into a file only. Raises OSError."""
     recording = _stream()
     try:
         recording.save(record, default_blueprint=blueprint(worlds))
@@ -66,16 +65,16 @@ def keep(worlds: Mapping[str, World | None], record: Path) -> rr.RecordingStream
 
 
 def finish(recording: rr.RecordingStream, record: Path) -> None:
-    """Close what is kept in a file. Raises OSError if not all of it could be written."""
+    """Close a recording into a file. Raises OSError if it could not be written completely."""
     if not close(recording):
-        raise OSError(errno.EIO, "is not whole: what follows could not be written", str(record))
+        raise OSError(errno.EIO, "is incomplete: its end could not be written", str(record))
 
 
 def close(recording: rr.RecordingStream) -> bool:
-    """Write out what is left, and end the recording with its footer; whether all was written."""
+    """Flush and end the recording with its footer; False if not all was written."""
     try:
         recording.flush(timeout_sec=CLOSE_S)
-    except RuntimeError:  # nobody takes it any more: what could be written is
+    except RuntimeError:  # the sink accepts no more data
         _abandon(recording)
         return False
     recording.disconnect()
@@ -83,9 +82,9 @@ def close(recording: rr.RecordingStream) -> bool:
 
 
 def _abandon(recording: rr.RecordingStream) -> None:
-    """Leave a recording whose file takes no more: whoever ends it waits for that for ever.
+    """Keep a recording whose file accepts no more data until the process ends.
 
-    Nor may it be dropped, which ends it: it goes with the process.
+    Ending it would wait forever, and so would its destructor.
     """
     rr.unregister_shutdown()
     for kept in (recording, recording.to_native()):

@@ -1,7 +1,7 @@
 """The utilities of all contenders for a resource as curves.
 
-The holder publishes its utility each cycle. The other contenders publish nothing and are asked for
-their recent bids (`agent/*/*/bids`); each bid is drawn at the time of the cycle that it was for.
+The holder publishes its utility each cycle. The other contenders' recent bids are queried
+(`agent/*/*/bids`). Each bid is drawn at the time of its cycle.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas
 from armadico.observe.view import agent_of
 
-CYCLES: Final = 200
-"""Cycles whose time is remembered: 20 s. Agents remember 50 bids."""
+CYCLES: Final = 200  # cycles whose times are kept: 20 s; agents keep 50 bids
 
 
 class Utilities:
@@ -27,21 +26,19 @@ class Utilities:
         self._canvas = canvas
         self._times: dict[Cycle, float] = {}
         self._drawn: dict[tuple[str, str], dict[Cycle, None]] = {}  # by resource and agent
-        self._gap: dict[tuple[str, str], bool] = {}  # whether a curve's last point is one
+        self._gap: dict[tuple[str, str], bool] = {}  # whether a curve's last point is a gap
         self._introduced: set[tuple[str, str]] = set()
 
-    def take_cycle(self, cycle: Cycle, t: float) -> None:
-        """Remember when a cycle was first received."""
+    def on_cycle(self, cycle: Cycle, t: float) -> None:
         self._times.setdefault(cycle, t)
         while len(self._times) > CYCLES:
             del self._times[next(iter(self._times))]
 
-    def take_claim(self, claim: Claim, t: float) -> None:
+    def on_claim(self, claim: Claim, t: float) -> None:
         at = self._times.get(claim.cycle, t)
         self._point(claim.resource, claim.ballot.instance, claim.cycle, claim.utility, at)
 
-    def take_history(self, history: BidHistory) -> None:
-        """The recent bids of an agent that was asked."""
+    def on_history(self, history: BidHistory) -> None:
         for record in history.bids:
             at = self._times.get(record.cycle)
             if at is not None:
@@ -50,7 +47,7 @@ class Utilities:
     def _point(
         self, resource: str, instance: str, cycle: Cycle, utility: float | None, at: float
     ) -> None:
-        """Draw one bid once, whether it was claimed or asked for; no bid is a gap."""
+        """Draw one bid once, whether claimed or queried; no bid is a gap."""
         name = agent_of(instance)
         curve = resource, name
         drawn = self._drawn.setdefault(curve, {})

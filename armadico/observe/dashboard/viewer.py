@@ -1,7 +1,7 @@
-"""The viewer as a process of its own: rerun's binary itself, on loopback, with its memory limited.
+"""The viewer process: rerun's binary, on loopback, with limited memory.
 
-The `rerun` on the path is a wrapper whose end leaves the real program running, and by default it
-listens on every interface; so neither is used.
+The `rerun` command on the path is not used: it is a wrapper that leaves the real program running
+when it ends. Its default of listening on all interfaces is not used either.
 """
 
 from __future__ import annotations
@@ -22,16 +22,12 @@ from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.observe.screen import has_screen
 from armadico.runtime.programs import Program, end
 
-VIEWER_MEMORY: Final = "1GB"
-"""What a native viewer keeps before it drops the oldest data."""
+VIEWER_MEMORY: Final = "1GB"  # of a native viewer; beyond it the oldest data are dropped
 
 START_S: Final = 15.0
 
-WORDS: Final = 20
-"""So many lines of its last words are shown."""
-
-ESTABLISHED: Final = "01"
-"""A connection's state, as the kernel lists it."""
+LOG_LINES: Final = 20  # last lines of the viewer's log that an error shows
+ESTABLISHED: Final = "01"  # a connection's state in /proc/net/tcp
 
 NO_GRAPHICS: Final = re.compile(
     r"graphics adapter|render context|wgpu|Vulkan|WINDOWING|DISPLAY|winit", re.I
@@ -39,14 +35,14 @@ NO_GRAPHICS: Final = re.compile(
 
 
 class ViewerError(RuntimeError):
-    """The viewer cannot be had; the message says why, and what to do."""
+    """The viewer cannot be started; the message has the reason and what to do."""
 
 
 class Viewer(Program):
-    """One process of rerun's; a context manager that leaves nothing running."""
+    """One process of rerun; a context manager that leaves nothing running."""
 
     def __init__(self, arguments: Sequence[str], port: int, log: str = "info") -> None:
-        """Start it; `port` is where it will listen, `log` what it says. Raises ViewerError."""
+        """Start it; `port` is the port that it listens on, `log` its level. Raises ViewerError."""
         self.port = port
         self._file = tempfile.NamedTemporaryFile()  # noqa: SIM115 - closed with the viewer
         argv = [str(binary()), "--bind", LOOPBACK, *arguments]
@@ -64,12 +60,12 @@ class Viewer(Program):
         self.stop()
 
     def check(self) -> None:
-        """Raise ViewerError, with its last words, if it is gone: it listens before it draws."""
+        """Raise ViewerError with its log if it has ended: it listens before it can draw."""
         if self.ended():
-            raise _explained(self.last_words(WORDS))
+            raise _explained(self.last_lines(LOG_LINES))
 
     def stop(self) -> None:
-        """End it, in order if it can, and within a few seconds."""
+        """End it within a few seconds, gracefully if possible."""
         end(self.popen)
         self._file.close()
 
@@ -83,21 +79,20 @@ class Viewer(Program):
 
 
 def web(uri: str, port: int) -> Viewer:
-    """Serve the web viewer, which shows `uri` in a browser that opens `link`."""
+    """Serve the web viewer for `uri`; a browser opens `link`."""
     return Viewer(["--serve-web", "--web-viewer-port", str(port), uri], port)
 
 
 def link(uri: str, port: int) -> str:
-    """What to open in a browser."""
     return f"http://{LOOPBACK}:{port}/?{urlencode({'url': uri, 'theme': 'dark'})}"
 
 
 def native(uri: str) -> Viewer:
-    """A window that shows `uri`. Raises ViewerError where there is no screen."""
+    """Open a window that shows `uri`. Raises ViewerError without a screen."""
     if not has_screen(os.environ):
         raise ViewerError(
-            "--native needs a screen, and neither DISPLAY nor WAYLAND_DISPLAY is set;"
-            " --web serves a page for a browser, --headless only records"
+            "--native needs a screen, but neither DISPLAY nor WAYLAND_DISPLAY is set;"
+            " use --web for a browser, or --headless to record only"
         )
     port = free_port()
     options = ["--port", str(port), "--memory-limit", VIEWER_MEMORY, "--hide-welcome-screen"]
@@ -105,16 +100,16 @@ def native(uri: str) -> Viewer:
 
 
 def binary() -> Path:
-    """The program itself, as the wheel brought it. Raises ViewerError."""
+    """The program's path in the installed wheel. Raises ViewerError."""
     for name in ("rerun", "rerun.exe"):
         path = Path(rerun_cli.__file__).parent / name
         if path.is_file():
             return path
-    raise ViewerError("rerun-sdk came without its viewer; pip install 'armadico[dashboard]'")
+    raise ViewerError("rerun-sdk has no viewer; run: pip install 'armadico[dashboard]'")
 
 
 def listening(port: int) -> bool:
-    """Whether somebody answers on a port of this machine."""
+    """Whether a program listens on a port of this machine."""
     try:
         socket.create_connection((LOOPBACK, port), timeout=0.5).close()
     except OSError:
@@ -127,13 +122,13 @@ def watched(port: int) -> bool:
     try:
         listed = Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]
     except OSError:
-        return True  # nobody can say, so nobody waits
+        return True  # not known, so do not wait
     here = f"0100007F:{port:04X}"
     return any(line.split()[1] == here and line.split()[3] == ESTABLISHED for line in listed)
 
 
 def checked_port(port: int, option: str) -> int:
-    """The port, or one that is free for 0. Raises ViewerError if somebody has it."""
+    """The port, or a free one for 0. Raises ViewerError if it is in use."""
     if port == 0:
         return free_port()
     try:
@@ -141,8 +136,8 @@ def checked_port(port: int, option: str) -> int:
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ViewerError(
-            f"port {port} cannot be used ({reason}); perhaps another dashboard has it:"
-            f" {option} 0 takes one that is free"
+            f"port {port} cannot be used ({reason}); another dashboard may use it:"
+            f" {option} 0 selects a free one"
         ) from None
     return port
 
@@ -151,7 +146,7 @@ def _explained(words: str) -> ViewerError:
     if NO_GRAPHICS.search(words):
         return ViewerError(
             f"the viewer found no graphics (Vulkan or a screen):\n{words}\n"
-            "--web serves a page for a browser, --headless only records; on Debian,"
-            " mesa-vulkan-drivers draws without a graphics card"
+            "use --web for a browser, or --headless to record only; on Debian,"
+            " mesa-vulkan-drivers renders without a graphics card"
         )
     return ViewerError(f"the viewer did not start:\n{words}")

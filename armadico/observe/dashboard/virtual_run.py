@@ -1,4 +1,4 @@
-"""A run on the virtual mesh, drawn into a recording: for pictures and tests, in seconds."""
+"""A run on the virtual mesh, drawn into a recording, for pictures and tests."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from armadico.mesh.virtual import VirtualMesh
 from armadico.observe.dashboard.local_map import Zones
 from armadico.observe.dashboard.scene import SHOWN, Scene
 from armadico.observe.dashboard.server import finish, keep
-from armadico.observe.watching import ASK_S
+from armadico.observe.watching import QUERY_S
 
 
 class Rehearsed:
-    """Draws what happens on a virtual mesh, in a world; use as a context manager around its run."""
+    """Draws a run on a virtual mesh; use as a context manager around it."""
 
     def __init__(
         self, mesh: VirtualMesh, world: str, path: Path, zones: Zones, *, namespace: str = "robot1"
@@ -24,18 +24,18 @@ class Rehearsed:
         self._scene = Scene(self._recording, walls, namespace, zones)
         self._mesh = mesh
         mesh.watch(lambda _key, message, now: self._scene.update(message, now), *SHOWN)
-        mesh.call_at(mesh.now + ASK_S, self._ask)
+        mesh.call_at(mesh.now + QUERY_S, self._query)
 
     def __enter__(self) -> Rehearsed:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._ask()
+        self._query()
         finish(self._recording, self._path)
 
-    def _ask(self, *_: object) -> None:
-        """Take each agent's recent bids, once a second, without a message on the mesh."""
+    def _query(self, *_: object) -> None:
+        """Read each agent's recent bids once per second, without a message on the mesh."""
         for node in self._mesh.nodes:
             if node.alive and not node.hung:
                 self._scene.update(node.agent.history(), self._mesh.now)
-        self._mesh.call_at(self._mesh.now + ASK_S, self._ask)
+        self._mesh.call_at(self._mesh.now + QUERY_S, self._query)

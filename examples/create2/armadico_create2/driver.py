@@ -55,13 +55,13 @@ PACKETS = {
 LAYOUT = struct.Struct(">" + "".join(f"B{code}" for code in PACKETS.values()))
 BUMPS, DROPS, CLIFFS, WHEELS_HELD, LIGHTS = 0b11, 0b1100, (9, 10, 11, 12), 0b1100, range(46, 52)
 FAINTEST = 4000
-"""Of the light bumpers' signals, 12 bits: a stronger one is as near as can be told."""
+"""Largest signal of the light bumpers (12 bits), the least distance."""
 
 ANSWER_S = 1.0
 """Without a good frame for so long the robot does not answer, or the link is lost."""
 
-ASK_S = 0.5
-"""Safe mode is asked for again this often."""
+REQUEST_S = 0.5
+"""Period of new requests for Safe mode."""
 
 UNWATCHED = "a Create 2 has no watchdog: if this process is killed, it drives on"
 
@@ -113,7 +113,7 @@ class Odometry(Continuous):
         self._theta = 0.0
 
     def update(self, counts: tuple[int, int], elapsed: float) -> tuple[float, float]:
-        """Take counts `elapsed` (s) after the last ones; the speeds meanwhile, m/s and rad/s."""
+        """Add counts `elapsed` s after the last ones; returns the speeds, m/s and rad/s."""
         before, self._counts = self._counts, counts
         if before is None:
             return 0.0, 0.0
@@ -126,7 +126,7 @@ class Odometry(Continuous):
         self._theta += turn
         step = (way * cos(heading), way * sin(heading), turn)
         self._add(step, self._fastest, elapsed, self._theta)
-        # A step that is none: the robot was switched off and on, and counts from 0.
+        # After a reset the step is invalid: the robot was switched off and on and counts from 0.
         return (way / elapsed, turn / elapsed) if self.resets == resets else (0.0, 0.0)
 
 
@@ -136,7 +136,7 @@ class Driver:
     def __init__(self, profile: Create2, now: float) -> None:
         """Begin at time `now` (s, any clock)."""
         self.held = self.is_open = False
-        self.motors_due = False  # it has no switch for them: see `_left_safe_mode`
+        self.motors_due = False  # it has no switch for its motors: see `_left_safe_mode`
         self.decoder, self.odometry, self.counts = Decoder(), Odometry(profile), Counts()
         self._profile = profile
         self._frames = max(1, round(profile.cycle_s / FRAME_S))  # in a cycle
@@ -146,7 +146,7 @@ class Driver:
         self._attempts = 0
         self._felt = self._count = self._lost = 0
         self._was_safe = False
-        self._ask_at = now
+        self._request_at = now
         self._deadline: float | None = None
         self._begin()
 
@@ -165,11 +165,11 @@ class Driver:
         for values in frames:
             self._deadline = now + ANSWER_S
             self._count += 1
-            # A bump of one frame counts in the cycle that it falls into.
+            # A bump in any frame counts for its cycle.
             self._felt |= values[7] | (any(values[cliff] for cliff in CLIFFS) << 8)
             if self._count + self.decoder.mangled - self._lost >= self._frames:
                 events.append(self._report(values))
-        # After a hang only the newest cycle counts: what each costs would put a stop off.
+        # After a hang only the newest cycle counts: processing all of them would delay a stop.
         self.counts.surplus += max(len(events) - 1, 0)
         if events and not self.is_open:
             self.is_open, self._attempts = True, 0
@@ -202,9 +202,9 @@ class Driver:
         return data
 
     def drive(self, v: float, w: float) -> None:
-        asked = finite(v, w)
+        wanted = finite(v, w)
         if self.is_open:
-            self._ramps.ask(asked, self._now)
+            self._ramps.request(wanted, self._now)
 
     def stop(self) -> None:
         self.drive(*REST)
@@ -214,7 +214,7 @@ class Driver:
         self._out += drive_direct(*REST, self._profile.body.half_track_m)
 
     def pulse(self) -> None:
-        """There is no watchdog to feed."""
+        """Do nothing: the robot has no watchdog."""
 
     def close(self) -> None:
         self.emergency_stop()
@@ -222,7 +222,7 @@ class Driver:
         self.is_open, self._deadline = False, None
 
     def _begin(self) -> None:
-        """Ask for Safe mode and the stream, with wheels at rest."""
+        """Request Safe mode and the stream, with the wheels at rest."""
         self.is_open = self._was_safe = False
         self._deadline = self._now + ANSWER_S
         self._count, self._lost = 0, self.decoder.mangled
@@ -232,7 +232,7 @@ class Driver:
         self._out += bytes((STREAM, len(PACKETS), *PACKETS))
 
     def _report(self, values: dict[int, int]) -> Reported:
-        """A cycle: what the robot says, and what it has felt since the cycle before."""
+        """The report of a cycle, with the contacts since the last one."""
         elapsed = FRAME_S * (self._count + self.decoder.mangled - self._lost)
         self._count, self._lost = 0, self.decoder.mangled
         felt, self._felt = self._felt, 0
@@ -254,21 +254,21 @@ class Driver:
         )
 
     def _left_safe_mode(self, values: dict[int, int], felt: int, safe: bool) -> bool:
-        """Whether a person ended Safe mode, by one of its buttons.
+        """Whether a person ended Safe mode with a button of the robot.
 
-        The robot ends it by itself, too. Safe mode is asked for again in either case: it moves
-        nothing, and what a person has stopped stays stopped by the society's latch.
+        The robot also ends it by itself. Safe mode is requested again in both cases. This moves
+        nothing, and a person's stop is latched by the society.
         """
         by_itself = felt & ~BUMPS or values[34]
         ended = self._was_safe and not safe and not by_itself
         self._was_safe = safe
-        if not safe and not values[34] and self._now >= self._ask_at:
-            self._ask_at = self._now + ASK_S
+        if not safe and not values[34] and self._now >= self._request_at:
+            self._request_at = self._now + REQUEST_S
             self._out.append(SAFE)
         return ended
 
     def _range(self, signal: int) -> float:
-        """About how far something is, m, if it reflects as a white wall does: by 1 / range^2."""
+        """The range, m, of an object as bright as a white wall: the signal falls by 1 / range^2."""
         ring = self._profile.sonar
         at_10_cm = self._profile.create2.light_at_10_cm
         found = 0.1 * sqrt(at_10_cm / min(max(signal, 1), FAINTEST))

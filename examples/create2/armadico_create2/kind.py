@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class OpenInterface(Section, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What the driver needs to know of this robot."""
+    """The section [create2] of a profile."""
 
     counts_per_m: Positive  # of a wheel's encoder
     light_at_10_cm: Annotated[float, Meta(ge=10, le=4000)]  # signal of a light bumper

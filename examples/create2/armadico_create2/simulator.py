@@ -26,21 +26,21 @@ from armadico_create2.driver import (
 from armadico_create2.kind import Create2
 
 LENGTHS = {START: 1, SAFE: 1, DRIVE_DIRECT: 5, PAUSE: 2, STOP: 1}
-"""Of commands, in bytes; STREAM's says its own."""
+"""Lengths of commands in bytes; STREAM contains its own."""
 
 FELT_S = 0.1
-"""The bumper stays pressed so long."""
+"""How long the bumper stays pressed."""
 
 
 def simulated(profile: Create2, stage: Stage) -> SimulatedRobot:
-    """A Create 2 on a stage, as its serial line shows it."""
+    """A simulated Create 2 with its serial line."""
     plant = Plant(profile, stage.sensors, stage.site, stage.streams)
     name = stage.name or profile.name
     return SimulatedRobot(plant, Firmware(profile, plant), name, profile.cycle_s)
 
 
 class Firmware(Controller):
-    """What answers on the serial line; see `armadico.bridge.simulator.simulated.Controller`."""
+    """The firmware behind the serial line; see `armadico.bridge.simulator.simulated.Controller`."""
 
     def __init__(self, profile: Create2, plant: Plant) -> None:
         super().__init__(plant)
@@ -66,7 +66,7 @@ class Firmware(Controller):
             self._obey(command)
 
     def disconnect(self) -> None:
-        """It does not notice: the robot drives on."""
+        """The robot does not detect it and drives on."""
         self._in.clear()
 
     def _next_report(self) -> int:
@@ -81,7 +81,7 @@ class Firmware(Controller):
             self._send()
 
     def _length(self) -> int:
-        """Of the command that has begun; more than there is if that is not known yet."""
+        """The length of the present command; more than received while it is unknown."""
         opcode = self._in[0]
         if opcode == STREAM:
             return 2 + self._in[1] if len(self._in) > 1 else 2

@@ -59,7 +59,7 @@ def walled(make: Callable[..., Bench], profile: P2osRobot) -> tuple[Bench, Meter
     return bench, plant
 
 
-def test_while_it_pushes_it_says_that_it_is_stalled(walled: tuple[Bench, Metered]) -> None:
+def test_a_robot_that_pushes_a_wall_reports_a_stall(walled: tuple[Bench, Metered]) -> None:
     """But for two packets a second: motors that come on again do not push yet."""
     bench, _ = walled
     stalls = [(status.left_stall, status.right_stall) for status in bench.watched(10.0)]
@@ -76,7 +76,7 @@ def test_stalled_motors_are_off_before_they_pull_with_all_their_might(
 
 
 @pytest.mark.parametrize("after", [0.1 * n for n in range(13)])
-def test_told_to_back_off_it_does_at_once_whenever_it_is_told(
+def test_it_backs_off_as_soon_as_it_is_commanded(
     walled: tuple[Bench, Metered], after: float
 ) -> None:
     bench, plant = walled
@@ -87,17 +87,17 @@ def test_told_to_back_off_it_does_at_once_whenever_it_is_told(
     assert not any(status.left_stall for status in statuses[4:])
 
 
-def test_told_to_turn_instead_it_does_not_spin(walled: tuple[Bench, Metered]) -> None:
+def test_commanded_to_turn_instead_it_does_not_spin(walled: tuple[Bench, Metered]) -> None:
     bench, plant = walled
     bench.send(Cmd.VEL, 0)
     bench.send(Cmd.RVEL, -60)
     statuses = bench.watched(3.0)
     assert plant.pose[2] < -math.pi / 4
-    asked = math.radians(60) * 0.1689
-    assert max(abs(status.left_m_s) for status in statuses) < 2.5 * asked
+    set_point = math.radians(60) * 0.1689
+    assert max(abs(status.left_m_s) for status in statuses) < 2.5 * set_point
 
 
-def test_told_to_stop_it_pushes_no_more(walled: tuple[Bench, Metered]) -> None:
+def test_commanded_to_stop_it_pushes_no_more(walled: tuple[Bench, Metered]) -> None:
     bench, plant = walled
     bench.send(Cmd.STOP)
     bench.watched(0.3)
@@ -106,7 +106,7 @@ def test_told_to_stop_it_pushes_no_more(walled: tuple[Bench, Metered]) -> None:
     assert plant.most_v == 0.0
 
 
-def test_what_was_asked_is_kept(walled: tuple[Bench, Metered]) -> None:
+def test_set_points_are_kept(walled: tuple[Bench, Metered]) -> None:
     bench, plant = walled
     bench.controller.receive(set_pose(-5.0, 0.0, 0.0))
     bench.watched(3.0)
@@ -125,7 +125,7 @@ def test_a_move_that_was_held_goes_on_from_where_the_wheels_are(
     assert plant.odometry[0] - start == pytest.approx(1.0, abs=0.02)
 
 
-def test_the_configuration_tells_when_motors_are_stalled_and_for_how_long(robot: Bench) -> None:
+def test_the_configuration_has_the_limits_of_a_stall(robot: Bench) -> None:
     robot.send(Cmd.CONFIG, 1)
     configuration = decode_configuration(robot.run(0)[-1])
     assert 0 < configuration.stall_pwm < configuration.pwm_max

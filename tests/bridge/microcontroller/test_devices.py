@@ -85,7 +85,7 @@ def test_encoder_packets_come_once_or_before_each_status(robot: Bench) -> None:
     assert [payload[0] for payload in robot.run(0.1)] == [0x32]
 
 
-def test_digital_outputs_change_where_the_mask_says(robot: Bench) -> None:
+def test_digital_outputs_change_by_the_mask(robot: Bench) -> None:
     robot.send(Cmd.DIGOUT, 0xFF0F)
     robot.send(Cmd.DIGOUT, 0x1110)
     assert robot.watched(0.1)[0].digital_out == 0x1E

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 DEGREE = math.pi / 180
 
 
-def test_speeds_asked_while_motors_are_off_are_not_remembered(bench: Bench) -> None:
+def test_speeds_commanded_while_motors_are_off_are_discarded(bench: Bench) -> None:
     bench.connect(motors=False)
     bench.send(Cmd.VEL, 300)
     bench.send(Cmd.ENABLE, 1)
@@ -123,7 +123,7 @@ def test_head_turns_the_short_way_to_an_absolute_heading(robot: Bench, heading: 
     assert last.control_rad == pytest.approx(short, abs=0.002)
 
 
-def test_a_heading_asked_again_each_cycle_restarts_nothing(
+def test_repeating_a_heading_each_cycle_restarts_nothing(
     make: Callable[[P2osRobot], Bench], profile: P2osRobot
 ) -> None:
     tracks = []
@@ -141,7 +141,7 @@ def test_a_heading_asked_again_each_cycle_restarts_nothing(
     assert tracks[1] == pytest.approx(tracks[0], abs=0.005)
 
 
-def test_dhead_turns_from_the_heading_and_dchead_from_the_last_one_asked(robot: Bench) -> None:
+def test_dhead_turns_from_the_heading_and_dchead_from_the_last_set_point(robot: Bench) -> None:
     robot.send(Cmd.DHEAD, 30)
     robot.watched(0.3)
     robot.send(Cmd.DCHEAD, 15)
@@ -182,14 +182,14 @@ def test_limits_and_ramps_can_be_set_and_never_exceed_the_profiles(robot: Bench)
     assert robot.plant.v == pytest.approx(1.6, abs=0.001)
 
 
-def test_no_ramp_is_steeper_than_the_tops_that_the_configuration_tells(robot: Bench) -> None:
+def test_no_ramp_is_steeper_than_the_tops_in_the_configuration(robot: Bench) -> None:
     for cmd in (Cmd.SETA, Cmd.SETRA):
         robot.send(cmd, 32000)
         robot.send(cmd, -32000)
     robot.send(Cmd.CONFIG, 1)
-    told = decode_configuration(robot.run(0)[-1])
-    assert told.v_accel == told.v_decel == told.v_accel_top
-    assert told.w_accel == told.w_decel == told.w_accel_top
+    found = decode_configuration(robot.run(0)[-1])
+    assert found.v_accel == found.v_decel == found.v_accel_top
+    assert found.w_accel == found.w_decel == found.w_accel_top
 
 
 @pytest.mark.parametrize("cmd", [Cmd.STOP, Cmd.E_STOP])
@@ -217,7 +217,7 @@ def test_an_emergency_stop_has_no_ramp_and_ignores_commands_until_the_robot_rest
     assert robot.plant.v == pytest.approx(0.5, abs=0.001)
 
 
-def test_motors_switched_off_forget_what_was_asked(robot: Bench) -> None:
+def test_motors_that_are_switched_off_drop_the_set_point(robot: Bench) -> None:
     robot.send(Cmd.VEL, 500)
     robot.watched(1.0)
     robot.send(Cmd.ENABLE, 0)

@@ -63,7 +63,7 @@ def test_before_open_there_is_no_status_and_the_configuration_is_given(bench: Be
     assert configuration.cycle_s == pytest.approx(0.1)
 
 
-def test_the_configuration_tells_tops_of_acceleration_since_aria_takes_0_for_none_allowed(
+def test_the_configuration_has_tops_of_acceleration_because_aria_takes_0_for_none(
     robot: Bench,
 ) -> None:
     robot.send(Cmd.CONFIG, 1)

@@ -32,7 +32,7 @@ def first_packet(make: Callable[..., Bench], profile: P2osRobot) -> Bench:
     return make(profile, frozenset({Trap.FIRST_PACKET}))
 
 
-def heard(bench: Bench, *packets: bytes) -> list[int]:
+def replies(bench: Bench, *packets: bytes) -> list[int]:
     """The types of what comes back."""
     for packet in packets:
         bench.controller.receive(packet)
@@ -42,25 +42,25 @@ def heard(bench: Bench, *packets: bytes) -> list[int]:
 def test_a_first_packet_that_is_no_sync_is_answered_and_sync0_never_again(
     first_packet: Bench,
 ) -> None:
-    assert heard(first_packet, ZERO) == [Cmd.VEL]
+    assert replies(first_packet, ZERO) == [Cmd.VEL]
     for _ in range(3):
-        assert heard(first_packet, SYNC0) == []
+        assert replies(first_packet, SYNC0) == []
         first_packet.run(1.0)
 
 
 def test_until_the_client_goes(first_packet: Bench) -> None:
-    heard(first_packet, ZERO)
+    replies(first_packet, ZERO)
     first_packet.controller.disconnect()
-    assert heard(first_packet, SYNC0, SYNC1, SYNC2) == [0, 1, 2]
+    assert replies(first_packet, SYNC0, SYNC1, SYNC2) == [0, 1, 2]
 
 
 def test_or_closes(first_packet: Bench) -> None:
-    heard(first_packet, ZERO, command(Cmd.CLOSE))
-    assert heard(first_packet, SYNC0, SYNC1, SYNC2) == [0, 1, 2]
+    replies(first_packet, ZERO, command(Cmd.CLOSE))
+    assert replies(first_packet, SYNC0, SYNC1, SYNC2) == [0, 1, 2]
 
 
-def test_who_sends_sync0_first_is_connected(first_packet: Bench) -> None:
-    assert heard(first_packet, SYNC0, SYNC1, SYNC2, command(Cmd.OPEN)) == [0, 1, 2]
+def test_a_client_that_sends_sync0_first_is_connected(first_packet: Bench) -> None:
+    assert replies(first_packet, SYNC0, SYNC1, SYNC2, command(Cmd.OPEN)) == [0, 1, 2]
     assert first_packet.watched(0.2)
 
 

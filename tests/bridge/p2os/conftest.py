@@ -29,7 +29,7 @@ class Link:
         return self.session
 
     def let_pass(self, seconds: float, *, client: bool = True) -> list[Event]:
-        """Run on; return the client's events of that time. Without a client, nobody reads."""
+        """Run on; return the client's events. Without a client, the bytes are not read."""
         events: list[Event] = []
         for _ in range(round(seconds * 100)):
             self.now = round(self.now + 0.01, 6)

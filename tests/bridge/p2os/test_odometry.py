@@ -72,7 +72,7 @@ def test_packets_lost_in_between_cost_nothing() -> None:
 
 
 @pytest.mark.parametrize(("x", "theta"), [(0.5, 0.0), (12.0, 2.0), (0.0, 0.5)])
-def test_a_reset_by_somebody_else_moves_nobody(x: float, theta: float) -> None:
+def test_a_reset_by_another_client_moves_no_robot(x: float, theta: float) -> None:
     odometry = Odometry(UNITS)
     odometry.update(on_wire(0, 0, 0), 0.0)
     odometry.convert(UNITS)
@@ -90,7 +90,7 @@ def test_a_reset_by_somebody_else_moves_nobody(x: float, theta: float) -> None:
 def test_the_pose_moves_where_it_heads_whatever_the_controllers_heading(
     before: float, after: float
 ) -> None:
-    """After SETO the base is new; the pose goes on from where it was, as it was turned."""
+    """After SETO the base is new; the pose continues from where it was, as it was turned."""
     odometry = Odometry(UNITS)
     odometry.update(on_wire(0, 0, before), 0.0)
     odometry.convert(UNITS)
@@ -101,11 +101,11 @@ def test_the_pose_moves_where_it_heads_whatever_the_controllers_heading(
     assert (pose.x, pose.y) == pytest.approx(want, abs=0.002)
 
 
-def test_after_a_reset_that_nobody_asked_for_it_moves_where_it_heads() -> None:
+def test_after_an_unexpected_reset_it_moves_where_it_heads() -> None:
     odometry = Odometry(UNITS)
     odometry.update(on_wire(0, 0, 0), 0.0)
     odometry.update(on_wire(0, 0, 0.5, spin=5.0), 0.1)
-    odometry.update(on_wire(0, 0, -3.0), 0.2)  # somebody set it otherwise
+    odometry.update(on_wire(0, 0, -3.0), 0.2)  # another client set it
     assert odometry.resets == 1
     ahead = on_wire(0.1 * math.cos(-3.0), 0.1 * math.sin(-3.0), -3.0, 1.0)
     pose = odometry.update(ahead, 0.3)

@@ -21,8 +21,8 @@ from armadico.bridge.p2os.handshake import (
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.session import (
-    ASK_TIMES,
     HANG_S,
+    MOST_REPEATS,
     Connected,
     Event,
     LinkLost,
@@ -47,7 +47,7 @@ def status(profile: P2osRobot, **fields: object) -> bytes:
 
 
 def sent(session: Session) -> list[tuple[int, int]]:
-    """Number and value of what the session has written since last asked."""
+    """Number and value of the commands written since the last call."""
     commands = map(decode_command, Decoder().feed(session.outgoing()))
     return [(command.number, command.value) for command in commands]
 
@@ -94,7 +94,7 @@ def test_the_handshake_ends_with_motors_on_at_zero_speed_and_limits_set(session:
     ]
 
 
-def test_nothing_is_asked_of_a_robot_before_the_link_is_open(session: Session) -> None:
+def test_no_request_is_sent_before_the_link_is_open(session: Session) -> None:
     session.outgoing()
     session.drive(0.3, 0.0)
     session.pulse()
@@ -102,7 +102,7 @@ def test_nothing_is_asked_of_a_robot_before_the_link_is_open(session: Session) -
     assert (Cmd.VEL, 300) not in sent(opened(session))
 
 
-def test_an_answer_that_does_not_come_is_told_and_asked_for_again(session: Session) -> None:
+def test_a_missing_answer_is_reported_and_requested_again(session: Session) -> None:
     session.outgoing()
     assert session.next_wakeup == pytest.approx(ECHO_TIMEOUT_S)
     assert session.tick(ECHO_TIMEOUT_S) == [Unanswered("the echo of SYNC0", 1)]
@@ -116,8 +116,8 @@ def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
     session: Session, profile: P2osRobot
 ) -> None:
     session.outgoing()
-    told = session.receive(status(profile), 0.05)
-    assert told == [Unanswered("the echo of SYNC0", 1, streaming=True)]
+    events = session.receive(status(profile), 0.05)
+    assert events == [Unanswered("the echo of SYNC0", 1, streaming=True)]
     assert session.state is State.DRAIN
     assert sent(session) == [(Cmd.VEL, 0), (Cmd.RVEL, 0), (Cmd.CLOSE, 0)]
     session.receive(status(profile), 0.1)
@@ -127,17 +127,17 @@ def test_a_status_packet_instead_of_an_echo_closes_what_a_dead_client_left(
 
 def test_the_configuration_is_wanted_and_not_required(session: Session, profile: P2osRobot) -> None:
     opened(session)
-    asked = []
+    repeats = []
     for n in range(1, 31):
         events = session.receive(status(profile, motors_enabled=True), n / 10)
         assert isinstance(events[0], Reported)
         session.tick(n / 10)
-        asked += [number for number, _ in sent(session)]
-    assert asked == [Cmd.CONFIG] * ASK_TIMES
+        repeats += [number for number, _ in sent(session)]
+    assert repeats == [Cmd.CONFIG] * MOST_REPEATS
     assert session.is_open
 
 
-def test_a_configuration_that_comes_is_told_and_asked_for_no_more(session: Session) -> None:
+def test_a_received_configuration_is_reported_and_not_requested_again(session: Session) -> None:
     opened(session)
     wanted = Configuration(name="Rob", watchdog_s=2.0)
     (got,) = session.receive(encode(encode_configuration(wanted)), 0.05)
@@ -147,9 +147,7 @@ def test_a_configuration_that_comes_is_told_and_asked_for_no_more(session: Sessi
     assert Cmd.CONFIG not in [number for number, _ in sent(session)]
 
 
-def test_motors_that_somebody_switched_off_by_hand_stay_off(
-    session: Session, profile: P2osRobot
-) -> None:
+def test_motors_switched_off_by_hand_stay_off(session: Session, profile: P2osRobot) -> None:
     opened(session)
     session.receive(status(profile, motors_enabled=True), 0.1)
     for n in range(2, 40):
@@ -300,7 +298,7 @@ def test_every_state_that_waits_has_a_time_out_and_a_way_on() -> None:
 
 
 def test_every_beginning_closes_before_sync0_and_nothing_comes_before_that() -> None:
-    """SYNC0 is a pulse to who was left open; what comes first is a SYNC to MobileSim."""
+    """SYNC0 is a pulse to a controller left open; MobileSim takes the first packet for a SYNC."""
     for _, actions in TRANSITIONS.values():
         if Action.SEND_SYNC0 in actions:
             sends = [a for a in actions if a not in {Action.LOSE, Action.FORGET}]
@@ -316,22 +314,22 @@ class FirstPacketIsSync:
         self._sync = 0
 
     def answers(self, data: bytes) -> bytes:
-        said = b""
+        answer = b""
         for payload in self._decoder.feed(data):
             if self._sync > 2:
                 if payload[0] == Cmd.CLOSE:
                     self._sync = 0
                 continue
-            said += NAMES if payload[0] == 2 else encode(payload[:1])
+            answer += NAMES if payload[0] == 2 else encode(payload[:1])
             self._sync = payload[0] + 1
-        return said
+        return answer
 
 
 @pytest.mark.parametrize("first", [b"", SYNC0, SYNC0 + SYNC1, SYNC0 + SYNC1 + SYNC2])
-def test_who_takes_the_first_packet_for_a_sync_is_connected_to(
+def test_a_controller_that_takes_the_first_packet_for_a_sync_is_connected_to(
     session: Session, first: bytes
 ) -> None:
-    """Whatever another client has left it in the middle of, on a line that tells nobody."""
+    """Whatever another client has left it in the middle of, on a line that reports nothing."""
     controller = FirstPacketIsSync()
     controller.answers(first)
     now, events = 0.0, session.receive(controller.answers(session.outgoing()), 0.0)
@@ -343,19 +341,19 @@ def test_who_takes_the_first_packet_for_a_sync_is_connected_to(
     assert session.is_open
 
 
-def test_who_streams_and_never_answers_is_told_again_and_again(
+def test_a_controller_that_streams_and_never_answers_is_reported_repeatedly(
     session: Session, profile: P2osRobot
 ) -> None:
     """The wire from us to the robot is broken."""
-    told: list[Event] = []
+    events: list[Event] = []
     for n in range(1, 51):
-        told += session.receive(status(profile), n / 10)
-        told += session.tick(n / 10)
-    assert all(isinstance(event, Unanswered) and event.streaming for event in told)
-    assert len(told) > 10
+        events += session.receive(status(profile), n / 10)
+        events += session.tick(n / 10)
+    assert all(isinstance(event, Unanswered) and event.streaming for event in events)
+    assert len(events) > 10
 
 
-def test_every_way_out_of_an_open_link_but_closing_tells_that_it_is_lost() -> None:
+def test_every_end_of_an_open_link_but_closing_reports_it_as_lost() -> None:
     for (state, signal), (_, actions) in TRANSITIONS.items():
         if state is State.OPEN and signal is not Signal.CLOSE:
             assert actions[0] is Action.LOSE

@@ -77,7 +77,7 @@ def test_what_was_decoded_encodes_to_the_same_bytes(status: Status) -> None:
 
 
 @given(statuses)
-def test_p2os_own_short_form_says_the_same_but_for_what_only_later_controllers_do(
+def test_p2os_own_short_form_is_equal_but_for_later_controllers_fields(
     sent: Status,
 ) -> None:
     payload = encode_status(sent, UNITS, short=True)

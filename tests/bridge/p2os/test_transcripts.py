@@ -34,9 +34,9 @@ def rows(name: str, direction: str) -> Rows:
 
 def answers(link: Link, name: str) -> list[tuple[float, bytes]]:
     """Our controller's packets to the recorded client, at the recorded times."""
-    decoder, got, said = Decoder(), [], rows(name, "c2s")
-    end = said[-1][0] + 1
-    for time, data in [*said, (100.0, b"")]:
+    decoder, got, sent = Decoder(), [], rows(name, "c2s")
+    end = sent[-1][0] + 1
+    for time, data in [*sent, (100.0, b"")]:
         while link.now < min(time, end):
             link.now = round(link.now + 0.01, 6)
             got += [(link.now, p) for p in decoder.feed(link.controller.advance(link.now))]

@@ -1,6 +1,6 @@
 """What real ROS 2 makes of `samples.json`: bytes and type hashes, as JSON on the standard output.
 
-To be run by an interpreter that has rclpy; `golden.json` is what it said. `tf2_msgs` and
+To be run by an interpreter that has rclpy; `golden.json` is its output. `tf2_msgs` and
 `irobot_create_msgs` are not among the packages that can be had: their bytes and hashes are those of
 rosbags 0.11, of the latter by its `.msg` text.
 """

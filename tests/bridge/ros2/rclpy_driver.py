@@ -1,7 +1,7 @@
-"""Somebody else's program that drives a robot: real ROS 2, told the namespace and nothing of us.
+"""A foreign program that drives a robot: real ROS 2, which knows the namespace only.
 
 To be run by an interpreter that has rclpy. Drives on until the robot has gone 0.2 m and its laser
-and battery have been heard, stops it, and prints what it saw as JSON.
+and battery have been received, stops it, and prints what it saw as JSON.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A robot of real ROS 2: publishes odometry and a scan, and says what it is told to drive.
+"""A robot of real ROS 2: publishes odometry and a scan, and reports the commands that it receives.
 
 To be run by an interpreter that has rclpy. Events are JSON lines on the standard output. What comes
 on the standard input: a line `quiet` has it publish no more, `speak` again, any other ends it.
@@ -20,8 +20,8 @@ from sensor_msgs.msg import BatteryState, LaserScan, Range
 PERIOD_S = 0.02
 
 
-def say(**event) -> None:
-    """Tell the test."""
+def report(**event) -> None:
+    """Report an event to the test."""
     sys.stdout.write(json.dumps(event) + "\n")
     sys.stdout.flush()
 
@@ -32,7 +32,7 @@ def main() -> None:
     parser.add_argument("--name", default="robot")
     parser.add_argument("--namespace", default="")
     parser.add_argument("--best-effort", action="store_true", help="what it publishes")
-    parser.add_argument("--latched", action="store_true", help="what it asks of commands")
+    parser.add_argument("--latched", action="store_true", help="QoS for commands")
     parser.add_argument("--plain", action="store_true", help="commands without a stamp")
     parser.add_argument("--also-drives", action="store_true")
     parser.add_argument("--x", type=float, default=0.0)
@@ -50,12 +50,12 @@ def main() -> None:
     sonar = node.create_publisher(Range, "sonar", sent)
     battery = node.create_publisher(BatteryState, "battery_state", 1)
 
-    def told(message) -> None:
+    def on_command(message) -> None:
         twist = message if args.plain else message.twist
-        say(v=twist.linear.x, w=twist.angular.z)
+        report(v=twist.linear.x, w=twist.angular.z)
 
     kind = Twist if args.plain else TwistStamped
-    node.create_subscription(kind, "cmd_vel", told, read)
+    node.create_subscription(kind, "cmd_vel", on_command, read)
     if args.also_drives:
         node.create_publisher(kind, "cmd_vel", 1)
 
@@ -81,15 +81,15 @@ def main() -> None:
             battery.publish(BatteryState(voltage=12.5))
 
     node.create_timer(PERIOD_S, tick)
-    say(ready=True)
+    report(ready=True)
     while True:
         rclpy.spin_once(node, timeout_sec=0.1)
         if select.select([sys.stdin], [], [], 0)[0]:
-            heard = sys.stdin.readline().strip()
-            if heard not in {"quiet", "speak"}:
+            word = sys.stdin.readline().strip()
+            if word not in {"quiet", "speak"}:
                 break
-            quiet = heard == "quiet"
-    say(
+            quiet = word == "quiet"
+    report(
         nodes=sorted(
             f"{ns.rstrip('/')}/{name}" for name, ns in node.get_node_names_and_namespaces()
         )

@@ -1,4 +1,4 @@
-"""What a ROS 2 robot says, by hand, and what it was told."""
+"""Messages of a ROS 2 robot, made by hand, and the commands that it received."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from armadico.bridge.ros2.frames import (
     Seen,
     Wanted,
     Wants,
+    control_frame,
     frame,
     read,
-    said,
 )
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.session import UNWATCHED, Session
@@ -91,10 +91,10 @@ def mounted(
     )
 
 
-def ranged(frame_id: str, stamp: float, heard: float, most: float = 5.0) -> bytes:
-    """What a sonar hears, m."""
+def ranged(frame_id: str, stamp: float, range_m: float, most: float = 5.0) -> bytes:
+    """A reading of a sonar, m."""
     header = types.Header(stamp=time(stamp), frame_id=frame_id)
-    return encode(types.Range(header=header, min_range=0.1, max_range=most, range=heard))
+    return encode(types.Range(header=header, min_range=0.1, max_range=most, range=range_m))
 
 
 def hazards(*felt: tuple[int, str]) -> bytes:
@@ -116,8 +116,8 @@ class Line:
         self.decoder = Decoder()
         self.events: list[object] = []
         self.wants: list[Wants] = []
-        self.told: list[tuple[float, float, float]] = []  # when, m/s, rad/s
-        self.stamps: list[float] = []  # of what it was told, by the robot's clock
+        self.commands: list[tuple[float, float, float]] = []  # when, m/s, rad/s
+        self.stamps: list[float] = []  # of the commands, by the robot's clock
         self.flush()
 
     def flush(self) -> None:
@@ -132,9 +132,9 @@ class Line:
                 self.stamps.append(stamp.sec + 1e-9 * stamp.nanosec)
             else:
                 twist = decode(types.Twist, payload)
-            self.told.append((self.now, twist.linear.x, twist.angular.z))
+            self.commands.append((self.now, twist.linear.x, twist.angular.z))
 
-    def say(self, topic: str, payload: bytes) -> list[object]:
+    def publish(self, topic: str, payload: bytes) -> list[object]:
         return self.raw(frame(topic, payload))
 
     def raw(self, data: bytes) -> list[object]:
@@ -145,12 +145,12 @@ class Line:
 
     def odometry(self, at: float | None = None, **fields: Any) -> list[object]:
         stamp = CLOCK_S + (self.now if at is None else at)
-        return self.say(self.ros2.odom.name, odometry(stamp, **fields))
+        return self.publish(self.ros2.odom.name, odometry(stamp, **fields))
 
     def scan(self, ranges: list[float], at: float | None = None, **fields: Any) -> list[object]:
         stamp = CLOCK_S + (self.now if at is None else at)
         assert self.ros2.scan is not None
-        return self.say(self.ros2.scan.name, scan(stamp, ranges, **fields))
+        return self.publish(self.ros2.scan.name, scan(stamp, ranges, **fields))
 
     def drive(self, v: float, w: float = 0.0) -> None:
         self.session.drive(v, w)
@@ -185,7 +185,7 @@ class Line:
 
     @property
     def notes(self) -> list[Noted]:
-        """But for what is said of each robot without a watchdog."""
+        """The notes, except that about a missing watchdog."""
         return [noted for noted in self.of(Noted) if noted.text != UNWATCHED]
 
     @property
@@ -194,7 +194,7 @@ class Line:
         return report
 
     def speeds(self, since: float = 0.0) -> list[tuple[float, float]]:
-        return [(v, w) for at, v, w in self.told if at >= since]
+        return [(v, w) for at, v, w in self.commands if at >= since]
 
 
 class End:
@@ -205,7 +205,7 @@ class End:
 
     def begin(self) -> None:
         self.decoder, self.seen = Decoder(), Seen()
-        self.transport.write(said(Wants(self.wanted)))
+        self.transport.write(control_frame(Wants(self.wanted)))
 
     def frames(self) -> list[Frame]:
         """What comes next."""
@@ -216,7 +216,7 @@ class End:
         return [each for each in found if each[0] != SEEN]
 
     def until(self, holds: Callable[[Seen], bool]) -> Seen:
-        """Who is there, once that holds; the test's time-out ends the wait for it."""
+        """The other nodes, once a condition holds; the test's timeout limits the wait."""
         while not holds(self.seen):
             self.frames()
         return self.seen

@@ -60,12 +60,12 @@ def test_the_domain_is_the_environments_where_none_is_given(monkeypatch) -> None
         ("ros3://", "begins with none of"),
     ],
 )
-def test_bad_addresses_say_what_is_wrong(url: str, wrong: str) -> None:
+def test_bad_addresses_are_rejected_with_the_reason(url: str, wrong: str) -> None:
     with pytest.raises(ValueError, match=wrong):
         read_address(url)
 
 
-def test_without_the_extra_one_line_says_what_to_install(monkeypatch) -> None:
+def test_without_the_extra_the_error_names_the_package(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
     monkeypatch.delitem(sys.modules, "armadico.bridge.ros2.dds", raising=False)
     with pytest.raises(TransportError, match=r"pip install 'armadico\[ros2\]'") as caught:

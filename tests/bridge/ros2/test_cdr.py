@@ -54,7 +54,7 @@ def test_big_endian_is_read() -> None:
         b"\1\1\0\0\x03\0\0\0hi\0",
     ],
 )
-def test_what_is_no_text_is_said(data) -> None:
+def test_invalid_text_is_rejected(data) -> None:
     with pytest.raises(ValueError, match="std_msgs/msg/String"):
         cdr.decode(types.String, data)
 
@@ -128,7 +128,7 @@ def plain(value: Any) -> Any:
 
 
 class Gaps(Buffer):
-    """Notes which bytes nobody writes: Fast CDR leaves there what the memory held before."""
+    """Records the bytes that are not written: Fast CDR leaves old memory there."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -142,7 +142,7 @@ class Gaps(Buffer):
 
 
 def unpadded(name: str, hexadecimal: str) -> list[int]:
-    """The bytes of the sample that say something."""
+    """The bytes of the sample that are written."""
     gaps = Gaps()
     fill(cdr.known()[name](), SAMPLES[name]).serialize(buffer=gaps)
     return [b for at, b in enumerate(bytes.fromhex(hexadecimal)) if at not in gaps.skipped]
@@ -159,21 +159,21 @@ def test_bytes_and_hash_are_those_of_ros_2(name: str) -> None:
     assert cdr.type_hash(kind) == golden["hash"]
 
 
-def test_the_golden_bytes_are_what_rclpy_says_today() -> None:
-    said = subprocess.run(
+def test_the_golden_bytes_are_those_of_rclpy() -> None:
+    done = subprocess.run(
         [real_ros.interpreter(), HERE / "rclpy_bytes.py"],
         env=real_ros.environment(DOMAIN),
         stdout=subprocess.PIPE,
         check=True,
     )
-    today = json.loads(said.stdout)
+    today = json.loads(done.stdout)
     assert len(today) >= 10
     for name, now in today.items():
         assert unpadded(name, now["bytes"]) == unpadded(name, GOLDEN[name]["bytes"])
         assert now["hash"] == GOLDEN[name]["hash"]
 
 
-def test_the_types_that_rmw_says_of_nodes_have_its_hash() -> None:
+def test_the_type_of_discovery_has_the_hash_of_rmw() -> None:
     # As read from a node's endpoint on `ros_discovery_info`.
-    said = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
-    assert cdr.type_hash(types.ParticipantEntitiesInfo) == said
+    expected = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+    assert cdr.type_hash(types.ParticipantEntitiesInfo) == expected

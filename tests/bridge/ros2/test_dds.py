@@ -70,13 +70,13 @@ class Peer:
         event: dict[str, object] = json.loads(line)
         return event
 
-    def tell(self, what: str) -> None:
+    def send(self, what: str) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write(f"{what}\n")
         self.process.stdin.flush()
 
     def until(self, v: float, w: float) -> None:
-        """Wait until it is told to drive so."""
+        """Wait until it receives this command."""
         while self.event() != {"v": v, "w": w}:
             pass
 
@@ -145,7 +145,7 @@ def line(domain: int) -> Iterator[Callable[..., Line]]:
 
 
 def obeys(line: Line, peer: Peer, v: float, w: float) -> None:
-    """Command until it says so: what is said before anybody is found goes nowhere."""
+    """Command until it reports that: samples before discovery are lost."""
     line.until(lambda seen: bool(seen.robot) and not seen.notes)
     line.drive(v, w)
     peer.until(v, w)
@@ -157,8 +157,8 @@ def test_odometry_and_scans_come_and_commands_go(peer, line) -> None:
     assert odometry.pose.pose.position.x == 1.5
     assert odometry.twist.twist.linear.x == 0.125
     assert list(cdr.decode(types.LaserScan, ours.next("scan")).ranges) == [1.0, 2.5]
-    heard = cdr.decode(types.Range, ours.next("sonar"))
-    assert (heard.header.frame_id, heard.range) == ("sonar_3", 1.5)
+    reading = cdr.decode(types.Range, ours.next("sonar"))
+    assert (reading.header.frame_id, reading.range) == ("sonar_3", 1.5)
     assert ours.until(lambda seen: seen.robot == "/robot").drivers == ()
     obeys(ours, robot, 0.25, -0.5)
     obeys(ours, robot, 0.0, 0.0)
@@ -186,6 +186,7 @@ def test_a_client_that_comes_again_goes_on(peer, line) -> None:
     assert robot.end().count("/armadico") >= 1
 
 
+@pytest.mark.long
 def test_two_robots_are_two(peer, line) -> None:
     one, two = peer("--namespace", "tb1", "--x", "1"), peer("--namespace", "tb2", "--x", "2")
     first, second = line("tb1"), line("tb2")
@@ -202,14 +203,14 @@ def test_quality_that_does_not_match_is_named_and_nothing_comes(peer, line) -> N
     ours = line("", ODOM, CMD)
     seen = ours.until(lambda seen: len(seen.notes) == 2)
     assert seen.notes == (
-        "QoS of /odom: /robot offers best effort, reliable is asked for here",
-        "QoS of /cmd_vel: /robot asks for transient local, volatile is offered here",
+        "QoS of /odom: /robot offers best effort, reliable is requested here",
+        "QoS of /cmd_vel: /robot requests transient local, volatile is offered here",
     )
     assert all(topic != "odom" for topic, _ in ours.frames())
 
 
 def test_another_type_is_no_matter_of_quality(domain) -> None:
-    """Cyclone DDS counts it as that; who publishes and reads what is named by `judge`."""
+    """Cyclone DDS counts it as that; `judge` names publishers and readers."""
     with ExitStack() as stack:
         ours, other = (DdsWire(Address("", domain, "lo"), name) for name in ("ours", "other"))
         for wire in (ours, other):
@@ -222,7 +223,7 @@ def test_another_type_is_no_matter_of_quality(domain) -> None:
         assert ours.complaints() == []
 
 
-def test_nodes_of_an_older_ros_are_not_told_what_they_cannot_read(domain, line) -> None:
+def test_nodes_of_an_older_ros_are_not_sent_what_they_cannot_read(domain, line) -> None:
     """Humble's gids have 24 bytes; its nodes end their discovery on hearing of 16."""
     humble = DdsWire(Address("", domain, "lo"), "humble")
     writer, reader = humble._nodes_out, humble._nodes_in
@@ -231,19 +232,19 @@ def test_nodes_of_an_older_ros_are_not_told_what_they_cannot_read(domain, line) 
     info += b"\2\0\0\0/\0\0\0" + b"\2\0\0\0n\0\0\0" + bytes(8)
     writer.write(writer.topic.data_type.of(info))
     ours = line("", ODOM)
-    ours.until(lambda seen: bool(seen.notes))  # who is there is known by then
-    said = [sample.payload for sample in reader.take(100) if sample.payload != info]
+    ours.until(lambda seen: bool(seen.notes))  # the other nodes are known by then
+    samples = [sample.payload for sample in reader.take(100) if sample.payload != info]
     humble.close()
-    assert said == []
+    assert samples == []
 
 
-def test_who_drove_keeps_its_name_when_its_node_has_ended(domain, line) -> None:
-    """Its writer is believed in until its lease ends."""
+def test_a_driver_keeps_its_name_after_its_node_has_ended(domain, line) -> None:
+    """Its writer is known until its lease ends."""
     other = DdsWire(Address("", domain, "lo"), "teleop")
     other.want([CMD, ODOM_OUT])
     ours = line()
     while ours.seen.drivers != ("/teleop",):
-        list(other.others())  # says in time whose it is
+        list(other.others())  # receives in time whose it is
         ours.frames()
     odom = types.Gid(data=other._writers["odom"].guid.bytes)
     base = types.NodeEntitiesInfo("/", "base", [], [odom])
@@ -299,10 +300,10 @@ def test_a_session_drives_stops_and_notices_silence(peer, line) -> None:
     while stopping.is_alive():
         owner.step()
 
-    robot.tell("quiet")
+    robot.send("quiet")
     assert "no odometry" in owner.until(LinkLost).reason
     assert not owner.session.is_open
-    robot.tell("speak")
+    robot.send("speak")
     owner.until(Connected)
 
     owner.session.drive(0.1, 0.0)

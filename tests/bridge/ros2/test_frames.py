@@ -17,9 +17,9 @@ from armadico.bridge.ros2.frames import (
     Seen,
     Wanted,
     Wants,
+    control_frame,
     frame,
     read,
-    said,
 )
 
 topics = st.text("abcdefgh_/", min_size=1, max_size=40)
@@ -79,7 +79,7 @@ def test_what_was_lost_within_a_frame_takes_at_most_the_next_one_along(
 
 
 def test_a_head_whose_length_was_changed_waits_for_nothing() -> None:
-    """Its own check says so: a quarter of a megabyte would be seconds of silence."""
+    """By its own check: a quarter of a megabyte would take seconds."""
     stream = bytearray(frame(*ONE))
     stream[6:10] = (LARGEST - 1).to_bytes(4, "little")
     decoder = Decoder()
@@ -111,10 +111,10 @@ def test_a_piece_of_the_magic_at_the_end_is_kept() -> None:
     assert decoder.dropped == 5 * (len(MAGIC) - 1)
 
 
-def test_what_the_line_itself_says_is_read_again() -> None:
+def test_control_messages_are_read_again() -> None:
     wants = Wants((Wanted("odom", "nav_msgs/msg/Odometry"),))
     seen = Seen("base", ("/teleop",), ("no scan",))
-    (topic, payload), (other, more) = Decoder().feed(said(wants) + said(seen))
+    (topic, payload), (other, more) = Decoder().feed(control_frame(wants) + control_frame(seen))
     assert (topic, read(payload, Wants)) == (WANTS, wants)
     assert (other, read(more, Seen)) == (SEEN, seen)
 
@@ -122,6 +122,6 @@ def test_what_the_line_itself_says_is_read_again() -> None:
 @pytest.mark.parametrize(
     "payload", [b"", b"{", b'{"drivers": 3}', b'{"robot": "' + b"x" * 501 + b'"}']
 )
-def test_what_it_does_not_say_is_refused(payload: bytes) -> None:
+def test_invalid_control_messages_are_rejected(payload: bytes) -> None:
     with pytest.raises(ValueError):  # noqa: PT011 - msgspec's own words
         read(payload, Seen)

@@ -1,4 +1,4 @@
-"""Who is around a ROS 2 robot, in words."""
+"""The nodes around a ROS 2 robot, in words."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ def test_a_robot_that_fits_is_named_and_that_is_all() -> None:
     assert seen([ODOM, CMD], [ROBOT, WHEELS]) == Seen("/base")
 
 
-def test_who_else_drives_is_named() -> None:
+def test_other_drivers_are_named() -> None:
     others = [ROBOT, WHEELS, Endpoint("/cmd_vel", TWIST, "/teleop", True)]
     assert seen([ODOM, CMD], [*others, Endpoint("/cmd_vel", STAMPED, "/nav", True)]) == Seen(
         "/base", ("/nav", "/teleop")
     )
 
 
-def test_nobody_is_missed_before_they_can_have_been_found() -> None:
+def test_no_node_is_missed_before_discovery_has_settled() -> None:
     assert seen([ODOM, CMD], [], settled=False) == Seen()
 
 
 def test_an_empty_domain() -> None:
     notes = seen([ODOM], []).notes
     assert notes == (
-        "no robot publishes /odom (nav_msgs/msg/Odometry) in domain 0; nobody else is there: is it"
-        " on, in this network, and in this domain?",
+        "no robot publishes /odom (nav_msgs/msg/Odometry) in domain 0; no other node is present:"
+        " is it on, in this network, and in this domain?",
     )
 
 
-def test_who_looks_in_the_network_is_told_where_a_simulated_robot_is() -> None:
-    for address, told in ((Address("", 7), True), (Address("", 7, "lo"), False)):
+def test_the_hint_about_a_simulated_robot_is_for_the_network_only() -> None:
+    for address, expected in ((Address("", 7), True), (Address("", 7, "lo"), False)):
         found = judge([ODOM], "", address.where, [], True, address.lonely)
-        assert ("?interface=lo" in found.notes[0]) is told
+        assert ("?interface=lo" in found.notes[0]) is expected
         assert address.where in found.notes[0]
 
 
@@ -97,27 +97,27 @@ def test_another_type_is_named_both_ways() -> None:
 
 
 @pytest.mark.parametrize(
-    ("want", "other", "told"),
+    ("want", "other", "expected"),
     [
         (
             Wanted("scan", SCAN),
             Endpoint("/scan", SCAN, "/lidar", True, reliable=False),
-            "QoS of /scan: /lidar offers best effort, reliable is asked for here",
+            "QoS of /scan: /lidar offers best effort, reliable is requested here",
         ),
         (
             Wanted("scan", SCAN, latched=True),
             Endpoint("/scan", SCAN, "/lidar", True),
-            "QoS of /scan: /lidar offers volatile, transient local is asked for here",
+            "QoS of /scan: /lidar offers volatile, transient local is requested here",
         ),
         (
             Wanted("cmd_vel", TWIST, writes=True, reliable=False),
             Endpoint("/cmd_vel", TWIST, "/base", False),
-            "QoS of /cmd_vel: /base asks for reliable, best effort is offered here",
+            "QoS of /cmd_vel: /base requests reliable, best effort is offered here",
         ),
     ],
 )
-def test_quality_that_does_not_match_is_named(want, other, told) -> None:
-    assert seen([want], [other]).notes == (told,)
+def test_quality_that_does_not_match_is_named(want, other, expected) -> None:
+    assert seen([want], [other]).notes == (expected,)
 
 
 def test_quality_that_does_match() -> None:
@@ -139,10 +139,10 @@ def test_two_robots_of_one_make_have_one_name() -> None:
     )
 
 
-def test_topics_that_nobody_has() -> None:
+def test_topics_without_endpoints_are_named() -> None:
     assert seen([ODOM, Wanted("scan", SCAN), CMD], [ROBOT]).notes == (
-        "nobody publishes /scan in domain 0",
-        "nobody reads /cmd_vel in domain 0",
+        "no node publishes /scan in domain 0",
+        "no node reads /cmd_vel in domain 0",
     )
 
 

@@ -33,10 +33,10 @@ def fixed(
 
 
 def frames(*transforms: TransformStamped) -> Frames:
-    """One message each, as several publishers say them."""
+    """One message each, as several publishers send them."""
     made = Frames()
     for each in transforms:
-        made.learn(TFMessage([each]))
+        made.on_tf_static(TFMessage([each]))
     return made
 
 
@@ -81,7 +81,7 @@ def test_one_that_is_tilted_is_so_by_as_much() -> None:
     assert mount.tilt == pytest.approx(radians(20.0))
 
 
-def test_what_nobody_has_said_is_not_known() -> None:
+def test_an_unpublished_frame_is_unknown() -> None:
     assert frames(*BURGER).mount("base_link", "laser") is None
     assert frames(*BURGER).mount("other/base_link", "base_scan") is None
     assert Frames().mount("base_link", "base_scan") is None
@@ -92,10 +92,10 @@ def test_frames_in_a_circle_are_nowhere() -> None:
     assert circle.mount("base", "a") is None
 
 
-def test_what_is_said_again_counts_and_not_more_than_so_many() -> None:
+def test_the_last_transform_counts_and_the_number_of_frames_is_limited() -> None:
     made = frames(*BURGER, fixed("base_link", "base_scan", 0.1))
     for k in range(MOST):
-        made.learn(TFMessage([fixed("base_link", f"frame_{k}")]))
+        made.on_tf_static(TFMessage([fixed("base_link", f"frame_{k}")]))
     found = made.mount("base_link", "base_scan")
     assert found is not None
     assert found.place[0] == pytest.approx(0.1)
@@ -106,8 +106,8 @@ def test_what_is_said_again_counts_and_not_more_than_so_many() -> None:
     "bad", [fixed("a", "b", nan), fixed("a", "b", turned=Quaternion(w=0.0))], ids=["nan", "none"]
 )
 def test_a_transform_that_is_none_is_refused(bad: TransformStamped) -> None:
-    with pytest.raises(ValueError, match="no rotation"):
-        Frames().learn(TFMessage([bad]))
+    with pytest.raises(ValueError, match="rotation"):
+        Frames().on_tf_static(TFMessage([bad]))
 
 
 def test_mounts_differ_by_place_heading_and_which_way_is_up() -> None:

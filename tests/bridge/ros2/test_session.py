@@ -1,4 +1,4 @@
-"""A session with a ROS 2 robot: cycles by its odometry's stamps, and nothing bad believed."""
+"""A session with a ROS 2 robot: cycles by its odometry's stamps, and invalid data rejected."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from armadico.bridge.ramps import RAMP_S
 from armadico.bridge.ros2 import types
-from armadico.bridge.ros2.frames import Seen, frame, said
+from armadico.bridge.ros2.frames import Seen, control_frame, frame
 from armadico.bridge.ros2.session import LINK_TIMEOUT_S
 from armadico.bridge.session import Connected, LinkLost, Noted, Pose, Reported, Unanswered
 from tests.bridge.kit import BURGER, CREATE3, JACKAL, SONARS
@@ -24,7 +24,7 @@ STEP = 1e-6
 # --- opening
 
 
-def test_it_says_first_what_it_wants_and_tells_the_robot_to_stand() -> None:
+def test_it_first_publishes_its_topics_and_zero_speeds() -> None:
     line = Line()
     (wants,) = line.wants
     assert [(w.topic, w.type, w.writes) for w in wants.topics] == [
@@ -37,9 +37,9 @@ def test_it_says_first_what_it_wants_and_tells_the_robot_to_stand() -> None:
     assert line.speeds() == [(0.0, 0.0)]
 
 
-def test_it_is_open_with_the_first_odometry_by_the_name_of_who_says_it() -> None:
+def test_it_is_open_with_the_first_odometry_and_has_the_publishers_name() -> None:
     line = Line()
-    line.raw(said(Seen(robot="/base")))
+    line.raw(control_frame(Seen(robot="/base")))
     line.odometry(x=1.0, theta=0.5)
     assert line.session.is_open
     assert line.of(Connected) == [Connected("/base", "ROS 2", "")]
@@ -49,14 +49,14 @@ def test_it_is_open_with_the_first_odometry_by_the_name_of_who_says_it() -> None
 def test_a_name_that_comes_after_the_odometry_is_taken_once() -> None:
     line = Line()
     line.odometry(x=1.0)
-    line.raw(said(Seen(robot="/base")))
-    line.raw(said(Seen(robot="/base", drivers=("/nav2",))))
+    line.raw(control_frame(Seen(robot="/base")))
+    line.raw(control_frame(Seen(robot="/base", drivers=("/nav2",))))
     assert line.of(Connected) == [Connected("", "ROS 2", ""), Connected("/base", "ROS 2", "")]
 
 
-def test_without_odometry_it_says_so_and_what_comes_instead() -> None:
+def test_without_odometry_it_reports_what_arrives_instead() -> None:
     line = Line()
-    line.raw(said(Seen(notes=("odom is a geometry_msgs/msg/Pose",))))
+    line.raw(control_frame(Seen(notes=("odom is a geometry_msgs/msg/Pose",))))
     line.go(2.5, odometry=False)
     first, second = line.of(Unanswered)
     assert (first.awaited, first.attempts, second.attempts) == ("odometry on odom", 1, 2)
@@ -65,7 +65,7 @@ def test_without_odometry_it_says_so_and_what_comes_instead() -> None:
     assert line.notes == [Noted("odom is a geometry_msgs/msg/Pose")]
 
 
-def test_speeds_asked_of_a_robot_that_is_not_there_are_forgotten() -> None:
+def test_speeds_for_an_absent_robot_are_discarded() -> None:
     line = Line()
     line.drive(0.2)
     line.open()
@@ -106,7 +106,7 @@ def test_a_flood_costs_no_more_than_its_newest() -> None:
 # --- odometry
 
 
-def test_a_jump_moves_nobody_and_the_way_goes_on_from_there() -> None:
+def test_a_jump_does_not_move_the_pose() -> None:
     line = Line().open()
     line.go(0.5, x=1.0)  # from 0 to 1 m at rest: a jump
     assert line.report.pose == Pose(0.0, 0.0, 0.0)
@@ -131,7 +131,7 @@ def test_the_heading_is_not_wrapped() -> None:
     assert line.report.pose.theta == pytest.approx(19.9)
 
 
-def test_odometry_that_runs_backwards_in_time_is_not_believed_and_then_begun_anew() -> None:
+def test_odometry_that_runs_backwards_is_rejected_then_restarted() -> None:
     line = Line().open()
     at = line.now
     while not line.of(LinkLost):
@@ -156,38 +156,38 @@ def test_a_clock_that_goes_wrong_all_the_time_loses_the_link_for_good(pace: floa
         line.go(0.02, odometry=False)
         line.odometry(at=100.0 + pace * 0.02 * k)
     (lost,) = line.of(LinkLost)
-    assert ("backwards" if pace < 0.0 else "hardly goes on") in lost.reason
+    assert ("backwards" if pace < 0.0 else "hardly advances") in lost.reason
     assert not line.session.is_open
     assert len(line.of(Reported)) == cycles + 1
     line.go(0.5)
     assert line.session.is_open
 
 
-def test_who_jumps_again_and_again_is_lost_until_he_does_not() -> None:
+def test_repeated_jumps_lose_the_link_until_they_end() -> None:
     """Two robots that publish on one topic."""
     line = Line(JACKAL).open()
     for k in range(100):
         line.go(0.1, odometry=False)
         line.odometry(x=5.0 * (k % 2))
     (lost,) = line.of(LinkLost)
-    assert "jumps again and again" in lost.reason
+    assert "jumps" in lost.reason
     assert not line.session.is_open
     line.go(3.0)
     assert line.session.is_open
 
 
-def test_nobody_drives_two_robots_at_once() -> None:
+def test_two_robots_are_not_driven_at_once() -> None:
     line = Line(JACKAL).open()
     line.drive(0.5)
     line.go(0.3, v=0.5)
-    line.raw(said(Seen("/base", notes=("more than one robot here",), several=True)))
-    assert line.told[-1][1:] == (0.0, 0.0)
+    line.raw(control_frame(Seen("/base", notes=("more than one robot here",), several=True)))
+    assert line.commands[-1][1:] == (0.0, 0.0)
     line.go(3.0)
     assert not line.session.is_open
     (lost,) = line.of(LinkLost)
     assert "more than one robot" in lost.reason
     assert "more than one robot" in line.of(Unanswered)[-1].hint
-    line.raw(said(Seen("/base")))
+    line.raw(control_frame(Seen("/base")))
     line.go(0.5)
     assert line.session.is_open
 
@@ -220,12 +220,12 @@ def test_no_number_that_is_none_gets_through(field: str, bad: float) -> None:
     data = odometry(
         CLOCK_S + line.now, quaternion=quaternion if field == "theta" else None, **fields
     )
-    line.say(line.ros2.odom.name, data)
+    line.publish(line.ros2.odom.name, data)
     assert len(line.of(Reported)) == count
     assert line.session.line.malformed == 1
 
 
-def test_wheels_faster_than_any_are_not_believed() -> None:
+def test_impossible_speeds_are_rejected() -> None:
     line = Line().open()
     count = len(line.of(Reported))
     for fields in ({"v": 3.0}, {"w": -20.0}, {"x": 1e7}):
@@ -264,24 +264,24 @@ def test_the_line_that_is_opened_again_begins_with_what_it_wants() -> None:
     line.events += line.session.restart(line.now)
     line.flush()
     assert len(line.wants) == 2
-    assert line.told[-1][1:] == (0.0, 0.0)
+    assert line.commands[-1][1:] == (0.0, 0.0)
     assert line.of(LinkLost)
     line.go(0.2)
     assert line.session.is_open
 
 
-# --- who else is there
+# --- other nodes
 
 
 def test_others_that_drive_are_named_once() -> None:
     line = Line().open()
     for _ in range(3):
-        line.raw(said(Seen(robot="/base", drivers=("/teleop", "/nav2"))))
+        line.raw(control_frame(Seen(robot="/base", drivers=("/teleop", "/nav2"))))
     (noted,) = line.notes
     assert "cmd_vel" in noted.text
     assert "/teleop, /nav2" in noted.text
-    line.raw(said(Seen()))
-    line.raw(said(Seen(drivers=("/nav2",))))
+    line.raw(control_frame(Seen()))
+    line.raw(control_frame(Seen(drivers=("/nav2",))))
     assert len(line.notes) == 2
 
 
@@ -311,8 +311,8 @@ def test_nothing_on_the_line_raises_and_what_is_good_is_understood(
 )
 def test_no_payload_ends_it(payload: bytes, topic: str) -> None:
     line = Line().open()
-    line.say(topic, b"\x00\x01\x00\x00" + payload)
-    line.say(topic, payload)
+    line.publish(topic, b"\x00\x01\x00\x00" + payload)
+    line.publish(topic, payload)
     line.go(1.5)
     line.go(0.2)
     assert line.session.is_open
@@ -321,12 +321,12 @@ def test_no_payload_ends_it(payload: bytes, topic: str) -> None:
 # --- battery and scan
 
 
-def test_the_battery_and_the_charger_are_told_with_each_cycle() -> None:
+def test_battery_and_charger_are_reported_with_each_cycle() -> None:
     line = Line().open()
-    line.say("battery_state", battery(12.25, status=1))
+    line.publish("battery_state", battery(12.25, status=1))
     line.go(0.2)
     assert (line.report.battery_v, line.report.charging) == (12.25, True)
-    line.say("battery_state", battery(nan))
+    line.publish("battery_state", battery(nan))
     line.go(0.2)
     assert (line.report.battery_v, line.report.charging) == (0.0, False)
 
@@ -348,14 +348,14 @@ def test_the_newest_scan_comes_with_each_cycle_until_it_is_too_old() -> None:
     assert line.report.scan is None
 
 
-def test_a_laser_that_says_the_same_again_and_again_is_no_laser() -> None:
+def test_a_laser_that_repeats_a_scan_is_not_used() -> None:
     line = Line().open()
     for _ in range(20):
         line.scan([1.0, 2.0], at=0.3)
         line.go(0.1)
     assert line.report.scan is None
     (noted,) = line.notes
-    assert "again and again" in noted.text
+    assert "same scan" in noted.text
 
 
 def test_a_laser_that_is_well_every_other_time_is_not_complained_of_each_time() -> None:
@@ -366,7 +366,7 @@ def test_a_laser_that_is_well_every_other_time_is_not_complained_of_each_time() 
         if k % 2:
             line.scan([1.0] * 20)
         else:
-            line.say(line.ros2.scan.name, bytes(k))
+            line.publish(line.ros2.scan.name, bytes(k))
         line.odometry()
     assert len(line.notes) in (1, 2)
 
@@ -496,16 +496,16 @@ def test_no_order_is_steeper_than_the_ramps(orders: list[tuple[tuple[float, floa
     """The wheels follow at once here; what is ordered may never jump by more than a ramp allows."""
     line, limits = Line(JACKAL).open(), JACKAL.limits
     v = w = 0.0
-    for (ask_v, ask_w), steps in orders:
-        line.drive(ask_v, ask_w)
+    for (set_v, set_w), steps in orders:
+        line.drive(set_v, set_w)
         for _ in range(steps):
-            v, w = line.told[-1][1:]
+            v, w = line.commands[-1][1:]
             line.go(0.01, v=v, w=w)
     steep, steep_w = max(limits.v_accel, limits.v_decel), max(limits.w_accel, limits.w_decel)
-    for (_, v0, w0), (_, v1, w1) in pairwise(line.told):
+    for (_, v0, w0), (_, v1, w1) in pairwise(line.commands):
         assert abs(v1 - v0) <= steep * RAMP_S + STEP
         assert abs(w1 - w0) <= steep_w * RAMP_S + STEP
-    for (t0, v0, w0), (t1, v1, w1) in combinations(line.told[:200], 2):
+    for (t0, v0, w0), (t1, v1, w1) in combinations(line.commands[:200], 2):
         assert abs(v1 - v0) <= steep * (t1 - t0 + 2 * RAMP_S) + STEP
         assert abs(w1 - w0) <= steep_w * (t1 - t0 + 2 * RAMP_S) + STEP
 
@@ -521,48 +521,48 @@ def test_through_rest_it_brakes_first() -> None:
     assert signs[-1] == -1.0
 
 
-def test_it_says_nothing_of_its_own_accord() -> None:
-    """Once the speeds are what was asked for: a base that hears no more stops by its watchdog."""
+def test_it_publishes_nothing_of_its_own_accord() -> None:
+    """Once the set speeds are reached: without commands a base stops by its watchdog."""
     line = Line().open()
     line.drive(0.1)
     line.go(0.5, v=0.1)
-    count = len(line.told)
+    count = len(line.commands)
     line.go(3.0, v=0.1)
-    assert len(line.told) == count
+    assert len(line.commands) == count
 
 
 def test_after_a_silence_it_starts_from_the_speeds_that_the_robot_has() -> None:
-    """It has stopped by itself, or somebody else has driven it."""
+    """It has stopped by itself, or another node has driven it."""
     line = Line(JACKAL).open()
     line.go(1.0, v=1.0)
     line.drive(1.0)
-    assert line.told[-1][1] == 1.0
+    assert line.commands[-1][1] == 1.0
 
 
 @pytest.mark.parametrize("lie", [4.0, -4.0, 1.0])
-def test_nobody_gets_more_than_he_asks_for_whatever_the_odometry_says(lie: float) -> None:
+def test_no_command_exceeds_the_request_whatever_the_odometry(lie: float) -> None:
     line = Line(JACKAL).open()
     line.go(1.0, v=lie, w=lie)
-    begun = len(line.told)
-    line.session.stop()  # nobody drives, and the wheels are said to turn
+    begun = len(line.commands)
+    line.session.stop()  # no agent drives, but the measured wheels turn
     line.flush()
-    assert {told[1:] for told in line.told[begun:]} == {(0.0, 0.0)}
+    assert {each[1:] for each in line.commands[begun:]} == {(0.0, 0.0)}
     line.go(1.0, v=lie, w=lie)
-    begun = len(line.told)
+    begun = len(line.commands)
     line.drive(0.5, -0.5)
     line.go(1.0, v=lie, w=lie)
-    assert all(0.0 <= v <= 0.5 and -0.5 <= w <= 0.0 for _, v, w in line.told[begun:])
+    assert all(0.0 <= v <= 0.5 and -0.5 <= w <= 0.0 for _, v, w in line.commands[begun:])
 
 
-def test_who_hung_is_told_to_stand_and_not_to_go_on_as_it_did() -> None:
+def test_after_a_hang_the_robot_is_stopped() -> None:
     """Its watchdog has stopped it meanwhile: it must not drive off anew, not even to brake."""
     line = Line(JACKAL).open()
     line.drive(2.0)
     line.go(1.5, v=2.0)
-    begun = len(line.told)
+    begun = len(line.commands)
     line.now += 3.0
     line.tick()
-    assert [told[1:] for told in line.told[begun:]] == [(0.0, 0.0)]
+    assert [each[1:] for each in line.commands[begun:]] == [(0.0, 0.0)]
 
 
 def test_an_emergency_stop_is_zero_at_once_and_stays_so() -> None:
@@ -571,11 +571,11 @@ def test_an_emergency_stop_is_zero_at_once_and_stays_so() -> None:
     for _ in range(50):
         line.go(0.02, v=1.0)
     assert line.speeds()[-1] == (1.0, 0.0)
-    told = len(line.told)
+    commands = len(line.commands)
     line.session.emergency_stop()
     line.flush()
     line.go(0.5, v=0.5)
-    assert {(v, w) for _, v, w in line.told[told:]} == {(0.0, 0.0)}
+    assert {(v, w) for _, v, w in line.commands[commands:]} == {(0.0, 0.0)}
 
 
 def test_the_end_is_zero_at_once() -> None:
@@ -584,7 +584,7 @@ def test_the_end_is_zero_at_once() -> None:
     line.go(1.0, v=2.0)
     line.session.close()
     line.flush()
-    assert line.told[-1][1:] == (0.0, 0.0)
+    assert line.commands[-1][1:] == (0.0, 0.0)
     assert not line.session.is_open
     assert line.session.next_wakeup is None
     line.go(0.3)
@@ -602,18 +602,18 @@ def test_what_a_base_cuts_off_is_rounded_instead() -> None:
     line = Line().open()
     line.drive(0.0, 0.006)
     line.go(0.3)
-    assert line.told[-1][2] == pytest.approx(0.01)
+    assert line.commands[-1][2] == pytest.approx(0.01)
     line.drive(0.004, 0.0)
     line.go(0.3)
-    assert line.told[-1][1:] == (0.0, 0.0)
+    assert line.commands[-1][1:] == (0.0, 0.0)
 
 
-def test_rounding_takes_nobody_beyond_the_top_speed() -> None:
+def test_rounding_does_not_exceed_the_top_speed() -> None:
     coarse = replace(BURGER, ros2=replace(BURGER.ros2, v_step=0.04))
     line = Line(coarse).open()
     line.drive(coarse.limits.v_max)
     line.go(1.0, v=0.2)
-    assert line.told[-1][1] == pytest.approx(0.2)
+    assert line.commands[-1][1] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("bad", [nan, inf])
@@ -631,24 +631,23 @@ def test_no_speed_that_is_no_number_is_sent(bad: float) -> None:
 def looking(
     x: float | None, turned: types.Quaternion | None = None, *, seconds: float = 1.0
 ) -> Line:
-    """A Burger that has said where its laser sits, and scans."""
+    """A Burger that has published the mount of its laser, and scans."""
     line = Line().open()
     if x is not None:
-        line.say("/tf_static", mounted("laser", x, turned))
+        line.publish("/tf_static", mounted("laser", x, turned))
     for _ in range(round(10 * seconds)):
         line.scan([1.0, 2.0])
         line.go(0.1)
     return line
 
 
-def test_a_laser_sits_where_the_robot_says_and_a_profile_that_differs_is_named_once() -> None:
+def test_the_laser_is_mounted_as_published_and_a_difference_is_reported_once() -> None:
     line = looking(0.05)
     assert line.report.scan is not None
     assert line.report.scan.mount == pytest.approx((0.05, 0.0, 0.0))
     (noted,) = line.notes
-    assert (
-        "the laser (laser) is mounted otherwise than the profile has it: x = 0.050 m" in noted.text
-    )
+    assert "the laser (laser)" in noted.text
+    assert "x = 0.050 m" in noted.text
     assert "x = -0.032 m, y = 0.000 m, 0 deg by the profile" in noted.text
 
 
@@ -659,12 +658,12 @@ def test_a_laser_that_sits_as_the_profile_has_it_is_no_news() -> None:
     assert line.notes == []
 
 
-def test_where_nobody_says_the_profile_counts_and_that_is_said() -> None:
+def test_without_published_frames_the_profile_counts_and_that_is_reported() -> None:
     line = looking(None, seconds=5.0)
     assert line.report.scan is not None
     assert line.report.scan.mount == BURGER.laser.place  # type: ignore[union-attr]
     (noted,) = line.notes
-    assert "/tf_static does not say where laser lies in base_link" in noted.text
+    assert all(name in noted.text for name in ("/tf_static", "laser", "base_link"))
 
 
 def test_a_laser_that_hangs_by_its_own_description_is_turned() -> None:
@@ -677,15 +676,15 @@ def test_a_laser_that_hangs_by_its_own_description_is_turned() -> None:
 def test_a_laser_that_is_tilted_is_not_heeded() -> None:
     line = looking(-0.032, types.Quaternion(y=0.1, w=0.995))
     assert line.report.scan is None
-    assert "the laser is not heeded: its frame laser is tilted, 11 deg" in line.notes[-1].text
+    assert "the laser is ignored: its frame laser is tilted, 11 deg" in line.notes[-1].text
 
 
-def test_where_the_base_is_the_odometry_says() -> None:
+def test_the_base_is_the_frame_of_the_odometry() -> None:
     line = Line()
     line.ros2 = replace(line.ros2, base_frame="base_footprint")
     line.session._sensors.mounting.base = "base_footprint"  # the odometry is base_link's
     line.open()
-    line.say("/tf_static", mounted("laser", 0.05))
+    line.publish("/tf_static", mounted("laser", 0.05))
     line.scan([1.0])
     line.go(0.1)
     assert line.report.scan is not None
@@ -704,80 +703,80 @@ def test_a_transform_that_is_none_is_counted_and_changes_nothing() -> None:
 ECHOES = [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]
 
 
-def hearing(heard: list[float], seconds: float = 0.5, most: float = 5.0, late: float = 0.0) -> Line:
-    """A Jackal with eight sonars, which each hear that; NaN: it says nothing at all."""
+def with_sonars(
+    ranges: list[float], seconds: float = 0.5, most: float = 5.0, late: float = 0.0
+) -> Line:
+    """A Jackal with eight sonars and their ranges; NaN: no message."""
     line = Line(SONARS).open()
     for _ in range(round(10 * seconds)):
-        for k, one in enumerate(heard):
+        for k, one in enumerate(ranges):
             if one == one:
-                line.say("sonar", ranged(f"sonar_{k}", CLOCK_S + line.now - late, one, most))
+                line.publish("sonar", ranged(f"sonar_{k}", CLOCK_S + line.now - late, one, most))
         line.go(0.1)
     return line
 
 
 def test_ranges_are_the_echoes_of_the_sonars_whose_frames_they_have() -> None:
-    line = hearing(ECHOES)
+    line = with_sonars(ECHOES)
     assert dict(line.report.echoes) == pytest.approx(dict(enumerate(ECHOES)))
     assert line.report.sonars[1] == pytest.approx(SONARS.ring.sonars[1].place)
     line.go(0.1)
-    assert line.report.echoes == ()  # each is told once
+    assert line.report.echoes == ()  # each is reported once
 
 
-def test_nothing_heard_is_the_farthest_and_what_is_too_near_the_nearest() -> None:
-    heard = dict(hearing([inf, 7.0, -inf, 5.0, *ECHOES[4:]]).report.echoes)
-    assert [heard[k] for k in range(4)] == pytest.approx([5.0, 5.0, 0.1, 5.0])
+def test_no_echo_is_the_maximum_and_a_near_one_the_minimum() -> None:
+    ranges = dict(with_sonars([inf, 7.0, -inf, 5.0, *ECHOES[4:]]).report.echoes)
+    assert [ranges[k] for k in range(4)] == pytest.approx([5.0, 5.0, 0.1, 5.0])
 
 
 def test_a_range_of_zero_is_none() -> None:
     line = Line(SONARS).open()
-    for heard in (0.0, nan, -1.0):
-        line.say("sonar", ranged("sonar_3", CLOCK_S + line.now, heard))
+    for ranges in (0.0, nan, -1.0):
+        line.publish("sonar", ranged("sonar_3", CLOCK_S + line.now, ranges))
     line.go(0.1)
     assert line.report.echoes == ()
 
 
-def test_sonars_of_which_one_is_silent_tell_nothing_and_it_is_named() -> None:
-    """What it would hear is no free way."""
-    line = hearing([*ECHOES[:3], nan, *ECHOES[4:]], 3.0)
+def test_with_one_silent_sonar_no_readings_are_used_and_it_is_named() -> None:
+    """Its sector does not count as free."""
+    line = with_sonars([*ECHOES[:3], nan, *ECHOES[4:]], 3.0)
     assert line.report.echoes == ()
-    assert "the sonars are not heeded: no range of sonar_3 for 1.3 s" in [
+    assert "the sonars are ignored: no range of sonar_3 for 1.3 s" in [
         noted.text for noted in line.notes
     ]
 
 
 def test_ranges_of_another_clock_are_none() -> None:
-    line = hearing(ECHOES, late=5.0)
+    line = with_sonars(ECHOES, late=5.0)
     assert line.report.echoes == ()
     assert "older than the odometry, by 5" in line.notes[0].text
 
 
-def test_sonars_that_reach_less_than_the_profile_has_are_not_heeded_where_they_hear_nothing() -> (
-    None
-):
-    line = hearing([inf, *ECHOES[1:]], most=4.0)
+def test_sonars_of_shorter_range_than_the_profile_are_not_used_without_echo() -> None:
+    line = with_sonars([inf, *ECHOES[1:]], most=4.0)
     assert 0 not in dict(line.report.echoes)
     assert dict(line.report.echoes)[1] == pytest.approx(1.0)
-    assert "sonar_0 hears 4 m far, and the profile's max_m = 5" in line.notes[0].text
+    assert all(part in line.notes[0].text for part in ("sonar_0", "4 m", "max_m = 5"))
 
 
 def test_a_sonar_that_the_profile_has_not_got_is_named_once() -> None:
-    line = hearing(ECHOES)
+    line = with_sonars(ECHOES)
     for _ in range(5):
-        line.say("sonar", ranged("sonar_9", CLOCK_S + line.now, 1.0))
+        line.publish("sonar", ranged("sonar_9", CLOCK_S + line.now, 1.0))
         line.go(0.1)
     (noted,) = line.notes
-    assert "a range of 'sonar_9', which is none of the profile's: sonar_0, sonar_1" in noted.text
+    assert all(name in noted.text for name in ("'sonar_9'", "sonar_0, sonar_1"))
     assert line.session.line.malformed == 5
 
 
-def test_sonars_sit_where_the_robot_says() -> None:
+def test_sonars_are_mounted_as_published() -> None:
     line = Line(SONARS).open()
-    line.say("/tf_static".removeprefix("/"), mounted("sonar_3", 0.4))
-    line.say("sonar", ranged("sonar_3", CLOCK_S + line.now, 1.0))
+    line.publish("/tf_static".removeprefix("/"), mounted("sonar_3", 0.4))
+    line.publish("sonar", ranged("sonar_3", CLOCK_S + line.now, 1.0))
     line.go(0.1)
     assert line.report.sonars[3] == pytest.approx((0.4, 0.0, 0.0))
     assert line.report.sonars[4] == pytest.approx(SONARS.ring.sonars[4].place)
-    assert "the sonar (sonar_3) is mounted otherwise" in line.notes[0].text
+    assert "the sonar (sonar_3)" in line.notes[0].text
 
 
 # --- hazards
@@ -793,12 +792,12 @@ def test_sonars_sit_where_the_robot_says() -> None:
         (types.WHEEL_DROP, "lifted", True),
     ],
 )
-def test_what_a_create_feels_is_told_in_the_cycle_after_and_no_longer(
+def test_hazards_of_a_create_are_reported_in_the_next_cycle_only(
     kind: int, field: str, value: int
 ) -> None:
     line = Line(CREATE3).open()
-    line.say("hazard_detection", hazards((kind, "somewhere")))
-    line.say("hazard_detection", hazards())  # it was short
+    line.publish("hazard_detection", hazards((kind, "somewhere")))
+    line.publish("hazard_detection", hazards())  # it was short
     line.go(0.1)
     assert getattr(line.report, field) == value
     line.go(0.1)
@@ -807,14 +806,14 @@ def test_what_a_create_feels_is_told_in_the_cycle_after_and_no_longer(
 
 def test_an_object_that_is_near_is_no_hazard() -> None:
     line = Line(CREATE3).open()
-    line.say("hazard_detection", hazards((types.OBJECT_PROXIMITY, "ir"), (77, "?")))
+    line.publish("hazard_detection", hazards((types.OBJECT_PROXIMITY, "ir"), (77, "?")))
     line.go(0.1)
     assert (line.report.front_bumpers, line.report.stalled, line.report.lifted) == (0, False, False)
 
 
-def test_a_cliff_is_said_once_with_where_it_is() -> None:
+def test_a_cliff_is_reported_once_with_its_place() -> None:
     line = Line(CREATE3).open()
     for _ in range(10):
-        line.say("hazard_detection", hazards((types.CLIFF, "cliff_front_left")))
+        line.publish("hazard_detection", hazards((types.CLIFF, "cliff_front_left")))
         line.go(0.1)
-    assert line.notes == [Noted("it feels a cliff (cliff_front_left)")]
+    assert ["cliff_front_left" in note.text for note in line.notes] == [True]

@@ -51,12 +51,12 @@ class Line(End):
             pass
         return found[-1]
 
-    def say(self, text: str) -> None:
+    def send(self, text: str) -> None:
         self.transport.write(frame("listen", cdr.encode(types.String(data=text))))
 
 
 def around(line: Line) -> list[Endpoint]:
-    """Who else the line has found."""
+    """The other nodes that the line has found."""
     return list(line.transport._opened().others())
 
 
@@ -66,7 +66,7 @@ def ends() -> Iterator[ExitStack]:
         yield stack
 
 
-def test_others_read_and_write_what_is_said_here(url: str, ends: ExitStack) -> None:
+def test_other_nodes_read_and_write_these_topics(url: str, ends: ExitStack) -> None:
     python = real_ros.interpreter()
     ours = Line(robot_transport(url, "armadico"), TALK, LISTEN)
     ends.callback(ours.transport.close)
@@ -82,8 +82,8 @@ def test_others_read_and_write_what_is_said_here(url: str, ends: ExitStack) -> N
     def event() -> dict[str, Any]:
         line = peer.stdout.readline()  # type: ignore[union-attr]
         assert line, "it ended"
-        heard: dict[str, Any] = json.loads(line)
-        return heard
+        event_: dict[str, Any] = json.loads(line)
+        return event_
 
     names = event()
     key = zenoh_names.key(DOMAIN, "/tb1/talk", STRING)
@@ -96,7 +96,7 @@ def test_others_read_and_write_what_is_said_here(url: str, ends: ExitStack) -> N
     assert cdr.decode(types.String, ours.next()[1]).data == "grüße"
     seen = ours.until(lambda seen: not seen.notes)
     assert seen.drivers == ()
-    ours.say("hallo")
+    ours.send("hallo")
     assert event() == {"heard": "hallo"}
     peer.stdin.write("\n")
     peer.stdin.flush()
@@ -107,8 +107,8 @@ def test_others_read_and_write_what_is_said_here(url: str, ends: ExitStack) -> N
 
 
 def test_a_robot_and_its_clients_by_the_robots_router(url: str, ends: ExitStack) -> None:
-    hears, talks = Wanted("listen", STRING), Wanted("talk", STRING, writes=True)
-    robot = Line(robot_transport(url, "robot"), hears, talks)
+    listens, talks = Wanted("listen", STRING), Wanted("talk", STRING, writes=True)
+    robot = Line(robot_transport(url, "robot"), listens, talks)
     ends.callback(robot.transport.close)
     client = Line(client_transport(url), TALK, LISTEN)
     ends.callback(client.transport.close)
@@ -123,7 +123,7 @@ def test_a_robot_and_its_clients_by_the_robots_router(url: str, ends: ExitStack)
     client.until(lambda seen: not seen.drivers)
 
 
-def test_what_is_latched_is_given_to_who_comes_late(url: str, ends: ExitStack) -> None:
+def test_latched_samples_reach_late_subscribers(url: str, ends: ExitStack) -> None:
     talks = Wanted("talk", STRING, writes=True, latched=True, depth=1)
     robot = Line(robot_transport(url, "robot"), talks)
     ends.callback(robot.transport.close)
@@ -133,7 +133,7 @@ def test_what_is_latched_is_given_to_who_comes_late(url: str, ends: ExitStack) -
     assert cdr.decode(types.String, client.next()[1]).data == "map"
 
 
-def test_where_no_router_is_that_is_said(url: str) -> None:
+def test_a_missing_router_is_reported(url: str) -> None:
     with pytest.raises(TransportError, match="no Zenoh router answers at tcp/127"):
         client_transport(url).open()
 

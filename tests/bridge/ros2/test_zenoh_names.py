@@ -1,6 +1,6 @@
 """Keys, tokens and attachments are those of rmw_zenoh, as others read them.
 
-The strings were made by zenoh-ros2-sdk 0.1.8; `test_zenoh` asks it, and pamoja-ros2, again.
+The strings were made by zenoh-ros2-sdk 0.1.8; `test_zenoh` runs it, and pamoja-ros2, again.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ def test_tokens() -> None:
 
 
 def test_an_attachment() -> None:
-    said = names.attachment(5, 1234567890123, bytes(range(16)))
-    assert said.hex() == "0500000000000000cb04fb711f01000010000102030405060708090a0b0c0d0e0f"
+    attachment = names.attachment(5, 1234567890123, bytes(range(16)))
+    assert attachment.hex() == "0500000000000000cb04fb711f01000010000102030405060708090a0b0c0d0e0f"
 
 
 def test_an_endpoint_is_read_from_its_token() -> None:

@@ -17,8 +17,8 @@ DOMAIN = 5
 STRING, DEFINITION = "std_msgs/msg/String", "string data\n"
 
 
-def say(**event) -> None:
-    """Tell the test."""
+def report(**event) -> None:
+    """Report an event to the test."""
     sys.stdout.write(json.dumps(event) + "\n")
     sys.stdout.flush()
 
@@ -32,9 +32,9 @@ def main() -> None:
     where |= {"type_hash": hashed, "namespace": "/tb1"}
     talker = ROS2Publisher("/tb1/talk", STRING, node_name="talker", **where)
     ROS2Subscriber(
-        "/tb1/listen", STRING, lambda m: say(heard=m.data), node_name="listener", **where
+        "/tb1/listen", STRING, lambda m: report(heard=m.data), node_name="listener", **where
     )
-    say(
+    report(
         key=pamoja.entity_key(DOMAIN, "/tb1/talk", STRING, hashed),
         dds=pamoja.dds_type_name("sensor_msgs/msg/LaserScan"),
         mangled=pamoja.percent_mangle("/tb1/talk"),
@@ -44,7 +44,7 @@ def main() -> None:
     while not select.select([sys.stdin], [], [], 0.05)[0]:
         talker.publish(data="grüße")
     found = get_topic_info("/tb1/listen", DOMAIN, router_port=port, verbose=True)
-    say(publishers=[asdict(each) for each in found.publishers])
+    report(publishers=[asdict(each) for each in found.publishers])
 
 
 if __name__ == "__main__":

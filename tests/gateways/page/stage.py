@@ -1,4 +1,4 @@
-"""A virtual society with a page: turned by the test, or by a thread for who looks by a browser."""
+"""A virtual society with a page; its session runs in the test, or on a thread for a browser."""
 
 from __future__ import annotations
 
@@ -25,18 +25,16 @@ from armadico.mesh.virtual_session import VirtualSession
 from armadico.runtime.client import Client
 
 HOME = "robot1"
-PACE_S = 0.006
-"""A turn of 0.05 s of the society takes at least so long, so that browsers see it go."""
-SLOW_S = 0.001
-"""A turn while something passing is to be seen: however slow a browser is, it is still so."""
+PACE_S = 0.006  # real duration of a turn (0.05 s of the society), so that browsers can follow
+SLOW_S = 0.001  # duration of a turn while a browser must observe a short event
 
 
 class Shown:
-    """Browsers that keep what they are shown and told."""
+    """Browsers that keep all data and answers."""
 
     def __init__(self) -> None:
         self.parts: dict[str, dict[str, Any]] = {}
-        self.told: list[dict[str, Any]] = []
+        self.messages: list[dict[str, Any]] = []
         self.slow: set[str] = set()
         self.count = 0
 
@@ -48,16 +46,16 @@ class Shown:
         for robot, parts in json.loads(data)["robots"].items():
             self.parts.setdefault(robot, {}).update(parts)
 
-    def tell(self, browser: str, data: bytes) -> None:
-        self.told.append(json.loads(data) | {"browser": browser})
+    def answer(self, browser: str, data: bytes) -> None:
+        self.messages.append(json.loads(data) | {"browser": browser})
 
     @property
     def answers(self) -> list[dict[str, Any]]:
-        return [each for each in self.told if each["type"] == "answer"]
+        return [each for each in self.messages if each["type"] == "answer"]
 
 
 class Stage:
-    """One robot's society on the virtual mesh, and a session that is a guest there."""
+    """One robot's society on the virtual mesh, and a session."""
 
     def __init__(
         self, scenario: str = "sc1", seed: int = 5, *, run: Rehearsal | None = None
@@ -89,9 +87,11 @@ class Stage:
     def parts(self) -> dict[str, Any]:
         return self.shown.parts.get(HOME, {})
 
-    def say(self, browser: str, do: str, **words: Any) -> int:
+    def request(self, browser: str, do: str, **words: Any) -> int:
         number = next(self._ids)
-        self.session.said(browser, json.dumps({"id": number, "robot": HOME, "do": do, **words}))
+        self.session.on_message(
+            browser, json.dumps({"id": number, "robot": HOME, "do": do, **words})
+        )
         return number
 
     def until(self, condition: Callable[[], object], seconds: float = 120.0) -> None:
@@ -100,7 +100,7 @@ class Stage:
             assert self.mesh.now < end, (self.shown.answers, self.parts.get("standing"))
             self.session.turn()
 
-    def pass_(self, seconds: float) -> None:
+    def run_for(self, seconds: float) -> None:
         end = self.mesh.now + seconds
         while self.mesh.now < end:
             self.session.turn()
@@ -116,16 +116,16 @@ class Stage:
         return found[-1]
 
     def ready(self) -> None:
-        """Everybody is there, and has been asked."""
-        self.session.came("page 1")
+        """Wait until all agents are alive and have answered queries."""
+        self.session.on_connect("page 1")
         self.until(lambda: self.parts.get("motion", {}).get("x") is not None)
         self.until(lambda: len(self.parts["wheels"]["contenders"]) > 1)
 
 
 class Served(Stage):
-    """The same, served, and turned by a thread. `did` does something on that thread.
+    """A stage with a server, run by a thread; `call` executes a function on that thread.
 
-    Its time goes slowly while the robot is faster than `watched` (m/s).
+    Its time is slow while the robot is faster than `watched` (m/s).
     """
 
     def __init__(self, *words: Any, pace: float = PACE_S, **more: Any) -> None:
@@ -141,7 +141,7 @@ class Served(Stage):
         assert self.server is not None, "it is served"
         return f"http://{LOOPBACK}:{self.server.port}/"
 
-    def did(self, what: Callable[[], Any]) -> Any:
+    def call(self, what: Callable[[], Any]) -> Any:
         done, found = threading.Event(), list[Any]()
         self._todo.append((what, done, found))
         assert done.wait(30.0)

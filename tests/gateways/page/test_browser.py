@@ -1,4 +1,4 @@
-"""The page in a browser, before a virtual society that goes on meanwhile."""
+"""The page in a browser, with a running virtual society."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ def stage() -> Iterator[Served]:
 @pytest.fixture
 def page(chromium: Browser, stage: Served) -> Iterator[Browser]:
     chromium.size(*SIZE)
-    look(chromium, stage.address)
+    open_page(chromium, stage.address)
     yield chromium
-    assert chromium.said("Runtime.exceptionThrown") == []
+    assert chromium.received("Runtime.exceptionThrown") == []
 
 
-def look(browser: Browser, address: str) -> None:
+def open_page(browser: Browser, address: str) -> None:
     browser.open(address)
     browser.until(f"{PARTS}.motion.x !== undefined && {PARTS}.wheels.contenders.length > 2")
 
 
 def at(browser: Browser, x: float, y: float) -> tuple[float, float]:
-    """Where a place of the world is on the page."""
+    """The position of a place of the world on the page."""
     script = f"""(() => {{
         const box = document.getElementById('map').getBoundingClientRect();
         const [px, py] = armadico.plan.screen({x}, {y});
@@ -81,7 +81,7 @@ def off(browser: Browser, x: float, y: float) -> float:
 
 
 def arrived(browser: Browser, x: float, y: float) -> None:
-    """It has ended its drive, and there."""
+    """Wait until the robot has reached a place."""
     off = f"Math.hypot({PARTS}.motion.x - {x}, {PARTS}.motion.y - {y})"
     browser.until(f"{PARTS}.mission.state === 'reached' && {off} < 0.15")
 
@@ -97,12 +97,12 @@ def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> Non
     arrived(page, 3.2, 1.8)
     assert abs(degrees(shown(page, "motion")["theta"])) < 6.0
     page.drag(at(page, 4.6, 1.5))
-    page.until("document.querySelector('#said .no')?.innerText.includes('wall')")
+    page.until("document.querySelector('#remarks .no')?.innerText.includes('wall')")
     stage.watched = 0.1
     page.drag(at(page, 7.4, 1.5))
     page.until(f"{PARTS}.motion.v > 0.25")
     commands: list[tuple[int, tuple[float, ...]]] = []
-    stage.did(lambda: stage.mesh.watch(lambda _, c, t: commands.append((t, c)), m.Command))
+    stage.call(lambda: stage.mesh.watch(lambda _, c, t: commands.append((t, c)), m.Command))
     page.key(" ", "Space")
     page.until(HELD)
     page.until(f"{PARTS}.motion.v === 0 && {PARTS}.motion.w === 0")
@@ -110,13 +110,13 @@ def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> Non
     cycle = there["cycle"]
     page.until(f"{PARTS}.motion.cycle > {cycle + 30}")
     assert off(page, there["x"], there["y"]) < 0.01
-    assert page.evaluate("document.getElementById('latched').innerText").startswith("Held")
     page.evaluate("document.getElementById('resume').focus()")
     page.key("Enter", "Enter")
     page.until(f"!{PARTS}.stop.stopped && {PARTS}.motion.v > 0.1")
 
 
-def test_by_the_keyboard_alone(page: Browser) -> None:
+@pytest.mark.long
+def test_with_the_keyboard_alone(page: Browser) -> None:
     page.evaluate("document.getElementById('map').focus()")
     for _ in range(4):
         page.key("ArrowUp", "ArrowUp")
@@ -128,15 +128,16 @@ def test_by_the_keyboard_alone(page: Browser) -> None:
         page.key("ArrowRight", "ArrowRight")
         assert page.evaluate("document.activeElement.id") == f"tab-{tab}"
         assert page.evaluate(f"!document.getElementById('{tab}').hidden")
-    page.key(" ", "Space")  # and presses nothing that has the focus
+    page.key(" ", "Space")  # it does not press the focused element
     page.until(HELD)
 
 
+@pytest.mark.long
 def test_two_browsers_one_stops_the_other_resumes(
     page: Browser, stage: Served, tmp_path: Path
 ) -> None:
     with Browser(tmp_path, *SIZE) as other:
-        look(other, stage.address)
+        open_page(other, stage.address)
         stage.watched = 0.1
         page.drag(at(page, 3.4, 2.4))
         other.until(f"{PARTS}.mission.state === 'driving' && {PARTS}.motion.v > 0.1")
@@ -144,40 +145,40 @@ def test_two_browsers_one_stops_the_other_resumes(
             "(({x, y}) => [x + 20, y + 20])"
             "(document.getElementById('stop').getBoundingClientRect())"
         )
-        other.mouse("mousePressed", *button)  # and the finger is still on it
+        other.mouse("mousePressed", *button)  # without a release
         page.until(HELD)
         assert "page 2-" in page.evaluate("document.getElementById('latched').innerText")
         page.evaluate("document.getElementById('resume').click()")
         other.until(f"!{PARTS}.stop.stopped && {PARTS}.motion.v > 0.1")
-        assert other.said("Runtime.exceptionThrown") == []
+        assert other.received("Runtime.exceptionThrown") == []
 
 
 def sticks(stage: Served) -> list[Stick]:
-    heard: list[Stick] = []
-    stage.did(lambda: stage.mesh.watch(lambda _, stick, t: heard.append(stick), Stick))
-    return heard
+    found: list[Stick] = []
+    stage.call(lambda: stage.mesh.watch(lambda _, stick, t: found.append(stick), Stick))
+    return found
 
 
-def waits(condition: Callable[[], object], browser: Browser) -> None:
+def until(condition: Callable[[], object], browser: Browser) -> None:
     for _ in range(300):
         if condition():
             return
         browser.evaluate("new Promise((done) => setTimeout(done, 20))")
-    raise AssertionError("it does not come")
+    raise AssertionError("the condition is not met")
 
 
-def test_a_key_a_finger_and_a_gamepad_hold_the_stick_and_all_let_go(
+def test_a_key_a_finger_and_a_gamepad_hold_and_release_the_stick(
     page: Browser, stage: Served
 ) -> None:
-    heard = sticks(stage)
+    found = sticks(stage)
     page.evaluate("document.getElementById('tab-hand').click()")
     page.evaluate("document.getElementById('pad').focus()")
     page.key("w", "KeyW", "keyDown")
-    waits(lambda: any(s.held and s.v == 1.0 and s.w == 0.0 for s in heard), page)
+    until(lambda: any(s.held and s.v == 1.0 and s.w == 0.0 for s in found), page)
     page.key("w", "KeyW", "keyUp")
-    waits(lambda: not heard[-1].held, page)
-    assert len({s.hand for s in heard}) == 1
-    assert [s.number for s in heard] == sorted({s.number for s in heard})
+    until(lambda: not found[-1].held, page)
+    assert len({s.hand for s in found}) == 1
+    assert [s.number for s in found] == sorted({s.number for s in found})
 
     box = page.evaluate(
         "(({x, y, width}) => [x, y, width])(document.getElementById('pad').getBoundingClientRect())"
@@ -185,9 +186,9 @@ def test_a_key_a_finger_and_a_gamepad_hold_the_stick_and_all_let_go(
     middle = (box[0] + box[2] / 2, box[1] + box[2] / 2)
     page.mouse("mousePressed", *middle)
     page.mouse("mouseMoved", middle[0] - box[2] / 2, middle[1])
-    waits(lambda: heard[-1].held and heard[-1].w == 1.0 and heard[-1].v == 0.0, page)
-    page.evaluate("dispatchEvent(new Event('blur'))")  # another window has the keyboard
-    waits(lambda: not heard[-1].held, page)
+    until(lambda: found[-1].held and found[-1].w == 1.0 and found[-1].v == 0.0, page)
+    page.evaluate("dispatchEvent(new Event('blur'))")  # another window gets the focus
+    until(lambda: not found[-1].held, page)
     page.mouse("mouseReleased", *middle)
 
     page.evaluate(
@@ -195,52 +196,54 @@ def test_a_key_a_finger_and_a_gamepad_hold_the_stick_and_all_let_go(
         "navigator.getGamepads = () => globalThis.pads;"
         "document.hasFocus = () => true"
     )
-    waits(lambda: heard[-1].held and heard[-1].v == 0.5, page)
-    page.evaluate("globalThis.pads = [null]")  # pulled out while it is pressed
-    waits(lambda: not heard[-1].held, page)
+    until(lambda: found[-1].held and found[-1].v == 0.5, page)
+    page.evaluate("globalThis.pads = [null]")  # unplugged while it is pressed
+    until(lambda: not found[-1].held, page)
     page.key("w", "KeyW", "keyDown")
-    waits(lambda: heard[-1].held, page)
-    page.open("about:blank")  # and whoever goes lets go, too
+    until(lambda: found[-1].held, page)
+    page.open("about:blank")  # leaving the page releases the stick
     for _ in range(300):
-        if not heard[-1].held:
+        if not found[-1].held:
             break
-        stage.did(lambda: None)
-    assert not heard[-1].held
+        stage.call(lambda: None)
+    assert not found[-1].held
     page.key("w", "KeyW", "keyUp")
 
 
-def test_a_key_drives_and_the_robot_rests_when_it_is_let_go(chromium: Browser) -> None:
-    stage = Served("sc4", pace=TURN_S)  # a stick that comes late is stale
+@pytest.mark.long
+def test_a_key_drives_and_the_robot_rests_when_it_is_released(chromium: Browser) -> None:
+    stage = Served("sc4", pace=TURN_S)  # a delayed stick is stale
     stage.run.add(Teleop)
     chromium.size(*SIZE)
     with served(stage):
-        look(chromium, stage.address)
+        open_page(chromium, stage.address)
         chromium.evaluate("document.getElementById('tab-hand').click()")
         chromium.evaluate("document.getElementById('pad').focus()")
         chromium.until(f"{PARTS}.hand.there")
         chromium.key("w", "KeyW", "keyDown")
-        chromium.until("document.getElementById('handsaid').innerText.startsWith('You drive')")
+        chromium.until("document.getElementById('handtext').innerText.startsWith('You drive')")
         chromium.until(f"{PARTS}.wheels.driver === 'teleop' && {PARTS}.motion.v > 0.2")
         chromium.key("w", "KeyW", "keyUp")
         chromium.until(f"{PARTS}.hand.hand === '' && {PARTS}.motion.v === 0")
-        assert chromium.evaluate("document.getElementById('handsaid').innerText") == "Free."
-    assert chromium.said("Runtime.exceptionThrown") == []
+        assert chromium.evaluate("document.getElementById('handtext').innerText") == "Free."
+    assert chromium.received("Runtime.exceptionThrown") == []
     chromium.open("about:blank")
 
 
-def test_without_its_server_it_says_so_and_a_stop_is_sent_as_soon_as_it_can_be(
+@pytest.mark.long
+def test_without_its_server_a_stop_is_sent_when_the_connection_is_back(
     chromium: Browser,
 ) -> None:
     stage = Served("sc4")
     chromium.size(*SIZE)
     with served(stage):
-        look(chromium, stage.address)
+        open_page(chromium, stage.address)
         assert stage.server is not None
         port = stage.server.port
         chromium.until("document.getElementById('link').innerText === 'connected'")
     chromium.until("document.getElementById('link').innerText === 'no connection'")
     chromium.key(" ", "Space")
-    chromium.until("document.getElementById('latched').innerText.startsWith('NOT SENT')")
+    chromium.until("document.getElementById('latched').className === 'alarm'")
     again = Served("sc4")
     with Server(again.session, Guard.of(LOOPBACK, None), LOOPBACK, port):
         again.until(lambda: bool(again.session._shown), 10_000.0)
@@ -248,15 +251,13 @@ def test_without_its_server_it_says_so_and_a_stop_is_sent_as_soon_as_it_can_be(
     chromium.open("about:blank")
 
 
-def test_with_a_token_it_asks_for_one_until_it_is_right(chromium: Browser) -> None:
+def test_the_page_requires_the_right_token(chromium: Browser) -> None:
     chromium.size(*SIZE)
     with served(Served("sc4"), Guard.of("0.0.0.0", TOKEN)) as stage:
         chromium.open("about:blank")
         chromium.open(f"{stage.address}#token=wrongwrongwrongwrong")
         chromium.until("document.getElementById('door').open")
-        chromium.until(
-            "document.getElementById('doorsaid').innerText.includes('not the right one')"
-        )
+        chromium.until("document.getElementById('doortext').innerText.includes('token')")
         chromium.evaluate(f"document.getElementById('token').value = '{TOKEN}'")
         chromium.evaluate("document.querySelector('#key button').click()")
         chromium.until(f"{PARTS}.motion.x !== undefined")
@@ -265,7 +266,7 @@ def test_with_a_token_it_asks_for_one_until_it_is_right(chromium: Browser) -> No
     chromium.open("about:blank")
 
 
-def test_it_fits_on_a_desk_and_in_a_hand_light_and_dark(page: Browser) -> None:
+def test_it_fits_on_desktops_and_phones_light_and_dark(page: Browser) -> None:
     for (width, height, mobile), dark in product(SIZES, (False, True)):
         page.size(width, height, mobile=mobile, dark=dark)
         page.until(f"innerWidth === {width}")
@@ -281,5 +282,5 @@ def test_it_fits_on_a_desk_and_in_a_hand_light_and_dark(page: Browser) -> None:
         assert stop[3] <= height  # without scrolling
         assert stop[3] - stop[1] >= 60.0
         assert page.evaluate("document.getElementById('map').clientHeight") >= 280
-    hosts = {r["response"]["url"].split("/")[2] for r in page.said("Network.responseReceived")}
+    hosts = {r["response"]["url"].split("/")[2] for r in page.received("Network.responseReceived")}
     assert len(hosts) == 1

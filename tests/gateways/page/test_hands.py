@@ -1,4 +1,4 @@
-"""Hands on the page's stick, in a virtual society with a teleop agent."""
+"""The page's stick in a virtual society with a teleop agent."""
 
 from __future__ import annotations
 
@@ -14,35 +14,36 @@ from armadico.mobile.messages import Truth
 from tests.framework.robots import body
 from tests.gateways.page.stage import Stage
 
-SEND_S = 0.1
-"""How often a page says where its stick is."""
-
-MOTORS = 1.3
-"""As in `tests.launch.test_teleop`: the wheels over the controller's ramps, without a hand, too."""
+SEND_S = 0.1  # interval at which a page sends its stick
+MOTORS = (
+    1.3  # see `tests.launch.test_teleop`: acceleration of the wheels over the controller's ramps
+)
 
 
 class Hands(Stage):
-    """Pages that hold sticks: by name, where each is."""
+    """Pages with sticks; `sticks` has the position by page."""
 
     def __init__(self) -> None:
         super().__init__("sc1")
         self.run.add(Teleop)
         self.sticks: dict[str, tuple[float, float]] = {}
         self.truths: list[Truth] = []
-        self.heard: list[Stick] = []
+        self.published: list[Stick] = []
         self._send_at = 0.0
         self.mesh.watch(lambda _, truth, t: self.truths.append(truth), Truth)
-        self.mesh.watch(lambda _, stick, t: self.heard.append(stick), Stick)
+        self.mesh.watch(lambda _, stick, t: self.published.append(stick), Stick)
         self.ready()
-        self.session.came("page 2")
+        self.session.on_connect("page 2")
         self.until(lambda: self.parts["hand"]["there"])
 
     def hold(self, browser: str, v: float, w: float) -> None:
         self.sticks[browser] = v, w
 
-    def let_go(self, browser: str) -> None:
+    def release(self, browser: str) -> None:
         self.sticks.pop(browser)
-        self.say(browser, "stick", v=0.0, w=0.0, cycle=self.parts["motion"]["cycle"], held=False)
+        self.request(
+            browser, "stick", v=0.0, w=0.0, cycle=self.parts["motion"]["cycle"], held=False
+        )
 
     def go_on(self, condition: Callable[[], object], seconds: float = 30.0) -> None:
         end = self.mesh.now + seconds
@@ -52,7 +53,7 @@ class Hands(Stage):
                 self._send_at = self.mesh.now + SEND_S
                 for browser, (v, w) in self.sticks.items():
                     cycle = self.parts["motion"]["cycle"]
-                    self.say(browser, "stick", v=v, w=w, cycle=cycle)
+                    self.request(browser, "stick", v=v, w=w, cycle=cycle)
             self.session.turn(TURN_S)
 
     def holds(self, browser: str) -> bool:
@@ -84,20 +85,21 @@ def hands() -> Hands:
     return Hands()
 
 
-def test_a_hand_drives_and_hands_back_to_the_mission_without_a_jerk(hands: Hands) -> None:
-    assert hands.answer(hands.say("page 1", "go", x=6.0, y=0.0))["ok"]
+@pytest.mark.long
+def test_after_driving_by_hand_the_mission_continues_without_a_jerk(hands: Hands) -> None:
+    assert hands.answer(hands.request("page 1", "go", x=6.0, y=0.0))["ok"]
     hands.go_on(lambda: hands.v > 0.3)
     hands.hold("page 1", 0.5, 0.3)
     hands.go_on(lambda: hands.holds("page 1"))
     assert hands.driver == "teleop"
     hands.go_on(lambda: hands.parts["motion"]["w"] > 0.15)
-    hands.let_go("page 1")
+    hands.release("page 1")
     hands.go_on(lambda: hands.driver == "goto", 2.0)
     hands.go_on(lambda: hands.parts["mission"]["state"] == "reached", 60.0)
     hands.smooth()
 
 
-def test_of_two_hands_the_first_has_it_and_the_second_is_told_whose_it_is(hands: Hands) -> None:
+def test_the_first_of_two_pages_drives_until_it_releases_the_stick(hands: Hands) -> None:
     hands.hold("page 1", 0.4, 0.0)
     hands.go_on(lambda: hands.holds("page 1"))
     hands.hold("page 2", -1.0, 0.0)
@@ -105,21 +107,21 @@ def test_of_two_hands_the_first_has_it_and_the_second_is_told_whose_it_is(hands:
     hands.go_on(lambda: hands.mesh.now > until)
     assert hands.parts["hand"]["hand"] == "page 1"
     assert hands.v > 0.1
-    hands.let_go("page 1")
+    hands.release("page 1")
     hands.go_on(lambda: hands.holds("page 2"))
 
 
-def test_a_page_that_goes_lets_go_at_once(hands: Hands) -> None:
+def test_a_page_that_disconnects_releases_the_stick_immediately(hands: Hands) -> None:
     hands.hold("page 1", 0.4, 0.0)
     hands.go_on(lambda: hands.holds("page 1"))
     hands.sticks.clear()
-    hands.session.left("page 1")
-    hands.pass_(0.1)
-    assert not hands.heard[-1].held
+    hands.session.on_disconnect("page 1")
+    hands.run_for(0.1)
+    assert not hands.published[-1].held
     hands.go_on(lambda: hands.parts["hand"]["hand"] == "" and hands.v == 0.0, 5.0)
 
 
-def test_a_page_that_freezes_is_let_go_of_after_half_a_second(hands: Hands) -> None:
+def test_the_stick_of_a_page_that_freezes_times_out_after_half_a_second(hands: Hands) -> None:
     hands.hold("page 1", 0.4, 0.0)
     hands.go_on(lambda: hands.holds("page 1"))
     hands.sticks.clear()
@@ -129,7 +131,7 @@ def test_a_page_that_freezes_is_let_go_of_after_half_a_second(hands: Hands) -> N
     hands.go_on(lambda: hands.v == 0.0, 5.0)
 
 
-def test_the_server_is_killed_with_a_hand_on_the_stick_and_the_robot_stands(hands: Hands) -> None:
+def test_the_robot_stops_if_the_server_is_killed_while_a_page_drives(hands: Hands) -> None:
     hands.hold("page 1", 1.0, 0.0)
     hands.go_on(lambda: hands.v > 0.3)
     hands.place.kill()
@@ -138,44 +140,44 @@ def test_the_server_is_killed_with_a_hand_on_the_stick_and_the_robot_stands(hand
     hands.smooth()
 
 
-def test_the_stop_wins_over_a_hand_that_stays_on_the_stick(hands: Hands) -> None:
+def test_the_stop_has_priority_over_the_stick(hands: Hands) -> None:
     hands.hold("page 1", 0.5, 0.0)
     hands.go_on(lambda: hands.v > 0.2)
-    hands.say("page 2", "stop")
+    hands.request("page 2", "stop")
     hands.go_on(lambda: hands.parts["stop"]["held"] and hands.v == 0.0)
     until = hands.mesh.now + 2.0
     hands.go_on(lambda: hands.mesh.now > until)
     assert hands.v == 0.0
-    assert "stopped by page 2" in hands.parts["hand"]["note"]
+    assert "page 2" in hands.parts["hand"]["note"]
 
 
-def test_a_stick_says_which_cycle_its_page_has_seen_and_none_to_come(hands: Hands) -> None:
+def test_a_stick_has_the_cycle_that_its_page_showed_and_no_later_one(hands: Hands) -> None:
     seen = hands.parts["motion"]["cycle"]
-    hands.say("page 1", "stick", v=0.1, w=0.0, cycle=seen - 2)
-    hands.say("page 1", "stick", v=0.1, w=0.0, cycle=seen + 1000)
-    hands.pass_(0.1)
-    first, second = hands.heard
+    hands.request("page 1", "stick", v=0.1, w=0.0, cycle=seen - 2)
+    hands.request("page 1", "stick", v=0.1, w=0.0, cycle=seen + 1000)
+    hands.run_for(0.1)
+    first, second = hands.published
     assert first.cycle.number == seen - 2
     assert seen <= second.cycle.number <= seen + 2
     assert (first.number, second.number) == (1, 2)
 
 
-def test_where_nobody_takes_the_stick_the_page_starts_who_does() -> None:
+def test_the_page_starts_a_missing_teleop_agent() -> None:
     stage = Stage()
     stage.ready()
     assert not stage.parts["hand"]["there"]
     assert stage.parts["could"] == ["teleop"]
-    assert stage.answer(stage.say("page 1", "start", agent="teleop"))["ok"]
+    assert stage.answer(stage.request("page 1", "start", agent="teleop"))["ok"]
     stage.until(lambda: stage.parts["hand"]["there"])
     assert stage.parts["could"] == []
-    answer = stage.answer(stage.say("page 1", "start", agent="teleop"))
+    answer = stage.answer(stage.request("page 1", "start", agent="teleop"))
     assert not answer["ok"]
     assert len(stage.spawned) == 1
 
 
-def test_who_does_not_hear_the_robot_does_not_drive_it() -> None:
+def test_without_robot_states_a_stick_is_refused() -> None:
     stage = Stage()
-    stage.session.came("page 1")
-    stage.say("page 1", "stick", v=1.0, w=0.0, cycle=0)
+    stage.session.on_connect("page 1")
+    stage.request("page 1", "stick", v=1.0, w=0.0, cycle=0)
     stage.until(lambda: stage.shown.answers)
-    assert stage.shown.answers[0]["text"] == "nothing is heard of the robot"
+    assert not stage.shown.answers[0]["ok"]

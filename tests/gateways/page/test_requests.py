@@ -1,4 +1,4 @@
-"""What a browser may say."""
+"""The requests that a browser may send."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GOTO = {"do": "go", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
 
 
 @pytest.mark.parametrize(
-    ("said", "request_"),
+    ("data", "expected"),
     [
         (GOTO, Goto(1, "robot1", 1.5, -2.0)),
         (GOTO | {"theta": 3.0}, Goto(1, "robot1", 1.5, -2.0, 3.0)),
@@ -36,12 +36,12 @@ GOTO = {"do": "go", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
         ),
     ],
 )
-def test_what_may_be_said(said: dict[str, object], request_: Asked) -> None:
-    assert READER.read(json.dumps(said)) == request_
+def test_valid_requests(data: dict[str, object], expected: Asked) -> None:
+    assert READER.read(json.dumps(data)) == expected
 
 
 @pytest.mark.parametrize(
-    "said",
+    "data",
     [
         *(
             "",
@@ -69,12 +69,12 @@ def test_what_may_be_said(said: dict[str, object], request_: Asked) -> None:
         json.dumps({"do": "resume", "id": 2, "robot": "r", "press": 1}),
     ],
 )
-def test_anything_else_is_refused_whole(said: str | bytes) -> None:
+def test_other_requests_are_refused(data: str | bytes) -> None:
     with pytest.raises(RequestError):
-        READER.read(said)
+        READER.read(data)
 
 
-def test_a_number_beyond_what_travels_is_refused() -> None:
+def test_a_number_of_more_than_63_bits_is_refused() -> None:
     assert bits("9223372036854775807") == 2**63 - 1
-    with pytest.raises(RequestError, match="63 bits"):
+    with pytest.raises(RequestError, match="9223372036854775808"):
         bits("9223372036854775808")

@@ -1,6 +1,6 @@
-"""Whether real ROS 2 reads samples: type and bytes as JSON lines in, what it makes of each out.
+"""Decode and encode samples with real ROS 2: JSON lines with type and bytes in, results out.
 
-To be run by an interpreter that has rclpy. Each sample is deserialised and serialised again.
+Run it with an interpreter that has rclpy.
 """
 
 from __future__ import annotations
@@ -13,19 +13,18 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 
 def main() -> None:
-    """Read them."""
     for line in sys.stdin:
         name, data = json.loads(line)
         package, _, kind = name.split("/")
         try:
             of = getattr(importlib.import_module(f"{package}.msg"), kind)
         except ModuleNotFoundError:
-            said = None
+            reply = None
         else:
             message = deserialize_message(bytes.fromhex(data), of)
             frame = message.header.frame_id
-            said = {"frame": frame, "again": bytes(serialize_message(message)).hex()}
-        sys.stdout.write(json.dumps(said) + "\n")
+            reply = {"frame": frame, "again": bytes(serialize_message(message)).hex()}
+        sys.stdout.write(json.dumps(reply) + "\n")
 
 
 if __name__ == "__main__":

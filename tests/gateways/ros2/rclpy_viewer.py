@@ -1,7 +1,7 @@
-"""A viewer of real ROS 2: reads what RViz would, as RViz does, and sends a goal when it is told to.
+"""A viewer on real ROS 2: subscribes like RViz, and sends goals.
 
-To be run by an interpreter that has rclpy. What it reads are JSON lines on the standard output; a
-line of the standard input is a goal, `X Y`, and its end ends it.
+Run it with an interpreter that has rclpy. It writes received samples as JSON lines to stdout. A
+line on stdin is a goal, `X Y`; the end of stdin ends it.
 """
 
 from __future__ import annotations
@@ -29,31 +29,29 @@ READ = {
 }
 
 
-def say(**event) -> None:
-    """Tell the test."""
+def report(**event) -> None:
     sys.stdout.write(json.dumps(event) + "\n")
     sys.stdout.flush()
 
 
 def main() -> None:
-    """Look on."""
     rclpy.init(args=[])
     node = rclpy.create_node("viewer", namespace=sys.argv[1] if len(sys.argv) > 1 else "")
     goals = node.create_publisher(PoseStamped, "goal_pose", 10)
     for topic, (kind, quality, value) in READ.items():
 
-        def heard(message, topic=topic, value=value) -> None:
+        def on_message(message, topic=topic, value=value) -> None:
             stamp = message.header.stamp
             frame = message.header.frame_id
-            say(topic=topic, frame=frame, at=[stamp.sec, stamp.nanosec], value=value(message))
+            report(topic=topic, frame=frame, at=[stamp.sec, stamp.nanosec], value=value(message))
 
-        node.create_subscription(kind, topic, heard, quality)
-    say(ready=True)
+        node.create_subscription(kind, topic, on_message, quality)
+    report(ready=True)
     goal = None
     while True:
         rclpy.spin_once(node, timeout_sec=0.02)
         if goal is not None:
-            goals.publish(goal)  # again and again: who reads it may not know of us yet
+            goals.publish(goal)  # repeated, because subscribers may not be matched yet
         if not select.select([sys.stdin], [], [], 0)[0]:
             continue
         line = sys.stdin.readline()
@@ -62,13 +60,13 @@ def main() -> None:
         goal = PoseStamped()
         goal.header.frame_id = "map"
         goal.pose.position.x, goal.pose.position.y = map(float, line.split())
-    while len(node.get_node_names()) < 2:  # whose topics these are comes a little later
+    while len(node.get_node_names()) < 2:  # node names are discovered later than topics
         rclpy.spin_once(node, timeout_sec=0.02)
     nodes = [
         f"{namespace.rstrip('/')}/{name}"
         for name, namespace in node.get_node_names_and_namespaces()
     ]
-    say(nodes=sorted(nodes))
+    report(nodes=sorted(nodes))
     node.destroy_node()
     rclpy.shutdown()
 

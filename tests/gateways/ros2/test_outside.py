@@ -1,4 +1,4 @@
-"""A society on a wire of ROS 2: what goes out, what comes in, and what does not fit is said."""
+"""The ROS 2 side of a gateway: samples, goals, and conflicts with other nodes."""
 
 from __future__ import annotations
 
@@ -51,25 +51,25 @@ class Wire:
 
 class Stage:
     def __init__(self, *, goals: bool = True, beside: bool = False, settle_s: float = 0.0) -> None:
-        self.wire, self.said, self.society = Wire(), [], Society()
-        taken = self.society.goals if goals else None
+        self.wire, self.lines, self.society = Wire(), [], Society()
+        channel = self.society.goals if goals else None
         self.outside = SocietyNode(
-            *(self.wire, self.society.channels, taken, self.said.append),
+            *(self.wire, self.society.channels, channel, self.lines.append),
             beside=beside,
             settle_s=settle_s,
         )
 
-    def look(self) -> None:
-        self.outside._looked_at = 0.0
-        self.outside.asked()
+    def poll(self) -> None:
+        self.outside._polled_at = 0.0
+        self.outside.goals()
 
-    def say(self, *messages: m.Message) -> None:
+    def publish(self, *messages: m.Message) -> None:
         for message in messages:
             for sample in self.society.translate("", message, 1):
                 self.outside.publish(sample, 1)
 
 
-def test_every_topic_is_offered_as_viewers_ask_for_it() -> None:
+def test_all_topics_have_the_quality_that_viewers_request() -> None:
     wanted = Stage().wire.wanted
     assert wanted.keys() == {c.topic for c in Society().channels} | {GOAL}
     assert all(want.writes and want.reliable for topic, want in wanted.items() if topic != GOAL)
@@ -80,102 +80,88 @@ def test_every_topic_is_offered_as_viewers_ask_for_it() -> None:
     assert wanted[GOAL] == Wanted(GOAL, "geometry_msgs/msg/PoseStamped", False, depth=1)
 
 
-def test_samples_go_out_and_goals_come_in() -> None:
+def test_samples_are_published_and_goals_received() -> None:
     stage = Stage()
-    stage.say(STATE, POSE)
+    stage.publish(STATE, POSE)
     assert stage.wire.sent.count("/tf") == 2
     assert {"/odom", "/pose"} <= {*stage.wire.sent}
     stage.wire.frames = [(GOAL, b"1"), (GOAL, b"2")]
-    assert [(a.topic, a.data, a.encoding) for a in stage.outside.asked()] == [
+    assert [(a.topic, a.data, a.encoding) for a in stage.outside.goals()] == [
         (GOAL, b"1", "cdr"),
         (GOAL, b"2", "cdr"),
     ]
-    assert not stage.outside.asked()
+    assert not stage.outside.goals()
 
 
-def test_no_goals_are_read_if_none_are_to_be_taken() -> None:
+def test_without_goals_their_topic_is_not_subscribed() -> None:
     assert GOAL not in Stage(goals=False).wire.wanted
 
 
-def test_beside_a_robot_of_ros2_its_own_words_are_left_to_it() -> None:
+def test_beside_a_ros2_robot_its_topics_are_not_published() -> None:
     stage = Stage(beside=True)
-    stage.say(STATE, POSE)
+    stage.publish(STATE, POSE)
     assert stage.wire.sent.count("/tf") == 1, "the map's frame alone"
     assert not {"/odom", "/battery_state", "/scan"} & stage.wire.wanted.keys()
     assert {"/tf", "/pose", "/map", "/path"} <= stage.wire.wanted.keys()
     assert "/odom" not in stage.wire.sent
 
 
-def test_a_robot_that_is_there_is_left_its_own_words_unasked() -> None:
-    """Or its robot agent reads two robots' odometry."""
+def test_the_topics_of_a_detected_ros2_robot_are_not_published() -> None:
+    """Otherwise its robot agent reads two odometries."""
     stage = Stage(settle_s=60.0)
-    stage.say(STATE, POSE)
-    assert "/odom" not in stage.wire.wanted, "it may not have been found yet"
+    stage.publish(STATE, POSE)
+    assert "/odom" not in stage.wire.wanted, "a robot may not have been detected yet"
     stage.wire.there = [there("/odom", "nav_msgs/msg/Odometry", writes=True)]
-    stage.look()
+    stage.poll()
     stage.outside._own_at = 0.0
-    stage.look()
+    stage.poll()
     stage.wire.there = []
-    stage.look()
+    stage.poll()
     assert not {"/odom", "/battery_state", "/scan"} & stage.wire.wanted.keys()
-    stage.say(STATE)
+    stage.publish(STATE)
     assert "/odom" not in stage.wire.sent
 
 
-def test_a_robot_that_comes_later_is_left_its_own_words_too() -> None:
+def test_a_robot_that_appears_later_is_detected_too() -> None:
     stage = Stage()
     walls = next(channel for channel in stage.society.channels if channel.topic == "/map")
     stage.outside.publish(Sample(walls, b"\0\1map"), 1)
     assert "/odom" in stage.wire.wanted
     stage.wire.there = [there("/odom", "nav_msgs/msg/Odometry", writes=True)]
     stage.wire.sent.clear()
-    stage.look()
+    stage.poll()
     assert "/odom" not in stage.wire.wanted
-    assert stage.wire.sent == ["/map"], "said again, for the writers are others"
+    assert stage.wire.sent == ["/map"], "published again, because the writers are new"
 
 
 def there(topic: str, kind: str, *, writes: bool = False, **quality: bool) -> Endpoint:
-    return Endpoint(topic, kind, "/somebody", writes, **quality)
+    return Endpoint(topic, kind, "/other", writes, **quality)
 
 
 @pytest.mark.parametrize(
-    ("other", "why"),
+    ("other", "named"),
     [
-        (
-            there("/odom", "nav_msgs/msg/Path"),
-            "reads /odom as nav_msgs/msg/Path, and not nav_msgs/msg/Od",
-        ),
-        (
-            there(GOAL, "std_msgs/msg/String", writes=True),
-            "publishes /goal_pose as std_msgs/msg/String",
-        ),
-        (
-            there("/odom", "nav_msgs/msg/Odometry", writes=True),
-            "publishes /odom, the odometry of a robot .* are left to it",
-        ),
+        (there("/odom", "nav_msgs/msg/Path"), "/odom .*nav_msgs/msg/Path.*nav_msgs/msg/Od"),
+        (there(GOAL, "std_msgs/msg/String", writes=True), "/goal_pose .*std_msgs/msg/String"),
+        (there("/odom", "nav_msgs/msg/Odometry", writes=True), "/odom.*--beside"),
         (
             there("/platform/odom", "nav_msgs/msg/Odometry", writes=True),
-            "publishes /platform/odom, the odometry of a robot .* --beside",
+            "/platform/odom.*--beside",
         ),
-        (
-            there("/map", "nav_msgs/msg/OccupancyGrid", writes=True),
-            "^/somebody publishes /map, too$",
-        ),
-        (
-            there("/odom", "nav_msgs/msg/Odometry", latched=True),
-            "as transient local, and it is vol",
-        ),
+        (there("/map", "nav_msgs/msg/OccupancyGrid", writes=True), "/map"),
+        (there("/odom", "nav_msgs/msg/Odometry", latched=True), "transient local.*volatile"),
     ],
 )
-def test_what_does_not_fit_is_said_once(other: Endpoint, why: str) -> None:
+def test_a_conflict_is_logged_once(other: Endpoint, named: str) -> None:
     stage = Stage()
     stage.wire.there = [other]
     for _ in range(3):
-        stage.look()
-    notes = [note for note in stage.said if "deadline" not in note]
+        stage.poll()
+    notes = [note for note in stage.lines if "deadline" not in note]
     assert len(notes) == 1
-    assert len(stage.said) == 2
-    assert re.search(why, notes[0])
+    assert len(stage.lines) == 2
+    assert notes[0].startswith("/other ")
+    assert re.search(named, notes[0])
 
 
 @pytest.mark.parametrize(
@@ -190,7 +176,7 @@ def test_what_does_not_fit_is_said_once(other: Endpoint, why: str) -> None:
         there(GOAL, "geometry_msgs/msg/PoseStamped", writes=True),
     ],
 )
-def test_what_fits_is_not_spoken_of(other: Endpoint) -> None:
+def test_compatible_endpoints_are_not_logged(other: Endpoint) -> None:
     assert not unfit(tuple(Stage().wire.wanted.values()), [other])
 
 

@@ -1,4 +1,4 @@
-"""A society on rmw_zenoh: a session that comes late is given what is latched, and sends a goal."""
+"""A society on rmw_zenoh: a late session receives latched samples, and sends a goal."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GOAL = "/goal_pose"
 
 @pytest.fixture
 def wires() -> Iterator[list[Wire]]:
-    """A router's, ours and a viewer's."""
+    """The wires of a router, of the gateway and of a viewer."""
     address = read_address(f"ros2+zenoh://localhost:{free_port()}")
     with ExitStack() as stack:
         made = []
@@ -37,22 +37,22 @@ def wires() -> Iterator[list[Wire]]:
         yield made
 
 
-def test_samples_go_out_late_comers_get_the_map_and_goals_come_in(wires: list[Wire]) -> None:
+def test_a_late_viewer_receives_the_map_and_sends_a_goal(wires: list[Wire]) -> None:
     _, ours, viewer = wires
-    said: list[str] = []
+    lines: list[str] = []
     society = Society(world=WORLD)
-    outside = SocietyNode(ours, society.channels, society.goals, said.append, settle_s=0.0)
+    outside = SocietyNode(ours, society.channels, society.goals, lines.append, settle_s=0.0)
     read: Counter[str] = Counter()
-    asked: list[MissionRequest] = []
+    requests: list[MissionRequest] = []
     goal = types.PoseStamped(types.Header(frame_id="map"), types.Pose(types.Point(1.0, 2.0)))
     number = 0
-    while not ({"/map", "/tf", "/odom"} <= read.keys() and asked):
+    while not ({"/map", "/tf", "/odom"} <= read.keys() and requests):
         cycle = m.Cycle(7, number)
         state = m.RobotState(cycle, 1, 2, 0.5, 0.4, -0.2, 12.5, True, False)
         for message in (state, Pose(cycle, 4, 3, 0)):
             for sample in society.translate("", message, number):
                 outside.publish(sample, number)
-        if number == 10:  # the map has been said, once
+        if number == 10:  # the map has been published, once
             viewer.want(
                 [
                     Wanted("/map", "nav_msgs/msg/OccupancyGrid", latched=True, depth=1),
@@ -64,8 +64,8 @@ def test_samples_go_out_late_comers_get_the_map_and_goals_come_in(wires: list[Wi
         if number > 10:
             viewer.publish(GOAL, cdr.encode(goal))
         read.update(topic for topic, _ in viewer.receive(0.05))
-        asked += [society.goal(each.data, each.encoding) for each in outside.asked()]
+        requests += [society.goal(each.data, each.encoding) for each in outside.goals()]
         number += 1
     assert read["/map"] == 1
-    assert asked[0] == MissionRequest(Waypoint(1.0, 2.0, 0.0))
-    assert not said
+    assert requests[0] == MissionRequest(Waypoint(1.0, 2.0, 0.0))
+    assert not lines

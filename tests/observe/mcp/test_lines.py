@@ -1,4 +1,4 @@
-"""The Model Context Protocol's lines: whatever comes in, what goes out is the protocol's."""
+"""The Model Context Protocol's lines: any input gives an answer of the protocol."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from armadico.agents.assistant.tools import TOOLS
 from armadico.core.messages import MessageError, checked
 
 
-def said(**fields: object) -> bytes:
+def request(**fields: object) -> bytes:
     return json.dumps({"jsonrpc": "2.0", "id": 7, **fields}).encode() + b"\n"
 
 
-def told(given: Call | bytes | None) -> dict[str, Any]:
-    """An answer, which is one line."""
+def parsed(given: Call | bytes | None) -> dict[str, Any]:
+    """Return an answer, which is one line."""
     assert isinstance(given, bytes)
     assert given.endswith(b"\n")
     assert given.count(b"\n") == 1
@@ -30,15 +30,15 @@ def told(given: Call | bytes | None) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("version", [*VERSIONS, "1999-01-01", ""])
-def test_it_greets_in_the_clients_version_if_it_speaks_that(version: str) -> None:
+def test_the_greeting_has_the_clients_version_if_supported(version: str) -> None:
     lines = Lines("0.1")
     client = {"name": "a model\x1b[2J", "version": "3"}
     params = {"protocolVersion": version, "capabilities": {}, "clientInfo": client}
-    result = told(lines.receive(said(method="initialize", params=params)))["result"]
+    result = parsed(lines.receive(request(method="initialize", params=params)))["result"]
     assert result["protocolVersion"] == (version if version in VERSIONS else VERSIONS[0])
     assert result["capabilities"] == {"tools": {}}
     assert result["serverInfo"]["name"] == "armadico"
-    assert lines.client == "a model [2J", "it goes to terminals"
+    assert lines.client == "a model [2J", "it is printed on terminals"
 
 
 def stateless(method: str, version: str = STATELESS, **params: object) -> bytes:
@@ -49,43 +49,47 @@ def stateless(method: str, version: str = STATELESS, **params: object) -> bytes:
         f"{prefix}clientInfo": {"name": "a model", "version": "3"},
         f"{prefix}clientCapabilities": {},
     }
-    return said(method=method, params={"_meta": meta, **params})
+    return request(method=method, params={"_meta": meta, **params})
 
 
-def test_without_a_handshake_each_request_says_its_version() -> None:
+def test_without_a_handshake_each_request_states_its_version() -> None:
     lines = Lines("0.1")
-    found = told(lines.receive(stateless("server/discover")))["result"]
+    found = parsed(lines.receive(stateless("server/discover")))["result"]
     assert found["supportedVersions"] == [STATELESS]
     assert found["capabilities"] == {"tools": {}}
     assert (found["resultType"], found["cacheScope"]) == ("complete", "public")
     assert found["_meta"]["io.modelcontextprotocol/serverInfo"]["name"] == "armadico"
     assert lines.client == "a model"
-    listed = told(lines.receive(stateless("tools/list")))["result"]
+    listed = parsed(lines.receive(stateless("tools/list")))["result"]
     assert [tool["name"] for tool in listed["tools"]] == list(TOOLS)
     assert (listed["resultType"], listed["ttlMs"] > 0) == ("complete", True)
     call = lines.receive(stateless("tools/call", name="where", arguments={}))
     assert isinstance(call, Call)
-    result = told(answer(call, {"x": 1}))["result"]
+    result = parsed(answer(call, {"x": 1}))["result"]
     assert (result["structuredContent"], result["resultType"]) == ({"x": 1}, "complete")
     for removed in ("initialize", "ping"):
-        assert told(lines.receive(stateless(removed)))["error"]["code"] == -32601
+        assert parsed(lines.receive(stateless(removed)))["error"]["code"] == -32601
 
 
-def test_a_version_that_is_not_spoken_is_refused_with_those_that_are() -> None:
-    error = told(Lines("0.1").receive(stateless("tools/list", "2099-01-01")))["error"]
+def test_an_unsupported_version_is_refused_with_the_supported_ones() -> None:
+    error = parsed(Lines("0.1").receive(stateless("tools/list", "2099-01-01")))["error"]
     assert error["code"] == -32022
     assert error["data"] == {"supported": [STATELESS], "requested": "2099-01-01"}
 
 
-def test_nothing_is_said_to_what_wants_no_answer() -> None:
+def test_notifications_and_responses_get_no_answer() -> None:
     lines = Lines("0.1")
     assert lines.receive(b'{"jsonrpc": "2.0", "method": "notifications/initialized"}\n') is None
     assert lines.receive(b'{"jsonrpc": "2.0", "id": 3, "result": {}}\n') is None
-    assert told(lines.receive(said(method="ping"))) == {"jsonrpc": "2.0", "id": 7, "result": {}}
+    assert parsed(lines.receive(request(method="ping"))) == {
+        "jsonrpc": "2.0",
+        "id": 7,
+        "result": {},
+    }
 
 
 def test_every_tool_is_listed_with_a_schema_that_stands_by_itself() -> None:
-    tools = told(Lines("0.1").receive(said(method="tools/list")))["result"]["tools"]
+    tools = parsed(Lines("0.1").receive(request(method="tools/list")))["result"]["tools"]
     assert [tool["name"] for tool in tools] == list(TOOLS)
     for tool in tools:
         assert tool["inputSchema"]["type"] == "object"
@@ -105,11 +109,11 @@ def test_every_tool_is_listed_with_a_schema_that_stands_by_itself() -> None:
         ({"reason": "é\n\u202e😀"}, '{"reason":"\\u00e9\\n\\u202e\\ud83d\\ude00"}'),
     ],
 )
-def test_a_call_has_its_arguments_as_a_line_that_a_message_may_carry(
+def test_a_calls_arguments_fit_into_a_line_of_a_message(
     arguments: dict[str, object] | None, text: str
 ) -> None:
     params = {"name": "goto", "arguments": arguments}
-    call = Lines("0.1").receive(said(method="tools/call", params=params))
+    call = Lines("0.1").receive(request(method="tools/call", params=params))
     assert call == Call(7, "goto", text)
     checked(AssistantRequest(call.tool, call.text))
     assert json.loads(call.text) == (arguments or {})
@@ -122,11 +126,13 @@ def test_whitespace_between_arguments_is_left_out() -> None:
 
 
 def test_an_answer_is_an_object_and_the_same_as_text() -> None:
-    result = told(answer(Call(7, "where", "{}"), {"heard": False}))["result"]
+    result = parsed(answer(Call(7, "where", "{}"), {"heard": False}))["result"]
     assert result["structuredContent"] == {"heard": False}
     assert json.loads(result["content"][0]["text"]) == {"heard": False}
     assert result["isError"] is False
-    assert told(answer(Call(7, "goto", "{}"), {"refused": "no"}, failed=True))["result"]["isError"]
+    assert parsed(answer(Call(7, "goto", "{}"), {"refused": "no"}, failed=True))["result"][
+        "isError"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -152,14 +158,14 @@ def test_an_answer_is_an_object_and_the_same_as_text() -> None:
         (b'{"jsonrpc": "2.0", "id": 7, "method": "' + b"x" * LONGEST + b'"}\n', -32600, None),
     ],
 )
-def test_a_line_that_is_none_is_an_error_and_the_next_is_taken(
+def test_an_invalid_line_is_an_error_and_the_next_is_processed(
     line: bytes, code: int, number: int | None
 ) -> None:
     lines = Lines("0.1")
-    found = told(lines.receive(line))
+    found = parsed(lines.receive(line))
     assert found["error"]["code"] == code
     assert found["id"] == number
-    assert "result" in told(lines.receive(said(method="ping")))
+    assert "result" in parsed(lines.receive(request(method="ping")))
 
 
 JSON = st.recursive(
@@ -170,23 +176,24 @@ JSON = st.recursive(
 
 
 @given(st.binary() | JSON.map(lambda value: json.dumps(value).encode()))
-def test_no_line_ends_it(line: bytes) -> None:
+def test_no_line_raises(line: bytes) -> None:
     found = Lines("0.1").receive(line)
-    assert found is None or "error" in told(found)
+    assert found is None or "error" in parsed(found)
 
 
+@pytest.mark.long
 @given(st.sampled_from(["tools/call", "initialize", "tools/list", "ping"]), JSON, JSON, JSON)
-def test_no_request_ends_it(method: str, number: object, name: object, arguments: object) -> None:
+def test_no_request_raises(method: str, number: object, name: object, arguments: object) -> None:
     params = {"name": name, "arguments": arguments, "protocolVersion": name, "clientInfo": number}
-    found = Lines("0.1").receive(said(id=number, method=method, params=params))
+    found = Lines("0.1").receive(request(id=number, method=method, params=params))
     if isinstance(found, Call):
         try:
             checked(AssistantRequest(found.tool, found.text))
-        except MessageError:  # which whoever asks is told
+        except MessageError:  # the server reports it to the program
             assert (
                 len(found.text) > 2000
                 or not (0 < len(found.tool) <= 128)
                 or not found.tool.isprintable()
             )
     elif found is not None:
-        told(found)
+        parsed(found)

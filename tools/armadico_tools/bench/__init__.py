@@ -1,1 +1,1 @@
-"""What measures a society, beside the bare mesh."""
+"""Benchmarks of a society, beside the bare mesh."""

@@ -1,4 +1,4 @@
-"""What needs one core and no mesh: a virtual society, the localization agent's parts, a plan."""
+"""Benchmarks on one core without a mesh: a virtual society, localization, a plan."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ V_SET: Final = 0.1  # m/s
 W_SET: Final = 0.5  # rad/s: in a circle of 0.2 m, so that it touches nothing
 
 SYNC: Final = (command(Cmd.PULSE), command(Cmd.OPEN), command(Cmd.CLOSE))
-"""SYNC0, SYNC1 and SYNC2 are the same bytes."""
+"""SYNC0, SYNC1 and SYNC2 have the same bytes."""
 
 
 class Pace(NamedTuple):
-    """Simulated seconds in a second by the wall clock, and of this process's CPU time."""
+    """Simulated seconds per second of wall clock, and of this process's CPU time."""
 
     wall: float
     cpu: float
 
 
 def speed(quick: bool) -> list[Figure]:
-    """Whole runs, handshake and planning included; each seed is followed by its floor."""
+    """Whole runs, handshake and planning included; each seed is followed by its baseline."""
     figures: list[Figure] = []
     for name in SCENARIOS:
         scenario = with_sensors(load_scenario(name), "real")  # the whole society
@@ -63,7 +63,7 @@ def speed(quick: bool) -> list[Figure]:
 
 
 def _pace(run: Callable[[], float]) -> Pace:
-    """Time something that returns how many seconds it simulated."""
+    """Time a function that returns the seconds that it simulated."""
     wall, cpu = time.perf_counter(), time.process_time()
     simulated = run()
     return Pace(simulated / (time.perf_counter() - wall), simulated / (time.process_time() - cpu))
@@ -75,7 +75,7 @@ def _drive(rehearsal: Rehearsal) -> float:
 
 
 def _alone(scenario: Scenario, seed: int, duration: float) -> float:
-    """The robot in its world, commanded each cycle, for as long as the society took."""
+    """The robot in its world, commanded each cycle, for the duration of the society's run."""
     robot = simulated(scenario, seeded(seed))
     robot.watch(lambda _truth: None)
     for packet in (*SYNC, command(Cmd.OPEN), command(Cmd.ENABLE, 1)):
@@ -89,17 +89,17 @@ def _alone(scenario: Scenario, seed: int, duration: float) -> float:
 
 # A large map --------------------------------------------------------------------------------------
 
-ROOMS: Final = 10  # along each side,
+ROOMS: Final = 10  # along each side
 ROOM_M: Final = 5.0  # so the world has 1,000 x 1,000 cells
 DOOR_M: Final = 1.0
 START: Final = Placed(2.5, 2.5)
 GOALS: Final = (Placed(47.5, 47.5), Placed(47.5, 2.5), Placed(2.5, 47.5), Placed(22.5, 27.5))
 SEED: Final = 1
-PINGS: Final = 3  # in a cycle: the ring of eight in a little more than three
+PINGS: Final = 3  # per cycle: the ring of eight takes a little less than three
 
 
 def rooms() -> World:
-    """A square of rooms without names, most of them with a door to each neighbour."""
+    """A square of unnamed rooms, most of them with a door to each neighbour."""
     rng = Random(SEED)
     walls: list[Segment] = []
     for line in range(ROOMS + 1):
@@ -154,7 +154,7 @@ def _seconds(action: Callable[[], object]) -> float:
 
 
 def planning(quick: bool) -> list[Figure]:
-    """Plans from a corner, each followed by its floor; the map has been read before."""
+    """Plans from a corner, each followed by its baseline; the map is already loaded."""
     world, body = rooms(), load_profile("pioneer-2dx").body
     grid = grid_of(world.barriers, world.bounds, CELL_M)
     costs = grid.costs(Margins(radii(body)[0]))

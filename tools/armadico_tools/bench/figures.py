@@ -1,7 +1,7 @@
-"""What `armadico bench` measures, and how a figure is stated.
+"""The benchmarks of `armadico bench`, and their figures.
 
-Machines are shared and noisy, so a figure stands beside the floor that was measured in the same
-run, in turns with it, and the ratio of both is what is compared from one machine to the next.
+Machines are shared and noisy. So a figure is stated beside a baseline measured in the same run, in
+turns with it; compare the ratio of both between machines.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Final
 
 @dataclass(frozen=True)
 class Figure:
-    """One row. p99 is the bad end: of a rate, where more is better, what 99 of 100 exceed.
+    """One row. p99 is the bad end: for a rate, where more is better, 99 of 100 values exceed it.
 
-    A figure that was measured once has no p99; one that is compared with nothing has no floor.
+    A single measurement has no p99; a figure without comparison has no baseline.
     """
 
     name: str
@@ -25,12 +25,12 @@ class Figure:
     p99: float | None = None
     floor_p50: float | None = None
     floor_p99: float | None = None
-    ratio: float | None = None  # p50 over the floor's
+    ratio: float | None = None  # p50 over the baseline's
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """One thing to measure: `function` ("module:name") takes whether to be quick."""
+    """One benchmark: `function` ("module:name") receives whether to be quick."""
 
     name: str
     summary: str
@@ -39,7 +39,7 @@ class Benchmark:
     function: str
 
     def measure(self, quick: bool) -> list[Figure]:
-        """Its figures; nothing of it is imported before."""
+        """Run it; its module is imported only now."""
         module, _, name = self.function.partition(":")
         measure: Callable[[bool], list[Figure]] = getattr(import_module(module), name)
         return measure(quick)
@@ -57,7 +57,7 @@ BENCHMARKS: Final = (
     Benchmark(
         "sip-to-command-together",
         "the same, with all agents but the robot agent in one process",
-        "the same floors: every agent a process of its own",
+        "the same floors: every agent in its own process",
         "at most 1.5 times the floor at p50, 2 times at p99",
         "armadico_tools.bench.latency:sip_to_command_together",
     ),
@@ -71,36 +71,36 @@ BENCHMARKS: Final = (
     ),
     Benchmark(
         "speed",
-        "simulated seconds in a second of the whole virtual society, by the wall and by the CPU",
-        "the simulated robot alone, driven along",
+        "simulated seconds per second of the whole virtual society, by wall clock and by CPU time",
+        "the simulated robot alone, with constant commands",
         "1.6 times commit c949985, run in turns; 200, at least 100",
         "armadico_tools.bench.computing:speed",
     ),
     Benchmark(
         "localizing",
-        "what is made of a map of 1,000 x 1,000 cells, the whole update of 10,000 particles by 8"
-        " sonars, and tracking; of CPU time",
+        "CPU time to prepare a map of 1,000 x 1,000 cells, for the whole update of 10,000 particles"
+        " by 8 sonars, and for tracking",
         "",
         "0.5 s (kept on disk afterwards), 10 ms, 3 % of a core",
         "armadico_tools.bench.computing:localizing",
     ),
     Benchmark(
         "plan",
-        "a plan on 1,000 x 1,000 cells, from one of 100 rooms to another, the map known",
+        "a plan on 1,000 x 1,000 cells, from one of 100 rooms to another, with the map known",
         "the exact search over the cells alone",
         "100 ms",
         "armadico_tools.bench.computing:planning",
     ),
     Benchmark(
         "start",
-        "from starting `armadico-agent goto` to its token seen by another process",
+        "from starting `armadico-agent goto` until another process sees its token",
         "bare Python that opens a Zenoh session and declares a token",
         "",
         "armadico_tools.bench.processes:start",
     ),
     Benchmark(
         "memory",
-        "of one agent process, driving: resident (rss), and what is its own alone (uss)",
+        "of one driving agent process: resident (rss) and private (uss)",
         "bare Python with Zenoh open",
         "",
         "armadico_tools.bench.processes:memory",
@@ -124,7 +124,7 @@ def figure(
     *,
     more_is_better: bool = False,
 ) -> Figure:
-    """State what was measured, and the floor if there is one. Raises ValueError without values."""
+    """A figure, with its baseline if there is one. Raises ValueError without values."""
     if not values:
         raise ValueError(f"{name}: nothing was measured")
     bad = 0.01 if more_is_better else 0.99
@@ -142,7 +142,7 @@ def figure(
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """The value that this share of the others does not exceed, between two of them if need be."""
+    """The value that this share of the others does not exceed, interpolated."""
     ordered = sorted(values)
     place = share * (len(ordered) - 1)
     below = int(place)

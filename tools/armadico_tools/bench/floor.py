@@ -1,4 +1,4 @@
-"""What bare zenoh-python costs: the floor that the society is compared with.
+"""The cost of bare zenoh-python: the baseline ("floor") for the society.
 
 Run as a file, not as a module, so that it imports nothing but Zenoh:
 
@@ -7,10 +7,10 @@ Run as a file, not as a module, so that it imports nothing but Zenoh:
     floor.py ends LISTEN CONNECT PORT RULE...
 
 LISTEN and CONNECT are endpoints, or "-": the process that listens is the router, as the robot agent
-is in a society, and one that connects is its client. A RULE is "KEY" (it is received, no more) or
+is in a society, and one that connects is its client. A RULE is "KEY" (receive only) or
 "KEY>KEY:BYTES,KEY:BYTES": each sample is answered by these, within Zenoh's callback, with no queue,
-no thread and no decoding. `ends` also joins a TCP connection to the mesh: in its rules the key
-"tcp" stands for that. All live until their standard input is closed.
+no thread and no decoding. `ends` also joins a TCP connection to the mesh, with the key "tcp" in its
+rules. All run until their standard input is closed.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ Put = Callable[[], object]
 
 
 def session(listen: str, connect: str) -> zenoh.Session:
-    """The router that listens there, or a client of the one that is to be connected to."""
+    """The router that listens, or a client of the one at `connect`."""
     config = zenoh.Config()
     config.insert_json5("mode", json.dumps("client" if listen == "-" else "router"))
     config.insert_json5("scouting/multicast/enabled", "false")
-    for condition in ("connect_scouted", "declares"):  # else opening waits for 0.5 s
+    for condition in ("connect_scouted", "declares"):  # otherwise opening waits 0.5 s
         config.insert_json5(f"open/return_conditions/{condition}", "false")
     config.insert_json5("listen/endpoints", json.dumps(_endpoint(listen)))
     config.insert_json5("connect/endpoints", json.dumps(_endpoint(connect)))
@@ -46,10 +46,10 @@ class Relay:
     def __init__(self, mesh: zenoh.Session, line: socket.socket | None = None) -> None:
         self._mesh = mesh
         self._line = line
-        self._held: list[Any] = []  # a declaration lives as long as its reference
+        self._held: list[Any] = []  # references that keep declarations alive
 
     def obey(self, rules: Sequence[str]) -> None:
-        """Subscribe to each rule's key, and answer by it from now on."""
+        """Subscribe to each rule's key, and answer its samples from now on."""
         for rule in rules:
             key, _, answers = rule.partition(">")
             puts = [self._put(answer) for answer in answers.split(",") if answer]
@@ -88,7 +88,7 @@ def _endpoint(text: str) -> list[str]:
 
 
 def main() -> None:
-    """Run the mode that the arguments name."""
+    """Run the mode named by the arguments."""
     kind, listen, connect, *rest = sys.argv[1:]
     mesh = session(listen, connect)
     held: Any = None
@@ -105,7 +105,7 @@ def main() -> None:
     sys.stdin.read()
     del held
     mesh.close()  # type: ignore[no-untyped-call]
-    os._exit(0)  # Zenoh's threads are not waited for
+    os._exit(0)  # do not wait for Zenoh's threads
 
 
 if __name__ == "__main__":

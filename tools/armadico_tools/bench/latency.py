@@ -1,9 +1,9 @@
 """From a status packet's last byte to the motor command that it caused, and the same path bare.
 
 This process plays the microcontroller: a simulated Pioneer between two long walls, in real time
-behind a TCP port. Later in each cycle two floors have their turns, so that whatever else the
-machine does happens to all three: bare Zenoh processes that publish as much to as many subscribers
-as the society does, and bare processes with the critical path alone.
+behind a TCP port. Two baselines ("floors") have their turns later in each cycle, so that other load
+affects all three alike: bare Zenoh processes that publish as much to as many subscribers as the
+society, and bare processes with the critical path alone.
 """
 
 from __future__ import annotations
@@ -47,33 +47,33 @@ from armadico_tools.bench.processes import floor_socket, ready_floor
 from armadico_tools.testbed import Place
 
 AGENTS: Final = ("encoder", "sonar", "goto", "interface")
-GOAL: Final = (190.0, 0.0, 0.0)  # m, m, degrees: farther than it gets
+GOAL: Final = (190.0, 0.0, 0.0)  # m, m, degrees: farther than it drives
 CORRIDOR: Final = ((-1.0, 1.0, 201.0, 1.0), (-1.0, -1.0, 201.0, -1.0))  # m
 MOTOR: Final = frozenset({int(Cmd.VEL), int(Cmd.RVEL), int(Cmd.VEL2), int(Cmd.ROTATE)})
 STATUS_BYTES: Final = 36
-"""Of a status packet with the echoes of a cycle."""
+"""Bytes of a status packet with the echoes of a cycle."""
 
 LOST_S: Final = 0.09
-"""What has not come by then answers another status packet, or none."""
+"""A later command belongs to another status packet, or is missing."""
 
 READY_S: Final = 10.0
-"""Time limit for the floor's links, and from one motor command to the next."""
+"""Time limit for the floor's links, and between motor commands."""
 
 SETTLE_S: Final = 0.2
-"""For how long a floor waits for its first answer before it sends again: links are coming up."""
+"""How long a floor waits for its first answer before it sends again, while links come up."""
 
 WARM_UP: Final = 20
-"""Status packets that are not counted, while the robot picks up speed."""
+"""Status packets that are not counted, while the robot accelerates."""
 
 
 class Floor:
-    """A thread that makes a round some time after each `turn`, and notes how long that takes.
+    """A thread that makes a round some time after each `turn`, and measures its duration.
 
-    It begins once the first round comes back, for which `await_all` waits.
+    It starts once the first round is answered; `await_all` waits for that.
     """
 
     def __init__(self, delay_s: float, lost_s: float, go_round: Callable[[float], bool]) -> None:
-        """`go_round` sends, and returns whether the answer came within so many seconds."""
+        """`go_round` sends, and returns whether the answer arrived within so many seconds."""
         self.latencies: list[float] = []  # s
         self._delay_s, self._lost_s, self._go_round = delay_s, lost_s, go_round
         self._turns: queue.SimpleQueue[bool] = queue.SimpleQueue()
@@ -90,7 +90,7 @@ class Floor:
         self._thread.join()
 
     def turn(self) -> None:
-        """Start a round: the society has had its turn."""
+        """Start a round, after the society's turn."""
         self._turns.put(True)
 
     def _run(self) -> None:
@@ -103,13 +103,13 @@ class Floor:
 
 
 class Stopwatch:
-    """A robot's end of a line, with the time from what makes a cycle to the command that returns.
+    """A robot's end of a line that measures the time from a cycle to the command that returns.
 
     Args:
-        line: That of the robot.
-        begins: Whether bytes that go out make a cycle.
-        answers: Whether bytes that come in have a motor command.
-        floors: They have their turns afterwards.
+        line: The robot's.
+        begins: Whether outgoing bytes make a cycle.
+        answers: Whether incoming bytes contain a motor command.
+        floors: Baselines that have their turns afterwards.
     """
 
     def __init__(
@@ -124,11 +124,11 @@ class Stopwatch:
         self._sent_at: float | None = None
 
     def hang_up(self) -> bool:
-        """The robot is done with its client."""
+        """Disconnect the client."""
         return self._line.hang_up()
 
     def write(self, data: bytes) -> None:
-        """Send; the watch starts with a cycle."""
+        """Send; a cycle starts the watch."""
         begins = self._begins(data)
         if begins:
             self._sent_at = time.perf_counter()
@@ -137,7 +137,7 @@ class Stopwatch:
             floor.turn()
 
     def read(self, timeout_s: float) -> bytes | None:
-        """Receive; the watch stops with a command."""
+        """Receive; a command stops the watch."""
         data = self._line.read(timeout_s)
         now = time.perf_counter()
         if self._answers(data or b"") and self._sent_at is not None:
@@ -148,17 +148,17 @@ class Stopwatch:
 
 
 def sip_to_command(quick: bool) -> list[Figure]:
-    """Every agent a process of its own."""
+    """Every agent in its own process."""
     return _measured("sip-to-command", (), quick)
 
 
 def sip_to_command_together(quick: bool) -> list[Figure]:
-    """The robot agent beside one process for all the others."""
+    """The robot agent, and one process for all others."""
     return _measured("sip-to-command-together", (AGENTS,), quick)
 
 
 def _measured(name: str, together: tuple[tuple[str, ...], ...], quick: bool) -> list[Figure]:
-    """The society and the floors, one after the other, ten times a second each."""
+    """The society and the floors in turns, ten times a second each."""
     wanted = WARM_UP + (80 if quick else 500)
     with ExitStack() as stack:
         floors = [
@@ -183,7 +183,7 @@ def _measured(name: str, together: tuple[tuple[str, ...], ...], quick: bool) -> 
 
 
 def await_all(taken: Sequence[Sequence[float]], wanted: int) -> list[list[float]]:
-    """So many of each, ms, but for the first. Raises TimeoutError if one gets no farther."""
+    """`wanted` latencies of each, ms, without the first ones. Raises TimeoutError on a stall."""
     have, since = 0, time.monotonic()
     while have < wanted:
         now = min(map(len, taken))
@@ -221,7 +221,7 @@ def society(
     robot: str = "pioneer-2dx",
     agents: tuple[str, ...] = AGENTS,
 ) -> Iterator[None]:
-    """Robot agent and agents, with a mission down a corridor; no guest listens in."""
+    """Robot agent and agents, with a mission down a corridor; without a guest on the mesh."""
     scenario = Scenario(
         name="corridor",
         world="empty",
@@ -239,13 +239,13 @@ def society(
     ):
         launcher.start()
         launcher.begin()
-        mesh.close()  # no guest listens in
+        mesh.close()  # so that no guest receives
         yield
 
 
 @contextmanager
 def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[Floor]:
-    """Processes that follow these rules; the first is the router, and has the TCP connection."""
+    """Processes with these rules; the first is the router, and has the TCP connection."""
     with ExitStack() as stack:
         router = stack.enter_context(floor_socket())
         listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
@@ -269,7 +269,7 @@ def _floor(rules: Sequence[Sequence[str]], delay_s: float) -> Iterator[Floor]:
 
 
 def path() -> list[tuple[str, ...]]:
-    """The way alone: robot, encoder, goto."""
+    """The critical path alone: robot, encoder, goto."""
     size = _sizes()
     return [
         (f"tcp>state:{size['state']}", f"cmd>tcp:{size['motor']}"),
@@ -279,7 +279,7 @@ def path() -> list[tuple[str, ...]]:
 
 
 def traffic() -> list[tuple[str, ...]]:
-    """All that the society publishes in a cycle, to all that subscribe to it there."""
+    """All that the society publishes in a cycle, to all its subscribers."""
     size = _sizes()
     return [
         (

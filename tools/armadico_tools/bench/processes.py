@@ -1,6 +1,6 @@
-"""What processes cost: to start, and to keep while they drive; beside bare ones.
+"""The cost of processes: to start, and while driving; beside bare ones.
 
-A benchmark that is killed leaves none: agents are tied to it, the floor ends with its input.
+A benchmark that is killed leaves no processes: agents are tied to it, a floor ends with its input.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ FLOOR: Final = Path(__file__).with_name("floor.py")
 
 @contextmanager
 def started(command: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """A process; it is gone at the end, however that comes."""
+    """A process that ends with the `with` block."""
     process = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,  # Ctrl-C is ours; we end them
+        start_new_session=True,  # Ctrl-C reaches this process only, which ends them
     )
     try:
         yield process
@@ -49,34 +49,34 @@ def started(command: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
 
 @contextmanager
 def floor_socket() -> Iterator[str]:
-    """A Unix socket for a router of the floor's and its clients, as an endpoint."""
+    """A Unix socket for a floor's router and its clients, as an endpoint."""
     with TemporaryDirectory(prefix="armadico-floor-") as folder:
         yield sockets.endpoint(Path(folder) / "floor.sock")
 
 
 def floor(*arguments: str) -> list[str]:
-    """The command line of a process of the floor's."""
+    """The command line of a floor's process."""
     return [sys.executable, "-P", str(FLOOR), *arguments]
 
 
 @contextmanager
 def ready_floor(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A process of the floor that has printed `ready`. Raises RuntimeError if it does not."""
+    """A floor's process that has printed `ready`. Raises RuntimeError if it does not."""
     with started(floor(*arguments)) as process:
-        assert process.stdout is not None, "it was asked for"
+        assert process.stdout is not None, "it is a pipe"
         if process.stdout.readline().strip() != b"ready":
             raise RuntimeError(f"the floor did not start: {process.args!r}")
         yield process
 
 
-# To begin -----------------------------------------------------------------------------------------
+# Start --------------------------------------------------------------------------------------------
 
 SEEN_S: Final = 20.0
 """Time limit for an agent's token."""
 
 
 def start(quick: bool) -> list[Figure]:
-    """From starting the process to the token, the agent and the floor in turns."""
+    """From starting the process to its token, the agent and the floor in turns."""
     whole, bare = [], []
     with Place("bench") as place, closing(place.mesh(router=True)) as mesh:
         changes: queue.SimpleQueue[tuple[tuple[str, bool], float]] = queue.SimpleQueue()
@@ -88,7 +88,7 @@ def start(quick: bool) -> list[Figure]:
         bare_python = floor("token", "-", sockets.endpoint(sockets.socket_of(place.namespace)), key)
 
         def wait_for(wanted: tuple[str, bool]) -> float:
-            """When it was seen."""
+            """When the change was received."""
             while True:
                 try:
                     change, at = changes.get(timeout=SEEN_S)
@@ -110,20 +110,20 @@ def start(quick: bool) -> list[Figure]:
     return [figure("start", "s", whole, bare)]
 
 
-# To drive -----------------------------------------------------------------------------------------
+# Drive --------------------------------------------------------------------------------------------
 
 SCENARIO: Final = "sc1"
 FROM_S: Final = 2.0
-"""When counting begins, after the mission; sc1 takes 18 s."""
+"""When measuring begins, after the mission; sc1 takes 18 s."""
 
 FLOORS: Final = 3
-"""Bare processes whose memory is the floor."""
+"""Number of bare processes for the baseline of memory."""
 
 MEGA: Final = 1e6
 
 
 class Use(NamedTuple):
-    """What one process used: CPU time over wall time, and memory in MB."""
+    """The use of one process: CPU time over wall time, and memory in MB."""
 
     name: str
     share: float
@@ -132,7 +132,7 @@ class Use(NamedTuple):
 
 
 def memory(quick: bool) -> list[Figure]:
-    """Of each agent process; p99 is the largest of them, nearly."""
+    """Memory of each agent process; p99 is nearly the largest."""
     agents = [use for use in drive(quick) if use.name != SIMULATOR]
     bare = _bare_memory()
     return [
@@ -142,7 +142,7 @@ def memory(quick: bool) -> list[Figure]:
 
 
 def cpu(quick: bool) -> list[Figure]:
-    """The agents together, the largest of them, and the simulator, which is no part of them."""
+    """CPU time of all agents, the largest of them, and the simulator, which is not included."""
     shares = {use.name: 100.0 * use.share for use in drive(quick)}
     simulator = shares.pop(SIMULATOR)
     return [
@@ -152,9 +152,9 @@ def cpu(quick: bool) -> list[Figure]:
     ]
 
 
-@cache  # one drive does for all figures
+@cache  # one drive serves all figures
 def drive(quick: bool) -> tuple[Use, ...]:
-    """What each process used while it drove."""
+    """The use of each process while driving."""
     scenario = with_sensors(load_scenario(SCENARIO), "real")  # the whole society
     with (
         Place("bench") as place,

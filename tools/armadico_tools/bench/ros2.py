@@ -1,8 +1,8 @@
 """From a ROS 2 robot's odometry to the command that it caused, and the same chain bare.
 
 This process plays the robot: a simulated Jackal between two long walls, in real time, on DDS by the
-loopback. Half a cycle after each of its odometry messages the floor has its turn: an odometry
-message in a namespace of its own, which a process answers that knows of no society.
+loopback. Half a cycle after each odometry message the baseline ("floor") has its turn: an odometry
+message in another namespace, answered by a process outside the society.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ DOMAIN: Final = 97
 ADDRESS: Final = f"ros2://bench?domain={DOMAIN}&interface=lo"
 FLOOR: Final = f"ros2://bench_floor?domain={DOMAIN}&interface=lo"
 HALF_S: Final = 0.05
-"""From the society's turn to the floor's."""
+"""Delay from the society's turn to the floor's."""
 
 
 def profile() -> Ros2Robot:
-    """The robot, with odometry at the society's pace: so each one of it makes a cycle."""
+    """The robot, with odometry at the rate of cycles, so that each message makes a cycle."""
     jackal = load(find("robots", ROBOT), Ros2Robot)
     return replace(jackal, ros2=replace(jackal.ros2, odom_hz=1.0 / jackal.ros2.cycle_s))
 
 
 class OdometryFloor:
-    """The robot's end of the floor: odometry goes out, and a process answers it."""
+    """The robot's end of the floor: it sends odometry, which a process answers."""
 
     def __init__(self, robot: Ros2Robot) -> None:
         self._command = robot.ros2.cmd_vel.name
@@ -71,7 +71,7 @@ class OdometryFloor:
         self.close = self._transport.close
 
     def go_round(self, patience_s: float) -> bool:
-        """Send odometry; whether the command came in time."""
+        """Send odometry. Returns whether the command arrived in time."""
         self._transport.write(self._odometry)
         end = time.perf_counter() + patience_s
         while (left := end - time.perf_counter()) > 0.0:
@@ -116,13 +116,13 @@ def _robot(robot: Ros2Robot) -> Ros2SimulatedRobot:
 
 
 def _ends(robot: Ros2Robot) -> list[Wanted]:
-    """What is read and written at the client's end of the floor."""
+    """The topics at the client's end of the floor."""
     kept = (robot.ros2.odom.name, robot.ros2.cmd_vel.name)
     return [each for each in wants(robot.ros2).topics if each.topic in kept]
 
 
 def main() -> None:
-    """The floor's process: each odometry is read, and answered, until the input is closed."""
+    """The floor's process: answer each odometry until the input is closed."""
     threading.Thread(target=lambda: (sys.stdin.read(), os._exit(0)), daemon=True).start()
     robot = profile()
     transport = client_transport(FLOOR)

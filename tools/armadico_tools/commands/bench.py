@@ -1,4 +1,4 @@
-"""Measure speed, latency and size, each beside the floor that it is compared with."""
+"""Measure speed, latency and size, each beside a floor to compare with."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from armadico_tools.bench.figures import Benchmark, Figure
 
 EXAMPLES: Final = """\
-  armadico bench                         everything, in under 3 minutes
-  armadico bench --quick                 everything, less exactly, in under 40 s
+  armadico bench                         all benchmarks, in under 3 minutes
+  armadico bench --quick                 all, less exactly, in under 40 s
   armadico bench sip-to-command speed    these only
-  armadico bench --list                  what there is, and what each is compared with
+  armadico bench --list                  list the benchmarks and their floors
   armadico bench speed --json | jq .
 """
 
 
 def main(argv: Sequence[str]) -> int:
-    """Measure; figures go to stdout, progress to stderr.
+    """Run benchmarks; figures go to stdout, progress to stderr.
 
-    Raises FailedError, a line for each benchmark that failed, after the figures of the others.
+    Raises FailedError, with a line for each failed benchmark, after printing the other figures.
     """
     args = parser().parse_args(argv)
     chosen = _chosen(args.names)
@@ -41,12 +41,12 @@ def main(argv: Sequence[str]) -> int:
     failed: list[str] = []
     try:
         for benchmark in chosen:
-            options.say(f"measuring {benchmark.name}")
+            options.report(f"measuring {benchmark.name}")
             try:
                 figures += benchmark.measure(args.quick)
             except (RuntimeError, OSError, ValueError) as error:
                 failed.append(f"{benchmark.name}: {error}")
-    finally:  # a run takes minutes: what it has measured is shown, however it ends
+    finally:  # a run takes minutes: print the figures so far, however it ends
         if args.json:
             print(json.dumps([dataclasses.asdict(figure) for figure in figures], indent=2))
         elif figures:
@@ -59,20 +59,21 @@ def main(argv: Sequence[str]) -> int:
 def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico bench",
-        "Measure on this machine, on a mesh of its own. Each figure stands beside a floor measured"
-        " in the same run, in turns with it: on a shared machine compare the ratios, not the"
-        " figures.",
+        "Measure on this machine, on a private mesh. Each figure stands beside a floor measured in"
+        " the same run, in turns with it. On a shared machine compare the ratios.",
         EXAMPLES,
     )
-    made.add_argument("names", nargs="*", metavar="NAME", help="which; see --list (default: all)")
-    made.add_argument("--quick", action="store_true", help="fewer repetitions")
-    made.add_argument("--json", action="store_true", help="a JSON array on stdout")
-    made.add_argument("--list", action="store_true", help="what can be measured")
+    made.add_argument(
+        "names", nargs="*", metavar="NAME", help="benchmarks to run; see --list (default: all)"
+    )
+    made.add_argument("--quick", action="store_true", help="make fewer repetitions")
+    made.add_argument("--json", action="store_true", help="print the figures as a JSON array")
+    made.add_argument("--list", action="store_true", help="list the benchmarks")
     return made
 
 
 def _chosen(names: Sequence[str]) -> list[Benchmark]:
-    """What the command line names. Raises UsageError for what there is not."""
+    """The named benchmarks, or all. Raises UsageError for an unknown name."""
     from armadico_tools.bench.figures import BENCHMARKS
 
     known = {benchmark.name: benchmark for benchmark in BENCHMARKS}
@@ -98,7 +99,7 @@ def _show(figures: Sequence[Figure]) -> None:
 
 
 def _cell(value: float | None) -> str:
-    """Three digits: a shared machine is less exact."""
+    """Three digits: a shared machine is not more exact."""
     if value is None:
         return "-"
     return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""Run experiments: the thesis's tables, worlds of others, fleets; results into a folder."""
+"""Run experiments: the thesis's tables, other worlds, fleets; write results into a folder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.config.discovery import unknown
+from armadico.core.errors import no_such
 from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
 from armadico_tools.experiments import EXPERIMENTS, RUNS
 
@@ -27,11 +27,11 @@ FASTEST_M_S: Final = 10.0
 
 EXAMPLES: Final = """\
   armadico experiment --list
-  armadico experiment table-5.1                30 seeds a cell, into results/table-5.1
+  armadico experiment table-5.1                30 seeds per cell, into results/table-5.1
   armadico experiment table-5.2 --runs 100 --jobs 8 --json
   armadico experiment barn --worlds 1 --worlds 2 --robot pioneer-2dx --v-max 1
-  armadico experiment logs FOLDER              over logs of real robots
-  armadico experiment all                      all but logs
+  armadico experiment logs FOLDER              on logs of real robots
+  armadico experiment all                      all except logs
 """
 
 
@@ -51,29 +51,35 @@ def main(argv: Sequence[str]) -> int:
 def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico experiment",
-        "Run an experiment on the virtual mesh. Finished runs are kept: interrupt it and run it"
-        " again, and it continues.",
+        "Run an experiment on the virtual mesh. Finished runs are kept: start an interrupted"
+        " experiment again, and it continues.",
         EXAMPLES,
     )
-    made.add_argument("experiment", nargs="?", metavar="NAME", help="one of --list, or all")
+    made.add_argument("experiment", nargs="?", metavar="NAME", help="a name of --list, or all")
     made.add_argument(
-        "logs", nargs="?", type=Path, metavar="FOLDER", help="with logs: their folder, or one log"
+        "logs",
+        nargs="?",
+        type=Path,
+        metavar="FOLDER",
+        help="logs only: folder, or one log",
     )
     made.add_argument("--list", action="store_true", help="list the experiments")
     made.add_argument(
-        "--runs", type=int, metavar="N", help=f"seeds a cell (default: mostly {RUNS})"
+        "--runs", type=int, metavar="N", help=f"run N seeds per cell (default: mostly {RUNS})"
     )
-    barn = made.add_argument_group("of barn only")
+    barn = made.add_argument_group("barn only")
     barn.add_argument(
-        "--worlds", type=int, action="append", metavar="N", help="these (default: all)"
+        "--worlds", type=int, action="append", metavar="N", help="run world N (default: all)"
     )
-    barn.add_argument("--robot", action="append", metavar="PROFILE", help="these, a row each")
-    barn.add_argument("--v-max", type=float, metavar="M/S", help="a speed limit")
     barn.add_argument(
-        "--data", type=Path, metavar="FILE", help="worlds of your own; barn.txt or JSON"
+        "--robot", action="append", metavar="PROFILE", help="run PROFILE, a row each (repeatable)"
+    )
+    barn.add_argument("--v-max", type=float, metavar="M/S", help="limit the speed (default: none)")
+    barn.add_argument(
+        "--data", type=Path, metavar="FILE", help="read worlds from a barn.txt or JSON file"
     )
     add_jobs(made)
-    add_out(made, "results", "folders of results are kept")
+    add_out(made, "results", "folders of results")
     add_json(made)
     return made
 
@@ -88,25 +94,27 @@ def _list(*, as_json: bool) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Raises UsageError for options that do not go together, or are out of range."""
+    """Raises UsageError for options that exclude each other, or are out of range."""
     at_least(args, runs=1, jobs=1)
     if args.experiment is None:
-        raise UsageError("name an experiment, or all; --list shows them")
+        raise UsageError("name an experiment, or all (see --list)")
     if args.experiment not in (*EXPERIMENTS, ALL):
-        raise UsageError(unknown("experiment", args.experiment, (*EXPERIMENTS, ALL)))
+        raise UsageError(no_such("experiment", args.experiment, (*EXPERIMENTS, ALL)))
     given = [name for name in BARN if getattr(args, name) is not None]
     if given and args.experiment != "barn":
-        raise UsageError(f"--{given[0].replace('_', '-')} goes with barn")
+        raise UsageError(f"--{given[0].replace('_', '-')} is for the experiment barn only")
     if args.v_max is not None and not 0.0 < args.v_max <= FASTEST_M_S:
-        raise UsageError(f"--v-max {args.v_max:g}: more than none, at most {FASTEST_M_S:g} m/s")
+        raise UsageError(
+            f"--v-max must be above 0 and at most {FASTEST_M_S:g} (got {args.v_max:g})"
+        )
     if (args.logs is not None) != (args.experiment == LOGS):
-        raise UsageError("FOLDER goes with logs: armadico experiment logs FOLDER")
+        raise UsageError("FOLDER is for logs only: armadico experiment logs FOLDER")
     if args.logs is not None and not args.logs.exists():
-        raise UsageError(f"{args.logs}: no such folder")
+        raise UsageError(f"{args.logs}: no such file or folder")
 
 
 def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
-    """One experiment, and a summary of it. Raises FailedError if its folder cannot be had."""
+    """Run one experiment and return its summary. Raises FailedError without its folder."""
     import msgspec
 
     from armadico_tools.experiments import runner
@@ -129,10 +137,10 @@ def _run(name: str, args: argparse.Namespace) -> dict[str, object]:
     except OSError as error:
         raise FailedError(f"cannot write to {context.out}: {error.strerror}") from None
     if moved is not None:
-        options.say(f"{context.out} held other seeds, or runs of other code: renamed to {moved}")
+        options.report(f"{context.out} has other seeds, or runs of other code: renamed to {moved}")
     context.run(found, EXPERIMENTS[name].title)
     seconds = time.monotonic() - began
-    options.say(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
+    options.report(f"{name}: {seconds:.0f} s, {len(context.files)} files in {context.out}")
     return {
         "experiment": name,
         "title": EXPERIMENTS[name].title,
@@ -161,7 +169,7 @@ def _barn(args: argparse.Namespace) -> Barn:
         known = read_worlds(args.data or SHIPPED)
         for number in worlds:
             if number not in known:
-                kept = "" if args.data else "; every sixth is the challenge's own test's"
+                kept = "" if args.data else " (every sixth is kept for the challenge's own test)"
                 raise UsageError(
                     f"--worlds {number}: no such world; there are {len(known)} from {min(known)}"
                     f" to {max(known)}{kept}"

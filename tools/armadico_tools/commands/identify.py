@@ -19,10 +19,10 @@ DESCRIPTION: Final = """\
 Identify the robot's dynamics (thesis 4.5.3): 1/a11, C_v and C_s from driving straight, 1/a22, C_v1
 and C_s1 from turning on the spot, each with its 95 % interval. A log is CSV with the columns t,
 left_v, right_v, v, w (s, V, V, m/s, rad/s); a row's voltages are held until the next row. Several
-logs may be given: one straight, one turning. What a log does not excite is refused, not guessed.
+logs may be given: one straight, one turning. Values that a log does not determine are rejected.
 
 --simulate drives the simulated robot by voltages and writes a log that can be identified. A real
-Pioneer reports no voltages: they must be measured, as the thesis did through an external board.
+Pioneer reports no voltages: measure them, as the thesis did with an external board.
 """
 
 EXAMPLES: Final = """\
@@ -60,23 +60,31 @@ def main(argv: Sequence[str]) -> int:
 
 def parser() -> argparse.ArgumentParser:
     made = options.parser("armadico identify", DESCRIPTION, EXAMPLES)
-    made.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV files to identify")
-    made.add_argument("--simulate", type=Path, metavar="FILE", help="write a simulated log")
+    made.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="identify these CSV files")
+    made.add_argument("--simulate", type=Path, metavar="FILE", help="write a simulated log to FILE")
     made.add_argument(
         "--method",
         choices=("instruments", "least-squares"),
         default="instruments",
-        help="least-squares is the thesis's own; noise in the speeds biases it"
+        help="estimate by this method; least-squares is the thesis's, biased by noise in the speeds"
         " (default: %(default)s)",
     )
-    made.add_argument("--json", action="store_true", help="one JSON object on stdout")
+    made.add_argument("--json", action="store_true", help="print one JSON object")
     made.add_argument(
-        "--profile", default="pioneer-2dx", metavar="NAME", help="robot profile (%(default)s)"
+        "--profile",
+        default="pioneer-2dx",
+        metavar="NAME",
+        help="use this robot profile (default: %(default)s)",
     )
     made.add_argument(
-        "--motion", choices=("linear", "angular"), default="linear", help="of --simulate"
+        "--motion",
+        choices=("linear", "angular"),
+        default="linear",
+        help="simulate this motion (default: %(default)s)",
     )
-    made.add_argument("--seed", type=int, default=0, metavar="N", help="of --simulate's noise")
+    made.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="seed of simulated noise (default: 0)"
+    )
     return made
 
 
@@ -98,7 +106,7 @@ def _show(report: Sequence[dict[str, Any]]) -> None:
         Console().print(table)
     for entry in report:
         if "refused" in entry:
-            options.say(f"{entry['log']}: {entry['refused']}")
+            options.report(f"{entry['log']}: {entry['refused']}")
 
 
 def _read(path: Path) -> Log:
@@ -118,4 +126,4 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise FailedError(f"cannot write {path}: {error.strerror}") from None
-    options.say(f"log: {path}")
+    options.report(f"log: {path}")

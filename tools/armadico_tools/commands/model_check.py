@@ -1,4 +1,4 @@
-"""Go through every run of the coordination, or of joining, up to so many faults."""
+"""Explore every run of the coordination, or of joining, up to a number of faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.config.discovery import unknown
+from armadico.core.errors import no_such
 from armadico_tools.command_options import add_jobs, add_json, at_least, over
 
 if TYPE_CHECKING:
@@ -27,14 +27,14 @@ SHOWN: Final = 3
 
 
 def main(argv: Sequence[str]) -> int:
-    """Go through them; exit code 1 if a promise can be broken."""
+    """Explore all runs; exit code 1 if a promise can be broken."""
     args = parser().parse_args(argv)
     _check(args)
     from armadico_tools.explore import series, world
 
     for kind in args.kind:
         if kind not in world.KINDS:
-            raise UsageError(unknown("kind of fault", kind, world.KINDS))
+            raise UsageError(no_such("kind of fault", kind, world.KINDS))
     kinds = tuple(args.kind) or world.KINDS
     tasks = series.tasks(args.what, args.contenders, args.faults, args.cycles, kinds)
     summary, began = series.Summary(), time.monotonic()
@@ -49,37 +49,36 @@ def main(argv: Sequence[str]) -> int:
 def parser() -> argparse.ArgumentParser:
     made = options.parser(
         "armadico model-check",
-        "Goes through every run of real contenders and a real owner in which at most so many things"
-        " go wrong: each message lost, late or twice, a crash and a new start of a contender or of"
-        " the owner, a hang, a cut, a stop, another bid, bids that rise together. Worlds that are"
-        " the same from here on are gone through once. A counterexample is printed as a test, the"
-        " shortest first. Exit code 1 if there is one.",
+        "Explore every run of real contenders and a real owner with at most F faults: each message"
+        " lost, late or twice, a crash and restart of a contender or of the owner, a hang, a"
+        " partition, a stop, another bid, bids that rise together. Equal worlds are explored once."
+        " Counterexamples are printed as tests, the shortest first. Exit code 1 if there is one.",
         EXAMPLES,
     )
     made.add_argument(
         "--what",
         choices=("coordination", "admission"),
         default="coordination",
-        help="who drives, or who may join (default: coordination)",
+        help="explore which agent drives, or which may join (default: coordination)",
     )
     made.add_argument(
-        "--contenders", type=int, choices=(2, 3), default=2, help="how many (default: 2)"
+        "--contenders", type=int, choices=(2, 3), default=2, help="number (default: 2)"
     )
     made.add_argument(
-        "--faults", type=int, default=1, metavar="F", help="at most so many in a run (default: 1)"
+        "--faults", type=int, default=1, metavar="F", help="at most F faults per run (default: 1)"
     )
     made.add_argument(
         "--cycles",
         type=int,
         metavar="N",
-        help="no run longer than this (default: until nothing new can come)",
+        help="limit runs to N cycles (default: until no new state can occur)",
     )
     made.add_argument(
         "--kind",
         action="append",
         default=[],
         metavar="K",
-        help="only fates (of messages), crash, owner, cut, hang, bids, rise, stop; may be repeated",
+        help="use only fates (of messages), crash, owner, cut, hang, bids, rise, stop; repeatable",
     )
     add_jobs(made)
     add_json(made)
@@ -87,7 +86,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Raises UsageError for what makes no sense."""
+    """Raises UsageError for options that are out of range, or exclude each other."""
     at_least(args, faults=0, cycles=1, jobs=1)
     if args.what == "admission" and (args.kind or args.cycles):
         raise UsageError("--kind and --cycles are for coordination")
@@ -105,10 +104,10 @@ def _report(summary: Summary, args: argparse.Namespace, seconds: float, *, compl
     )
     if args.what == "coordination" and complete and not summary.tests:
         if summary.closed:
-            print(f"without a valid command for {summary.starved} cycles at most")
-            print(f"settled {summary.unsettled} cycles after the last fault, at most")
+            print(f"longest time without a valid command: {summary.starved} cycles")
+            print(f"longest time to settle after the last fault: {summary.unsettled} cycles")
         else:
-            print("not to the end: what never comes right was not looked for")
+            print("not explored to the end: runs that never recover were not searched for")
     for cost, cycles, promise, test in summary.tests[:SHOWN]:
         print(f"\n# {promise}: {cost} faults" + (f", {cycles} cycles" if cycles else ""))
         print(test)

@@ -1,7 +1,7 @@
-"""The experiments that can be run, and where each is declared.
+"""The list of experiments, with the module of each.
 
-`docs/results/README.md` lists those that were removed, with their results and the last commit that
-has them.
+`docs/results/README.md` lists removed experiments, with their results and the last commit that has
+them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ class Entry(NamedTuple):
 
     title: str
     where: str  # "module:NAME" of an `Experiment` in this package
-    on_request: bool = False  # not one of `all`
+    on_request: bool = False  # not included in `all`
 
 
 EXPERIMENTS: Final = {
@@ -50,8 +50,8 @@ EXPERIMENTS: Final = {
     "use-cases": Entry("The use cases of thesis 3.2", "use_cases:USE_CASES"),
     "barn": Entry("The BARN challenge: fields of cylinders, no map", "barn:BARN"),
 }
-"""By name, in the order in which all are run."""
+"""Experiments by name, in the order of `all`."""
 
 RUNS: Final = 30
 FIRST_SEED: Final = 1000
-"""Seeds below this one chose parameters; those from it on are reported."""
+"""Seeds below this one were used to choose parameters; results are reported from it on."""

@@ -1,4 +1,4 @@
-"""The BARN challenge: through fields of cylinders without a map, by its own rule and score."""
+"""The BARN challenge: through fields of cylinders without a map, with its own rule and score."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ ROBOTS: Final = ("jackal", "pioneer-2dx", "pioneer-16")
 PARAMETERS: Final = "swift"
 
 TUNED: Final = (1, 2, 3)
-"""Worlds with these remainders by 6 chose parameters; the others, with 4 and 5, are reported."""
+"""Parameters were chosen in worlds with these remainders by 6; those with 4 and 5 are reported."""
 
 WAIT_S: Final = 30.0
-"""Who has not moved for so long after it was sent off is late; the challenge waits for ever."""
+"""A robot that has not moved after this time is too late; the challenge waits without limit."""
 
 WORST: Final = 10
 
 NOTE: Final = (
     "Each world by the challenge's rule: the clock starts when the robot has moved 0.1 m and stops"
     " within 1 m of the goal, 10 m ahead; any contact ends the run, and so do 100 s. Score: optimal"
-    " time over the time, which counts as 2 (until 2023: 4) optimal times at the least, 8 at the"
-    " most; 0 for who does not get there. Nobody is told of the world. Sensors without error. *All"
-    " others' figures are of a Jackal in Gazebo; these are of this project's simulator, and of the"
-    " public worlds.*"
+    " time over the time, which counts as at least 2 (until 2023: 4) and at most 8 optimal times; 0"
+    " if the goal is not reached. The agents have no map. Sensors without error. *Figures of other"
+    " planners are of a Jackal in Gazebo; these are of this project's simulator, and of the public"
+    " worlds.*"
 )
 
 
@@ -55,20 +55,20 @@ class BarnDrive(Drive):
 
     def __init__(self, cell: Cell, seed: int) -> None:
         super().__init__(cell, seed)
-        self.began: float | None = None  # when it had moved
+        self.began: float | None = None  # when it has moved
         self.ended: float | None = None
         self.touched = False
         self.rehearsal.mesh.watch(lambda _k, message, _t: self._locate(message), Truth)
 
     @property
     def seconds(self) -> float:
-        """By the challenge's clock."""
+        """Time by the challenge's clock, s."""
         if self.began is None:
             return 0.0
         return (self.rehearsal.mesh.now if self.ended is None else self.ended) - self.began
 
     def sample(self) -> Sample:
-        """The row of this run, judged by the challenge."""
+        """The row of this run, judged by the challenge's rule."""
         reached = self.ended is not None and not self.touched and self.seconds < LIMIT_S
         note = "" if reached else "touched" if self.touched else "too late"
         return changed(
@@ -88,7 +88,7 @@ class BarnDrive(Drive):
         return self.ended is not None or self.seconds >= LIMIT_S
 
     def _locate(self, truth: Message) -> None:
-        """One look at where the robot is."""
+        """Update the clock with the robot's true pose."""
         assert isinstance(truth, Truth)
         now = self.rehearsal.mesh.now
         if self.began is None:
@@ -102,13 +102,13 @@ class BarnDrive(Drive):
 
 
 def drive(task: tuple[Cell, int]) -> Sample:
-    """One run, whole: what the workers do."""
+    """One run, for a worker process."""
     cell, seed = task
     return BarnDrive(cell, seed).go().sample()
 
 
 def write(world: BarnWorld, folder: Path, v_max: float | None) -> Path:
-    """Write a world and its scenario; the scenario's file."""
+    """Write a world and its scenario. Returns the scenario's file."""
     name = f"barn-{world.number:03d}"
     write_map(world.world(), folder / f"{name}.map")
     limit = "" if v_max is None else f"v_max = {v_max}\n"
@@ -122,11 +122,11 @@ def write(world: BarnWorld, folder: Path, v_max: float | None) -> Path:
 
 
 CLIP_SCORE: Final = 1.0 / CLIPS[0]
-"""The highest score that there is."""
+"""The highest possible score."""
 
 
 def parts(numbers: Sequence[int]) -> dict[str, list[int]]:
-    """The worlds: all, those that parameters were chosen on, and the others."""
+    """The worlds: all, those used to choose parameters, and the others."""
     found = {
         "all": list(numbers),
         "tuned on": [n for n in numbers if n % 6 in TUNED],
@@ -141,7 +141,7 @@ def score_of(world: BarnWorld, one: Sample, clip: float = CLIPS[0]) -> float:
 
 
 def summarized(runs: Sequence[tuple[BarnWorld, Sample]]) -> dict[str, float]:
-    """Runs in a few numbers: shares, the mean time of those that got there, scores."""
+    """Shares of the runs, the mean time of those that reached the goal, scores."""
     times = [one.tt_s for _, one in runs if one.reached]
     new, old = (fmean(score_of(world, one, clip) for world, one in runs) for clip in CLIPS)
     return {
@@ -159,7 +159,7 @@ def summarized(runs: Sequence[tuple[BarnWorld, Sample]]) -> dict[str, float]:
 
 
 def _cells(context: Context) -> list[Cell]:
-    """Each world for each robot; their files are written into the folder."""
+    """Each world for each robot; writes their files into the folder."""
     chosen, worlds = context.barn, _worlds(context)
     folder = context.out / "worlds"
     folder.mkdir(exist_ok=True)

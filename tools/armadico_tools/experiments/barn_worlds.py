@@ -1,8 +1,8 @@
-"""The worlds of the BARN challenge, and its rule of scoring.
+"""The worlds of the BARN challenge, and its score.
 
-`maps/barn.txt` has 250 of its 300: all but every sixth, 0, 6, ... 294, which its public test has.
-A world is a line: its number, the length of the challenge's reference path (m), and which cells
-of the field are taken, 30 rows of 30 from the lower left corner on, as bits in base64. A file of
+`maps/barn.txt` has 250 of its 300 worlds: all except every sixth, 0, 6, ... 294, which the public
+test uses. A line has a world's number, the length of the challenge's reference path (m), and the
+occupied cells of the field, 30 rows of 30 from the lower left corner, as bits in base64. A file of
 worlds may also be JSON: a list of `{"world": 1, "cylinders": [[x, y], ...], "path_length": 11.9}`.
 
 Frame: the challenge's (Gazebo's); m. Sources: Perille, Truong, Xiao and Stone, "Benchmarking Metric
@@ -33,7 +33,7 @@ CORNER: Final = (-4.425, 5.175)
 """The middle of the lower left cell."""
 
 BELOW: Final = 34
-"""Rows of the fence below the cells: the lane that the robot starts in."""
+"""Rows of the fence below the cells: the lane where the robot starts."""
 
 START: Final = (-2.25, 3.0, 90.0)
 GOAL: Final = (-2.25, 13.0, 90.0)
@@ -44,25 +44,25 @@ TOP_M_S: Final = 2.0
 """The optimal time is that of the reference path at this speed."""
 
 CLIPS: Final = (2.0, 4.0)
-"""No run counts as faster than so many times the optimal time: since 2024, and until then."""
+"""Least time that counts, in optimal times: since 2024, and before."""
 
 
 class BarnWorld(Struct, frozen=True):
-    """One world: where its cylinders stand, and how long its reference path is, m."""
+    """One world: its cylinders, and the length of its reference path, m."""
 
     number: int
     cylinders: tuple[tuple[float, float], ...]
     path_m: float
 
     def score(self, seconds: float | None, clip: float = CLIPS[0]) -> float:
-        """What a run gets that took so long, s; None: it did not get there."""
+        """The score for a time, s; None: the goal was not reached."""
         if seconds is None:
             return 0.0
         optimal = self.path_m / TOP_M_S
         return optimal / min(max(seconds, clip * optimal), 8.0 * optimal)
 
     def world(self) -> World:
-        """The world as a robot meets it."""
+        """The world of the robot."""
         columns: tuple[Column, ...] = tuple((x, y, RADIUS_M) for x, y in self.cylinders)
         bounds = (-4.5, 0.0, 0.0, 14.0)
         return World(f"barn-{self.number}", (), bounds, columns=columns)
@@ -83,12 +83,12 @@ def read_worlds(path: Path = SHIPPED) -> dict[int, BarnWorld]:
     worlds: dict[int, BarnWorld] = {}
     for world in found:
         if world.number in worlds:
-            raise ConfigError(f"world {world.number} is there twice; expected once", path)
+            raise ConfigError(f"world {world.number} is defined twice", path)
         if not all(isfinite(x) and isfinite(y) for x, y in world.cylinders):
-            raise ConfigError(f"world {world.number}: a cylinder is nowhere", path)
+            raise ConfigError(f"world {world.number}: a cylinder's position is not finite", path)
         worlds[world.number] = world
     if not worlds:
-        raise ConfigError("no world in it", path)
+        raise ConfigError("the file has no worlds", path)
     return dict(sorted(worlds.items()))
 
 
@@ -101,7 +101,7 @@ FENCE: Final = (
     *(_cell(row, column) for row in range(-BELOW, 0) for column in (0, ROWS - 1)),
     *(_cell(-BELOW, column) for column in range(1, ROWS - 1)),
 )
-"""What stands below the cells in every world: the lane's sides, and its end."""
+"""Cylinders below the cells in every world: the sides and the end of the lane."""
 
 _BYTES: Final = -(-ROWS * ROWS // 8)
 

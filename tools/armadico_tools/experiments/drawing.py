@@ -1,4 +1,4 @@
-"""The one writer of figures: worlds seen from above, with the paths of one or more runs."""
+"""Figures of worlds from above, with the paths of one or more runs."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ARMS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-"""Colours of the arms of an experiment, in their order."""
+"""Colours of the arms of an experiment, in order."""
 
 HEADROOM: Final = 0.3
-"""Around a world, m."""
+"""Margin around a world, m."""
 
 LEGEND_BELOW_IN: Final = 0.42
-"""From the axes to their legend, inches: ticks and label are between."""
+"""From the axes to their legend, inches, with room for ticks and label."""
 
 
 def sheet(rows: int, columns: int, width: float = 10.0, height: float = 6.0) -> Figure:
@@ -36,7 +36,7 @@ def sheet(rows: int, columns: int, width: float = 10.0, height: float = 6.0) -> 
 
 
 def picture(run: Drive, path: Path, caption: str) -> None:
-    """One run that ended, as `armadico run` draws it."""
+    """Draw a run that has ended, as `armadico run` does."""
     watch, scenario = run.watch, run.scenario
     draw_run(
         load_world(scenario.world),
@@ -55,7 +55,7 @@ def picture(run: Drive, path: Path, caption: str) -> None:
 
 
 def paths(axes: Axes, world: str, runs: Sequence[tuple[str, Drive]], title: str) -> None:
-    """The paths of several runs in one world, each in its colour."""
+    """Draw the paths of several runs in one world, each in its colour."""
     floor(axes, load_world(world))
     for level, (ink, (label, run)) in enumerate(zip(ARMS, runs, strict=False)):
         xs = [mark.x for mark in run.watch.path]
@@ -67,7 +67,7 @@ def paths(axes: Axes, world: str, runs: Sequence[tuple[str, Drive]], title: str)
 
 
 def by_holder(axes: Axes, run: Drive, title: str) -> None:
-    """One run's path, coloured by who was obeyed."""
+    """Draw a run's path, coloured by the obeyed agent."""
     floor(axes, load_world(run.scenario.world))
     seen: set[str] = set()
     marks = run.watch.path
@@ -91,7 +91,7 @@ def by_holder(axes: Axes, run: Drive, title: str) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    """Below the axes and their label, however flat they are, where it hides nothing."""
+    """Put the legend below the axes and their label, where it hides nothing."""
     from matplotlib.transforms import ScaledTranslation
 
     inches = axes.figure.dpi_scale_trans
@@ -107,7 +107,7 @@ def _legend(axes: Axes) -> None:
 
 
 def floor(axes: Axes, world: World) -> None:
-    """Walls, at one scale for both directions."""
+    """Draw the walls, at one scale for both directions."""
     from matplotlib.collections import LineCollection
 
     lines = [[wall[:2], wall[2:]] for wall in world.outlines]
@@ -119,10 +119,6 @@ def floor(axes: Axes, world: World) -> None:
         axes.set_ylim(y1 - HEADROOM, y2 + HEADROOM)
     axes.set_xlabel("x (m)", fontsize=8, color=SOFT)
     axes.set_ylabel("y (m)", fontsize=8, color=SOFT)
-    tidy(axes)
-
-
-def tidy(axes: Axes) -> None:
     axes.grid(color=FAINT, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, colors=SOFT)

@@ -1,11 +1,11 @@
-"""One run of an experiment: a cell of its table and a seed in, a row out.
+"""One run of an experiment: from a cell of its table and a seed to a row.
 
-**Stop rule.** The clock starts with the first cycle after the mission is taken on and stops when
-the interface agent reports the goal reached: its pose within 0.12 m and 4 degrees, wheels at rest.
-The fast controller does not turn to the goal's heading, so its runs stop when the robot has rested
-for 2 s within 0.15 m of the goal; TT ends where that rest began. A run that never stops so ends at
-its time limit (5 times the way over 0.3 m/s), or when the robot has been within 1 m of one place
-for 60 s.
+**Stop rule.** The clock starts with the first cycle after the mission is accepted and stops when
+the interface agent reports the goal as reached: its pose within 0.12 m and 4 degrees, wheels at
+rest. The fast controller does not turn to the goal's heading. So its runs stop when the robot has
+rested for 2 s within 0.15 m of the goal; TT ends at the begin of that rest. Other runs end at their
+time limit (5 times the way over 0.3 m/s), or when the robot has stayed within 1 m of one place for
+60 s.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
 REST_S = 2.0
 
 LOCALIZING = society().ideal.without
-"""Who is not in a table unless its cell says so: the thesis had no localization."""
+"""Agents that take part only if a cell says so: the thesis had no localization."""
 
 
 class Cell(Struct, frozen=True):
-    """One cell of a table: a scenario and what is changed about it.
+    """One cell of a table: a scenario and its changes.
 
-    The thesis's tables have sensors without error and no localization; other cells say so.
+    By default sensors have no error and there is no localization, as in the thesis's tables.
     """
 
     name: str
-    scenario: str  # a shipped one's name, or a file
+    scenario: str  # name of a shipped one, or a file
     controller: str | None = None
     exchange: str | None = None
     parameters: str | None = None
@@ -54,14 +54,14 @@ class Cell(Struct, frozen=True):
     besides: tuple[str, ...] = ()
     sensors: str = "ideal"
     robot: str | None = None
-    joins: str | None = None  # an agent that joins while the run is going on
-    joins_at_s: float = 0.0  # when it joins, from the run's beginning
+    joins: str | None = None  # an agent that joins during the run
+    joins_at_s: float = 0.0  # when it joins, from the start of the run
 
 
 class Sample(Struct, frozen=True):
-    """One run: `observe.measures.Result`, how smooth it was, and a note.
+    """One run: `observe.measures.Result`, its smoothness, and a note.
 
-    `arrived` is by the true position alone, within 0.15 m; `reached` asks for the heading too.
+    `arrived` is by the true position alone, within 0.15 m; `reached` requires the heading too.
     `believed_p_percent` is P by the encoders' pose.
     """
 
@@ -87,18 +87,18 @@ class Sample(Struct, frozen=True):
     accel_step: float | None = None
     command_step_v: float | None = None
     command_step_w: float | None = None
-    pose_m: float | None = None  # median over the run of how far off the pose was,
-    pose_end_m: float | None = None  # and at its end
+    pose_m: float | None = None  # error of the pose, median over the run
+    pose_end_m: float | None = None  # at its end
     pose_end_deg: float | None = None
     note: str = ""
 
 
 Samples = dict[str, list[Sample]]
-"""Runs by the name of their cell, in the order of their seeds."""
+"""Runs by the name of their cell, in the order of seeds."""
 
 
 class Drive:
-    """One run under way on the virtual mesh, with its trace."""
+    """One run on the virtual mesh, with its trace."""
 
     def __init__(self, cell: Cell, seed: int) -> None:
         self.cell, self.seed = cell, seed
@@ -113,7 +113,7 @@ class Drive:
 
     @property
     def watch(self) -> RunWatch:
-        """What the run's measures are taken from."""
+        """The source of the run's measures."""
         return self.rehearsal.watch
 
     def go(self) -> Drive:
@@ -132,14 +132,14 @@ class Drive:
         return self
 
     def _compare(self, pose: Message) -> None:
-        """Note how far off the pose is, before the goal is reached."""
+        """Record the error of the pose, before the goal is reached."""
         truth = self.watch.view.truth
         if isinstance(pose, Pose) and truth and self.watch.mission and not self.watch.done:
             off = hypot(pose.x - truth.x, pose.y - truth.y)
             self.pose_errors.append((off, abs(wrap(pose.theta - truth.theta))))
 
     def instances(self) -> list[str]:
-        """The instances of the agents that are alive, in the order in which they joined."""
+        """The live instances, in the order of joining."""
         return [node.agent.instance for node in self.rehearsal.mesh.nodes if node.alive]
 
     def sample(self) -> Sample:
@@ -202,7 +202,7 @@ class Drive:
         return self.watch.done or self._parked() or self.trace.stuck
 
     def _parked(self) -> bool:
-        """Whether the fast controller has come to rest where it was to go."""
+        """Whether the fast controller has come to rest at the goal."""
         fast = self.cell.controller == "fast"
         return fast and self.trace.resting_s >= REST_S and self._at_goal()
 
@@ -218,7 +218,7 @@ class Drive:
         return replace(options_of(cell), seed=self.seed, without=left_out)
 
     def _join(self, name: str) -> None:
-        """The agent joins with the parameters that it would have had from the beginning."""
+        """Add the agent with the parameters that it would have from the start."""
         if any(node.name == name for node in self.rehearsal.mesh.nodes):
             return
         every = members(self.scenario, complete(self._options()), "memory:")
@@ -232,18 +232,18 @@ SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough
 
 
 def share(name: str, holders: list[str | None]) -> float:
-    """Per cent of the cycles with a holder in which it was this one."""
+    """The percentage of cycles of one holder among those with a holder."""
     held = [holder for holder in holders if holder is not None]
     return round(100.0 * held.count(name) / len(held), 2) if held else 0.0
 
 
 def complete(options: Options) -> Options:
-    """The same society with no agent left out."""
+    """The options of the same society with all agents."""
     return Options(options.seed, options.controller, options.exchange, options.parameters)
 
 
 def scenario_of(cell: Cell) -> Scenario:
-    """The cell's scenario with what the cell changes about it."""
+    """The cell's scenario, with its changes."""
     scenario = ideal(load_scenario(cell.scenario))
     agents = (*scenario.agents, *cell.besides)
     scenario = structs.replace(scenario, sensors=cell.sensors, agents=agents)
@@ -253,23 +253,23 @@ def scenario_of(cell: Cell) -> Scenario:
 
 
 def options_of(cell: Cell) -> Options:
-    """What the cell says on the command line, as it were."""
+    """The cell as options of the command line."""
     return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
 
 
 def conditions_of(cell: Cell) -> Conditions:
-    """What the cell's runs depend on."""
+    """The conditions of the cell's runs."""
     return conditions(scenario_of(cell), options_of(cell), "virtual")
 
 
 def drive(task: tuple[Cell, int]) -> Sample:
-    """One run, whole: what the workers do."""
+    """One run, for a worker process."""
     cell, seed = task
     return Drive(cell, seed).go().sample()
 
 
 def key_of(cell: Cell) -> str:
-    """What a run depends on besides its seed and the code, as 12 hex digits: cell and files."""
+    """A hash of all that a run depends on besides seed and code: the cell and its files."""
     scenario = load_scenario(cell.scenario)
     text = [repr(structs.replace(cell, scenario="", robot=None, parameters=None))]
     text.append(repr(structs.replace(scenario, world="")))

@@ -1,4 +1,4 @@
-"""Fleets: how soon 1 to 8 robots are done with 40 tasks, what it takes, and what a death costs."""
+"""Fleets: the time and messages of 1 to 8 robots for 40 tasks, and the cost of a robot's death."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ LOOK_S: Final = 5.0
 JOIN_S: Final = 3.0
 LIMIT_S: Final = 6000.0
 KILLED: Final = 4
-"""Of so many robots one dies in the middle."""
+"""Number of robots, of which one dies in the middle."""
 
 LOSS: Final = 0.2
-"""Of all messages between robots, in the third part of the deaths."""
+"""Share of messages between robots that are lost, in a third of the deaths."""
 
 DEATHS: Final = 10
 """Deaths for each seed of the table."""
@@ -50,37 +50,37 @@ NOTE: Final = (
 
 
 class Row(Struct, frozen=True):
-    """One list, by so many robots."""
+    """One list of tasks with some robots."""
 
     robots: int
     seed: int
     shared_s: float
-    messages: float  # a task
+    messages: float  # per task
     twice: int
     lost: int
 
 
 class Death(Struct, frozen=True):
-    """One list, and a robot that dies while it is done."""
+    """One list of tasks with a robot that dies."""
 
     seed: int
     robots: int
     loss: float
     after_s: float
-    left: int  # tasks that were not done then
+    left: int  # tasks not yet done then
     makespan_s: float
     twice: int
     lost: int
 
 
 def with_sensors(fleet: Scenario, sensors: str) -> Scenario:
-    """The scenario with these sensors, and those who localize if they err."""
+    """The scenario with these sensors, and with localization if they have errors."""
     agents = fleet.agents if sensors == "ideal" else (*fleet.agents, "localization", "relocate")
     return structs.replace(fleet, sensors=sensors, agents=agents)
 
 
 class Whole(Struct, frozen=True):
-    """Whole societies and a simulator, in the scenario `fleet`."""
+    """Whole societies with a simulator, in the scenario `fleet`."""
 
     robots: int
     seed: int
@@ -96,7 +96,7 @@ class Whole(Struct, frozen=True):
 
 
 def band(robots: int, seed: int) -> Band:
-    """Robots that are at work and have the list of a seed: the same for each number of robots."""
+    """Working robots with the list of a seed, which is the same for any number of robots."""
     rng = Random(f"fleet/{seed}")
     places = [(rng.uniform(0, SIDE_M), rng.uniform(0, SIDE_M)) for _ in range(TASKS)]
     tasks = [FleetTask(Waypoint(x, y, 0.0), LOOK_S) for x, y in places]
@@ -123,7 +123,7 @@ def shared(task: tuple[int, int]) -> Row:
 
 
 def death(task: tuple[int, float]) -> Death:
-    """One robot of several dies at a time that is drawn, in the middle half of the run."""
+    """One of several robots dies at a random time, in the middle half of the run."""
     seed, loss = task
     rng = Random(f"death/{seed}")
     one = band(KILLED, seed)
@@ -206,7 +206,7 @@ def _deaths(deaths: Sequence[Death]) -> str:
                     *(sum(row.twice for row in mine), sum(row.lost for row in mine)),
                 )
             )
-    text = f"One of {KILLED} robots dies in the middle, at a time that is drawn:"
+    text = f"One of {KILLED} robots dies in the middle, at a random time:"
     return f"{text}\n\n{table(head, body)}"
 
 

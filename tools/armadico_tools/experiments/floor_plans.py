@@ -1,8 +1,8 @@
 """Floor plans from seeds: rooms side by side, doors between them, furniture in them.
 
-A plan is passable by construction and by proof: its furniture is thinned out until a flood fill
-from the start reaches the goal for a disc as wide as the robot's body plus 20 cm. The fill is on
-cells of 5 cm whose middles keep the disc's radius plus half a cell from every wall, so that every
+A plan is passable by construction, and checked: furniture is removed until a flood fill from the
+start reaches the goal for a disc as wide as the robot's body plus 20 cm. The fill uses cells of
+5 cm whose middles have the disc's radius plus half a cell as distance from every wall. So every
 point of the straight lines between neighbouring cells keeps the radius.
 """
 
@@ -29,18 +29,16 @@ PASSAGE_M: Final = BODY_M + 0.20
 CELL_M: Final = 0.05
 
 SIDES_M: Final = ((8.0, 14.0), (6.0, 10.0))
-ROOM_M: Final = 2.4  # a room's least side
+ROOM_M: Final = 2.4  # least side of a room
 BIG_M: Final = 5.5  # a longer side is always divided
 DOOR_M: Final = (0.8, 1.1)
 CORNER_M: Final = 0.3  # from a door to the end of its wall
-EXTRA_DOOR: Final = 0.3  # the chance of a door that no way needs
-ITEMS: Final = 3  # of furniture in a room, at the most
+EXTRA_DOOR: Final = 0.3  # probability of a door that no way needs
+ITEMS: Final = 3  # most pieces of furniture in a room
 ITEM_M: Final = (0.25, 0.9)
 FREE_M: Final = 0.45  # around start and goal
 WALK_M_S: Final = (0.5, 1.2)
-APART_M: Final = 1.5  # from start and goal, who walks begins
-PLACES: Final = 200
-"""How often a place for something is tried before there is none."""
+APART_M: Final = 1.5  # from start and goal to people's starts
 
 Rectangle = tuple[float, float, float, float]
 Mask = NDArray[np.bool_]
@@ -48,16 +46,16 @@ Axis = NDArray[np.float64]
 
 
 class FloorPlan(Struct, frozen=True):
-    """A world and a way through it that is known to exist."""
+    """A world, and a start and goal with a way between them."""
 
     world: World
     start: Pose
     goal: Pose
-    items: int  # pieces of furniture left
+    items: int  # pieces of furniture
 
 
 def floor_plan(seed: int) -> FloorPlan:
-    """The plan of a seed; the same seed gives the same plan."""
+    """The plan of a seed."""
     rng = Random(f"floor plan/{seed}")
     while True:
         found = _attempt(rng, f"plan-{seed:03d}")
@@ -66,9 +64,9 @@ def floor_plan(seed: int) -> FloorPlan:
 
 
 def people(plan: FloorPlan, seed: int, count: int) -> list[Moving]:
-    """So many who walk about in a plan, each from a place with room, away from the start.
+    """People who walk in a plan, each from a place with room, away from start and goal.
 
-    The last of three looks at nothing, and walks into a robot that is in the way.
+    Every third one does not heed the robot, and walks into it.
     """
     rng = Random(f"people/{seed}")
     x1, y1, x2, y2 = plan.world.bounds
@@ -84,7 +82,7 @@ def people(plan: FloorPlan, seed: int, count: int) -> list[Moving]:
 
 
 def save(plan: FloorPlan, folder: Path, walking: Sequence[Moving] = ()) -> Path:
-    """Write the plan's map and scenario; returns the scenario's file."""
+    """Write the plan's map and scenario. Returns the scenario's file."""
     name = plan.world.name
     write_map(plan.world, folder / f"{name}.map", ("A generated floor plan.",))
     path = folder / f"{name}.toml"
@@ -131,7 +129,7 @@ def _attempt(rng: Random, name: str) -> FloorPlan | None:
 
 
 def _divide(rng: Random, area: Rectangle) -> Iterator[Rectangle]:
-    """Rooms, by cutting the longer side again and again."""
+    """Rooms, by repeatedly cutting the longer side."""
     x1, y1, x2, y2 = area
     wide = x2 - x1 >= y2 - y1
     side = x2 - x1 if wide else y2 - y1
@@ -159,7 +157,7 @@ def _shared(a: Room, b: Room) -> Segment | None:
 
 
 def _doors(rng: Random, rooms: Sequence[Room]) -> tuple[tuple[Door, ...], list[Segment]]:
-    """Doors so that every room can be got to, and some more; and the gaps that they are."""
+    """Doors that connect all rooms, and some more; and their gaps."""
     walls = [(a, b, wall) for a, b in combinations(rooms, 2) if (wall := _shared(a, b))]
     rng.shuffle(walls)
     group = {room.name: room.name for room in rooms}
@@ -183,7 +181,7 @@ def _doors(rng: Random, rooms: Sequence[Room]) -> tuple[tuple[Door, ...], list[S
 
 
 def _walls(rooms: Sequence[Room], gaps: Sequence[Segment]) -> Iterator[Segment]:
-    """Every room's border once, without the gaps."""
+    """The borders of all rooms, each once and without gaps."""
     upright: dict[float, list[tuple[float, float]]] = {}
     level: dict[float, list[tuple[float, float]]] = {}
     for room in rooms:
@@ -202,7 +200,7 @@ def _walls(rooms: Sequence[Room], gaps: Sequence[Segment]) -> Iterator[Segment]:
 def _without(
     spans: Sequence[tuple[float, float]], gaps: Sequence[tuple[float, float]]
 ) -> Iterator[tuple[float, float]]:
-    """What spans cover, as few stretches as can be, but for the gaps."""
+    """The union of spans without the gaps, as few stretches as possible."""
     ends = sorted({end for span in (*spans, *gaps) for end in span})
     begin: float | None = None
     for low, high in pairwise(ends):
@@ -224,7 +222,7 @@ def _pose(rng: Random, room: Room) -> Pose:
 
 
 def _item(rng: Random, room: Room) -> list[tuple[float, float]]:
-    """The corners of a box that stands somewhere in a room, turned or not."""
+    """The corners of a box at a random place in a room, turned or not."""
     length, width = (rng.uniform(*ITEM_M) for _ in range(2))
     turned = rng.choice((0.0, 0.0, rng.uniform(0.0, pi / 2)))
     reach = 0.5 * hypot(length, width)
@@ -242,7 +240,7 @@ def _flat(furniture: Sequence[Sequence[tuple[float, float]]]) -> tuple[Segment, 
 
 
 def _clear(item: Sequence[tuple[float, float]], pose: Pose) -> bool:
-    """Whether a pose has room around it, and is not inside the box."""
+    """Whether a pose has room around it, and is outside the box."""
     mx = sum(x for x, _ in item) / len(item)
     my = sum(y for _, y in item) / len(item)
     reach = max(hypot(x - mx, y - my) for x, y in item)
@@ -252,7 +250,7 @@ def _clear(item: Sequence[tuple[float, float]], pose: Pose) -> bool:
 
 
 def passable(walls: Sequence[Segment], start: Pose, goal: Pose, width: float = PASSAGE_M) -> bool:
-    """Whether a disc of a width (m) gets from start to goal."""
+    """Whether a disc of a width (m) can move from start to goal."""
     from scipy.ndimage import label
 
     free, xs, ys = free_cells(walls, 0.5 * width + 0.5 * CELL_M)
@@ -267,7 +265,7 @@ def passable(walls: Sequence[Segment], start: Pose, goal: Pose, width: float = P
 
 
 def free_cells(walls: Sequence[Segment], radius: float) -> tuple[Mask, Axis, Axis]:
-    """The cells whose middle is at least so far (m) from every wall, and where the middles are."""
+    """The cells whose middles are at least `radius` (m) from every wall, and their coordinates."""
     x1, y1, x2, y2 = hull(tuple(walls))
     xs = np.arange(x1, x2 + CELL_M / 2, CELL_M)
     ys = np.arange(y1, y2 + CELL_M / 2, CELL_M)

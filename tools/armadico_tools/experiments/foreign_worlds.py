@@ -1,4 +1,4 @@
-"""Worlds that chose no parameter: generated floor plans, and maps of other formats."""
+"""Worlds that were not used to choose parameters: generated floor plans, maps of other formats."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from armadico_tools.experiments.tables import RULES, cell, number, spread_of
 from armadico_tools.experiments.thesis import LOCALIZED
 from armadico_tools.markdown import table
 
-# What failed --------------------------------------------------------------------------------------
+# Failures -----------------------------------------------------------------------------------------
 
 
 def failed(sample: Sample) -> bool:
-    """Not reached, or something touched."""
+    """Whether the goal was not reached, or something was touched."""
     return not sample.reached or bool(sample.collisions)
 
 
@@ -51,7 +51,7 @@ def what_happened(sample: Sample) -> str:
 
 
 def failures(context: Context, samples: Iterable[Sample]) -> str:
-    """A table of the runs that failed; each is driven again for a picture."""
+    """A table of the failed runs; each is repeated for a picture."""
     rows = []
     for one in filter(failed, samples):
         shown = "-"
@@ -65,7 +65,7 @@ def failures(context: Context, samples: Iterable[Sample]) -> str:
 
 
 def counts(runs: Sequence[Sample]) -> dict[str, int]:
-    """How many were planned, got there, and touched something."""
+    """The number of runs that were planned, reached the goal, and touched something."""
     return {
         "runs": len(runs),
         "planned": sum(not one.note.startswith("refused") for one in runs),
@@ -95,14 +95,14 @@ FLOORS_NOTE: Final = (
 
 
 def plan_of(task: tuple[Path, int, int]) -> Path:
-    """Write the plan of a seed with so many people; the scenario's file."""
+    """Write the plan of a seed with so many people. Returns the scenario's file."""
     folder, seed, count = task
     plan = floor_plan(seed)
     return save(plan, folder, people(plan, seed, count))
 
 
 def _plans(note: str, like: Cell, walking: int, first_seed: int) -> Experiment:
-    """Each plan with its own seed; `like` is what all the cells share."""
+    """Each plan with its own seed; `like` is common to all cells."""
 
     def plans(context: Context) -> list[tuple[Path, int, int]]:
         folder = context.out / "plans"
@@ -157,12 +157,12 @@ FLOORS: Final = _plans(FLOORS_NOTE, LOCALIZED, walking=PEOPLE, first_seed=1000)
 
 MAPS: Final = ("corridor.map", "hall.map", "flat.map", "scanned.map", "lab.yaml", "cellar.yaml")
 FOLDER: Final = Path(__file__).parent / "maps"
-ROOM_M: Final = 0.05  # beside the circle that the robot needs to turn, at start and goal
+ROOM_M: Final = 0.05  # around the robot's turning circle, at start and goal
 LEAST_M: Final = 3.0  # between start and goal
 
 
 def scenarios(task: tuple[str, tuple[int, ...], Path]) -> list[Cell]:
-    """A map's scenarios, one for each seed, written into a folder."""
+    """Write a map's scenarios, one for each seed, into a folder."""
     name, seeds, folder = task
     world = load_world(FOLDER / name)
     free = places(world)
@@ -175,7 +175,7 @@ def scenarios(task: tuple[str, tuple[int, ...], Path]) -> list[Cell]:
 
 
 def places(world: World) -> list[tuple[float, float]]:
-    """Where the robot can turn, in the largest part of the world that it can drive through."""
+    """Places where the robot can turn, in the largest part of the world that it can drive in."""
     from scipy.ndimage import label
 
     wide, xs, ys = free_cells(world.barriers, 0.5 * PASSAGE_M + 0.5 * CELL_M)

@@ -1,8 +1,8 @@
-"""Tables 4.4 to 4.6 and figures 4.8 to 4.10: the simulated robot identified as the thesis did its.
+"""Tables 4.4 to 4.6 and figures 4.8 to 4.10: identification of the simulated robot.
 
 A trial drives the plant's dynamics by voltages, straight ahead or turning, and measures its speeds
-with noise. Each seed has its own PRBS, its own noise and its own angle of the caster at the start.
-Every trial is estimated twice: by the thesis's least squares (4.31), and with instruments.
+with noise. Each seed has its own PRBS, noise and initial angle of the caster. Every trial is
+estimated twice: by the thesis's least squares (4.31), and with instruments.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ DURATION_S: Final = 60.0
 HOLD_S: Final = 0.4  # a bit of the PRBS: twice the robot's time constant
 STEP_S: Final = 3.0  # between two steps
 NOISE_M_S: Final = 0.0367
-"""Of v, and of a rim when turning: the standard deviation of the thesis's residuals (4.10), as if
-they were all noise of the measurement. It is ten times what encoders have."""
+"""Noise of v, and of a rim when turning: the standard deviation of the thesis's residuals (4.10),
+taken as noise of the measurement. It is ten times that of encoders."""
 
 
 class Trial(Struct, frozen=True):
-    """How the robot is excited, and which form of the equation is fitted."""
+    """The excitation of the robot, and the form of the equation that is fitted."""
 
     name: str
     motion: Motion
@@ -61,7 +61,7 @@ class Trial(Struct, frozen=True):
     low_v: float
     high_v: float
     held: bool = False  # v is held at 0 by the robot's own linear PI loop
-    coupled: bool = False  # the couple M x v w is taken into account
+    coupled: bool = False  # the couple M x v w is included
 
 
 STRAIGHT: Final = (
@@ -71,7 +71,7 @@ STRAIGHT: Final = (
 )
 _TURNS: Final = (("1", "STEP", 3.0, 6.0), ("2", "PRBS", 2.0, 5.0), ("3", "PRBS", 3.0, 8.0))
 ARMS: Final = (("printed", False, False), ("held", True, False), ("mended", True, True))
-"""4.35 as printed with V2 = -V3; v held at 0; v held at 0 and the coupling taken off."""
+"""4.35 as printed with V2 = -V3; v held at 0; v held at 0 and the coupling subtracted."""
 
 TURNING: Final = tuple(
     Trial(f"4.5-{number} {arm}", ANGULAR, signal, low, high, held, coupled)
@@ -96,7 +96,7 @@ THESIS: Final[dict[str, dict[str, float]]] = {
 
 
 def profile() -> P2osRobot:
-    """The robot that is identified."""
+    """The identified robot."""
     return load(find("robots", ROBOT), P2osRobot)
 
 
@@ -155,7 +155,7 @@ def record(
 
 
 class Found(Struct, frozen=True):
-    """What one method found in one trial with one seed."""
+    """The estimates of one method in one trial with one seed."""
 
     trial: str
     seed: int
@@ -164,7 +164,7 @@ class Found(Struct, frozen=True):
 
 
 def measure(case: tuple[Trial, int]) -> list[Found]:
-    """One trial with one seed, by both methods. The wheels' friction is taken as known."""
+    """One trial with one seed, by both methods. The wheels' friction counts as known."""
     trial, seed = case
     robot = profile()
     log = record(trial, seed, robot)
@@ -179,7 +179,7 @@ def measure(case: tuple[Trial, int]) -> list[Found]:
 
 
 def pooled(found: Sequence[Found], trials: Sequence[Trial], seed: int) -> dict[str, Interval]:
-    """The mean over a seed's trials with instruments, as the last rows of tables 4.4 and 4.5."""
+    """The mean over a seed's trials with instruments, as in the last rows of tables 4.4 and 4.5."""
     names = {trial.name for trial in trials}
     mine = [
         one.values
@@ -196,7 +196,7 @@ def pooled(found: Sequence[Found], trials: Sequence[Trial], seed: int) -> dict[s
 
 
 def together(found: Sequence[Found], seed: int, robot: P2osRobot) -> dict[str, Interval]:
-    """Table 4.6 of one seed: the caster's friction is what the wheels' friction leaves over."""
+    """Table 4.6 of one seed: the caster's friction is the rest after the wheels' friction."""
     straight, turning = pooled(found, STRAIGHT, seed), pooled(found, MENDED, seed)
     known = Friction.known(robot)
     ratio = robot.body.half_track_m / robot.body.wheel_radius_m
@@ -230,7 +230,7 @@ def _spread(mine: Sequence[Interval], true: float) -> tuple[str, ...]:
 
 
 def summary(trials: Sequence[Trial], found: Sequence[Found], true: dict[str, float]) -> str:
-    """Table 4.4 or 4.5, the thesis's numbers beside ours."""
+    """Table 4.4 or 4.5, with the thesis's numbers."""
     rows = []
     for trial in trials:
         printed = THESIS[trial.name.split()[0]]
@@ -264,7 +264,7 @@ def conclusion(found: Sequence[Found], seeds: Sequence[int], robot: P2osRobot) -
 
 
 def validation(seed: int, robot: P2osRobot) -> tuple[Log, Floats]:
-    """A step forward and backward that no estimate has seen, and what the first trial predicts."""
+    """A step forward and backward that was not used for estimation, and its prediction."""
     first = record(STRAIGHT[0], seed, robot)
     model = instrumental(first, robot, LINEAR)
     log = record(VALIDATION, seed, robot, 4.0 * STEP_S)
@@ -305,7 +305,7 @@ def _figures(context: Context) -> Iterator[tuple[str, Figure]]:
 
 
 def remarks(log: Log, model: Floats, robot: P2osRobot) -> str:
-    """The numbers of figure 4.10, and what 4.5 cannot give."""
+    """The numbers of figure 4.10, and what 4.5 cannot determine."""
     residuals = log.v - model
     inside = np.abs(autocorrelation(residuals, 50)[1:]) < 1.96 / sqrt(len(residuals))
     ratio = 2.0 * robot.body.half_track_m / robot.body.wheel_radius_m

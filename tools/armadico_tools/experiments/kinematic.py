@@ -1,8 +1,8 @@
-"""A robot that drives in straight lines at one speed, instead of a whole society and a simulator.
+"""A robot that drives in straight lines at one speed, instead of a society with a simulator.
 
-To its fleet agent it is a society: it numbers the cycles, knows where it is, plans, takes missions
-and reports. So what is measured with it is the fleet agent's, message by message, and nothing else:
-nobody is in anybody's way. Several live on one virtual mesh, in namespaces `f/r1`, `f/r2`, ...
+For its fleet agent it is a society: it numbers the cycles, has a pose, plans, accepts missions and
+reports. So measurements with it are those of the fleet agent alone, and robots never obstruct each
+other. Several run on one virtual mesh, in namespaces `f/r1`, `f/r2`, ...
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ CYCLE_S: Final = 0.2
 SURE: Final = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
 CRUISE_M_S: Final = 0.4
 TURN_S: Final = 3.0
-"""What each way takes besides its length, as the fleet agent counts on."""
+"""Time that each way takes besides its length, as the fleet agent assumes."""
 
 JOULES_A_M: Final = 60.0
 
 
 class PuppetParameters(agent.Parameters, frozen=True, kw_only=True):
-    """Where it begins, m."""
+    """Its start, m."""
 
     x: float = 0.0
     y: float = 0.0
@@ -58,7 +58,7 @@ class PuppetParameters(agent.Parameters, frozen=True, kw_only=True):
 
 
 class Puppet(Agent):
-    """Owns the wheels, plans straight ways, and is where its missions take it."""
+    """Owns the wheels, plans straight ways, and moves along its missions."""
 
     name = "puppet"
     alone = True
@@ -75,9 +75,9 @@ class Puppet(Agent):
         self._mission, self._state = 0, MissionState.NONE
         self._goal: Waypoint | None = None
         self._to_go = self._turning = 0.0
-        self.unreachable: set[tuple[float, float]] = set()  # places to which it finds no way
-        self.blocked = False  # its missions go on, and it does not come nearer
-        self.dumb = False  # says nothing of its missions, as if its interface agent had died
+        self.unreachable: set[tuple[float, float]] = set()  # goals without a way
+        self.blocked = False  # missions go on without progress
+        self.dumb = False  # publishes nothing of its missions, as without an interface agent
 
     def on_start(self) -> None:
         self.wake_at(self.now + CYCLE_S)
@@ -92,7 +92,7 @@ class Puppet(Agent):
         request = question.request
         assert isinstance(request, MissionRequest)
         if self.dumb:
-            return MissionReply(0, "nobody takes missions")
+            return MissionReply(0, "no agent accepts missions")
         if (request.goal.x, request.goal.y) in self.unreachable:
             return MissionReply(0, "there is no way")
         self._goal, self._state = request.goal, MissionState.DRIVING
@@ -106,8 +106,8 @@ class Puppet(Agent):
         self._move()
         cycle = self._counter.next(self.now)
         if cycle.number % 5 == 1:
-            said = Description("puppet", CYCLE_S, 0.2, 0.2, 0.2, 1, 1, 1, 1, 1, 1, 0.6, 2)
-            self.publish(said)
+            description = Description("puppet", CYCLE_S, 0.2, 0.2, 0.2, 1, 1, 1, 1, 1, 1, 0.6, 2)
+            self.publish(description)
         stop = self.stopped or Stop()
         state = RobotState(cycle, self.x, self.y, 0.0, 0.0, 0.0, 12.9, True, False, stop)
         self.publish(state)
@@ -135,7 +135,7 @@ class Puppet(Agent):
 
 
 class Band:
-    """Some such robots on one virtual mesh, with a list."""
+    """Several such robots on one virtual mesh, with a list of tasks."""
 
     def __init__(
         self,
@@ -145,10 +145,10 @@ class Band:
         fleet: str = "f",
         mesh: VirtualMesh | None = None,
     ) -> None:
-        """Everybody starts; the list is still to be given."""
+        """Start all robots; `give` then gives them the list."""
         self.mesh = VirtualMesh(seed) if mesh is None else mesh
         self.tasks = tuple(tasks)
-        self.published = 0  # messages by which tasks are shared: poses apart
+        self.published = 0  # messages for sharing tasks, without poses
         self.began = 0.0
         self.reply: FleetReply | None = None
         self._puppets: dict[str, Node] = {}
@@ -157,11 +157,11 @@ class Band:
         for k, start in enumerate(starts):
             self.enter(f"{fleet}/r{k + 1}", start)
 
-    # Who is there --------------------------------------------------------------------------------
+    # Robots --------------------------------------------------------------------------------------
 
     @property
     def names(self) -> list[str]:
-        """The namespaces of the robots that are alive."""
+        """The namespaces of the live robots."""
         return list(self._agents)
 
     def enter(self, name: str, start: tuple[float, float]) -> None:
@@ -172,69 +172,69 @@ class Band:
         self.start_agent(name)
 
     def start_agent(self, name: str) -> None:
-        """A robot's fleet agent starts, or starts again."""
+        """Start or restart a robot's fleet agent."""
         agent_ = Fleet(self._identity("fleet", name), Parameters(namespace=name))
         self._agents[name] = self.mesh.add(agent_, namespace=name)
 
     def kill_agent(self, name: str) -> None:
-        """A robot's fleet agent dies, and nobody else."""
+        """Kill a robot's fleet agent only."""
         self._agents.pop(name).kill()
 
     def kill_puppet(self, name: str) -> None:
-        """All of a robot dies but its fleet agent."""
+        """Kill all of a robot except its fleet agent."""
         self._puppets.pop(name).kill()
 
     def kill(self, name: str) -> None:
-        """A robot dies, all of it."""
+        """Kill a whole robot."""
         self.kill_agent(name)
         self.kill_puppet(name)
 
     def fleet(self, name: str) -> Fleet:
         found = self._agents[name].agent
-        assert isinstance(found, Fleet), "it is"
+        assert isinstance(found, Fleet), "added by start_agent"
         return found
 
     def sharing(self, name: str) -> TaskSharing:
-        """What a robot that has a list knows of its tasks."""
+        """The knowledge of tasks of a robot that has a list."""
         work = self.fleet(name).work
         assert work is not None, "it has a list"
         return work.sharing
 
     def puppet(self, name: str) -> Puppet:
         found = self._puppets[name].agent
-        assert isinstance(found, Puppet), "it is"
+        assert isinstance(found, Puppet), "added by enter"
         return found
 
-    # What happens --------------------------------------------------------------------------------
+    # The run -------------------------------------------------------------------------------------
 
     def give(self, name: str) -> None:
         """Give the list to one of them."""
         self.began = self.mesh.now
 
-        def take(reply: Message | None) -> None:
+        def on_reply(reply: Message | None) -> None:
             self.reply = reply if isinstance(reply, FleetReply) else None
 
-        self.mesh.ask(FleetRequest(self.tasks), take, namespace=name)
+        self.mesh.query(FleetRequest(self.tasks), on_reply, namespace=name)
 
     def run(self, seconds: float) -> bool:
-        """Let time pass until all that reach each other know that all is done; whether they do."""
+        """Run until all that are connected know that all is done. Returns whether they do."""
         self.mesh.run(self.mesh.now + seconds, lambda: self.over)
         return self.over
 
     @property
     def over(self) -> bool:
-        """Whether all know that all is done, but those that are cut off without a robot agent."""
+        """Whether all robots know that all is done, except those without a robot agent."""
         works = [self.fleet(name).work for name in self._agents if name in self._puppets]
         return bool(works) and all(work is not None and not work.sharing.open for work in works)
 
     @property
     def makespan(self) -> float:
-        """Since the list was given, s."""
+        """Time since the list was given, s."""
         return self.mesh.now - self.began
 
     @property
     def doers(self) -> dict[int, set[str]]:
-        """By task who did it, by all that anybody knows who is alive."""
+        """The robots that did each task, by the knowledge of all live robots."""
         found: dict[int, set[str]] = {}
         for name in self._agents:
             work = self.fleet(name).work
@@ -243,7 +243,7 @@ class Band:
         return found
 
     def cut(self, some: Sequence[str], others: Sequence[str]) -> None:
-        """What some robots publish does not reach others, and the other way round."""
+        """Disconnect some robots from others, in both directions."""
         self.mesh.cut(self._addresses(some), self._addresses(others))
         self.mesh.cut(self._addresses(others), self._addresses(some))
 

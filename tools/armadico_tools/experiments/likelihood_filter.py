@@ -1,8 +1,8 @@
-"""A plain particle filter on a likelihood field: the yardstick for localization by a laser.
+"""A plain particle filter on a likelihood field: the baseline for localization by a laser.
 
-As in *Probabilistic Robotics*, sections 4.3 and 6.4, and nothing else: a fixed number of particles,
-wide motion noise, resampling at each scan. It has no global search, and never reports that it is
-lost. An agent that does more than this should not be worse.
+It follows *Probabilistic Robotics*, sections 4.3 and 6.4: a fixed number of particles, wide motion
+noise, resampling at each scan. It has no global search, and never reports that it is lost. An agent
+that does more than this should not be worse.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ FAR_M: Final = 30.0
 SIGMA_M: Final = 0.1
 HIT: Final = 0.9
 POWER: Final = 0.12
-"""Of each ray's likelihood: neighbouring rays are not independent."""
+"""Exponent of each ray's likelihood: neighbouring rays are not independent."""
 
 RIM: Final = 20
 """Cells around the map."""
 
 NEAR_M: Final = 0.15
-"""A ray that ends so near to a wall is explained by the map."""
+"""A ray that ends this near to a wall is explained by the map."""
 
 
 class LikelihoodFilter:
@@ -58,7 +58,7 @@ class LikelihoodFilter:
         self._poses = np.asarray(pose) + drawn
 
     def move(self, motion: Pose2) -> None:
-        """Move by what the odometry measured, with noise."""
+        """Move by the measured odometry, with noise."""
         x, y, turn = motion
         way = hypot(x, y)
         if way == 0 and turn == 0:
@@ -73,7 +73,7 @@ class LikelihoodFilter:
         self._poses[:, 2] += turn + noise[:, 2] * (0.15 * abs(turn) + 0.075 * way + 0.002)
 
     def weigh(self, points: Floats) -> None:
-        """Weigh by where rays end, (n, 2) in the robot's frame, and resample."""
+        """Weigh by the ends of rays, (n, 2) in the robot's frame, and resample."""
         some = points[:: max(1, len(points) // BEAMS)]
         weights = POWER * self._field[self._cells(some, self._poses)].sum(axis=1)
         weights = np.exp(weights - weights.max())
@@ -89,18 +89,18 @@ class LikelihoodFilter:
 
     @property
     def deviation(self) -> float:
-        """The standard deviation of the place, m."""
+        """The standard deviation of the position, m."""
         return sqrt(float(self._poses[:, 0].var() + self._poses[:, 1].var()))
 
     def explained(self, points: Floats, pose: Pose2) -> float:
-        """The share of rays that end at a wall of the map, if the robot is at a pose."""
+        """The share of rays that end at a wall of the map, for a pose of the robot."""
         if not len(points):
             return 0.0
         near = self.distance[self._cells(points, np.array([pose]))] < NEAR_M
         return float(near.mean())
 
     def _cells(self, points: Floats, poses: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns in which rays end, (poses, points); beyond the map those at its edge."""
+        """Rows and columns of the ends of rays, (poses, points), clipped to the map."""
         c, s = np.cos(poses[:, 2:3]), np.sin(poses[:, 2:3])
         x = poses[:, 0:1] + c * points[:, 0] - s * points[:, 1] - self._x
         y = poses[:, 1:2] + s * points[:, 0] + c * points[:, 1] - self._y
@@ -110,7 +110,7 @@ class LikelihoodFilter:
 
 
 def points(log: Log, reading: int) -> Floats:
-    """Where a scan's rays end in the robot's frame, without those that are too long."""
+    """The ends of a scan's rays in the robot's frame, without those that are too long."""
     scan = log.readings.message(reading, Cycle(1, 1), (0.0, 0.0, 0.0), 1)
     if not isinstance(scan, Scan):
         raise TypeError("a plain filter weighs scans")
@@ -123,7 +123,7 @@ def points(log: Log, reading: int) -> Floats:
 def filtered(
     log: Log, cells: Cells, readings: Sequence[int], seed: int, clock: Callable[[], float]
 ) -> Track:
-    """Go through a log from the reference pose of the first of the readings that has one."""
+    """Filter a log from the reference pose of the first of the readings that has one."""
     chosen = list(readings)
     while (start := log.where(chosen[0])) is None:
         del chosen[0]
@@ -137,10 +137,10 @@ def filtered(
         here = log.odometry_at(t)
         motion, before = relative(before, here), here
         way += hypot(motion[0], motion[1])
-        seen = points(log, reading)
+        ends = points(log, reading)
         began = clock()
         plain.move(motion)
-        plain.weigh(seen)
+        plain.weigh(ends)
         track.scan_s.append(clock() - began)
         track.readings += 1
         then, alone, at = log.where(reading), relative(first, here), plain.mean

@@ -28,7 +28,7 @@ NOISES: Final = (0.05, 0.15)
 """Errors that are added to an odometry that is a corrected path."""
 
 MAPS: Final = {"all": "all", "first": "second", "second": "first"}
-"""Of which part of a log the map is made, and over which part it is gone."""
+"""The part of a log that the map is made of, and the part for the run."""
 
 AGENT: Final = "localization"
 PLAIN: Final = "plain filter"
@@ -36,19 +36,20 @@ PROFILE: Final = "jackal"
 PLACES: Final = 10
 FOUND_S: Final = 60.0
 SCANS_MOST: Final = 200
-"""From which the share of rays that the map explains is found."""
+"""Most scans for computing the share of rays that the map explains."""
 
 NOTE: Final = (
     "The map is made of the log's own scans at its reference poses, by the mapper of the mapping"
-    " agent. *all*: of all scans, and gone over all; *first to second*: of the first half, by time,"
-    " and gone over the second. Where the odometry is a corrected path, errors are added that the"
-    " seed draws: *errors* is their share of ways and turns. *plain filter*: 3,000 particles on a"
-    " likelihood field, with the same scans, odometry and map; it never reports that it is lost."
-    " *on the map*: the share of a scan's rays that end within 0.15 m of a wall of the map if the"
-    " robot is at the reference pose, in the median. *over 0.3 m*, *lost*, *wrong and sure* are"
-    " shares of the readings; wrong and sure is an estimate that is more than 0.5 m off, reports a"
-    " deviation of less than 0.5 m and is not lost. *ms*: processor time of a cycle with a scan,"
-    " median and 95 %, and the most of any cycle. A cell shows the least and the most of the seeds."
+    " agent. *all*: the map is of all scans, and so is the run; *first to second*: the map is of"
+    " the first half, by time, and the run of the second. If the odometry is a corrected path,"
+    " errors are added that the seed draws: *errors* is their share of ways and turns. *plain"
+    " filter*: 3,000 particles on a likelihood field, with the same scans, odometry and map; it"
+    " never reports that it is lost. *on the map*: the share of a scan's rays that end within"
+    " 0.15 m of a wall of the map if the robot is at the reference pose, in the median. *over"
+    " 0.3 m*, *lost*, *wrong and sure* are shares of the readings; wrong and sure is an estimate"
+    " that is more than 0.5 m off, reports a deviation of less than 0.5 m and is not lost. *ms*:"
+    " processor time of a cycle with a scan, median and 95 %, and the most of any cycle. A cell"
+    " shows the least and the most of the seeds."
 )
 FOUND_NOTE: Final = (
     f"The agent starts at {PLACES} places evenly spread over each log, on the map of all its scans,"
@@ -58,22 +59,22 @@ FOUND_NOTE: Final = (
 
 
 class Task(Struct, frozen=True):
-    """One run; its text is the key under which its result is kept."""
+    """One run; its text is the key of its stored result."""
 
     log: str
     content: str  # a hash of the file
     noise: float
-    map_of: str  # the file that the map is made of,
-    part: str  # and of which part of it
+    map_of: str  # the file that the map is made of
+    part: str  # the part of that file
     over: str
     seed: int
     by: str
-    place: int = -1  # where it begins without knowing the start; -1: it knows
+    place: int = -1  # index of an unknown start; -1: the start is known
     folder: str = ""  # of maps
 
 
 class Row(Struct, frozen=True):
-    """What came of one run."""
+    """The result of one run."""
 
     log: str
     noise: float
@@ -82,12 +83,12 @@ class Row(Struct, frozen=True):
     seed: int
     by: str
     place: int
-    found: Summary | None  # none: `why` it could not be gone through
+    found: Summary | None  # None: the run was impossible, see `why`
     why: str = ""
 
 
 class Explained(Struct, frozen=True):
-    """How well a map explains what is gone over it."""
+    """The share of a log's scans that a map explains."""
 
     log: str
     part: str
@@ -98,20 +99,20 @@ class Explained(Struct, frozen=True):
 def files(folder: Path | None) -> Iterator[Path]:
     """The logs of a folder, or one log. Raises LogError."""
     if folder is None:
-        raise LogError("name the folder of the logs: armadico experiment logs FOLDER")
+        raise LogError("name the folder of logs: armadico experiment logs FOLDER")
     if folder.is_file():
         yield folder
         return
     found = sorted(path for path in folder.glob("*") if path.suffix in SUFFIXES)
     if not found:
-        raise LogError(f"holds no logs ({', '.join(SUFFIXES)})", folder)
+        raise LogError(f"has no logs ({', '.join(SUFFIXES)})", folder)
     yield from found
 
 
 def tasks_of(
     path: Path, every: Sequence[Path], seeds: Sequence[int], folder: Path
 ) -> Iterator[Task]:
-    """The runs over one log; none if it cannot be read, or has no scans or no reference."""
+    """The runs of one log; none if it is unreadable, or has no scans or no reference."""
     try:
         log = logs.read(path)
     except LogError:
@@ -119,7 +120,7 @@ def tasks_of(
     if not log.known.any() or not isinstance(log.readings, Scans):
         return
     content = sha256(path.read_bytes()).hexdigest()[:12]
-    # Of a log with few references the half maps are those of its sparser twin, if it has one.
+    # Half maps of a log with few references are made from its twin, if it has one.
     twin = next((other for other in every if path.stem == f"{other.stem}-dense"), path)
     noises = (0.0,) if log.real else NOISES
     for noise in noises:
@@ -140,25 +141,25 @@ def tasks_of(
 
 
 def _without_seed(task: Task) -> Task:
-    """What the share of rays on the map depends on."""
+    """The task without the fields that do not change the share of rays on the map."""
     return msgspec.structs.replace(task, noise=0.0, seed=0, by="")
 
 
 def make(item: tuple[str, str, str]) -> str:
-    """The map of a part of a log, as a file, if it is not there; its name."""
+    """Make the map of a part of a log, unless it exists. Returns its file."""
     log, part, folder = item
     path = Path(folder) / f"{Path(log).stem}-{part}.yaml"
     if not path.is_file():
         try:
             cells = localizing.mapped(logs.read(Path(log)), part, load_profile(PROFILE))
         except LogError:
-            return ""  # each run over it tells why
+            return ""  # each run of it reports why
         grid_map.save(cells, path)
     return str(path)
 
 
 def explain(task: Task) -> Explained:
-    """How much of a log's scans its map explains, at the reference poses."""
+    """The share of a log's scans that its map explains, at the reference poses."""
     log, path = logs.read(Path(task.log)), make((task.map_of, task.part, task.folder))
     name = Path(task.log).stem
     chosen = [i for i in localizing.part(log, task.over) if log.where(i) is not None]
@@ -171,15 +172,15 @@ def explain(task: Task) -> Explained:
 
 
 def drive(task: Task) -> Row:
-    """One run, whole: what the workers do."""
+    """One run, for a worker process."""
     about = (Path(task.log).stem, task.noise, task.part, task.over, task.seed, task.by, task.place)
     try:
-        return Row(*about, _gone(task))
+        return Row(*about, _localize(task))
     except ConfigError as error:
         return Row(*about, None, str(error))
 
 
-def _gone(task: Task) -> Summary:
+def _localize(task: Task) -> Summary:
     log = logs.read(Path(task.log))
     if task.noise:
         log = logs.with_errors(log, task.noise, task.seed)
@@ -197,7 +198,7 @@ def _gone(task: Task) -> Summary:
 
 
 def _from(log: Log, readings: Sequence[int], place: int) -> list[int]:
-    """The readings of the time that a run without a start has."""
+    """The readings for a run with an unknown start."""
     known = [i for i in readings if log.where(i) is not None]
     first = known[place * len(known) // PLACES]
     end = log.time(first) + FOUND_S
@@ -208,7 +209,7 @@ def _from(log: Log, readings: Sequence[int], place: int) -> list[int]:
 
 
 def _rows(found: Sequence[Row]) -> Table:
-    """A row for each run that could be made."""
+    """A row for each run that was possible."""
     about = ("log", "noise", "part", "over", "seed", "by", "place")
     measures = [name for name in Summary.__struct_fields__ if name != "events"]
     return (*about, *measures, "lost_at"), [
@@ -223,7 +224,7 @@ def _rows(found: Sequence[Row]) -> Table:
 
 
 def tracked(rows: Sequence[Row], shares: dict[tuple[str, str, str], float]) -> str:
-    """A row for each log, errors and map; the agent, and the plain filter beside it."""
+    """A row for each log, errors and map, for the agent and the plain filter."""
     head = (
         *("log", "errors", "map", "on the map", "by", "median m", "95 % m", "heading deg"),
         *("over 0.3 m", "longest", "lost", "wrong and sure", "ms"),
@@ -268,7 +269,7 @@ def _measures(found: Sequence[Summary]) -> Iterator[str]:
 
 
 def globally(rows: Sequence[Row]) -> str:
-    """A row for each log: how many places were found."""
+    """A row for each log: the number of places that were found."""
     head = ("log", "errors", f"found in {FOUND_S:g} s", "wrong", "median s", "most s", "off m")
     cells = []
     for key in dict.fromkeys((row.log, row.noise) for row in rows):
@@ -309,7 +310,7 @@ def _explained(context: Context) -> list[Task]:
 
 
 def _report(context: Context) -> str:
-    """A table of runs that know their start, and one of those that do not."""
+    """A table of the runs with a known start, and one of those without."""
     rows = context.found["logs"]
     context.summary = {
         f"{row.log} {row.noise:g} {row.part} {row.over} {row.seed} {row.by} {row.place}": (

@@ -1,4 +1,4 @@
-"""Fleets in narrow worlds: two to five robots that have to pass each other, and what it costs."""
+"""Fleets in narrow worlds: two to five robots that have to pass each other, and the cost."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Spot = tuple[float, float, float]
 
 
 class Narrow(Struct, frozen=True):
-    """A world, made of rectangles if it has no name, and its robots' starts and goals."""
+    """A world, by name or by rectangles, and its robots' starts and goals."""
 
     free: tuple[Rectangle, ...]
     routes: tuple[tuple[Spot, Spot], ...]
@@ -56,7 +56,7 @@ def _mirrored(pose: Spot, width: float) -> Spot:
 
 
 def _corridor(length: float, width: float) -> Narrow:
-    """Two rooms of 6 m x 5 m, and a corridor between them; robots start on both sides."""
+    """Two rooms of 6 m x 5 m with a corridor between them; robots start on both sides."""
     end, low = 12.0 + length, 2.5 - width / 2
     free = ((0.0, 0.0, 6.0, 5.0), (6.0, low, 6.0 + length, low + width), (end - 6.0, 0.0, end, 5.0))
     there = [(_left(k), _mirrored(_to_left(k), end)) for k in (1, 0, 2)]
@@ -65,7 +65,7 @@ def _corridor(length: float, width: float) -> Narrow:
 
 
 def _convoy() -> Narrow:
-    """All from one room to the other, over a corridor of 6 m."""
+    """All robots go from one room to the other, through a corridor of 6 m."""
     one = _corridor(6.0, 1.2)
     starts = [_left(1), _left(0), _left(2), (0.9, 1.5, 0.0), (0.9, 3.5, 0.0)]
     goals = [_mirrored(_to_left(k), 18.0) for k in (2, 0, 4, 1, 3)]
@@ -88,7 +88,7 @@ def _series() -> Narrow:
 
 
 def _crossing() -> Narrow:
-    """Four rooms of 5 m x 5 m around a crossing of corridors, 4 m an arm and 1.2 m wide."""
+    """Four rooms of 5 m x 5 m around a crossing of corridors, with arms of 4 m x 1.2 m."""
     free = (
         (0.0, 9.0, 5.0, 14.0),
         (18.0, 9.0, 23.0, 14.0),
@@ -112,7 +112,7 @@ def _crossing() -> Narrow:
 
 
 def _dead_end() -> Narrow:
-    """A room, and a corridor of 5 m into another that has no other door: some go in, some out."""
+    """A corridor of 5 m to a room without another door: some robots go in, some out."""
     free = ((0.0, 0.0, 6.0, 6.0), (6.0, 2.45, 11.0, 3.55), (11.0, 1.0, 15.0, 5.0))
     return Narrow(
         free,
@@ -127,7 +127,7 @@ def _dead_end() -> Narrow:
 
 
 def _goal_inside() -> Narrow:
-    """A corridor of 8 m: one robot is sent into the middle of it, the others through."""
+    """A corridor of 8 m: one robot's goal is in its middle, the others pass."""
     one = _corridor(8.0, 1.3)
     first, *others = one.routes
     return Narrow(one.free, ((first[0], (10.0, 2.5, 0.0)), *others))
@@ -148,7 +148,7 @@ WORLDS: Final[dict[str, Narrow]] = {
         (), (((1.8, 0.6, 90.0), (7.2, 1.0, 90.0)), ((7.2, 1.0, 90.0), (1.8, 0.6, 90.0))), "rooms-a"
     ),
 }
-"""Worlds by name; a robot's start is drawn within `JITTER_M` of where it stands here."""
+"""Worlds by name; a robot's start is drawn within `JITTER_M` of the given one."""
 
 
 class Row(Struct, frozen=True):
@@ -156,13 +156,13 @@ class Row(Struct, frozen=True):
     robots: int
     seed: int
     reached: int
-    all_s: float | None  # until all had
-    contacts: int  # of any robot with anything; one between two counts for both
+    all_s: float | None  # until all reached their goals
+    contacts: int  # of any robot; one between two robots counts twice
     failed: tuple[str, ...] = ()
 
 
 def map_of(free: Sequence[Rectangle]) -> str:
-    """The borders of what some rectangles cover together, as the text of an ARIA map."""
+    """The borders of the union of rectangles, as the text of an ARIA map."""
     xs = sorted({x for r in free for x in r[::2]})
     ys = sorted({y for r in free for y in r[1::2]})
 
@@ -170,7 +170,7 @@ def map_of(free: Sequence[Rectangle]) -> str:
         return any(x1 < x < x2 and y1 < y < y2 for x1, y1, x2, y2 in free)
 
     def borders(at: float, among: Sequence[float], middle: Callable[[float], bool]) -> bool:
-        """Whether a coordinate parts what is covered from what is not."""
+        """Whether a coordinate separates covered from uncovered ground."""
         k = among.index(at)
         sides = [among[k - 1 : k + 1], among[k : k + 2]]
         low, high = (len(side) == 2 and middle(sum(side) / 2) for side in sides)
@@ -204,7 +204,7 @@ def scenario_of(world: str, starts: Sequence[ScenarioPose], path: str) -> Scenar
 
 
 def passing(task: tuple[str, int, int]) -> Row:
-    """One run: each robot is sent to its goal at once."""
+    """One run: all robots are sent to their goals at once."""
     world, robots, seed = task
     rng = Random(f"{world}/{seed}")
     made = WORLDS[world]
@@ -238,7 +238,7 @@ def passing(task: tuple[str, int, int]) -> Row:
                     if mission.failed is not None:
                         failed.append(f"{name}: {mission.failed}")
                     del under_way[name]
-    failed += [f"{name}: time is up" for name in under_way]
+    failed += [f"{name}: time limit" for name in under_way]
     took = round(mesh.now - begun, 1) if reached == robots else None
     truths = [robot.watch.view.truth for robot in fleet.robots.values()]
     contacts = sum(truth.collisions for truth in truths if truth is not None)
@@ -246,7 +246,7 @@ def passing(task: tuple[str, int, int]) -> Row:
 
 
 def passing_table(rows: Sequence[Row]) -> str:
-    """By world and number of robots."""
+    """A row for each world and number of robots."""
     body = []
     for kind in dict.fromkeys((row.world, row.robots) for row in rows):
         mine = [row for row in rows if (row.world, row.robots) == kind]

@@ -1,4 +1,4 @@
-"""The thesis's own numbers: tables 5.1 to 5.5. Mean and standard deviation, five runs each.
+"""The numbers of the thesis: tables 5.1 to 5.5, mean and standard deviation of five runs.
 
 FO is the error against the goal's heading, degrees. Tables 5.4 and 5.5 print the final heading of
 one run, without a deviation; the error is its distance from 180.
@@ -38,7 +38,7 @@ TABLES: Final = """\
 5.5 simulated 51 1.05 152.71 99.94 83.24 7.72 9.03
 5.5 real 41.67 103.27 142.8 68.86 59.55 31.49 8.96
 """
-"""A table, which of its columns or rows, and what it has for each of `FIELDS`."""
+"""A table, its column or row, and the values of `FIELDS`."""
 
 
 def _value(text: str) -> Value:
@@ -47,7 +47,7 @@ def _value(text: str) -> Value:
 
 
 def published(table: str, *names: str) -> Numbers:
-    """What a table has for one arm. Raises KeyError if it has none of these names."""
+    """The numbers of a table for one arm. Raises KeyError for unknown names."""
     for line in TABLES.splitlines():
         words = line.split()
         count = 1 + len(names)

@@ -1,9 +1,9 @@
-"""Runs experiments: an experiment declares what is run, what a run measures and what is compared.
+"""Runs experiments, each of which declares its runs, measures and tables.
 
-A folder of results belongs to one experiment with one first seed, made by one version of the code:
+A folder of results belongs to one experiment with one first seed and one version of the code:
 
-- `about.json`: experiment, seeds, software; `conditions.json`: what the runs of each cell depend on
-- `found.csv`: each result as soon as it is there, under a hash of all that it depends on. An
+- `about.json`: experiment, seeds, software; `conditions.json`: conditions of each cell
+- `found.csv`: each result as soon as it is known, under a hash of all that it depends on. An
   interrupted experiment continues from it.
 - a CSV for each part of the experiment, `table.md`, figures: written at the end, the same bytes
   for the same results
@@ -23,7 +23,7 @@ import msgspec
 from msgspec import Struct
 
 from armadico.cli import pool
-from armadico.cli.options import say
+from armadico.cli.options import report
 from armadico.observe.conditions import Software, software, source_hash
 from armadico_tools.experiments import FIRST_SEED, RUNS
 from armadico_tools.experiments.driving import (
@@ -60,26 +60,26 @@ def flat(found: Sequence[Any]) -> Table:
     return found[0].__struct_fields__ if found else (), map(msgspec.structs.astuple, found)
 
 
-# What an experiment is ----------------------------------------------------------------------------
+# Declarations -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Part(Generic[T, R]):
-    """One function over tasks, in processes."""
+    """A function that is applied to tasks, in processes."""
 
     name: str  # of its CSV, and of its results in `Context.found`
-    measure: Callable[[T], R]  # of a module, so that a worker can import it
+    measure: Callable[[T], R]  # at module level, for worker processes
     tasks: Callable[[Context], Sequence[T]]
     rows: Callable[[Sequence[R]], Table] | None = flat  # None: no CSV
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is run, part by part, and what is reported of it."""
+    """The parts that are run, and the report."""
 
     parts: tuple[Part[Any, Any], ...]
     report: Callable[[Context], str]  # Markdown
-    note: str = ""  # what a reader of the table has to know
+    note: str = ""  # for readers of the table
     figures: Callable[[Context], Iterable[tuple[str, Figure]]] = lambda _: ()
     runs: int = RUNS  # seeds
     first_seed: int = FIRST_SEED
@@ -99,7 +99,7 @@ def driven(
 
 @dataclass(frozen=True)
 class Barn:
-    """What the command line may choose of the BARN challenge; nothing: all of it."""
+    """The choices of the command line for the BARN challenge; by default all."""
 
     worlds: tuple[int, ...] = ()
     robots: tuple[str, ...] = ()
@@ -109,9 +109,9 @@ class Barn:
 
 @dataclass
 class Context:
-    """One experiment under way: its options, and what it has found so far."""
+    """One experiment in progress: its options and results."""
 
-    out: Path  # its own folder, which exists
+    out: Path  # its folder, which exists
     runs: int = RUNS
     jobs: int = 1
     first_seed: int = FIRST_SEED
@@ -120,7 +120,7 @@ class Context:
     source: str = field(default_factory=lambda: source_hash(*BESIDES))
     software: Software = field(default_factory=software)
     found: dict[str, list[Any]] = field(default_factory=dict)  # by part
-    cells: dict[str, Cell] = field(default_factory=dict)  # those that were driven, by name
+    cells: dict[str, Cell] = field(default_factory=dict)  # those that were run, by name
     files: list[Path] = field(default_factory=list)
     summary: dict[str, object] = field(default_factory=dict)
 
@@ -130,14 +130,14 @@ class Context:
 
     @property
     def samples(self) -> Samples:
-        """The runs by the name of their cell, in the order of their seeds."""
+        """The runs by the name of their cell, in the order of seeds."""
         found: Samples = {}
         for sample in self.found["runs"]:
             found.setdefault(sample.cell, []).append(sample)
         return found
 
     def claim(self, name: str) -> Path | None:
-        """Make the folder this experiment's; see `claim`."""
+        """Claim the folder for this experiment; see `claim`."""
         about = About(
             experiment=name,
             first_seed=self.first_seed,
@@ -148,7 +148,7 @@ class Context:
         return claim(self.out, about)
 
     def run(self, experiment: Experiment, title: str) -> None:
-        """Run what is missing, and write everything anew."""
+        """Run what is missing, and write all files anew."""
         for part in experiment.parts:
             found = self.map(part.measure, part.tasks(self), part.name)
             self.found[part.name] = found
@@ -161,7 +161,7 @@ class Context:
             self._figure(figure, name)
 
     def map(self, function: Callable[[T], R], tasks: Sequence[T], label: str) -> list[R]:
-        """A function over tasks, in the order of these; what `found.csv` has is not run again."""
+        """Apply a function to tasks, in order; results in `found.csv` are not computed again."""
         keys = {cell: key_of(cell) for task in tasks if (cell := _cell(task)) is not None}
 
         def depends_on(task: Any) -> str:
@@ -186,9 +186,9 @@ class Context:
         return [known[at] for at in range(len(tasks))]
 
     def again(self, names: Iterable[str]) -> Iterator[Drive]:
-        """The first seed of some cells once more, for figures."""
+        """Repeat the first seed of some cells, for figures."""
         for name in names:
-            say(f"{self.out.name}: {name} is driven again for its figure")
+            report(f"{self.out.name}: {name} is repeated for its figure")
             yield Drive(self.cells[name], self.first_seed).go()
 
     def rows(self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -196,14 +196,14 @@ class Context:
         write_csv(self.file(f"{name}.csv"), header, rows)
 
     def file(self, name: str) -> Path:
-        """A file of the results, which the caller writes."""
+        """The path of a file of results, which the caller writes."""
         path = self.out / name
         if path not in self.files:
             self.files.append(path)
         return path
 
     def _table(self, text: str) -> None:
-        """Write the table, with the commit and the seeds that it was made with."""
+        """Write the table, with commit and seeds."""
         seeds = f"seeds {self.first_seed} to {self.first_seed + self.runs - 1}"
         made = f"Commit {self.software.commit}, {seeds}."
         self.file("table.md").write_text(f"{text.rstrip()}\n\n{made}\n", encoding="utf-8")
@@ -218,12 +218,12 @@ class Context:
 
 
 def _cell(task: object) -> Cell | None:
-    """The cell of a run of a cell; None for any other task."""
+    """The cell of a run; None for any other task."""
     return task[0] if isinstance(task, tuple) and isinstance(task[0], Cell) else None
 
 
 def outcome(samples: Sequence[Sample]) -> dict[str, object]:
-    """A cell in a few numbers, for programs; `tt_s` is the mean of the runs that arrived."""
+    """A summary of a cell, for programs; `tt_s` is the mean of the runs that arrived."""
     times = [sample.tt_s for sample in samples if sample.arrived]
     return {
         "runs": len(samples),
@@ -235,15 +235,15 @@ def outcome(samples: Sequence[Sample]) -> dict[str, object]:
     }
 
 
-# Its folder ---------------------------------------------------------------------------------------
+# The folder ---------------------------------------------------------------------------------------
 
 
 class NotOursError(Exception):
-    """A folder is in the way that no experiment made."""
+    """A folder exists that is not of an experiment."""
 
 
 class About(Struct, frozen=True, kw_only=True):
-    """What a folder of results holds."""
+    """The contents of `about.json`."""
 
     experiment: str
     first_seed: int
@@ -252,15 +252,15 @@ class About(Struct, frozen=True, kw_only=True):
     software: Software
 
     def continues(self, other: About) -> bool:
-        """Whether these results may be put where the other ones are: the same, or more of them."""
+        """Whether these results may replace the others: the same experiment, as many seeds."""
         same = self.experiment == other.experiment and self.first_seed == other.first_seed
         return same and self.source == other.source and self.runs >= other.runs
 
 
 def claim(folder: Path, about: About) -> Path | None:
-    """Make the folder this experiment's. Returns where another one's results were moved to.
+    """Claim a folder for an experiment. Returns where another one's results were moved.
 
-    Raises NotOursError if it holds something else.
+    Raises NotOursError if it has other contents.
     """
     moved = None
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -268,7 +268,7 @@ def claim(folder: Path, about: About) -> Path | None:
             before = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
         except (OSError, msgspec.DecodeError):
             raise NotOursError(
-                f"{folder} is there and holds no results of an experiment; name another --out"
+                f"{folder} exists and has no results of an experiment; name another --out"
             ) from None
         if not about.continues(before):
             kept = (folder.with_name(f"{folder.name}.kept-{number}") for number in count(1))

@@ -1,4 +1,4 @@
-"""Means, intervals and p values. SciPy is slow to import."""
+"""Means, intervals and p values. SciPy is imported late, because it is slow to import."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from statistics import fmean, stdev
 from msgspec import Struct
 
 PUBLISHED_RUNS = 5
-"""How often the thesis ran each case."""
+"""Number of runs of each case in the thesis."""
 
 
 class Spread(Struct, frozen=True):
@@ -23,7 +23,7 @@ class Spread(Struct, frozen=True):
 
 
 def spread(values: Sequence[float]) -> Spread | None:
-    """Of a sample; None of an empty one. One value has no deviation: 0."""
+    """Mean, deviation and interval of a sample; None if it is empty. One value has deviation 0."""
     if not values:
         return None
     n, mean = len(values), fmean(values)
@@ -37,7 +37,7 @@ def spread(values: Sequence[float]) -> Spread | None:
 
 
 def against(ours: Spread, mean: float, sd: float, n: int = PUBLISHED_RUNS) -> float | None:
-    """Welch's p for our mean being the published one; None where nothing varies or n is 1."""
+    """Welch's p for equal means of ours and the thesis; None without variation or with n = 1."""
     if ours.n < 2 or (ours.sd == 0.0 and sd == 0.0):
         return None
     from scipy.stats import ttest_ind_from_stats

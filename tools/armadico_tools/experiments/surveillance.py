@@ -40,46 +40,45 @@ SCENARIO: Final = "surveillance"
 HOURS: Final = 8.0
 
 MISSION_EVERY_S: Final = 900.0
-"""A mission arrives so often on average, at times of a Poisson process,"""
+"""Mean time between missions, which are a Poisson process."""
 
 ALARM_EVERY_S: Final = 3600.0
-"""and an alarm so often, that ends by itself after"""
+"""Mean time between alarms."""
 
 ALARM_LASTS_S: Final = 300.0
+"""Duration of an alarm."""
 
 PRIORITIES: Final = (0.3, 0.5, 0.8)
 PHOTOS: Final = 3
-"""A mission takes a photo of one to so many rooms."""
+"""A mission takes photos of one to this many rooms."""
 
 BATTERY_H: Final = 2.0
-"""So long does a full battery last for a robot that drives half of the time,"""
+"""Time that a full battery lasts for a robot that drives half of the time."""
 
 CRUISE_M_S: Final = 0.4
-"""at this speed."""
+"""Speed for that time."""
 
 GRACE_S: Final = 1800.0
-"""Missions that are under way after the last hour may be finished in so long."""
+"""Time after the last hour for finishing missions."""
 
 OVER: Final = (MissionEnd.DONE, MissionEnd.FAILED, MissionEnd.CANCELLED)
 
 NOTE: Final = (
     f"The building of thesis 3.6.1 with a dock and two people who walk in it; {HOURS:g} simulated"
     f" hours, sensors *real*. Missions (photos of one to {PHOTOS} rooms, priority"
-    f" {', '.join(map(str, PRIORITIES))}) arrive at random, one in {MISSION_EVERY_S / 60:g} minutes"
-    f" on average; alarms, one in {ALARM_EVERY_S / 3600:g} h. The battery lasts {BATTERY_H:g} h"
-    f" where half of the time is driven. *Refused*: not taken on, with the reason said."
-    " *Lost*: of an ordered mission that was taken on nothing is"
-    f" said at the end, {GRACE_S / 60:g} minutes after the last hour. *Failed*: ended with the"
-    " reason said. *Checked*: alarms that were looked at; one that is over, or begins while no"
-    " mission is under way, need not be. *Suspended*, *resumed*: a more urgent one came in between;"
-    " the board says so."
-    " *Least V*: at rest, as the battery sensor has it. *Contacts*: the body touched something,"
-    " people who walked into it not counted."
+    f" {', '.join(map(str, PRIORITIES))}) arrive at random, one in {MISSION_EVERY_S / 60:g}"
+    f" minutes on average; alarms, one in {ALARM_EVERY_S / 3600:g} h. The battery lasts"
+    f" {BATTERY_H:g} h with half of the time driven. *Refused*: not accepted, with a reason."
+    f" *Lost*: an accepted mission without a reported end, {GRACE_S / 60:g} minutes after the"
+    " last hour. *Failed*: ended with a reason. *Checked*: alarms that were checked; one that is"
+    " over, or begins while no mission is active, need not be. *Suspended*, *resumed*: for a"
+    " more urgent one, by the board. *Least V*: at rest, by the battery sensor. *Contacts*: of"
+    " the body, without those that people caused."
 )
 
 
 class Day(Struct, frozen=True):
-    """What came of one seed."""
+    """The result of one seed."""
 
     seed: int
     hours: float
@@ -97,7 +96,7 @@ class Day(Struct, frozen=True):
     least_v: float
     km: float
     contacts: int
-    why: tuple[str, ...]  # those that failed
+    why: tuple[str, ...]  # of those that failed
 
 
 def scenario() -> Scenario:
@@ -120,7 +119,7 @@ def scenario() -> Scenario:
 
 
 def text_of(rooms: Sequence[str], priority: float) -> str:
-    """A mission that takes a photo of some rooms, as TOML."""
+    """A mission that takes photos of some rooms, as TOML."""
     steps = [f'  {{ do = "move", to = "{room}" }},\n  {{ do = "take-photo" }},' for room in rooms]
     head = f'title = "Photos of {", ".join(rooms)}"\nscenario = "{SCENARIO}"\n'
     head += f'priority = {priority}\non_alarm = "check-alarm"\nsteps = [\n'
@@ -128,7 +127,7 @@ def text_of(rooms: Sequence[str], priority: float) -> str:
 
 
 class Watchman:
-    """One day: orders missions, rings alarms, and keeps the books."""
+    """One day: orders missions, publishes alarms, and counts results."""
 
     def __init__(self, seed: int, hours: float) -> None:
         self.seed, self.end = seed, hours * 3600.0
@@ -151,7 +150,7 @@ class Watchman:
         self.rehearsal.mesh.watch(self._on_message, *kinds)
 
     def go(self) -> Day:
-        """The whole day, and what was under way at its end."""
+        """Run the day, then what is active at its end."""
         rehearsal = self.rehearsal
         rehearsal.start()
         mesh = rehearsal.mesh
@@ -213,7 +212,7 @@ class Watchman:
         text = text_of(rooms, self._rng.choice(PRIORITIES))
         order = MissionOrder("photos", zlib.compress(text.encode()), None, "the day")
         try:
-            reply = self.rehearsal.client.hand_over(order, find=5.0, again=0.0)
+            reply = self.rehearsal.client.request_mission(order, find=5.0, again=0.0)
         except SocietyError as error:
             self.counts["refused"] += 1
             self.why.append(f"refused: {error}")
@@ -270,7 +269,7 @@ def day(task: tuple[int, float]) -> Day:
 
 
 def as_table(days: Sequence[Day]) -> str:
-    """One row a day, and all together."""
+    """One row per day."""
     head = (
         *("seed", "ordered", "refused", "done", "failed", "lost", "suspended / resumed", "photos"),
         *("alarms", "checked", "charges", "least V", "km", "contacts"),

@@ -1,4 +1,4 @@
-"""Markdown tables: our mean and deviation, 95 % interval and p beside the thesis's numbers."""
+"""Markdown tables: mean and deviation, 95 % interval and p beside the thesis's numbers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MEASURES: Final = {
     "ta_percent": "TA %",
     "tgt_percent": "TGt %",
 }
-"""Those of thesis 5.1."""
+"""The measures of thesis 5.1."""
 
 OTHERS: Final = {
     "exchanges": "exchanges",
@@ -59,7 +59,7 @@ RULES: Final = (
 
 
 class Column(Struct, frozen=True):
-    """One arm of a table: its runs, and the thesis's numbers if it has any."""
+    """One arm of a table: its runs, and the thesis's numbers if there are any."""
 
     title: str
     samples: list[Sample]
@@ -67,7 +67,7 @@ class Column(Struct, frozen=True):
 
 
 def compare(columns: Sequence[Column], measures: dict[str, str] | None = None) -> str:
-    """Measures down, arms across, each beside the thesis's."""
+    """A table of measures by arms, each beside the thesis's."""
     header = ["measure"]
     for column in columns:
         header.append(column.title)
@@ -93,7 +93,7 @@ Block = Callable[[Samples], str]
 def arms(
     columns: Iterable[tuple[str, str, Numbers | None]], measures: dict[str, str] | None = None
 ) -> Block:
-    """Cells side by side: for each a title, its name, and the thesis's numbers if it has any."""
+    """Arms side by side: title, cell, and the thesis's numbers if there are any."""
     chosen = list(columns)
     return lambda samples: compare(
         [Column(title, samples[cell], published) for title, cell, published in chosen], measures
@@ -101,12 +101,12 @@ def arms(
 
 
 def change(title: str, first: str, second: str, measures: dict[str, str]) -> Block:
-    """What changes from one cell to another with the same seeds."""
+    """The change from one cell to another with the same seeds."""
     return lambda samples: differences(title, samples[first], samples[second], measures)
 
 
 def sections(of: dict[str, Sequence[Block]], samples: Samples) -> str:
-    """Each under its heading; none where the heading is empty."""
+    """Blocks under their headings; an empty heading is omitted."""
     return "\n".join(
         (f"## {heading}\n\n" if heading else "") + "\n".join(block(samples) for block in blocks)
         for heading, blocks in of.items()
@@ -114,7 +114,7 @@ def sections(of: dict[str, Sequence[Block]], samples: Samples) -> str:
 
 
 def failures(samples: Iterable[Sample]) -> str:
-    """The runs that did not reach the goal or touched something, seed by seed."""
+    """The runs that did not reach the goal or touched something, by seed."""
     bad = [one for one in samples if not one.reached or one.collisions]
     if not bad:
         return "Every run reached the goal and touched nothing.\n"
@@ -157,7 +157,7 @@ def _beside(ours: Spread | None, value: Value | None) -> str:
 def differences(
     title: str, first: Sequence[Sample], second: Sequence[Sample], measures: dict[str, str]
 ) -> str:
-    """Two arms with the same seeds: what changes from the first to the second, and its p."""
+    """The changes between two arms with the same seeds, with p."""
     rows = []
     for field, name in measures.items():
         pairs = [
@@ -174,7 +174,7 @@ def differences(
 
 
 def _change(before: float, after: float) -> str:
-    """The difference, and in per cent unless it is of next to nothing."""
+    """The difference, and in per cent unless the first value is nearly zero."""
     text = f"{after - before:+.3g}"
     if abs(after) > MANY_TIMES * abs(before):
         return text
@@ -188,7 +188,7 @@ def value_of(sample: Sample, field: str) -> float | None:
 
 
 def spread_of(samples: Sequence[Sample], field: str) -> Spread | None:
-    """Of one measure; None where no run has it."""
+    """The spread of one measure; None if no run has it."""
     values = [value_of(sample, field) for sample in samples]
     return spread([float(value) for value in values if value is not None])
 
@@ -203,7 +203,7 @@ def cell(ours: Spread | None) -> str:
 
 
 def number(value: float) -> str:
-    """Two decimals; more for what is small, fewer for what is large."""
+    """Two decimals; three for small values."""
     if value == 0.0:
         return "0"
     return f"{value:.3f}" if abs(value) < 1.0 else f"{value:.2f}"

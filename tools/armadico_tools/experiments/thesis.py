@@ -98,7 +98,7 @@ TABLE_5_1: Final = Experiment(
 
 EXCHANGES: Final = ("abrupt", "smooth")
 DECIDED: Final = ("goto", "avoid")
-"""The agents that take part, and whose exchanges are decided as an arm says."""
+"""The agents that take part, and whose exchanges follow the arm."""
 
 COORDINATIONS: Final = {
     "same-cycle": (),
@@ -111,14 +111,14 @@ SETTINGS: Final = {
     "thesis": ("The thesis's rules", "thesis", False),
     "free": ("The thesis's rules, controller without ramps", "thesis", True),
 }
-"""By short name: a title, the set of parameters, and whether the controller has no ramps."""
+"""By short name: title, set of parameters, and whether the controller has no ramps."""
 
 NO_RAMP: Final = 30.0
-"""m/s^2 and rad/s^2: a step of a whole m/s within a fraction of a cycle."""
+"""m/s^2 and rad/s^2: a step of 1 m/s within a fraction of a cycle."""
 
 
 def cells_5_2(context: Context) -> list[Cell]:
-    """All arms; parameter sets and a profile without ramps are written into the folder."""
+    """All arms; writes parameter sets and a profile without ramps into the folder."""
     folder = context.out
     robot = folder / "no-ramps.toml"
     robot.write_text(_without_ramps(), encoding="utf-8")
@@ -142,7 +142,7 @@ def cells_5_2(context: Context) -> list[Cell]:
 
 
 def _set(base: str | None, social: tuple[str, ...]) -> str:
-    """A parameter set: another one's, but for how exchanges are decided."""
+    """A parameter set with other settings for exchanges."""
     given = dict.fromkeys(DECIDED, ()) | (load_set(base) if base else {})
     lines = []
     for agent, words in given.items():
@@ -153,7 +153,7 @@ def _set(base: str | None, social: tuple[str, ...]) -> str:
 
 
 def _without_ramps() -> str:
-    """The Pioneer's profile, its controller free to change speed at once."""
+    """The Pioneer's profile, with a controller without ramps."""
     text = read_text(resource_path("robots", "pioneer-2dx"))
     names = "v_accel|v_decel|w_accel|w_decel"
     return re.sub(rf"^({names}) = .*$", rf"\1 = {NO_RAMP}", text, flags=re.MULTILINE)
@@ -214,22 +214,22 @@ SETS: Final = {"default": None, "thesis": "thesis"}
 
 
 class Joining(Struct, frozen=True):
-    """What happened to the others when gothrough joined."""
+    """Effects on the other agents when gothrough joined."""
 
     world: str
     seed: int
-    before: str  # instances that were alive before
-    kept: bool  # all of them still live, and the only other one is gothrough's
+    before: str  # live instances before
+    kept: bool  # they are alive, and gothrough is the only new one
     first_held_s: float | None  # when gothrough was first obeyed, s after the mission began
 
 
 def joining(world: str) -> Cell:
-    """A run without gothrough at first."""
+    """A run that gothrough joins later."""
     return Cell(f"{world} joins", world, joins="gothrough", joins_at_s=JOINS_S)
 
 
 def join(task: tuple[str, int]) -> Joining:
-    """One run in which gothrough joins, and the instances that were alive before and after."""
+    """One run that gothrough joins, with the live instances before and after."""
     world, seed = task
     drive = Drive(joining(world), seed)
     before = drive.instances()
@@ -295,16 +295,16 @@ TABLE_5_3: Final = Experiment(
 # Tables 5.4 and 5.5 -------------------------------------------------------------------------------
 
 SENSORS: Final = {"simulated": "ideal", "real": "real"}
-"""The thesis's two columns, and our stand-ins for them."""
+"""The thesis's two columns, and the sensors for them here."""
 
 LOCALIZED: Final = Cell("localized", "", besides=LOCALIZING, sensors="real")
-"""A column that the thesis has not: the agent of 3.6.3 was designed and not built."""
+"""A column that the thesis lacks: the agent of 3.6.3 was designed but not built."""
 
 
 def _with_real_sensors(of: str, note: str, simulated: str, real: str) -> Experiment:
-    """All agents take part; a scenario with both sensors, and the real ones with localization.
+    """A scenario with both kinds of sensors, and with localization; all agents take part.
 
-    `real` is the scenario with what the real run met, where that is another one.
+    `real` is the scenario with the obstacles of the real run, if that is another one.
     """
     where = {"simulated": simulated, "real": real}
     cells = [Cell(name, where[name], sensors=sensors) for name, sensors in SENSORS.items()]
@@ -353,7 +353,7 @@ TABLE_5_5: Final = _with_real_sensors(
 
 NINE: Final = (*SCENARIOS, *WORLDS, "house", "offices", "floor")
 LOCALIZATION_ARMS: Final = {"odometry": (), "localized": LOCALIZING}
-"""The agents that take part besides the scenario's own."""
+"""Agents besides the scenario's own."""
 
 
 def _report_localization(context: Context) -> str:

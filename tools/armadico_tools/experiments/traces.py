@@ -1,7 +1,7 @@
-"""What happened in each cycle of a run, and how smooth that was.
+"""The trace of a run in each cycle, and its smoothness.
 
 Speeds are the robot's true ones, sampled with each status packet; commands are those that the robot
-agent obeyed. The measures are finite differences at 10 Hz: they see nothing faster.
+agent obeyed. The measures are finite differences at 10 Hz, so faster changes are not visible.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ REST_M_S, REST_RAD_S = 0.01, 0.02
 """True speeds below which the wheels are at rest: the interface agent's own limits."""
 
 SHORT_S = 0.5
-"""A tenure shorter than this is one of those that the smooth exchange is to avoid."""
+"""A shorter tenure is one that the smooth exchange should avoid."""
 
 STUCK_S, STUCK_M = 60.0, 1.0
-"""A robot that has not left a circle of that radius for so long gets nowhere any more."""
+"""A robot that has not left a circle of this radius for this time is stuck."""
 
 AFTER = 3
-"""Cycles after an exchange in which a step of the acceleration is still put down to it."""
+"""Cycles after an exchange in which a step of the acceleration is attributed to it."""
 
 
 class Tick(Struct, frozen=True):
@@ -45,7 +45,7 @@ class Tick(Struct, frozen=True):
 
 
 class Smoothness(Struct, frozen=True):
-    """How the wheels changed hands. None where there was no exchange to measure.
+    """Smoothness of the exchanges. None without an exchange.
 
     Tenures in s; jerk m/s^3 and rad/s^3, rms over the run; the worst step of the acceleration
     within 0.3 s after an exchange, m/s^2; the worst step of the obeyed command at one, m/s, rad/s.
@@ -61,21 +61,21 @@ class Smoothness(Struct, frozen=True):
 
 
 class Trace:
-    """Collects the ticks of one run from the messages; show it every `Truth`, ack and command."""
+    """Collects the ticks of one run from every `Truth`, ack and command."""
 
     kinds: tuple[type[Message], ...] = (Command, Ack, Truth)
 
     def __init__(self, watch: RunWatch) -> None:
-        """`watch` knows when the run has begun and ended, and who is obeyed."""
+        """`watch` provides begin and end of the run, and the obeyed agent."""
         self.ticks: list[Tick] = []
         self.rests_since: float | None = None
         self._watch = watch
         self._commands: dict[tuple[str, int], tuple[float, float]] = {}
         self._obeyed = (0.0, 0.0)
-        self._left: Tick | None = None  # where the last circle of STUCK_M was begun
+        self._left: Tick | None = None  # begin of the last circle of STUCK_M
 
     def update(self, message: Message) -> None:
-        """Take one message of the run."""
+        """Process one message of the run."""
         if isinstance(message, Truth):
             self._tick(message)
         elif isinstance(message, Command) and message.resource == WHEELS.name:
@@ -107,14 +107,14 @@ class Trace:
 
     @property
     def resting_s(self) -> float:
-        """For how long the robot has been at rest, s."""
+        """Time at rest, s."""
         if self.rests_since is None or not self.ticks:
             return 0.0
         return self.ticks[-1].t - self.rests_since
 
     @property
     def stuck(self) -> bool:
-        """Whether the robot gets nowhere any more."""
+        """Whether the robot makes no more progress."""
         return self._left is not None and self.ticks[-1].t - self._left.t > STUCK_S
 
 
@@ -136,7 +136,7 @@ def smoothness(ticks: Sequence[Tick]) -> Smoothness:
 
 
 def reigns_of(ticks: Sequence[Tick]) -> list[tuple[str, float]]:
-    """Who held the wheels one after the other, and for how long, s."""
+    """The successive holders of the wheels, and their times, s."""
     held = [tick.holder for tick in ticks if tick.holder is not None]
     return [(name, PERIOD * len(list(tenure))) for name, tenure in groupby(held)]
 

@@ -1,4 +1,4 @@
-"""The three use cases of thesis 3.2, what each of them asks for, and whether it came."""
+"""The three use cases of thesis 3.2: their requirements, and whether they were met."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ SMALL_AH: Final = 0.1
 """A battery that is charged in a minute."""
 
 NOTE: Final = (
-    "The building of thesis 3.6.1 with its whole society on the virtual mesh. In how many runs came"
-    " what a use case asks for; each run has a society of its own. *s* is how long the use case"
-    " took, the median of the runs in which all came."
+    "The building of thesis 3.6.1 with its whole society on the virtual mesh. The number of runs"
+    " that met each requirement of a use case; each run has a new society. *s* is the duration of"
+    " the use case, the median of the runs that met all."
 )
 
 Demands = Iterator[tuple[str, bool]]
-"""What must come, and whether it did; what was waited for in vain raises `AssertionError`."""
+"""Requirements, and whether each was met; a wait without result raises `AssertionError`."""
 
 
 class Came(Struct, frozen=True):
-    """What came of one use case on one seed."""
+    """The result of one use case with one seed."""
 
     case: str
     sensors: str
     seed: int
     took_s: float
     demands: tuple[tuple[str, bool], ...]
-    fault: str = ""  # what was waited for in vain
+    fault: str = ""  # the wait without result
 
 
 def accepting(building: Building) -> Demands:
@@ -56,7 +56,7 @@ def accepting(building: Building) -> Demands:
     yield "a more urgent one suspends the active mission", suspended and active
     building.until(lambda: building.ended(urgent), 300.0)
     stood = building.mission(first).course.elapsed - begun.elapsed < 1.0
-    yield "no time counts for who is suspended", stood
+    yield "no time counts for a suspended mission", stood
     building.until(lambda: building.ended(first), 300.0)
     yield "it goes on, and does all its steps", building.steps(first) == ["move(R1)", "move(hall)"]
     building.until(lambda: building.ended(waits), 60.0)
@@ -72,10 +72,10 @@ def planning(building: Building) -> Demands:
     number = building.taken(THERE_AND_BACK, 1.0)
     building.until(lambda: any("the energy will not do" in line for line in building.logs), 20.0)
     warning = next(line for line in building.logs if "the energy will not do" in line)
-    told = "kJ are left" in warning and "kJ are needed" in warning
-    yield "the charger says what is left and what is needed", told
+    stated = "kJ are left" in warning and "kJ are needed" in warning
+    yield "the charger states the remaining and the needed energy", stated
     ways = {planned.plan.energy for planned in building.heard(Planned)}
-    yield "it has looked at the way, and on to a dock", len(ways) >= 2
+    yield "it has planned the way, and on to a dock", len(ways) >= 2
     building.until(lambda: building.doing(number).startswith("dock"), 5.0)
     ahead = building.mission(number).ahead == ("move(R1)", "move(hall)")
     yield "the mission charges first, and keeps its steps", ahead
@@ -95,7 +95,7 @@ def moving(building: Building) -> Demands:
     yield "all its steps are", building.steps(number) == ["move(R11)", "move(R2)"]
     back = ["mission-planning", "battery-charger", "mission-planning"]
     held = building.who_had("trajectory")[:3] == back
-    yield "the charger takes the trajectory, and hands it back", held
+    yield "the charger takes the trajectory, and returns it", held
     wheels = {"goto", "gothrough"} <= {*building.who_had("wheels")}
     yield "goto and gothrough share the wheels", wheels
 
@@ -106,11 +106,11 @@ CASES: Final[dict[str, tuple[Case, Battery]]] = {
     "2, planning a robot movement": (planning, Battery(0.3, SMALL_AH)),
     "3, moving the robot": (moving, Battery(0.8, SMALL_AH)),
 }
-"""By name: what is asked for, and the battery at its begin."""
+"""By name: the requirements, and the battery at the start."""
 
 
 def come(task: tuple[str, str, int]) -> Came:
-    """One use case with these sensors on a seed."""
+    """One use case with these sensors and a seed."""
     name, sensors, seed = task
     case, battery = CASES[name]
     building = Building(seed, battery=battery, sensors=sensors)
@@ -131,37 +131,37 @@ def come(task: tuple[str, str, int]) -> Came:
     return Came(name, sensors, seed, took, tuple(demands), fault)
 
 
-def as_asked(came: Came) -> bool:
-    """Whether all came that was asked for."""
+def is_met(came: Came) -> bool:
+    """Whether all requirements were met."""
     return not came.fault and all(so for _, so in came.demands)
 
 
 def _rows(found: Sequence[Came]) -> Table:
     head = "case", "sensors", "seed", "took_s", "unmet", "fault"
-    unmet = ["; ".join(what for what, so in came.demands if not so) for came in found]
+    unmet = ["; ".join(what for what, so in one.demands if not so) for one in found]
     return head, [
-        (came.case, came.sensors, came.seed, round(came.took_s, 1), what, came.fault)
-        for came, what in zip(found, unmet, strict=True)
+        (one.case, one.sensors, one.seed, round(one.took_s, 1), what, one.fault)
+        for one, what in zip(found, unmet, strict=True)
     ]
 
 
 def as_table(found: list[Came]) -> str:
-    """A row for each demand, and one for the whole of each use case."""
+    """A row for each requirement, and one for the whole of each use case."""
     rows = []
     for name in CASES:
         arms = [[c for c in found if (c.case, c.sensors) == (name, kind)] for kind in SENSORS]
-        whats = dict.fromkeys(what for arm in arms for came in arm for what, _ in came.demands)
+        whats = dict.fromkeys(what for arm in arms for one in arm for what, _ in one.demands)
         rows += [[name, what, *(_count(arm, what) for arm in arms)] for what in whats]
         rows.append([name, "**all of it**", *(_whole(arm) for arm in arms)])
-    return table(("use case", "what must come", *SENSORS), rows)
+    return table(("use case", "requirement", *SENSORS), rows)
 
 
 def _count(arm: list[Came], what: str) -> str:
-    return f"{sum((what, True) in came.demands for came in arm)} of {len(arm)}"
+    return f"{sum((what, True) in one.demands for one in arm)} of {len(arm)}"
 
 
 def _whole(arm: list[Came]) -> str:
-    good = [came.took_s for came in arm if as_asked(came)]
+    good = [one.took_s for one in arm if is_met(one)]
     took = f", {median(good):.0f} s" if good else ""
     return f"**{len(good)} of {len(arm)}**{took}"
 
@@ -172,7 +172,7 @@ def _tasks(context: Context) -> list[tuple[str, str, int]]:
 
 def _report(context: Context) -> str:
     found = context.found["runs"]
-    context.summary = {"runs": len(found), "as asked": sum(map(as_asked, found))}
+    context.summary = {"runs": len(found), "as asked": sum(map(is_met, found))}
     return as_table(found)
 
 

@@ -1,8 +1,7 @@
-"""Every run of the real coordination, up to so many faults: no model of it, and no random numbers.
+"""Explores every run of the real coordination code, up to a number of faults.
 
-`world` holds real contenders and a real owner, and the messages under way between them; each cycle
-is one step, and whatever could go otherwise is picked from outside. `identity` decides which worlds
-are the same from here on, `search` explores all of them, `recovery` finds what never comes right
-again, and `replay` has one run, runs it again and prints it as a test. `joining` is the world of
-instances that are being admitted.
+`world` has real contenders and a real owner, and the messages under way. Each cycle is one step,
+and every alternative is picked from outside. `identity` decides which worlds are equal from here
+on, `search` explores them all, and `recovery` finds those that never recover. `replay` repeats one
+run and prints it as a test. `joining` is the world of instances during admission.
 """

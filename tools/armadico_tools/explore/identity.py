@@ -1,20 +1,21 @@
-"""Which worlds are the same from here on: a key that leaves out when, and how often before.
+"""Which worlds are equal from here on: a key without absolute times and counts.
 
-Cycles and times count back from now, terms from the smallest that is left, and what is long past is
-only that. A world is never changed by it: the key decides what is gone through once, so a mistake
-here may hide a run, and never makes one up.
+Cycles and times count back from now, terms from the smallest that is left, and long past ones are
+not distinguished. The key only decides what is explored once: a mistake here may hide a run, but
+never invents one.
 
-What each part of it rests on:
+The key relies on these properties:
 
 - Cycles are only compared with the newest (at most 6 back), or with each other while they are fresh
-  (bids with claims); so beyond `LONG` cycles back all are alike. `Contender._released` compares two
-  that may be older, so its answer is kept instead.
-- Claims that no bid is there for, or will come, are compared with nothing.
-- Times are only compared with now: the claim timeout (2.3 cycles), fresh (3), the rest, the draw.
-- Terms are compared, and one is added to the largest known. A gap of more than `GAP` between two is
-  as good as one of `GAP` until one casts so often without receiving any larger one; likewise
-  above 0, from which a newcomer casts.
-- Anything that a subclass adds is compared as it is.
+  (bids with claims). So cycles beyond `LONG` are equal. `Contender._released` compares two that may
+  be older, so the key has its answer instead.
+- Claims without a bid for their cycle, now or later, are compared with nothing.
+- Times are only compared with now: the claim timeout (2.3 cycles), freshness (3), the rest, the
+  draw.
+- Terms are compared, and one is added to the largest known. A gap of more than `GAP` between two
+  terms equals one of `GAP`, until a contender casts that often without receiving a larger one.
+  The same holds above 0, from which a newcomer casts.
+- Attributes of a subclass are compared unchanged.
 """
 
 from __future__ import annotations
@@ -29,18 +30,18 @@ from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle
 from armadico_tools.explore.world import AWAY, CYCLE, LEASE, SECOND, Side, World
 
 LONG: Final = 12
-"""Cycles; more than anything is waited for but the stand-back, which is a time."""
+"""Cycles: longer than any wait except the stand-back, which is a time."""
 
 GAP: Final = 4
 
 _PAST: Final = int(4.5 * CYCLE)
-_FAR: Final = 100_000  # added to what may be negative: -1 and -2 have one hash
+_FAR: Final = 100_000  # added to possibly negative numbers: -1 and -2 have the same hash
 
 _CONTENDER: Final = frozenset(
     (
         *("resource", "instance", "state", "tenure", "rival", "largest", "ack", "clock"),
-        *("_exchange", "_rng", "_margin", "_compare", "_bids", "_inputs", "_heard_at"),
-        *("_looked_at", "_take_at", "_failures", "_rest_until"),
+        *("_exchange", "_rng", "_margin", "_compare", "_bids", "_inputs", "_claimed_at"),
+        *("_checked_at", "_cast_at", "_failures", "_rest_until"),
     )
 )
 _OWNER: Final = frozenset(
@@ -54,12 +55,12 @@ Key = tuple[Any, ...]
 
 
 def key(world: World) -> int:
-    """The same for worlds that are the same from here on."""
+    """A key that is equal for worlds that are equal from here on."""
     return hash(_Keyed(world).key())
 
 
 class _Keyed:
-    """The key of one world."""
+    """Computes the key of one world."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -134,9 +135,9 @@ class _Keyed:
             self._known_ack(ack, rival, newest),
             self._clock(clock),
             self._by_cycle(c._bids, clock.newest),
-            self._since(c._heard_at),
-            silent_at > c._looked_at,
-            None if c._take_at is None else round((c._take_at * SECOND - self.tick) * 64) + _FAR,
+            self._since(c._claimed_at),
+            silent_at > c._checked_at,
+            None if c._cast_at is None else round((c._cast_at * SECOND - self.tick) * 64) + _FAR,
             min(c._failures, 3),
             max(round(c._rest_until * SECOND) - self.tick, 0),
             tuple((name, vars(c)[name]) for name in sorted(extra)) if extra else (),
@@ -157,7 +158,7 @@ class _Keyed:
         return (
             self._ballot(claim.ballot),
             _ago(claim.cycle, newest),
-            # The owner's word, when it comes, is compared with this.
+            # The owner's ack is compared with this when it arrives.
             at is not None and at.epoch == claim.cycle.epoch and at.number >= claim.cycle.number,
             claim.utility,
             claim.critical,
@@ -173,9 +174,9 @@ class _Keyed:
     def _comparable(
         rival: Rival, bids: dict[Cycle, Bid], turned: Cycle | None
     ) -> list[tuple[Cycle, Claim]]:
-        """The claims but the first ones that no bid will ever be compared with.
+        """The claims without the first ones that no bid will be compared with.
 
-        The first are forgotten first, so those that are left are forgotten as if these were none.
+        The first are dropped first, so the rest are dropped as if these did not exist.
         """
         claims = list(rival.claims.items())
         while claims and claims[0][0] not in bids:
@@ -212,7 +213,7 @@ class _Keyed:
         )
 
     def _left(self, epoch: int, last: int) -> Any:
-        """Numbers of an epoch that is over count only while something of it is under way."""
+        """Numbers of a past epoch matter only while an ack of it is under way."""
         under_way = [
             f.message.cycle.number
             for f in self.world.flights
@@ -258,7 +259,7 @@ class _Keyed:
     # Numbers -------------------------------------------------------------------------------------
 
     def _since(self, at: float) -> int:
-        """How long ago, in ticks; whatever is longer ago than is ever asked is alike."""
+        """Time since, in ticks; equal beyond the longest interval in use."""
         past = self.tick - at * SECOND
         return _PAST if past > _PAST else round(past) + 1
 
@@ -274,7 +275,7 @@ class _Keyed:
 
 
 def _ago(cycle: Cycle | None, newest: Cycle | None) -> Any:
-    """How many cycles before the newest; beyond `LONG` all are alike."""
+    """Cycles before the newest; equal beyond `LONG`."""
     if cycle is None:
         return None
     if newest is None or cycle.epoch != newest.epoch:

@@ -1,9 +1,9 @@
 """Every run of the real `Admission`: instances of one name that must be alone, and a slow network.
 
-Each instance shows its token, asks for cards and gives its own, as the driver of an agent does. How
-long each token and each card takes is picked, and who begins when, and which link is cut and when
-it heals. Promised: never two at work for good, and never none where one
-was.
+Each instance shows its token, queries cards and answers queries, as the driver of an agent does.
+Picked are the delay of each token and card, when each instance starts, and which link is cut, and
+for how long. Promises: two instances never work permanently, and an instance never disappears
+without a successor.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ CYCLE_S: Final = 0.1
 LATENCY_S: Final = 0.002
 
 TOKENS: Final = ("at once", "0.12 s", "0.3 s")
-"""Delays of a token's news. A link that is up brings it within these, or is no link yet."""
+"""Delays of a token. A link delivers it within these, or does not count as up."""
 
 CARDS: Final = ("at once", "0.12 s", "0.4 s", "never")
 
 BEGINS: Final = ("with it", "0.01 s", "0.15 s", "0.25 s", "2.5 s", "4 s")
-"""How long after the one before an instance begins."""
+"""Delay from the start of one instance to the next."""
 
 CUTS: Final = ("nothing", "0.1 s for 0.6 s", "0.3 s for 1.5 s", "3 s for 3 s", "3 s for 8 s")
-"""When a link is cut after the later one began, and for how long."""
+"""When a link is cut after the last start, and for how long."""
 
 AFTER_S: Final = GOING_S + 6 * AGAIN_S + 2 * CARD_S
-"""All has come right so long after the last begun or healed."""
+"""Time to settle after the last start or repair."""
 
 NAME: Final = "robot"
 
 
 @dataclass(frozen=True)
 class Joining:
-    """Where a run begins: the order of the ids is that in which they begin, or the other."""
+    """The start of a run; the ids are in order of starting, or `reversed`."""
 
     instances: int = 2
     reversed: bool = False
@@ -58,11 +58,10 @@ class Joiners:
         self._picker = picker
         self._heap: list[tuple[float, int, Any, tuple[Any, ...]]] = []
         self._count = 0
-        self._those: dict[str, Admission] = {}
-        self._began: dict[str, float] = {}
+        self._admissions: dict[str, Admission] = {}
         self._joined: dict[str, float] = {}
         self._shown: set[str] = set()
-        self._seen: set[tuple[str, str]] = set()  # (who, whose token)
+        self._seen: set[tuple[str, str]] = set()  # (instance, the instance whose token it sees)
         self._down: set[frozenset[str]] = set()
         self._wakes: dict[str, float] = {}
         self._changed_at = 0.0
@@ -71,15 +70,15 @@ class Joiners:
 
     @property
     def at_work(self) -> list[str]:
-        return [who for who, each in self._those.items() if each.stage is Stage.JOINED]
+        return [name for name, each in self._admissions.items() if each.stage is Stage.JOINED]
 
     @property
     def stages(self) -> dict[str, str]:
-        """How far each has come."""
-        return {who: each.stage.name for who, each in self._those.items()}
+        """The stage of each instance."""
+        return {name: each.stage.name for name, each in self._admissions.items()}
 
     def run(self) -> str:
-        """Let it all happen; which promise is broken, or nothing."""
+        """Run to the end. Returns the broken promise, or ""."""
         while self._heap and self._heap[0][0] <= self._changed_at + AFTER_S:
             self.now, _, call, about = heapq.heappop(self._heap)
             call(*about)
@@ -93,24 +92,24 @@ class Joiners:
             return f"one joins: {self.stages}"
         return ""
 
-    # What happens --------------------------------------------------------------------------------
+    # Events --------------------------------------------------------------------------------------
 
     def _plan(self) -> None:
         names = [f"{NAME}-{n}" for n in range(1, self.setup.instances + 1)]
         if self.setup.reversed:
             names.reverse()
         at = 1.0
-        for number, who in enumerate(names):
+        for number, name in enumerate(names):
             if number:
-                how = self._picker.pick(f"{who} begins", BEGINS, 0)
+                how = self._picker.pick(f"{name} begins", BEGINS, 0)
                 at += 0.0 if how == "with it" else _seconds(how)
-            self._at(at, self._begin, who)
-        for number, who in enumerate(names):
+            self._at(at, self._begin, name)
+        for number, name in enumerate(names):
             for other in names[number + 1 :]:
-                how = self._picker.pick(f"cut {who}-{other}", CUTS, 1)
+                how = self._picker.pick(f"cut {name}-{other}", CUTS, 1)
                 if how != "nothing":
                     after, _, lasts = how.partition(" s for ")
-                    link = frozenset((who, other))
+                    link = frozenset((name, other))
                     self._at(at + float(after), self._cut, link)
                     self._at(at + float(after) + _seconds(lasts), self._heal, link)
 
@@ -118,101 +117,100 @@ class Joiners:
         self._count += 1
         heapq.heappush(self._heap, (when, self._count, call, about))
 
-    def _begin(self, who: str) -> None:
+    def _begin(self, name: str) -> None:
         self._changed_at = self.now
-        self._those[who] = self._kind(NAME, who, self.now, alone=True)
-        self._began[who] = self.now
+        self._admissions[name] = self._kind(NAME, name, self.now, alone=True)
         for other in sorted(self._shown):
-            self._tell(who, other)
-        self._progress(who)
+            self._send_token(name, other)
+        self._progress(name)
 
-    def _progress(self, who: str) -> None:
-        admission = self._those[who]
+    def _progress(self, name: str) -> None:
+        admission = self._admissions[name]
         if admission.stage is Stage.REFUSED:
             return
-        admission.tenure = self._tenure(who)
-        for _, other in admission.questions(self.now):
-            self._ask(who, other)
+        admission.tenure = self._tenure(name)
+        for _, other in admission.queries(self.now):
+            self._query(name, other)
         stage = admission.check(self.now)
-        if stage in (Stage.CLAIMING, Stage.JOINED) and who not in self._shown:
-            self._shown.add(who)
-            for other in self._those:
-                if other != who:
-                    self._tell(other, who)
-        if stage is Stage.JOINED and who not in self._joined:
-            self._joined[who] = self.now
-            self.worked.add(who)
+        if stage in (Stage.CLAIMING, Stage.JOINED) and name not in self._shown:
+            self._shown.add(name)
+            for other in self._admissions:
+                if other != name:
+                    self._send_token(other, name)
+        if stage is Stage.JOINED and name not in self._joined:
+            self._joined[name] = self.now
+            self.worked.add(name)
         if stage is Stage.REFUSED:
-            self._joined.pop(who, None)
-            self._shown.discard(who)
-            for other in self._those:
-                if (other, who) in self._seen:
-                    self._at(self.now + LATENCY_S, self._disappear, other, who)
+            self._joined.pop(name, None)
+            self._shown.discard(name)
+            for other in self._admissions:
+                if (other, name) in self._seen:
+                    self._at(self.now + LATENCY_S, self._disappear, other, name)
             return
         due = admission.wakeup
         if due is not None and due <= self.now:
-            self._spins = self._spins or f"{who}, {admission.stage.value}, at {self.now:.3f} s"
+            self._spins = self._spins or f"{name}, {admission.stage.value}, at {self.now:.3f} s"
             due = self.now + 0.01
-        if due is not None and self._wakes.get(who) != due:
-            self._wakes[who] = due
-            self._at(max(due, self.now), self._wake, who, due)
+        if due is not None and self._wakes.get(name) != due:
+            self._wakes[name] = due
+            self._at(max(due, self.now), self._wake, name, due)
 
-    def _wake(self, who: str, due: float) -> None:
-        if self._wakes.get(who) == due:
-            del self._wakes[who]
-            self._progress(who)
+    def _wake(self, name: str, due: float) -> None:
+        if self._wakes.get(name) == due:
+            del self._wakes[name]
+            self._progress(name)
 
-    def _tenure(self, who: str) -> int:
-        """Cycles for which it has been at work; the first is the one in which it joined."""
-        at = self._joined.get(who)
+    def _tenure(self, name: str) -> int:
+        """Cycles for which an instance has worked, including that of joining."""
+        at = self._joined.get(name)
         return 0 if at is None else 1 + int((self.now - at) / CYCLE_S)
 
     def _up(self, one: str, other: str) -> bool:
         return frozenset((one, other)) not in self._down
 
-    def _tell(self, who: str, of: str) -> None:
-        """News of a token that is shown comes some time, if the link is up."""
-        if not self._up(who, of):
+    def _send_token(self, name: str, of: str) -> None:
+        """Deliver a shown token after a delay, if the link is up."""
+        if not self._up(name, of):
             return
-        how = self._picker.pick(f"token of {of} to {who}", TOKENS, 1)
-        self._at(self.now + _seconds(how), self._appear, who, of)
+        how = self._picker.pick(f"token of {of} to {name}", TOKENS, 1)
+        self._at(self.now + _seconds(how), self._appear, name, of)
 
-    def _appear(self, who: str, of: str) -> None:
-        if not self._up(who, of) or of not in self._shown or (who, of) in self._seen:
+    def _appear(self, name: str, of: str) -> None:
+        if not self._up(name, of) or of not in self._shown or (name, of) in self._seen:
             return
-        self._seen.add((who, of))
-        self._those[who].appeared(NAME, of, self.now)
-        self._progress(who)
+        self._seen.add((name, of))
+        self._admissions[name].appeared(NAME, of, self.now)
+        self._progress(name)
 
-    def _disappear(self, who: str, of: str) -> None:
-        if (who, of) in self._seen:
-            self._seen.discard((who, of))
-            self._those[who].disappeared(of, self.now)
-            self._progress(who)
+    def _disappear(self, name: str, of: str) -> None:
+        if (name, of) in self._seen:
+            self._seen.discard((name, of))
+            self._admissions[name].disappeared(of, self.now)
+            self._progress(name)
 
-    def _ask(self, who: str, other: str) -> None:
-        how = self._picker.pick(f"card of {other} to {who}", CARDS, 1)
-        if how == "never" or not self._up(who, other):
-            self._at(self.now + CARD_S, self._answer, who, other, None)
+    def _query(self, name: str, other: str) -> None:
+        how = self._picker.pick(f"card of {other} to {name}", CARDS, 1)
+        if how == "never" or not self._up(name, other):
+            self._at(self.now + CARD_S, self._answer, name, other, None)
         else:
-            self._at(self.now + LATENCY_S, self._give, who, other, _seconds(how))
+            self._at(self.now + LATENCY_S, self._reply, name, other, _seconds(how))
 
-    def _give(self, who: str, other: str, takes: float) -> None:
-        """Its card has what is so when it is queried, and is some time under way."""
-        shown = other in self._shown and self._up(who, other)
+    def _reply(self, name: str, other: str, takes: float) -> None:
+        """Send a card with the tenure at the time of the query; it arrives later."""
+        shown = other in self._shown and self._up(name, other)
         card = None
         if shown:
             tenure = self._tenure(other)
             card = Card(NAME, other, "host", 1, "1", PROTOCOL, (), (), (), tenure=tenure)
-        self._at(self.now + takes, self._answer, who, other, card)
+        self._at(self.now + takes, self._answer, name, other, card)
 
-    def _answer(self, who: str, other: str, card: Card | None) -> None:
-        if self._those[who].stage is Stage.REFUSED:
+    def _answer(self, name: str, other: str, card: Card | None) -> None:
+        if self._admissions[name].stage is Stage.REFUSED:
             return
-        if card is not None and not self._up(who, other):
+        if card is not None and not self._up(name, other):
             card = None
-        self._those[who].answered(other, card, self.now)
-        self._progress(who)
+        self._admissions[name].on_card(other, card, self.now)
+        self._progress(name)
 
     def _cut(self, link: frozenset[str]) -> None:
         self._changed_at = self.now
@@ -220,22 +218,22 @@ class Joiners:
         self._at(self.now + LEASE_S, self._expire, link)
 
     def _expire(self, link: frozenset[str]) -> None:
-        """The lease has run out: each sees the other's token go."""
+        """Remove each other's token when the lease has expired."""
         if link not in self._down:
             return
         one, other = sorted(link)
-        for who, of in ((one, other), (other, one)):
-            self._disappear(who, of)
+        for name, of in ((one, other), (other, one)):
+            self._disappear(name, of)
 
     def _heal(self, link: frozenset[str]) -> None:
         self._changed_at = self.now
         self._down.discard(link)
         one, other = sorted(link)
-        for who, of in ((one, other), (other, one)):
-            if of in self._shown and who in self._those and (who, of) not in self._seen:
-                self._tell(who, of)
-            if of not in self._shown and (who, of) in self._seen:
-                self._at(self.now + LATENCY_S, self._disappear, who, of)
+        for name, of in ((one, other), (other, one)):
+            if of in self._shown and name in self._admissions and (name, of) not in self._seen:
+                self._send_token(name, of)
+            if of not in self._shown and (name, of) in self._seen:
+                self._at(self.now + LATENCY_S, self._disappear, name, of)
 
 
 def _seconds(how: str) -> float:
@@ -243,5 +241,5 @@ def _seconds(how: str) -> float:
 
 
 def setups(instances: int) -> Sequence[Joining]:
-    """Where runs begin, for so many instances."""
+    """The starts of runs with so many instances."""
     return [Joining(instances, backwards) for backwards in (False, True)]

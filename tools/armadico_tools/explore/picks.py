@@ -1,4 +1,4 @@
-"""What could go otherwise, and which way it goes: picked by a search, or by a script."""
+"""Alternatives, and which one occurs: picked by a search, or by a script."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 Step = Mapping[str, str]
-"""What went otherwise than it does by itself in one cycle: what, and how."""
+"""The alternatives picked in one cycle, by name; those not listed take their default."""
 
 
 class Picker(Protocol):
-    """Decides what may go one way or another."""
+    """Picks alternatives."""
 
     def pick(self, what: str, ways: Sequence[str], cost: int) -> str:
-        """One of the ways; the first is what happens by itself, any other costs as much."""
+        """One of the ways; the first is the default, any other costs `cost`."""
 
 
 class Enumerator:
-    """Goes through every way that one cycle can go, at most so dear altogether.
+    """Explores every combination of alternatives in one cycle, up to a total cost.
 
-    The cycle is run again and again, each time with the next picks. What may be picked depends on
-    what was picked before, so the tree is found while it is walked.
+    The cycle is run again and again, each time with the next picks. Which alternatives exist
+    depends on earlier picks, so the tree is discovered during the walk.
     """
 
     def __init__(self, budget: int) -> None:
@@ -31,13 +31,13 @@ class Enumerator:
         self._names: dict[str, int] = {}
 
     def begin(self) -> None:
-        """Another run of the cycle."""
+        """Start another run of the cycle."""
         self._path = []
         self._names = {}
         self.cost = 0
 
     def pick(self, what: str, ways: Sequence[str], cost: int) -> str:
-        """As the picks of this run say; beyond them, what happens by itself."""
+        """The pick of this run; beyond its prefix, the default."""
         if len(ways) < 2:
             return ways[0]
         again = self._names.get(what, 0)
@@ -55,11 +55,11 @@ class Enumerator:
 
     @property
     def step(self) -> tuple[tuple[str, str], ...]:
-        """What was picked in this run."""
+        """The picks of this run other than the defaults."""
         return tuple((what, ways[way]) for what, ways, way in self._path if way)
 
     def advance(self) -> bool:
-        """Go on to the next run; False when there is none."""
+        """Prepare the next run. Returns False if there is none."""
         path = self._path
         while path:
             _, ways, way = path[-1]
@@ -71,14 +71,14 @@ class Enumerator:
 
 
 class Script:
-    """Picks what `step` has. Raises ValueError, on `done`, if one of those was never picked."""
+    """Picks what `step` has. `done` raises ValueError if one of them never came up."""
 
     def __init__(self, step: Step) -> None:
         self._step = dict(step)
         self._names: dict[str, int] = {}
 
     def pick(self, what: str, ways: Sequence[str], cost: int) -> str:  # noqa: ARG002
-        """What the script has for it, else what happens by itself."""
+        """The script's pick, else the default."""
         if len(ways) < 2:
             return ways[0]
         again = self._names.get(what, 0)
@@ -91,7 +91,7 @@ class Script:
         return way
 
     def done(self) -> None:
-        """The cycle is over. Who has nothing to draw for, by other rules, draws nothing."""
+        """End the cycle. A draw that other rules do not need is ignored."""
         left = {what: way for what, way in self._step.items() if not what.startswith("draw of")}
         if left:
             raise ValueError(f"nothing of the kind was under way: {left}")

@@ -1,7 +1,7 @@
-"""What never comes right, and how long it takes where it does: on the graph of all worlds.
+"""Worlds that never recover, and the longest recovery of the others, in the graph of all worlds.
 
-An edge is a cycle in which nothing goes wrong. So what follows from a world by itself, however
-long, is all in the graph, and what goes round in it goes on for ever.
+An edge is a cycle without a fault. So all that follows from a world without faults is in the graph,
+and a loop in it is a run that lasts forever.
 """
 
 from __future__ import annotations
@@ -10,25 +10,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 SELDOM: Final = 3
-"""In the long run no contender is obeyed in at most one of so many cycles, though one could be."""
+"""Eventually no contender is obeyed in at most one of so many cycles, though one could be."""
 
 
-class Never(Exception):  # noqa: N818 - it is an answer
-    """Worlds that follow each other for ever, and are not all as they should be."""
+class Never(Exception):  # noqa: N818 - a result, not a failure
+    """Worlds that follow each other forever without recovery."""
 
     def __init__(self, loop: list[int]) -> None:
-        super().__init__(f"{len(loop)} worlds for ever")
+        super().__init__(f"{len(loop)} worlds forever")
         self.loop = loop
 
 
 class Graph:
-    """Worlds by number, and which follow each by themselves."""
+    """Worlds by number, and the worlds that follow each without a fault."""
 
     def __init__(self, following: Sequence[Sequence[int]]) -> None:
         self._following = following
 
     def longest(self, bad: Sequence[bool]) -> list[int]:
-        """The most bad worlds that follow each other. Raises Never if they do for ever."""
+        """The longest sequence of bad worlds. Raises Never if it has no end."""
         left = self._lengths(bad)
         most = max(left, default=0)
         if not most:
@@ -40,10 +40,10 @@ class Graph:
         return path
 
     def settles_within(self, among: Sequence[bool], bad: Sequence[bool]) -> int:
-        """Cycles at most until no bad world follows. Raises Never if one always may."""
+        """Most cycles until no bad world follows. Raises Never if one always may."""
         groups = self._groups(among)
         left = [0] * len(among)
-        for group in groups:  # those that follow come first
+        for group in groups:  # successors come first
             members = set(group)
             beyond = max(
                 (left[n] for one in group for n in self._following[one] if n not in members),
@@ -57,7 +57,7 @@ class Graph:
         return max(left, default=0)
 
     def mostly_good(self, bad: Sequence[bool], among: int) -> None:
-        """Raises Never if worlds follow each other for ever and more than one in `among` is bad."""
+        """Raises Never if worlds follow each other forever and more than one in `among` is bad."""
         for group in self._groups([True] * len(bad)):
             if len(group) > 1 and any(bad[one] for one in group):
                 gain = {one: among - 1 if bad[one] else -1 for one in group}
@@ -66,7 +66,7 @@ class Graph:
                     raise Never(loop)
 
     def _gaining(self, gain: Mapping[int, int]) -> list[int]:
-        """A way round on which something is gained; empty if there is none (Bellman, Ford)."""
+        """A loop with a positive sum; empty if there is none (Bellman, Ford)."""
         best = dict.fromkeys(gain, 0)
         parent: dict[int, int] = {}
         changed = list(gain)
@@ -111,10 +111,10 @@ class Graph:
                         parent[other] = one
                         later.append(other)
             layer = later
-        raise AssertionError("it is no loop")
+        raise AssertionError("not a loop")
 
     def _groups(self, among: Sequence[bool]) -> list[list[int]]:
-        """Strongly connected worlds, those that follow first (Tarjan, without recursion)."""
+        """Strongly connected worlds, successors first (Tarjan, without recursion)."""
         following = self._following
         index = [0] * len(among)
         low = [0] * len(among)
@@ -157,7 +157,7 @@ class Graph:
 
 
 def _loop_of(parent: Mapping[int, int], among: Iterable[int]) -> list[int]:
-    """A loop that going back from some of them ends in; empty if all come to a beginning."""
+    """A loop among the ancestors of some worlds; empty if there is none."""
     seen: dict[int, int] = {}
     for start in among:
         one: int | None = start

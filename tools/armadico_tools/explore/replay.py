@@ -1,4 +1,4 @@
-"""One run: what goes otherwise in it. It can be run again, and printed as a test."""
+"""One run with its picks: it can be repeated, and printed as a test."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from armadico_tools.explore.world import KINDS, BrokenError, Parts, Setup, World
 
 @dataclass(frozen=True)
 class Run:
-    """Where a run begins, and what goes otherwise in which cycle; a run of joining is all one."""
+    """The start of a run, and the picks of each cycle; a run of joining has one cycle."""
 
     setup: Setup | Joining
     steps: Mapping[int, Mapping[str, str]] = field(default_factory=dict)
     cycles: int = 20
     loop: int = 0
-    """Cycles at the end that come back to where they began, and so go on for ever."""
+    """Cycles at the end that return to the same world, and so repeat forever."""
 
     patience: int | None = None
-    """Cycles at most without a valid command, though a contender could be obeyed."""
+    """Most cycles without a valid command while a contender could be obeyed."""
 
     @property
     def cost(self) -> int:
-        """How much goes otherwise."""
+        """The number of picks that cost."""
         picked = [what for step in self.steps.values() for what in step]
         free = ("draw", "start")
         return sum(not what.startswith(free) and not what.endswith("begins") for what in picked)
@@ -44,12 +44,12 @@ class Counterexample:
 
     @property
     def size(self) -> tuple[int, int]:
-        """What goes otherwise, and cycles."""
+        """Cost and cycles."""
         return self.run.cost, self.run.cycles
 
 
 def replay(run: Run, parts: Parts | None = None) -> list[str]:
-    """The promises that it breaks, each with how. Raises ValueError if it cannot happen."""
+    """The promises that a run breaks, each with details. Raises ValueError for impossible picks."""
     if isinstance(run.setup, Joining):
         script = Script(run.steps.get(1, {}))
         how = Joiners(run.setup, script, (parts or Parts()).admission).run()
@@ -88,7 +88,7 @@ def replay(run: Run, parts: Parts | None = None) -> list[str]:
 
 
 def as_test(found: Counterexample) -> str:
-    """A test that fails for as long as the promise is broken."""
+    """A test that fails as long as the promise is broken."""
     run = found.run
     steps = "".join(f"        {n}: {dict(step)!r},\n" for n, step in sorted(run.steps.items()))
     more = f", loop={run.loop}" if run.loop else ""
@@ -110,7 +110,7 @@ def as_test(found: Counterexample) -> str:
 
 
 def _setup(setup: Setup | Joining) -> str:
-    """Without the defaults, and what does not matter in one run."""
+    """The setup without defaults."""
     if isinstance(setup, Joining):
         return repr(setup)
     more = f", stagger={setup.stagger!r}" if setup.stagger else ""

@@ -1,4 +1,4 @@
-"""Explores every run from one setup, the ones with fewer faults first."""
+"""Explores every run from one setup, those with fewer faults first."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNSETTLED: Final = 2
 WHOLE: Final = 4
 
 ENOUGH: Final = 3
-"""After so many counterexamples of joining, runs with more faults are not explored."""
+"""Runs with more faults are not explored after this many counterexamples of joining."""
 
 Picked = tuple[tuple[str, str], ...]
 
@@ -30,31 +30,31 @@ class Found:
     """The result for one setup."""
 
     setup: Setup | Joining
-    states: int = 0  # or runs, of joining
+    states: int = 0  # or runs, for joining
     steps: int = 0
-    closed: bool = True  # gone through to the end: longer runs come to no other world
-    starved: int = 0  # cycles at most without a valid command, while one could be obeyed
-    unsettled: int = 0  # cycles at most until it settles, when nothing goes wrong any more
+    closed: bool = True  # explored to the end: longer runs reach no new world
+    starved: int = 0  # most cycles without a valid command while one could be obeyed
+    unsettled: int = 0  # most cycles to settle after the last fault
     broken: list[Counterexample] = field(default_factory=list)
 
 
 @dataclass
 class Limits:
     faults: int = 1
-    cycles: int | None = None  # None: until there is no other world
+    cycles: int | None = None  # None: until there is no new world
     states: int | None = None
-    patience: int | None = None  # cycles within which it must come right; None: some time
+    patience: int | None = None  # most cycles to recover; None: any number
 
 
 def explore(setup: Setup | Joining, limits: Limits, parts: Parts | None = None) -> Found:
-    """Every run of one setup within the limits."""
+    """Explore every run of one setup within the limits."""
     if isinstance(setup, Joining):
         return _joining(setup, limits.faults, (parts or Parts()).admission)
     return Search(setup, limits, parts).run()
 
 
 def _joining(setup: Joining, faults: int, admission: type[Admission]) -> Found:
-    """Every run with at most so many faults, those with fewer first, until some are broken."""
+    """Explore runs with at most so many faults, fewer first, until `ENOUGH` are broken."""
     found = Found(setup)
     for budget in range(faults + 1):
         picker = Enumerator(budget)
@@ -75,14 +75,14 @@ def _joining(setup: Joining, faults: int, admission: type[Admission]) -> Found:
 
 
 class Search:
-    """All runs of one setup of contenders."""
+    """Explores all runs of one setup of contenders."""
 
     def __init__(self, setup: Setup, limits: Limits, parts: Parts | None = None) -> None:
         self.setup = setup
         self.limits = limits
         self.found = Found(setup)
         self._root = World(setup, parts)
-        self._numbers: dict[int, int] = {}  # by key: the world's number
+        self._numbers: dict[int, int] = {}  # the world's number, by key
         self._cost: list[int] = []
         self._parent: list[tuple[int, Picked]] = []
         self._flags = bytearray()
@@ -92,9 +92,9 @@ class Search:
 
     def run(self) -> Found:
         collected = gc.isenabled()
-        gc.disable()  # nothing here is circular, and all of it is kept
+        gc.disable()  # there are no cycles of references, and all is kept
         try:
-            self._go_through()
+            self._explore()
         finally:
             if collected:
                 gc.enable()
@@ -103,8 +103,8 @@ class Search:
         found.broken = sorted(self._broken.values(), key=lambda c: c.size)
         return found
 
-    def _go_through(self) -> None:
-        self._note(self._root, 0, (-1, ()))
+    def _explore(self) -> None:
+        self._add(self._root, 0, (-1, ()))
         for cost in range(self.limits.faults + 1):
             self._layer(cost)
             if self._broken:
@@ -115,13 +115,13 @@ class Search:
     # Forwards ------------------------------------------------------------------------------------
 
     def _layer(self, cost: int) -> None:
-        """All worlds that so many faults lead to, in order of cycles."""
+        """Expand all worlds that so many faults lead to, in order of cycles."""
         waiting = self._layers[cost]
         while waiting:
             later: list[tuple[int, World]] = []
             for number, world in waiting:
                 if self._cost[number] < cost:
-                    continue  # found with fewer meanwhile
+                    continue  # reached with fewer faults meanwhile
                 if self.limits.cycles is not None and world.n >= self.limits.cycles:
                     self.found.closed = False
                     continue
@@ -145,7 +145,7 @@ class Search:
                 self._break(error, number, picker.step, cost + picker.cost)
             else:
                 total = cost + picker.cost
-                at = self._note(child, total, (number, picker.step))
+                at = self._add(child, total, (number, picker.step))
                 if picker.cost == 0:
                     following.append(abs(at) - 1)
                 if at > 0:
@@ -155,8 +155,8 @@ class Search:
                 break
         self._next[number] = tuple(following)
 
-    def _note(self, world: World, cost: int, parent: tuple[int, Picked]) -> int:
-        """One more than the world's number; negative if nothing is new about it."""
+    def _add(self, world: World, cost: int, parent: tuple[int, Picked]) -> int:
+        """One more than the world's number; negative if it is not new and not cheaper."""
         numbers = self._numbers
         number = len(numbers)
         known = numbers.setdefault(key(world), number)
@@ -175,7 +175,7 @@ class Search:
             return known + 1
         return -known - 1
 
-    # What is found -------------------------------------------------------------------------------
+    # Findings ------------------------------------------------------------------------------------
 
     def _break(self, error: BrokenError, number: int, step: Picked, cost: int) -> None:
         known = self._broken.get(error.promise)
@@ -186,7 +186,7 @@ class Search:
         self._broken[error.promise] = Counterexample(error.promise, error.how, run)
 
     def way(self, number: int) -> list[Picked]:
-        """What was picked in each cycle on the way to a world."""
+        """The picks in each cycle on the way to a world."""
         steps: list[Picked] = []
         while number > 0:
             number, step = self._parent[number]
@@ -194,7 +194,7 @@ class Search:
         return steps[::-1]
 
     def _recover(self) -> None:
-        """Whether it comes right whatever happened, and within how long."""
+        """Check that every world recovers, and compute the longest times."""
         if not self.found.closed:
             return
         graph = Graph(self._next)
@@ -219,7 +219,7 @@ class Search:
             self._never(never, "it settles")
 
     def _late(self, path: list[int]) -> None:
-        """It comes right, and too late."""
+        """Add the counterexample of a recovery that takes too long."""
         steps = self.way(path[0])
         steps += [self._step_between(*pair) for pair in pairwise(path)]
         run = Run(self.setup, _sparse(steps), len(steps), patience=self.limits.patience)
@@ -237,7 +237,7 @@ class Search:
         self._broken[promise] = Counterexample(promise, how, run)
 
     def _step_between(self, one: int, other: int) -> Picked:
-        """What is picked, at no cost, for one world to become the other."""
+        """The picks, at no cost, that lead from one world to the other."""
         world = self.world(one)
         picker = Enumerator(0)
         while True:
@@ -247,10 +247,10 @@ class Search:
             if self._numbers.get(key(child)) == other:
                 return picker.step
             if not picker.advance():
-                raise AssertionError("worlds that are the same went different ways")
+                raise AssertionError("equal worlds developed differently")
 
     def world(self, number: int) -> World:
-        """A world again, from the beginning."""
+        """Rebuild a world from the start."""
         world = self._root.twin()
         for step in self.way(number):
             world.step(Script(dict(step)))

@@ -1,4 +1,4 @@
-"""Where runs begin, and what all of them add up to."""
+"""The setups of a series, and the sum of their results."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ BIDS: Final[dict[int, tuple[str, ...]]] = {
     2: ("0.6 0.5", "0.5 0.6", "0.5 0.53", "0.5 0.5", "0.5 0.5!", "0.6 0", "0.6 -", "- -"),
     3: ("0.6 0.5 0.53", "0.5 0.5 0.5", "0.5 0.5! 0.6", "0.6 0 -"),
 }
-"""Who bids what in the beginning, by how many they are."""
+"""Initial bids, by number of contenders."""
 
 STAGGERS: Final[dict[int, tuple[tuple[int, ...], ...]]] = {2: ((0, 8), (8, 0)), 3: ((16, 8, 0),)}
-"""How long after the owner's cycle each receives it, in 1/1024 s, for the first bids."""
+"""Delay from the owner's cycle to each contender, in 1/1024 s, for the first bids."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def tasks(
 
 @dataclass
 class Summary:
-    """Counts over the setups that have been gone through."""
+    """Sums over the explored setups."""
 
     setups: int = 0
     states: int = 0
@@ -56,7 +56,7 @@ class Summary:
     starved: int = 0
     unsettled: int = 0
     tests: list[tuple[int, int, str, str]] = field(default_factory=list)
-    """Counterexamples: what goes otherwise, cycles, the promise, and a test."""
+    """Counterexamples: cost, cycles, promise, and a test."""
 
     def add(self, found: Found) -> None:
         self.setups += 1
@@ -69,7 +69,7 @@ class Summary:
         self.tests.sort()
 
     def plain(self) -> dict[str, object]:
-        """The counts as JSON has them."""
+        """The sums, for JSON."""
         return {
             "setups": self.setups,
             "states": self.states,

@@ -1,11 +1,11 @@
-"""A world of real contenders and a real owner, one cycle after another, and what is under way.
+"""A world of real contenders and a real owner, cycle by cycle, with the messages under way.
 
-Each side does with a message what `Agent` does. Time counts in 1/1024 s and a cycle is 102 of them,
-a little less than its nominal 0.1 s: so every difference of two times is exact, and a world is the
-same whenever it happens. A message takes 2 of them where nothing is picked for it.
+Each side processes messages as `Agent` does. Time is in 1/1024 s, and a cycle is 102 of them, a
+little less than its nominal 0.1 s. So differences of times are exact, and equal worlds are equal at
+any time. A message takes 2 units by default.
 
-A resource with a cycle of its own: its owner's ack is its cycle. With `apart` it is as for the
-wheels, whose cycle is the robot's state, and the ack another message.
+A resource may have its own cycle, that of its owner's acks. With `apart` it is like the wheels:
+their cycle is the robot's state, and the ack is another message.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ CYCLE: Final = 102
 LATENCY: Final = 2
 
 FRESH: Final = 3
-"""Cycles: nothing that answers an older one may be obeyed."""
+"""Cycles: an older command may not be obeyed."""
 
 LEASE: Final = 10
-"""Cycles after which a cut has taken the tokens away."""
+"""Cycles after which a cut has removed the tokens."""
 
 SPINS: Final = 20
-"""Wake-ups at one instant; more of them would never end."""
+"""Most wake-ups at one instant; more would never end."""
 
 AWAY: Final = 8
-"""Cycles within which who crashed is started again, or never."""
+"""Cycles within which a crashed contender or owner restarts, or never."""
 
 STOPPED: Final = 4
 """Cycles for which a stop is latched."""
 
 FATES: Final = ("now", "late 1", "late 4", "lost", "twice")
-"""What may become of a message; late by so many cycles."""
+"""Alternatives for a message; late by so many cycles."""
 
 OWNER: Final = -1
 
@@ -59,13 +59,13 @@ BIDS: Final[dict[str, Bid | None]] = {
     "0.6": Bid(0.6, (0.0,)),
     "0.5!": Bid(0.5, (0.0,), critical=True),
 }
-"""By name; the margin is 0.05, and ! is critical."""
+"""Bids by name; the margin is 0.05, and ! is critical."""
 
 OWN: Final = Resource("task", ("v",), (1.0,), (0.0,), exchange="abrupt", period_s=0.1)
 WHEELS_LIKE: Final = Resource("reel", ("v",), (1.0,), (0.0,), exchange="abrupt")
 
 RISE: Final = (0.1, 0.2, 0.3)
-"""By how much all bids rise, for so many cycles: each more in itself, and no better than the
+"""By how much all bids rise in successive cycles: each is higher, but none better than the
 others."""
 
 HIGHER: Final[dict[tuple[Bid, int], Bid]] = {
@@ -76,29 +76,29 @@ HIGHER: Final[dict[tuple[Bid, int], Bid]] = {
 }
 
 KINDS: Final = ("fates", "crash", "owner", "cut", "hang", "bids", "rise", "stop")
-"""What may go otherwise: a message, a contender or the owner crashes, a cut, a hang, another bid,
-all bids rise together, a stop."""
+"""Alternatives: the fate of a message, a crash of a contender or the owner, a cut, a hang, another
+bid, all bids rise together, a stop."""
 
 KEPT: Final = 4
-"""Cycles whose bids are compared, to judge whether who took over was better."""
+"""Cycles whose bids are compared, to judge whether a takeover was by a better bid."""
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Where a run begins: who bids what, and how long after the owner's cycle each receives it."""
+    """The start of a run: bids, and the delay from the owner's cycle to each contender."""
 
     bids: tuple[str, ...]
     stagger: tuple[int, ...] = ()
     apart: bool = False
     kinds: tuple[str, ...] = KINDS
-    # Cycles of a cut or a hang: within what is waited for, beyond it, beyond the lease, for ever.
+    # Cycles of a cut or a hang: within timeouts, beyond them, beyond the lease, forever.
     lasts: tuple[int | None, ...] = (3, 8, 12, None)
     changes: tuple[str, ...] = tuple(BIDS)
 
 
 @dataclass
 class Parts:
-    """What a world is made of: the real classes, or ones with a bug that is to be found."""
+    """The classes of a world: the real ones, or some with a planted bug."""
 
     contender: type[Contender] = Contender
     owner: type[Owner] = Owner
@@ -107,16 +107,17 @@ class Parts:
 
 
 class Draws:
-    """The random number of a draw, picked. It stands in for a `random.Random`."""
+    """The random number of a draw, picked. It replaces a `random.Random`."""
 
     def __init__(self) -> None:
         self.picker: Picker | None = None
-        self.who = ""
+        self.name = ""  # of the contender that draws
 
     def random(self) -> float:
         """0 or 1: the soonest or the latest."""
-        assert self.picker is not None, "numbers are drawn within a cycle"
-        return 0.0 if self.picker.pick(f"draw of {self.who}", ("soon", "late"), 0) == "soon" else 1
+        assert self.picker is not None, "draws happen within a step"
+        way = self.picker.pick(f"draw of {self.name}", ("soon", "late"), 0)
+        return 0.0 if way == "soon" else 1
 
 
 DRAWS: Final = Draws()
@@ -132,7 +133,7 @@ class Flight:
 
 @dataclass
 class Cut:
-    """What is sent between two of them is lost, until a cycle; None: for ever."""
+    """Messages between two of them are lost until a cycle; None: forever."""
 
     links: frozenset[tuple[int, int]]
     since: int
@@ -140,21 +141,21 @@ class Cut:
 
 
 class Side:
-    """One contender, and what its agent would do for it."""
+    """One contender, and the work of its agent."""
 
     def __init__(self, index: int, bid: str, resource: Resource, parts: Parts) -> None:
         self.index = index
         self.name = "abcdef"[index]
         self.bid = bid
         self.starts = 0
-        self.contender: Contender | None = None  # none while it is crashed
+        self.contender: Contender | None = None  # None after a crash
         self.turned: Cycle | None = None
         self.down = 0  # cycles since it crashed
-        self.hung_until: int | None = 0  # None: for ever
+        self.hung_until: int | None = 0  # None: forever
         self.hung_since = 0
         self.waiting: list[Flight] = []
         self.made: tuple[tuple[Cycle, Bid], ...] = ()  # its bids of the last cycles
-        self.spoke: Ballot | None = None  # by which it last published something
+        self.used: Ballot | None = None  # of its last message
         self._resource, self._parts = resource, parts
 
     def start(self) -> None:
@@ -165,7 +166,7 @@ class Side:
         self.contender = self._parts.contender(
             self._resource, self.instance, clock, EXCHANGES["abrupt"], cast("Any", DRAWS)
         )
-        self.turned = self.spoke = None
+        self.turned = self.used = None
         self.made = ()
 
     @property
@@ -173,7 +174,7 @@ class Side:
         return f"{self.name}-{self.starts}"
 
     def twin(self) -> Side:
-        """A copy that goes its own way from here on."""
+        """An independent copy."""
         made = object.__new__(Side)
         made.__dict__.update(self.__dict__)
         made.waiting = list(self.waiting)
@@ -188,11 +189,11 @@ _CHANGING: Final = {
     CycleClock: ("_left",),
     Tenure: (),
 }
-"""What a copy must not share: the only attributes that are changed in place."""
+"""Attributes that a copy must not share: the only ones that are changed in place."""
 
 
 def _twin(thing: T) -> T:
-    """A copy of a contender or an owner, down to what never changes."""
+    """An independent copy of a contender or an owner."""
     if thing is None:
         return thing
     if isinstance(thing, dict):
@@ -210,7 +211,7 @@ def _twin(thing: T) -> T:
 
 
 class BrokenError(Exception):
-    """A promise was broken: which, and how."""
+    """A promise was broken: its name, and details."""
 
     def __init__(self, promise: str, how: str) -> None:
         super().__init__(f"{promise}: {how}")
@@ -218,13 +219,13 @@ class BrokenError(Exception):
 
 
 class World:
-    """Everything that is, at the end of a cycle."""
+    """The whole state at the end of a cycle."""
 
     def __init__(self, setup: Setup, parts: Parts | None = None) -> None:
         self.setup = setup
         self.parts = parts or Parts()
         self.resource = WHEELS_LIKE if setup.apart else OWN
-        self.n = 0  # cycles since it began
+        self.n = 0  # cycles since the start
         self.sides = [Side(i, b, self.resource, self.parts) for i, b in enumerate(setup.bids)]
         for side in self.sides:
             side.start()
@@ -235,11 +236,11 @@ class World:
         self.number = 0
         self.owner_down = 0
         self.owner_starts = 0
-        self.active = False  # the resource was commanded, and has not been rested
+        self.active = False  # the resource was commanded, and not rested since
         self.stopped_until = 0
         self.risen: Cycle | None = None  # the first cycle in which all bid more
         self._start_owner()
-        # What was seen, to judge the promises by: nothing of it is used above.
+        # Observations for judging the promises, not used above.
         self.top: Ballot | None = None  # the largest obeyed in this epoch
         self.top_at: Cycle | None = None  # the newest cycle of `top`
         self.obeyed_at = -(10**6)  # when `top` was last obeyed
@@ -249,7 +250,7 @@ class World:
         self._picker: Picker | None = None
 
     def twin(self) -> World:
-        """A copy that goes its own way from here on."""
+        """An independent copy."""
         made = object.__new__(type(self))
         made.__dict__.update(self.__dict__)
         made.sides = [side.twin() for side in self.sides]
@@ -263,7 +264,7 @@ class World:
     # A cycle -------------------------------------------------------------------------------------
 
     def step(self, picker: Picker) -> None:
-        """One cycle. Raises BrokenError as soon as a promise is."""
+        """Advance by one cycle. Raises BrokenError at the first broken promise."""
         self._picker = DRAWS.picker = picker
         self.n += 1
         begins = self.n * CYCLE
@@ -283,9 +284,9 @@ class World:
         self._picker = DRAWS.picker = None
 
     def _befall(self) -> None:
-        """The fault at the beginning of a cycle, if any."""
+        """Apply the fault at the beginning of a cycle, if any."""
         picker = self._picker
-        assert picker is not None, "it is within a step"
+        assert picker is not None, "within a step"
         what = picker.pick("event", self._events(), 1)
         if what == "nothing":
             return
@@ -295,7 +296,7 @@ class World:
             self._rest()
         elif words[0] == "crash" and words[1] == "owner":
             self.owner, self.owner_down = None, 1
-            self.active = False  # whoever starts it again rests it first
+            self.active = False  # a restarted owner rests it first
         elif words[0] == "crash":
             side = self._side(words[1])
             gone = side.instance
@@ -342,7 +343,7 @@ class World:
         return found
 
     def _places(self) -> list[str]:
-        """Both ways, one way, and one alone from all others."""
+        """Links to cut: both directions, one direction, and all of one side."""
         names = [*(side.name for side in self.sides), "owner"]
         found = []
         for i, one in enumerate(names):
@@ -365,9 +366,9 @@ class World:
         return frozenset(way for both in ways for way in both)
 
     def _return(self) -> None:
-        """Who crashed may be started again, and who hung goes on."""
+        """Restart crashed sides, and resume hung ones."""
         picker = self._picker
-        assert picker is not None, "it is within a step"
+        assert picker is not None, "within a step"
         for side in self.sides:
             if 0 < side.down <= AWAY:
                 side.down += 1
@@ -389,9 +390,9 @@ class World:
                 self._start_owner()
 
     def _missed_tokens(self, side: Side, waiting: list[Flight]) -> list[Flight]:
-        """Who slept longer than a lease receives that all others have gone, sooner or later."""
+        """After a hang beyond the lease: add that all others have gone, early or late."""
         picker = self._picker
-        assert picker is not None, "it is within a step"
+        assert picker is not None, "within a step"
         tokens = [
             Flight(self.n * CYCLE, side.index, other.index, other.instance)
             for other in self.sides
@@ -407,7 +408,7 @@ class World:
 
     @staticmethod
     def _kept(waiting: list[Flight]) -> list[Flight]:
-        """What a mailbox keeps for who hangs: of states the latest, in the place of the first."""
+        """The mailbox after a hang: of states the latest, in the place of the first."""
         kept: dict[Any, Flight] = {}
         for position, flight in enumerate(waiting):
             state = isinstance(flight.message, Ack | Cycle)
@@ -423,14 +424,14 @@ class World:
 
     def _hide_tokens(self, cut: Cut) -> None:
         for one, other in {tuple(sorted(link)) for link in cut.links}:
-            for who, whose in ((one, other), (other, one)):
-                if who >= 0 and whose >= 0 and self.sides[whose].contender is not None:
-                    token = self.sides[whose].instance
-                    self.flights.append(Flight(self.n * CYCLE, who, whose, token))
+            for to, of in ((one, other), (other, one)):
+                if to >= 0 and of >= 0 and self.sides[of].contender is not None:
+                    token = self.sides[of].instance
+                    self.flights.append(Flight(self.n * CYCLE, to, of, token))
 
     def _begin_cycle(self, begins: int) -> None:
         owner = self.owner
-        assert owner is not None, "it is there"
+        assert owner is not None, "called with an owner"
         self.number += 1
         cycle = Cycle(self.epoch, self.number)
         owner.clock.advance(cycle, begins / SECOND)
@@ -444,7 +445,7 @@ class World:
             self._send(f"ack>{side.name}", OWNER, side.index, ack, stagger)
 
     def _pass(self, begins: int, ends: int) -> None:
-        """Let the time of one cycle pass: what arrives, and wake-ups."""
+        """Process arrivals and wake-ups within one cycle."""
         now, spins = begins, 0
         while True:
             due, what = self._next(now, ends)
@@ -460,13 +461,13 @@ class World:
             elif isinstance(what, Owner):
                 self._rest()
             else:
-                DRAWS.who = what.name
-                self._say(what, cast("Contender", what.contender).tick(now / SECOND), now)
+                DRAWS.name = what.name
+                self._publish(what, cast("Contender", what.contender).tick(now / SECOND), now)
             if self.active and now - self.obeyed_at > 3 * CYCLE + LATENCY + FRESH:
                 raise BrokenError("silence stops", "no valid command, and it goes on")
 
     def _next(self, now: int, ends: int) -> tuple[int, Flight | Side | Owner | None]:
-        """What is due first, before the cycle ends, and when."""
+        """The first event before the end of the cycle, and its time."""
         due: int = ends
         what: Flight | Side | Owner | None = None
         for flight in self.flights:
@@ -489,7 +490,7 @@ class World:
     # Messages ------------------------------------------------------------------------------------
 
     def reaches(self, one: int, other: int) -> bool:
-        """Whether what one sends comes to the other."""
+        """Whether messages from one reach the other."""
         return not self.cuts or not any((one, other) in cut.links for cut in self.cuts)
 
     def _send(
@@ -498,7 +499,7 @@ class World:
         if not self.reaches(sender, to):
             return
         picker = self._picker
-        assert picker is not None, "it is within a step"
+        assert picker is not None, "within a step"
         fate = "now"
         if "fates" in self.setup.kinds:
             fate = picker.pick(what, FATES, 1)
@@ -522,19 +523,19 @@ class World:
         if side.hung_until != 0:
             side.waiting.append(flight)
             return
-        DRAWS.who = side.name
+        DRAWS.name = side.name
         contender, at = side.contender, now / SECOND
         if isinstance(message, Claim):
-            self._say(side, contender.on_claim(message, at), now)
+            self._publish(side, contender.on_claim(message, at), now)
         elif isinstance(message, Cycle):
             contender.clock.advance(message, at)
         elif isinstance(message, Ack):
-            self._take_ack(side, contender, message, now)
+            self._on_ack(side, contender, message, now)
         else:
-            self._say(side, contender.gone(message, at), now)
+            self._publish(side, contender.gone(message, at), now)
 
-    def _take_ack(self, side: Side, contender: Contender, ack: Ack, now: int) -> None:
-        """As `Agent` takes it: the clock, the ack if it is no older one, one turn a cycle."""
+    def _on_ack(self, side: Side, contender: Contender, ack: Ack, now: int) -> None:
+        """Process an ack as `Agent` does: clock, newest ack only, one turn per cycle."""
         at, clock = now / SECOND, contender.clock
         if not self.setup.apart:
             if not clock.advance(ack.cycle, at):
@@ -544,7 +545,7 @@ class World:
         known = ack.cycle if contender.ack is None else contender.ack.cycle
         if known.epoch == ack.cycle.epoch and known.number > ack.cycle.number:
             return
-        self._say(side, contender.acked(ack, at), now)
+        self._publish(side, contender.acked(ack, at), now)
         last = side.turned
         if last is not None and last.epoch == ack.cycle.epoch and ack.cycle.number <= last.number:
             return
@@ -553,11 +554,11 @@ class World:
         bid = self._bid(side, ack.cycle) if able else None
         if bid is not None:
             side.made = (*side.made[1 - KEPT :], (ack.cycle, bid))
-        self._say(side, contender.bid(ack.cycle, bid, at, None), now)
+        self._publish(side, contender.bid(ack.cycle, bid, at, None), now)
 
     @property
     def rising(self) -> int | None:
-        """Cycles since all bids began to rise; None when no more of that is to come."""
+        """Cycles since all bids began to rise; None after the end of it."""
         risen = self.risen
         if risen is None or risen.epoch != self.epoch:
             return None
@@ -565,14 +566,14 @@ class World:
         return ago if ago <= len(RISE) + FRESH else None
 
     def _bid(self, side: Side, cycle: Cycle) -> Bid | None:
-        """What it bids in a cycle; who bids nothing, or offers, rises no more than that."""
+        """Its bid in a cycle; no bid, or an offer of 0, does not rise."""
         bid, risen = BIDS[side.bid], self.risen
         if bid is None or bid.utility <= 0.0 or risen is None or risen.epoch != cycle.epoch:
             return bid
         ago = cycle.number - risen.number
         return HIGHER[bid, ago] if 0 <= ago < len(RISE) else bid
 
-    def _say(self, side: Side, messages: list[Message], now: int) -> None:
+    def _publish(self, side: Side, messages: list[Message], now: int) -> None:
         for message in messages:
             assert isinstance(message, Command | Claim), "a contender publishes nothing else"
             self._watch_ballot(message.ballot, side, now)
@@ -606,7 +607,7 @@ class World:
             self.owner.rested()
         self.active = False
 
-    # What is promised at every instant -----------------------------------------------------------
+    # Promises at every instant -------------------------------------------------------------------
 
     @property
     def stopped(self) -> bool:
@@ -614,7 +615,7 @@ class World:
         return self.n < self.stopped_until
 
     def _watch_release(self, owner: Owner, message: Claim | Command) -> None:
-        """A release of the tenure that the owner would obey."""
+        """Remember a release of the tenure that the owner would obey."""
         age = self.number - message.cycle.number
         in_time = message.cycle.epoch == self.epoch and age <= FRESH
         if in_time and message.ballot == owner.largest:
@@ -626,25 +627,25 @@ class World:
         if ballot.term > self.highest + 1:
             raise BrokenError("terms bounded", f"{ballot.term} is cast after {self.highest}")
         self.highest = max(self.highest, ballot.term)
-        if ballot != side.spoke:
-            side.spoke = ballot
+        if ballot != side.used:
+            side.used = ballot
             self._watch_cast(ballot, side, now)
 
     def _watch_cast(self, ballot: Ballot, side: Side, now: int) -> None:
-        """A new ballot: from a holder that is well, only who is better takes over.
+        """A new ballot: only a better bid takes over from a holder that is well.
 
-        A holder is well that is obeyed, by the last ack that the other one has, and from whom no
-        other is cut off. Who casts no larger term than its did not know of it.
+        A holder is well if it is obeyed by the last ack that the other one has, and no link is cut.
+        A contender that casts no larger term than the holder's did not know of it.
         """
         top, owner, contender = self.top, self.owner, side.contender
-        assert contender is not None, "it has just spoken"
+        assert contender is not None, "it has just published"
         if top is None or owner is None or owner.obeyed != top or ballot.term <= top.term:
             return
         known = contender.ack
         if known is None or known.obeyed != top or now - self.obeyed_at > 3 * CYCLE or self.cuts:
             return
         if known.obeyed_cycle is None or known.cycle.number > known.obeyed_cycle.number + 1:
-            return  # not in the last cycle, by that ack: its silence may be meant
+            return  # not obeyed in the last cycle by that ack: its silence may be intended
         holder = next((each for each in self.sides if each.instance == top.instance), side)
         if holder is side or holder.contender is None or holder.hung_until != 0:
             return
@@ -672,17 +673,17 @@ class World:
             raise BrokenError("in order", f"{cycle} is obeyed after {self.top_at}")
         self.top, self.top_at = ballot, cycle
 
-    # What is promised in the end -----------------------------------------------------------------
+    # Promises in the long run --------------------------------------------------------------------
 
     @property
     def whole(self) -> bool:
-        """Whether none is cut off or hung, and the owner is alive and not stopped."""
+        """Whether there is no cut, hang or stop, and the owner is alive."""
         hung = any(side.hung_until != 0 for side in self.sides)
         return self.owner is not None and not self.cuts and not hung and not self.stopped
 
     @property
     def starved(self) -> bool:
-        """Whether none was obeyed in this cycle, though one bids that reaches the owner."""
+        """Whether no contender was obeyed in this cycle, though one bids that reaches the owner."""
         if self.owner is None or self.stopped or self.obeyed_now:
             return False
         return any(
@@ -696,7 +697,7 @@ class World:
 
     @property
     def unsettled(self) -> str:
-        """Why the resource is not with whom it should be; "" if it is. For a whole world."""
+        """Why the resource is not with the right holder; "" if it is. For a whole world."""
         alive = [side for side in self.sides if side.contender is not None]
         holders = [side for side in alive if cast("Contender", side.contender).holding]
         if not any(_wants(side) for side in alive):
@@ -705,8 +706,8 @@ class World:
             return f"{len(holders)} hold it"
         holder = cast("Contender", holders[0].contender)
         owner = self.owner
-        assert owner is not None, "it is whole"
-        assert holder.tenure is not None, "who holds has a ballot"
+        assert owner is not None, "the world is whole"
+        assert holder.tenure is not None, "a holder has a ballot"
         if not self.obeyed_now or owner.obeyed != holder.tenure.ballot:
             return f"{holders[0].name} holds it and is not obeyed"
         bid = BIDS[holders[0].bid]

@@ -1,19 +1,19 @@
-"""One fault bed: faults made on purpose, and a checker that knows the promises only.
+"""Fault tests: deliberate faults, and a checker that uses only what can be observed.
 
-`plan` has faults as data, drawn from a seed. `injector` puts them into a society on the virtual
-mesh (with `stranger`, driven by `workload`), `live` into real processes (`trials` has what is
-measured there). `record` is what was observed on either, or on a recording; `checker` has the
-promises, `sightings` the situations that a campaign must show, `series` the sums, `shrink` makes a
+`plan` has faults as data, drawn from a seed. `injector` applies them to a society on the virtual
+mesh (with `stranger`, driven by `workload`), `live` to real processes (`trials` has the figures
+measured there). `record` has what was observed with either, or in a recording. `checker` has the
+promises, `sightings` the situations that a campaign must show, `series` the sums. `shrink` makes a
 case small, and `campaign` is the command.
 """
 
 from typing import Final
 
 SEEDS: Final = 20
-"""Seeds of a campaign on the virtual mesh, if no number is given."""
+"""Default number of seeds of a campaign on the virtual mesh."""
 
 MINUTES: Final = 2.0
-"""Simulated minutes of each."""
+"""Default of the simulated minutes per seed."""
 
 TRIALS: Final = 30
-"""Trials of each kind on real processes."""
+"""Default number of trials of each kind on real processes."""

@@ -1,4 +1,4 @@
-"""Promises about who drives: ballots, cycles and tenures."""
+"""Promises about which agent drives: ballots, cycles and tenures."""
 
 from __future__ import annotations
 
@@ -7,10 +7,17 @@ from collections.abc import Iterator
 from armadico.core.messages import Ack, Ballot, Claim
 from armadico.core.resources import WHEELS
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import FRESH_CYCLES, Bounds, Obeyed, Observation, Record, Said
+from armadico_tools.faults.record import (
+    FRESH_CYCLES,
+    Bounds,
+    Obeyed,
+    Observation,
+    Published,
+    Record,
+)
 
 ALIVE_S = 0.35
-"""The robot agent obeys for so long after its newest cycle: 0.3 s, by a clock that may be slow."""
+"""The robot agent obeys for 0.3 s after its newest cycle, by a clock that may be slow."""
 
 
 def brief(ballot: Ballot | None) -> str:
@@ -19,7 +26,7 @@ def brief(ballot: Ballot | None) -> str:
 
 
 class OneDriver:
-    """Within an epoch neither the ballots obeyed nor the largest known ever go down."""
+    """Within an epoch neither the ballots obeyed nor the largest known ever decrease."""
 
     promise = Promise.ONE_DRIVER
 
@@ -28,10 +35,10 @@ class OneDriver:
         self._largest: dict[int, Ballot] = {}
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:  # noqa: ARG002
-        """The ack, and each command obeyed where that can be seen."""
+        """At each ack, and each command obeyed where that is observed."""
         if isinstance(seen, Obeyed):
             yield from self._rises(self._obeyed, seen.cycle.epoch, seen.ballot, "obeyed")
-        elif isinstance(seen, Said) and isinstance(seen.message, Ack):
+        elif isinstance(seen, Published) and isinstance(seen.message, Ack):
             ack = seen.message
             if ack.resource != WHEELS.name:
                 return
@@ -52,7 +59,7 @@ class OneDriver:
 
 
 class Fresh:
-    """Nothing is obeyed that answers a cycle more than 3 before, or before the one obeyed last."""
+    """No command is obeyed for a cycle more than 3 before the newest, or before the last one."""
 
     promise = Promise.FRESH
 
@@ -64,7 +71,7 @@ class Fresh:
                 yield f"{brief(seen.ballot)} is obeyed for a cycle {age} before the newest"
             elif silent > ALIVE_S:
                 yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
-        elif isinstance(seen, Said) and seen.message is now.ack and now.ack is not None:
+        elif isinstance(seen, Published) and seen.message is now.ack and now.ack is not None:
             yield from self._acked(now.ack, now.ack_before)
 
     @staticmethod
@@ -85,9 +92,9 @@ class Fresh:
 
 
 class OneHolder:
-    """In a whole network no two tenures go on side by side for 5 cycles.
+    """In a whole network no two tenures overlap for 5 cycles.
 
-    An exchange shows two for a moment: the loser has not received the winner's claim yet.
+    An exchange has two for a moment, until the loser receives the winner's claim.
     """
 
     promise = Promise.ONE_HOLDER
@@ -97,8 +104,8 @@ class OneHolder:
         self._reported: set[frozenset[Ballot]] = set()
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """At each claim: for how long two tenures have gone on, the network being whole."""
-        if not isinstance(seen, Said) or not isinstance(seen.message, Claim):
+        """At each claim: how long two tenures have overlapped in a whole network."""
+        if not isinstance(seen, Published) or not isinstance(seen.message, Claim):
             return
         ballot = seen.message.ballot
         if ballot not in now.claims or now.whole_for() < self._overlap_s:

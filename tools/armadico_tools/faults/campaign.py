@@ -1,4 +1,4 @@
-"""What `armadico faults` does: run seeds, a case or trials, check a recording, report."""
+"""The work of `armadico faults`: run seeds, a case or trials, check a recording, print results."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from armadico_tools.hosts.namespaces import lacking
 from armadico_tools.testbed import TABLE as HOSTS
 
 SHRUNK: Final = 3
-"""At most so many of the cases that broke a promise are shrunk."""
+"""Most cases with a broken promise that are shrunk."""
 
 SHOWN: Final = 10
-"""Violations of a recording that are printed at most; --json has them all."""
+"""Most violations of a recording that are printed; --json has them all."""
 
 
 def kinds(*, live: bool) -> Mapping[str, object]:
@@ -76,7 +76,7 @@ def _aim(median: float | None, worst: float | None) -> str:
 
 
 def repeat(given: str, *, as_json: bool) -> int:
-    """One case again. Raises ConfigError for what is none."""
+    """Repeat one case. Raises ConfigError for an invalid one."""
     text = given
     if not given.lstrip().startswith("{"):
         try:
@@ -89,8 +89,8 @@ def repeat(given: str, *, as_json: bool) -> int:
         print(json.dumps(found))
         return 1 if outcome.violations else 0
     for fault in outcome.case.faults:
-        whom = ", ".join(fault.whom) + (f" to {', '.join(fault.to)}" if fault.to else "")
-        print(f"{fault.at:9.3f} s  {fault.kind} for {fault.lasts:.3f} s: {whom}")
+        targets = ", ".join(fault.targets) + (f" to {', '.join(fault.to)}" if fault.to else "")
+        print(f"{fault.at:9.3f} s  {fault.kind} for {fault.lasts:.3f} s: {targets}")
     for promise, at, what in outcome.violations:
         print(f"{at:9.3f} s  {promise} broken: {what}")
     if not outcome.violations:
@@ -103,7 +103,7 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
     from armadico_tools.faults.recording import check
 
     try:
-        checker = check(path, namespace, options.say)
+        checker = check(path, namespace, options.report)
     except RecordingError as error:
         raise UsageError(str(error)) from None
     except OSError as error:
@@ -120,7 +120,7 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
 
 
 def run_seeds(args: argparse.Namespace) -> int:
-    """Many seeds on the virtual mesh; on Ctrl-C the counts so far."""
+    """Run seeds on the virtual mesh; Ctrl-C ends with the counts so far."""
     ledger = _ledger(args.out, series.SEEDS)
     first = ledger.next_seed() if args.first is None else args.first
     lasts = 60.0 * (args.minutes or MINUTES)
@@ -146,7 +146,7 @@ def run_seeds(args: argparse.Namespace) -> int:
 
 
 def run_trials(args: argparse.Namespace) -> int:
-    """Trials on real processes; on Ctrl-C what was measured is kept."""
+    """Run trials on real processes; on Ctrl-C what was measured is kept."""
     chosen = _chosen(args.kind)
     scenario = load_scenario(args.scenario) if args.scenario else ROAD
     table, seed, count = load_hosts(HOSTS), args.seed or 0, args.trials or COUNT
@@ -159,7 +159,7 @@ def run_trials(args: argparse.Namespace) -> int:
         _keep(ledger, outcome)
         text = ", ".join(f"{name} {value:g}" for name, value in outcome.figures.items())
         made = len(summary.figures.get(outcome.kind, ()))
-        options.say(f"{outcome.kind} {made}/{count}: {text}")
+        options.report(f"{outcome.kind} {made}/{count}: {text}")
 
     try:
         with place_for(chosen, table, seed) as place:
@@ -175,11 +175,11 @@ def run_trials(args: argparse.Namespace) -> int:
                     record=args.record,
                 )
                 for why in failed:
-                    options.say(f"{trial.name}: FAILED: {why}")
+                    options.report(f"{trial.name}: FAILED: {why}")
                 if failed:
                     summary.failed[trial.name] = failed
     except KeyboardInterrupt:
-        options.say(f"interrupted; what was measured is in {ledger.path}")
+        options.report(f"interrupted; results so far are in {ledger.path}")
         return options.INTERRUPTED
     lines = series.lines(summary, chosen)
     _show_trials(summary, lines, as_json=args.json)
@@ -188,7 +188,7 @@ def run_trials(args: argparse.Namespace) -> int:
 
 
 def _chosen(names: Sequence[str]) -> list[Trial]:
-    """The trials that were named, or those of the table, without root those that need none."""
+    """The named trials, or those of the table; without root those that need none."""
     chosen = [TRIALS[name] for name in names] or [*TABLE]
     trouble = lacking() if any(trial.hosts for trial in chosen) else None
     if trouble is None:
@@ -197,8 +197,8 @@ def _chosen(names: Sequence[str]) -> list[Trial]:
     left_out = ", ".join(trial.name for trial in chosen if trial.hosts)
     if names or not able:
         can = ", ".join(name for name, trial in TRIALS.items() if not trial.hosts)
-        raise FailedError(f"{left_out}: {trouble}. Without hosts there are: {can}")
-    options.say(f"left out: {left_out}: {trouble}")
+        raise FailedError(f"{left_out}: {trouble}. Possible without hosts: {can}")
+    options.report(f"left out: {left_out}: {trouble}")
     return able
 
 
@@ -217,7 +217,7 @@ def _keep(ledger: Ledger, outcome: Outcome, kinds: Sequence[str] = ()) -> None:
 
 
 def _commands(summary: Summary) -> list[str]:
-    """For the first cases that broke a promise: the command that repeats the least of it."""
+    """For the first cases that broke a promise: the command that repeats a small one."""
     commands = []
     shrunk: set[str] = set()
     for outcome in summary.broken:
@@ -225,7 +225,7 @@ def _commands(summary: Summary) -> list[str]:
         if promise in shrunk or len(shrunk) >= SHRUNK:
             continue
         shrunk.add(promise)
-        options.say(f"seed {outcome.case.seed} broke {promise}: shrinking")
+        options.report(f"seed {outcome.case.seed} broke {promise}: shrinking")
         try:
             with pool.progress("runs, at most", shrink.TRIES) as step:
                 case, _ = series.smallest(outcome, shrink.TRIES, step)
@@ -235,7 +235,7 @@ def _commands(summary: Summary) -> list[str]:
     return commands
 
 
-# What is shown ------------------------------------------------------------------------------------
+# Output -------------------------------------------------------------------------------------------
 
 
 def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
@@ -255,18 +255,20 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
     moving = sum(summary.moving_s.values())
     print(f"faults: {counts or 'none'}")
     print(f"longest time from healing to moving again: {summary.longest_s:.2f} s")
-    print(f"longest drive with the pose wrong and unsaid: {summary.unsaid_s:.1f} s")
+    print(
+        f"longest drive with the pose wrong beyond its covariance: {summary.overconfident_s:.1f} s"
+    )
     print(f"contacts {summary.contacts['']}, void {sum(void.values())}: {reasons or 'none'}")
     void_share = f"contacts void {sum(shares.values()):.1%} of it: {by or 'never'}"
     print(f"moving {moving:.0f} s, {void_share}")
     if summary.again:
-        print(f"missions forgotten, and asked for again: {summary.again}")
+        print(f"missions forgotten, and requested again: {summary.again}")
     table = Table("situation", "seen")
     for sight in Sight:
         table.add_row(sight.value, str(summary.sights[sight.name]))
     console.print(table)
     for sight in series.missing(summary):
-        print(f"never came to pass: {sight.value}")
+        print(f"never occurred: {sight.value}")
     _show_broken(summary)
     for command in commands:
         print(command)
@@ -279,7 +281,7 @@ def _show_trials(summary: Summary, lines: Sequence[Line], *, as_json: bool) -> N
         found = {"lines": rows, "violations": broken, "failed": summary.failed}
         print(json.dumps(found, indent=2))
         return
-    caption = "ms unless named otherwise; armadico faults --live --list has the definitions"
+    caption = "ms unless stated otherwise; armadico faults --live --list has the definitions"
     table = Table("kind", "figure", caption=caption)
     for title in ("trials", "median", "worst", "aim"):
         table.add_column(title, justify="right")

@@ -1,8 +1,8 @@
 """The checker: observations in, violations of promises out; sans-IO.
 
-It knows nothing of whoever makes the faults, and of the agents only what can be seen from outside.
-One class a promise; each looks at one observation after the situation has taken it in, and yields
-what is wrong, if anything. A promise that a fault voids is not looked at (`kinds.voided`).
+It knows nothing of the injector of faults, and of agents only what can be observed from outside.
+Each promise has a class. It examines an observation after the record was updated with it, and
+yields a text per violation. A promise that a fault voids is not checked (`fault_types.voided`).
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from armadico_tools.faults.latched import Stopped
 from armadico_tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
 from armadico_tools.faults.pose import Localized
 from armadico_tools.faults.record import Bounds, Observation, Record
-from armadico_tools.faults.recovery import Arrives, Moves, SomebodyObeyed
+from armadico_tools.faults.recovery import Arrives, CommandObeyed, Moves
 from armadico_tools.faults.sightings import Sightings
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A promise that was broken: when (s), and what was seen."""
+    """A broken promise: when (s), and what was observed."""
 
     promise: Promise
     at: float
@@ -35,19 +35,16 @@ class Violation:
 
 
 class Watch(Protocol):
-    """What watches over one promise."""
+    """Watches one promise."""
 
     promise: Promise
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """What is wrong, after this observation."""
+        """The violations that this observation shows."""
 
 
 class Checker:
-    """Feed it observations in the order of time; `violations` is what it found.
-
-    `longest` is the longest time from healing to the robot's moving again, s.
-    """
+    """Checks observations in the order of time; `violations` has its findings."""
 
     def __init__(self, bounds: Bounds | None = None) -> None:
         bounds = bounds or Bounds()
@@ -61,7 +58,7 @@ class Checker:
             OneDriver(),
             Fresh(),
             OneHolder(bounds),
-            SomebodyObeyed(bounds),
+            CommandObeyed(bounds),
             Silence(bounds),
             Watchdog(bounds),
             Smooth(bounds),
@@ -77,28 +74,28 @@ class Checker:
 
     @property
     def longest(self) -> float | None:
-        """The longest time from healing to moving again, s; None if it never had to."""
+        """The longest time from healing to moving again, s; None without healing."""
         return self._moves.longest
 
     @property
-    def unsaid_s(self) -> float:
-        """The longest that it moved with a pose that was wrong by more than it says, s."""
+    def overconfident_s(self) -> float:
+        """The longest time of moving with a pose wrong beyond its covariance, s."""
         return self._localized.longest
 
     @property
     def contacts(self) -> Counter[str]:
-        """Contacts by what voids them; those that break the promise by the empty word."""
+        """Contacts by the reason that voids them; those that break the promise under ""."""
         return self._collision.contacts
 
     @property
     def moving_s(self) -> dict[str, float]:
-        """Seconds in which it moved, by what voided contacts then."""
+        """Seconds of moving, by the reason that voided contacts then."""
         return self._collision.moving_s
 
     def update(self, seen: Observation) -> list[Violation]:
-        """Take one observation; the promises that it breaks."""
+        """Process one observation. Returns the promises that it breaks."""
         self.record.update(seen)
-        if seen.at != self.record.now:  # what comes late counts as coming now
+        if seen.at != self.record.now:  # a late observation counts as of now
             seen = replace(seen, at=self.record.now)
         found = [
             Violation(watch.promise, seen.at, text)
@@ -109,8 +106,8 @@ class Checker:
         self.sights.update(seen, self.record)
         return found
 
-    def take_all(self, seen: Iterable[Observation]) -> list[Violation]:
-        """Look at a recording; all that is broken in it."""
+    def update_all(self, seen: Iterable[Observation]) -> list[Violation]:
+        """Check a recording. Returns all violations."""
         for observation in seen:
             self.update(observation)
         return self.violations

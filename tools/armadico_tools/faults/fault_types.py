@@ -1,7 +1,7 @@
-"""The kinds of faults, and which promises each of them takes away while it lasts.
+"""The kinds of faults, and the promises that each voids while it lasts.
 
-A promise that a fault voids is not broken by it: with the robot agent dead none can order a stop,
-and the wheels roll until the controller's own watchdog holds them.
+A fault does not break a promise that it voids: without the robot agent no stop can be ordered, and
+the wheels roll until the controller's own watchdog stops them.
 """
 
 from __future__ import annotations
@@ -13,34 +13,33 @@ from typing import Final
 
 
 class Promise(StrEnum):
-    """What the checker watches over."""
+    """The promises that the checker watches."""
 
-    ONE_DRIVER = "within an epoch the ballots that are obeyed never go down"
-    FRESH = "what answers a cycle long past is refused, however late it comes"
-    ONE_HOLDER = "in a whole network no two tenures go on for 5 cycles"
-    OBEYED = "in a whole network a command is obeyed within 5 s if anyone bids"
+    ONE_DRIVER = "within an epoch the ballots that are obeyed never decrease"
+    FRESH = "commands for a cycle long past are rejected, however late they arrive"
+    ONE_HOLDER = "in a whole network no two tenures overlap for 5 cycles"
+    OBEYED = "in a whole network a command is obeyed within 5 s if an agent bids"
     SILENCE = "a stop is ordered within 0.4 s of the last valid command"
     WATCHDOG = "without the robot agent the controller's watchdog stops the wheels"
-    SMOOTH = "speeds change by no more than the ramps allow, and a hand-over stays between both"
-    COLLISION = "nothing is touched"
-    ODOMETRY = "the odometry moves where it heads, whatever has befallen the line"
+    SMOOTH = "speeds change within the ramps, and a takeover stays between both actions"
+    COLLISION = "the robot does not touch anything"
+    ODOMETRY = "the odometry moves along its heading, whatever happens to the line"
     NO_ERROR = "no agent raises an error"
     MOVES = "after healing the robot moves within 2 s (5 s after standing back), or bids say why"
     HANDOVER = "a holder that falls silent is replaced before the stop, if another bids"
     STOP = "once stopped the wheels rest in time, and no agent drives until it is released"
-    POSE = "the pose is not wrong and unsaid: its error is what its covariance says"
-    ARRIVES = "a mission that no fault befalls for long is reached"
+    POSE = "the error of the pose is within its covariance"
+    ARRIVES = "a mission without faults for long is reached"
 
 
 @dataclass(frozen=True)
 class Kind:
     """One kind of fault.
 
-    `breaks`: whether the network or its processes are not whole while it lasts, so that promises
-    about a whole network wait for its end; `excuses`: whether the robot need not move meanwhile.
-    `voids` while it lasts, and until the robot has come to rest or driven on for a while: those
-    promises count for nothing, `why` being the reason; only if the fault's amount is at least
-    `least`. A seed draws the kind with this `weight`.
+    `breaks`: the network or its processes are not whole while it lasts, so promises about a whole
+    network wait for its end. `excuses`: the robot need not move meanwhile. `voids`: promises that
+    do not count while it lasts, and until the robot has come to rest or driven on for a while, if
+    the fault's amount is at least `least`; `why` is the reason. `weight`: of the kind in a draw.
     """
 
     name: str
@@ -59,29 +58,29 @@ class Kind:
 
 
 ROBOT_VOIDS: Final = frozenset({Promise.SILENCE, Promise.COLLISION, Promise.SMOOTH})
-"""What is not kept without the robot agent: the wheels roll on blindly, for up to 2 s."""
+"""Promises that are void without the robot agent: the wheels roll on blindly, for up to 2 s."""
 
 _LINE: Final = frozenset({Promise.COLLISION, Promise.SMOOTH})
-"""With the line to the controller broken a stop is ordered, and may not arrive."""
+"""With the line to the controller broken a stop is ordered, but may not arrive."""
 
 _BLIND: Final = frozenset({Promise.COLLISION})
-"""Readings that are there and wrong look like right ones; those that lack are noticed."""
+"""Wrong readings look like right ones; missing readings are noticed."""
 
 LOSSY: Final = 0.25
-"""A line that loses or spoils less than this share of what is written is no excuse. Each cycle
-orders anew: of three orders in a row it loses all with a chance of 1.6 %, so a stop arrives within
-0.3 s; and ten in a row, after which the link counts as lost, never. With 0.3 nothing was touched in
-24 simulated minutes."""
+"""A line that loses or corrupts less than this share of what is written voids nothing. Each cycle
+orders anew. It loses three orders in a row with a probability of 1.6 %, so a stop arrives within
+0.3 s; it practically never loses ten, after which the link counts as lost. With 0.3 there was no
+contact in 24 simulated minutes."""
 
 SLOW_S: Final = 0.015
-"""A robot agent that needs less than this for each message is no excuse. In a cycle it takes about
-five (a status packet, a command, a claim, one or two more), which is 75 ms of the cycle's 100: it
-keeps up, and orders a stop late by one or two messages, for which 0.4 s instead of 0.3 s is
-promised. From 20 ms on what waits for it grows for as long as it is slow. With 19.9 ms no promise
-was broken in 24 simulated minutes."""
+"""A robot agent that needs less than this for each message voids nothing. A cycle has about five (a
+status packet, a command, a claim, one or two more), which is 75 of its 100 ms. So it keeps up, and
+orders a stop late by one or two messages; the promise allows 0.4 s instead of 0.3 s. From 20 ms on
+its queue grows as long as it is slow. With 19.9 ms no promise was broken in 24 simulated
+minutes."""
 
 AGAIN_S: Final = 1.0
-"""Who may not join while no other of its name is alive is started again after this, s, as by
+"""A process that may not join while no other of its name is alive is restarted after this, s, as by
 `armadico up`."""
 
 KINDS: Final = {
@@ -94,12 +93,12 @@ KINDS: Final = {
         Kind("one-way", "some hosts no longer reach others, which still reach them"),
         Kind("partition", "some hosts and the others no longer reach each other"),
         Kind("crash", "an agent is killed, and started again at the end", weight=2.0),
-        Kind("hang", "an agent hangs, and wakes at the end to all that waited", weight=2.0),
-        Kind("slow", "an agent needs long for each message"),
+        Kind("hang", "an agent hangs, then resumes with all that waited", weight=2.0),
+        Kind("slow", "an agent takes long for each message"),
         Kind("clock-step", "an agent's clock jumps ahead", breaks=False),
         Kind("clock-drift", "an agent's clock runs fast or slow", breaks=False),
         Kind(
-            *("serial-garbage", "bytes on the line to the controller are spoilt"),
+            *("serial-garbage", "bytes on the line to the controller are corrupted"),
             voids=_LINE,
             why="serial line",
             least=LOSSY,
@@ -115,36 +114,36 @@ KINDS: Final = {
             *("frozen-sonar", "the sonars repeat their last ranges"),
             breaks=False,
             voids=_BLIND,
-            why="sonars repeat themselves",
+            why="sonars repeat readings",
         ),
         Kind("nan", "an agent's bids are not numbers", breaks=False),
         Kind("flap", "an agent comes and goes, several times a second"),
-        Kind("lone-restart", "one behaviour is left, and is started again"),
-        Kind("robot-restart", "the robot agent is started again, with old commands under way"),
+        Kind("lone-restart", "only one behaviour is left, and is restarted"),
+        Kind("robot-restart", "the robot agent is restarted, with old commands under way"),
         Kind("twin", "a second instance of an agent joins, and leaves", breaks=False),
         Kind("stop", "a peer stops the robot, and releases it at the end", breaks=False),
-        Kind("interface-restart", "the interface agent is killed in mid-mission, and started"),
+        Kind("interface-restart", "the interface agent is killed in mid-mission, and restarted"),
         Kind(
             "in-turn",
-            "robot, encoder and localization agent are started again in turn, in any order",
+            "robot, encoder and localization agent are restarted one after another, in any order",
         ),
         Kind(
             "stray-state",
-            "a robot/state of a cycle that never was, or many that climb, arrives everywhere",
+            "a robot/state of a cycle that never existed, or a rising series, arrives everywhere",
         ),
         Kind("huge-term", "a stranger's claim or ack with an enormous term arrives everywhere"),
-        Kind("huge-counter", "the mission or the origin, counted far beyond, arrives everywhere"),
+        Kind("huge-counter", "the mission or the origin, with a huge counter, arrives everywhere"),
         Kind("flood", "a stranger publishes thousands of claims and commands", weight=0.5),
         Kind(
             *(
                 "huge-message",
-                "a message that is as large as may be, or larger, arrives everywhere",
+                "a message of maximum size, or larger, arrives everywhere",
             ),
             weight=0.5,
         ),
         Kind(
             "stop-and-release",
-            "a peer stops and releases, also by old counters and old stops",
+            "a peer stops and releases, also with old counters and old stops",
         ),
         Kind(
             "two-robot-agents",
@@ -155,36 +154,36 @@ KINDS: Final = {
 """Every kind by its name."""
 
 RESTARTS: Final = frozenset({"crash", "flap", "robot-restart"})
-"""Kinds after which another process is there; `in-turn` shows each as a crash of its own."""
+"""Kinds that replace a process; `in-turn` shows each as a crash."""
 
 DISABLES: Final = RESTARTS | {"hang", "slow"}
-"""Kinds that void `ROBOT_VOIDS` if it is the robot agent that they befall."""
+"""Kinds that void `ROBOT_VOIDS` if the robot agent is the target."""
 
 CLAIMS: Final = frozenset({"huge-term", "flood"})
-"""Kinds by which a stranger claims the wheels, and no watcher is shown it."""
+"""Kinds in which a stranger claims the wheels, unseen by watchers."""
 
 STRANGE_UTILITY: Final = 0.9
 """The utility of a stranger's claims."""
 
 FORGETS: Final = frozenset({"crash", "flap"})
-"""Kinds after which the sonar agent has forgotten what its sonars no longer look at: the sides and
-the back of the robot, which it may then turn into something that it has passed."""
+"""Kinds after which the sonar agent has forgotten obstacles out of its sonars' view: beside and
+behind the robot, which may then turn into one that it has passed."""
 
 WEDGED_M: Final = 0.07
-"""Nearer to something than this, m, by a fault that voids contacts, contacts stay void until it has
-got clear: the sonars' least range is 0.1 m, so on the flank 7 cm looks like touching, and behind
-there is no sonar. What was passed while the robot agent hung was not received either."""
+"""If a fault that voids contacts leaves the robot nearer to an obstacle than this, m, contacts stay
+void until it is clear. The sonars' least range is 0.1 m, so on the flank 7 cm looks like touching,
+and there is no sonar behind. Obstacles passed while the robot agent hung are unknown too."""
 
 WEDGED_S: Final = 15.0
-"""But for no longer than this, s: whoever creeps away from a wall at 1 cm/s has got clear."""
+"""The longest that contacts stay void by `WEDGED_M`, s: enough to creep away at 1 cm/s."""
 
 
-def voided(kind: str, whom: tuple[str, ...], amount: float = inf) -> dict[Promise, str]:
-    """The promises that a fault takes away, and in a word why."""
+def voided(kind: str, targets: tuple[str, ...], amount: float = inf) -> dict[Promise, str]:
+    """The promises that a fault voids, with the reasons."""
     made = KINDS[kind]
     voids = dict.fromkeys(made.voids, made.why) if amount >= made.least else {}
-    if kind in FORGETS and "sonar" in whom:
+    if kind in FORGETS and "sonar" in targets:
         voids |= dict.fromkeys(_BLIND, "sonar agent restarted")
-    if kind in DISABLES and "robot" in whom and (kind != "slow" or amount >= SLOW_S):
+    if kind in DISABLES and "robot" in targets and (kind != "slow" or amount >= SLOW_S):
         voids |= dict.fromkeys(ROBOT_VOIDS, "robot agent away")
     return voids

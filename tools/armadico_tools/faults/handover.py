@@ -1,4 +1,4 @@
-"""Promises about a change of hands: it is blended as the rules say, and in time."""
+"""Promises about a takeover: it is blended by the rules, and in time."""
 
 from __future__ import annotations
 
@@ -23,83 +23,83 @@ from armadico_tools.faults.record import (
     Faulted,
     Obeyed,
     Observation,
+    Published,
     Record,
-    Said,
 )
 
 CLAIMS = 16
 LATELY_S = 0.35
-"""A take-over begins from a holder whose claim was received within this, s."""
+"""A takeover begins from a holder whose claim was received within this, s."""
 
 SETTLED_S: Final = 1.0
-"""Only where the network has been whole for so long, s, have all received the same claims."""
+"""After the network was whole for this time, s, all agents have received the same claims."""
 
 SHARE: Final = 0.005
-"""The winner's share of the first action may be off by so much, and so may the action, m/s, rad/s:
-numbers travel whole, so this is room for rounding and for nothing else."""
+"""Tolerance of the winner's share of the first action, and of the action, m/s, rad/s. Numbers are
+transmitted exactly, so this allows for rounding only."""
 
 HURRIED: Final = frozenset({"avoid"})
-"""Agents whose bids may have no time for the whole window (`Bid.within`): half of what is left
-until they must brake, which no message carries. It is at least half of what the truth leaves,
-with the margins that they keep, so their share lies between the rule's and that window's."""
+"""Agents whose bids may have no time for the whole window (`Bid.within`). They allow half of the
+time until they must brake, which no message carries. It is at least half of the true time, with
+their margins. So their share lies between the rule's and that window's."""
 
 SEEN_M: Final = 0.25
-"""What lies nearer by this, m, for who sees it by sonars: margin, noise, and a cycle's way."""
+"""By this, m, an obstacle may seem nearer to a user of sonars: margin, noise, and a cycle's way."""
 
 REACHES_M: Final = 0.3
 """No part of the robot is farther from the middle of its axle."""
 
 DECEL_M_S2, LATENCY_S = 0.4, 0.2
-"""What the behaviours count on when they brake: `armadico.mobile.safety`."""
+"""The behaviours' assumptions about braking: `armadico.mobile.safety`."""
 
 QUIET_S: Final = 3.0
-"""So long after another fault no agent is just coming back: on coming back, no news of tokens
-is believed for 2 s."""
+"""After another fault, no agent is still recovering after this time: on recovery, changes of tokens
+are ignored for 2 s."""
 
 NOW_S: Final = 0.15
-"""A bid of the newest cycle or of the one before, s."""
+"""A bid is present if it is of the newest cycle or the one before, s."""
 
 PROVIDERS: Final = frozenset({"robot", "encoder", "sonar", "interface"})
-"""Agents that every contender for the wheels must receive."""
+"""Agents from which every contender for the wheels must receive."""
 
 
 STEPS: Final = 20
-"""A hurry that no message carries is tried in so many steps."""
+"""Steps in which the unknown window of a hurried agent is searched."""
 
 Numbers = tuple[float, ...]
 
 
 class Start(NamedTuple):
-    """What an exchange may have begun from: an action, and the loser's weight."""
+    """A possible start of an exchange: an action, and the loser's weight."""
 
     action: Numbers
     weight: float
 
 
 class Exchanged:
-    """The first action of a tenure is what the exchange's rules make of both.
+    """The first action of a tenure follows the rules of the exchange.
 
-    Equation 3.10 in its first cycle, over the window t_f that the Sugeno rules give for the two
-    actions. It began from what a loser commanded of late, or from what was measured. Who is in a
-    hurry may take a shorter window, and at once is the shortest. Where the loser was about to
-    collide and fell silent, the winner may only brake at first.
+    It is equation 3.10 in its first cycle, over the window t_f that the Sugeno rules give for both
+    actions. It starts from a recent command of the loser, or from the measured speeds. A hurried
+    agent may use a shorter window, down to none. If the loser was about to collide and fell silent,
+    the winner may only brake at first.
     """
 
     promise = Promise.SMOOTH
 
     def __init__(self) -> None:
         self._claims: deque[tuple[float, Claim]] = deque(maxlen=CLAIMS)
-        self._weights: deque[tuple[str, float]] = deque(maxlen=4 * CLAIMS)  # whose, last published
-        self._unseen: set[float] = set()  # utilities of who claimed, and was not seen to
+        self._weights: deque[tuple[str, float]] = deque(maxlen=4 * CLAIMS)  # instance, utility
+        self._unseen: set[float] = set()  # utilities of claims that were not observed
         self._largest: Ballot | None = None
         self._speeds: deque[Numbers] = deque(maxlen=FRESH_CYCLES + 2)
-        self._near = inf  # the nearest thing that was published, m from the robot's edge at least
+        self._near = inf  # lower bound of the distance to the nearest published obstacle, m
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the first claim of each tenure."""
         if isinstance(seen, Faulted) and seen.kind in STRANGE_CLAIMS:
             self._unseen.add(STRANGE_UTILITY)
-        if not isinstance(seen, Said):
+        if not isinstance(seen, Published):
             return
         message = seen.message
         if isinstance(message, Obstacles):
@@ -120,12 +120,12 @@ class Exchanged:
                 self._weights.append((message.ballot.instance, message.utility))
 
     def _begins(self, at: float, winner: Claim, least: float) -> Iterator[str]:
-        """`least` is the shortest window that the winner may take, cycles."""
+        """`least` is the shortest window that the winner may use, cycles."""
         starts = list(self._starts(at, winner))
         wanted, commanded = _numbers(winner.wanted), _numbers(winner.commanded)
         if any(self._explains(start, winner, least) for start in starts):
             return
-        # It may only brake if who fell silent or let go was about to collide.
+        # It may only brake if the silent or released holder was about to collide.
         others = [claim for _, claim in self._claims if claim.ballot < winner.ballot]
         careful = any(claim.critical for claim in others[-FRESH_CYCLES - 2 :])
         if careful and any(_brakes(start, winner, least) for start in starts):
@@ -144,7 +144,7 @@ class Exchanged:
             commanded = _numbers(claim.commanded)
             if at - when <= LATELY_S and claim.ballot.instance != me and commanded:
                 yield Start(commanded, own if claim.utility is None else claim.utility)
-        weights = {own, *self._unseen, *(u for who, u in self._weights if who != me)}
+        weights = {own, *self._unseen, *(u for name, u in self._weights if name != me)}
         for speeds in self._speeds:
             for weight in sorted(weights):
                 yield Start(speeds, weight)
@@ -164,11 +164,12 @@ class Exchanged:
 
 
 class Replaced:
-    """Who holds the wheels and falls silent is replaced before the stop, if another bids.
+    """A holder of the wheels that falls silent is replaced before the stop, if another bids.
 
-    Killed, its token is gone at once, and the next command is obeyed within `killed_s`. Hung or cut
-    off, another takes over after its silence (2.3 cycles), before the owner's 0.3 s; where the
-    other still receives it, after the 6 cycles for which it was not obeyed: it lets go.
+    If it is killed, its token is gone at once, and the next command is obeyed within `killed_s`. If
+    it hangs or is disconnected, another takes over after its silence (2.3 cycles), before the
+    owner's 0.3 s. If the other still receives it, that takes the 6 cycles without obedience after
+    which the holder releases.
     """
 
     promise = Promise.HANDOVER
@@ -176,9 +177,9 @@ class Replaced:
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
         self._obeyed: Obeyed | None = None
-        self._others: frozenset[str] = frozenset()  # who bids, and is not who fell silent
+        self._others: frozenset[str] = frozenset()  # bidders other than the silent holder
         self._since = self._due = 0.0
-        self._hung = False  # who fell silent hangs
+        self._hung = False  # the silent holder hangs
         self._quiet_at = 0.0  # when the last fault began or ended
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
@@ -187,7 +188,7 @@ class Replaced:
             holder = self._obeyed
             if holder is None or seen.ballot.instance != holder.ballot.instance:
                 self._others = frozenset()
-            elif self._hung:  # its last command was still on its way
+            elif self._hung:  # its last command was still under way
                 self._due = seen.at + self._bounds.silent_s
             self._obeyed = seen
         elif isinstance(seen, Faulted):
@@ -200,8 +201,9 @@ class Replaced:
             if now.stopped():
                 self._others = frozenset()
             if self._others and seen.at > self._due:
-                who, self._others = ", ".join(sorted(self._others)), frozenset()
-                yield f"{seen.at - self._since:.3f} s after its holder fell silent, though {who}"
+                others, self._others = ", ".join(sorted(self._others)), frozenset()
+                text = f"not replaced {seen.at - self._since:.3f} s after its holder fell silent"
+                yield f"{text}, though these bid: {others}"
 
     def _begins(self, fault: Faulted, now: Record) -> None:
         last = self._obeyed
@@ -210,10 +212,10 @@ class Replaced:
         holder = agent_of(last.ballot.instance)
         bounds = self._bounds
         due = {"crash": fault.at + bounds.killed_s, "hang": last.at + bounds.silent_s}
-        if fault.kind in due and fault.whom == (holder,):
+        if fault.kind in due and fault.targets == (holder,):
             here, self._due = {holder}, due[fault.kind]
-        elif fault.kind in {"one-way", "partition"} and holder in fault.whom:
-            here, self._due = {*fault.whom}, fault.at + bounds.unobeyed_s
+        elif fault.kind in {"one-way", "partition"} and holder in fault.targets:
+            here, self._due = {*fault.targets}, fault.at + bounds.unobeyed_s
             if "robot" not in fault.to or PROVIDERS & here:
                 return
         else:
@@ -231,7 +233,7 @@ class Replaced:
 def _least_window(winner: Claim, now: Record, published: float) -> float:
     """The shortest window that a winner's hurry explains, cycles.
 
-    By what there is, or by what it was told is there, m: an echo may be another sonar's.
+    By the true or the published distance, m: an echo may be another sonar's.
     """
     if winner.critical:
         return 0.0
@@ -239,7 +241,7 @@ def _least_window(winner: Claim, now: Record, published: float) -> float:
         return LONGEST
     truth = now.truth
     if truth is None or truth.clearance is None or now.void(Promise.COLLISION):
-        return 0.0  # sensing that is not honest may show it anything
+        return 0.0  # its sensing may show it anything
     v = max(truth.v, 0.0)
     near = min(truth.clearance, published)
     left = near - SEEN_M - v * LATENCY_S - v * v / (2.0 * DECEL_M_S2)
@@ -247,7 +249,7 @@ def _least_window(winner: Claim, now: Record, published: float) -> float:
 
 
 def _brakes(start: Start, winner: Claim, least_window: float) -> bool:
-    """Whether it is what the rules make of both, but no farther from rest than it began."""
+    """Whether the command follows the rules, but is no farther from rest than the start."""
     wanted, commanded = _numbers(winner.wanted), _numbers(winner.commanded)
     least, most = _shares(start, winner, least_window)
     for step in range(STEPS + 1):
@@ -264,7 +266,7 @@ def _brakes(start: Start, winner: Claim, least_window: float) -> bool:
 
 
 def _shares(start: Start, winner: Claim, least_window: float) -> tuple[float, float]:
-    """The winner's share of its first action: by the whole window, and by the shortest."""
+    """The winner's share of its first action: with the whole window, and with the shortest."""
     window = _window(start.action, _numbers(winner.wanted))
     return (
         _share(winner, start.weight, window),
@@ -293,5 +295,5 @@ def _plain(action: Numbers) -> str:
 
 
 def _numbers(action: Action) -> Numbers:
-    """An action of the wheels; nothing, if it is none."""
+    """An action of the wheels; () for any other."""
     return () if isinstance(action, bytes) or len(action) != len(WHEELS.scale) else action

@@ -1,7 +1,7 @@
-"""Puts the faults of a plan into a society and takes them out: the interface, and the virtual one.
+"""Applies the faults of a plan to a society and removes them: interface and virtual back end.
 
-Several may be on at once on the virtual mesh, so each begins and ends by making the mesh what it
-should be with all that are on: a link with two faults is whole again when the last of them ends.
+Several may be active at once on the virtual mesh. So each change sets the mesh to the state with
+all active faults: a link with two faults is whole again when the last of them ends.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ NONSENSE: Final = (
     Bid(1.0, (nan, nan)),
     Bid(inf, (0.2, 0.0)),
     Bid(1.0, (0.2,)),
-    Bid(1.0, (500.0, -90.0), critical=True),  # sound, and beyond every robot
+    Bid(1.0, (500.0, -90.0), critical=True),  # valid, but beyond every robot
 )
-"""What an agent bids that is not itself."""
+"""Bids of an agent with the fault `nan`."""
 
 LONE_AWAY_S: Final = 0.3
-"""How long the one behaviour that is left is away when it is started again."""
+"""How long the last behaviour is away when it is restarted."""
 
 OLD_S: Final = 0.6
-"""Commands and claims of so long before are under way when the robot agent is started again."""
+"""Age of the oldest commands and claims under way when the robot agent is restarted."""
 
 
 class Injector(ABC):
-    """Begins and ends faults, and shows both to the record. A back end acts."""
+    """Begins and ends faults, and reports both to the record. Back ends implement `act`."""
 
     def __init__(self, show: Callable[[Faulted], object]) -> None:
         self._show = show
@@ -56,7 +56,7 @@ class Injector(ABC):
 
     @abstractmethod
     def act(self, fault: Fault, *, begins: bool) -> None:
-        """Put a fault in, or take it out."""
+        """Apply a fault, or remove it."""
 
     def begin(self, fault: Fault, _: Any = None) -> None:
         self._note(fault, began=True)
@@ -69,11 +69,11 @@ class Injector(ABC):
         self._note(fault, began=False)
 
     def _note(self, fault: Fault, *, began: bool) -> None:
-        self._show(Faulted(self.now, fault.kind, fault.whom, began, fault.to, fault.amount))
+        self._show(Faulted(self.now, fault.kind, fault.targets, began, fault.to, fault.amount))
 
 
 class VirtualInjector(Injector):
-    """Makes the faults of one virtual run happen at their times."""
+    """Applies the faults of a virtual run at their times."""
 
     def __init__(
         self,
@@ -87,15 +87,15 @@ class VirtualInjector(Injector):
         self._mesh = rehearsal.mesh
         self._down: Counter[str] = Counter()
         self._twins: Counter[str] = Counter()
-        self._away: set[Fault] = set()  # of those that flap
+        self._away: set[Fault] = set()  # of the kind `flap`
         self._befallen: dict[Fault, list[Node]] = {}
-        self._said: list[tuple[float, str, Message]] = []
+        self._published: list[tuple[float, str, Message]] = []
         self._stranger = Stranger(rehearsal)
         self._mesh.watch(self._keep, Command, Claim)
         self._mend_links()
 
     def schedule(self, faults: tuple[Fault, ...]) -> None:
-        """Have them begin and end."""
+        """Schedule the begin and end of faults."""
         for fault in faults:
             self._mesh.call_at(fault.at, self.begin, fault)
             self._mesh.call_at(fault.until, self.end, fault)
@@ -105,12 +105,12 @@ class VirtualInjector(Injector):
         return self._mesh.now
 
     def alive(self, name: str) -> list[Node]:
-        """The processes of an agent that are alive, the oldest first."""
+        """The live processes of an agent, the oldest first."""
         ours = (node for node in self._mesh.nodes if node not in self._stranger.nodes)
         return [node for node in ours if node.alive and node.name == name]
 
     def refused(self, node: Node) -> None:
-        """A process may not join, or stay: where that leaves none, it is tried again."""
+        """Retry later if a process may not join or stay, and none is left."""
         if node not in self._stranger.nodes:
             self._mesh.call_at(self._mesh.now + AGAIN_S, self._try_again, node.name)
 
@@ -119,10 +119,10 @@ class VirtualInjector(Injector):
             self._settle(name)
 
     def act(self, fault: Fault, *, begins: bool) -> None:
-        """Make the mesh what it should be, now that a fault begins or has ended."""
+        """Set the state of the mesh after a fault has begun or ended."""
         kind = fault.kind
         if begins:
-            self._befallen[fault] = [node for name in fault.whom for node in self.alive(name)]
+            self._befallen[fault] = [node for name in fault.targets for node in self.alive(name)]
         if kind in NETWORK:
             self._mend_links()
         elif kind.startswith("serial"):
@@ -138,13 +138,13 @@ class VirtualInjector(Injector):
     # Links ---------------------------------------------------------------------------------------
 
     def _mend_links(self) -> None:
-        """Every link as it is in this run, then what is on."""
+        """Set every link to its state in this run, with the active faults."""
         names = sorted({node.name for node in self._mesh.nodes})
         usual = replace(WHOLE, delay=self._variation.delay, jitter=self._variation.jitter)
         wrong = {(source, target): usual for source in names for target in names}
         for fault in self._on:
             if fault.kind in NETWORK:
-                for way in product(fault.whom, fault.to):
+                for way in product(fault.targets, fault.to):
                     wrong[way] = _worse(wrong.get(way, usual), fault)
         self._put(wrong)
 
@@ -157,15 +157,15 @@ class VirtualInjector(Injector):
         self._put(wrong)
 
     def _put(self, wrong: Mapping[tuple[str, str], LinkFaults]) -> None:
-        """What is wrong with links, but for their cuts, which `_part` makes."""
+        """Set the faults of links except cuts, which `_part` sets."""
         for way, faults in wrong.items():
             link = self._mesh.link(*way)
             link.faults = replace(faults, cut=not link.up)
 
     def _part(self, fault: Fault, *, begins: bool) -> None:
-        both = [(fault.whom, fault.to)]
+        both = [(fault.targets, fault.to)]
         if fault.kind == "partition":
-            both.append((fault.to, fault.whom))
+            both.append((fault.to, fault.targets))
         for sources, targets in both:
             if begins:
                 self._mesh.cut(sources, targets, lease=bool(fault.amount))
@@ -175,7 +175,7 @@ class VirtualInjector(Injector):
     # Processes -----------------------------------------------------------------------------------
 
     def _settle(self, name: str) -> None:
-        """As many processes of an agent as there should be: one, its twins, or none."""
+        """Adjust the number of processes of an agent: one, with twins, or none."""
         wanted = (0 if self._down[name] else 1) + self._twins[name]
         there = self.alive(name)
         while len(there) > wanted:
@@ -184,19 +184,19 @@ class VirtualInjector(Injector):
             self._rehearsal.enter(name)
 
     def _crash(self, fault: Fault, begins: bool) -> None:
-        for name in fault.whom:
+        for name in fault.targets:
             self._come_or_go(name, 1 if begins else -1)
 
     _interface_restart = _crash
 
     def _in_turn(self, fault: Fault, begins: bool) -> None:
-        """One goes and comes, then the next: each may be all that the others knew of the pose."""
-        *rest, last = fault.whom
+        """Stop and restart one after the other: each may be the only one with the pose."""
+        *rest, last = fault.targets
         if not begins:
             self._restart(last, -1)
             return
-        now, each = self._mesh.now, fault.lasts / (2 * len(fault.whom) - 1)
-        for place, name in enumerate(fault.whom):
+        now, each = self._mesh.now, fault.lasts / (2 * len(fault.targets) - 1)
+        for place, name in enumerate(fault.targets):
             if place:
                 self._mesh.call_at(now + 2 * place * each, partial(self._restart, name, 1))
             else:
@@ -205,7 +205,7 @@ class VirtualInjector(Injector):
                 self._mesh.call_at(now + (2 * place + 1) * each, partial(self._restart, name, -1))
 
     def _restart(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
-        """An agent goes (1) or comes (-1), which is shown as a crash."""
+        """Stop (1) or start (-1) an agent, reported as a crash."""
         if change > 0:
             self._show(Faulted(self._mesh.now, "crash", (name,), began=True))
         self._come_or_go(name, change)
@@ -250,7 +250,7 @@ class VirtualInjector(Injector):
                 vars(node.agent).pop("bid_for", None)
 
     def _twin(self, fault: Fault, begins: bool) -> None:
-        for name in fault.whom:
+        for name in fault.targets:
             self._twins[name] += 1 if begins else -1
             there = self.alive(name)
             if not begins and fault.amount and len(there) > 1 and not there[-1].hung:
@@ -262,21 +262,21 @@ class VirtualInjector(Injector):
             self._flip(fault, None)
         elif fault in self._away:
             self._away.remove(fault)
-            self._come_or_go(fault.whom[0], -1)
+            self._come_or_go(fault.targets[0], -1)
 
     def _flip(self, fault: Fault, _: Any) -> None:
-        """Come if it is away, and go if it is there."""
+        """Start it if it is away, else stop it."""
         if fault not in self._on:
             return
-        (name,) = fault.whom
+        (name,) = fault.targets
         away = fault in self._away
         (self._away.remove if away else self._away.add)(fault)
         self._come_or_go(name, -1 if away else 1)
         self._mesh.call_at(self._mesh.now + fault.amount, self._flip, fault)
 
     def _lone_restart(self, fault: Fault, begins: bool) -> None:
-        """The other behaviours are away; the one that is left goes and comes in the middle."""
-        (lone,) = fault.whom
+        """Remove the other behaviours, and restart the last one in the middle."""
+        (lone,) = fault.targets
         for name in BEHAVIOURS:
             if name != lone:
                 self._come_or_go(name, 1 if begins else -1)
@@ -287,20 +287,20 @@ class VirtualInjector(Injector):
             self._mesh.call_at(at + away, partial(self._come_or_go, lone, -1))
 
     def _robot_restart(self, fault: Fault, begins: bool) -> None:
-        """Commands and claims of before arrive at the new robot agent, one after another."""
+        """Deliver earlier commands and claims to the new robot agent, one after another."""
         self._come_or_go("robot", 1 if begins else -1)
         if begins:
-            old = [item for item in self._said if item[0] > self._mesh.now - OLD_S]
+            old = [item for item in self._published if item[0] > self._mesh.now - OLD_S]
             for index, item in enumerate(old):
                 late = fault.lasts + 0.05 + index * 1.5 / len(old)
-                # It arrives; it is not published now, so no watcher is shown it.
+                # It arrives without being published now, so watchers do not see it.
                 arrives = partial(self._mesh.arrive, item[2], "robot", item[1])
                 self._mesh.call_at(self._mesh.now + late, lambda call, _: call(), arrives)
 
     def _keep(self, key: str, message: Message, now: float) -> None:
-        self._said.append((now, key, message))
-        if len(self._said) > 256:
-            del self._said[:128]
+        self._published.append((now, key, message))
+        if len(self._published) > 256:
+            del self._published[:128]
 
     # The robot -----------------------------------------------------------------------------------
 
@@ -315,7 +315,7 @@ class VirtualInjector(Injector):
 
 
 def _worse(faults: LinkFaults, fault: Fault) -> LinkFaults:
-    """A link's faults with another one beside them."""
+    """The faults of a link with one more."""
     kind, amount = fault.kind, fault.amount
     if kind in {"drop", "serial-loss"}:
         return replace(faults, loss=max(faults.loss, amount))

@@ -8,40 +8,40 @@ from math import inf
 from armadico.core.messages import RobotState, Stop
 from armadico.mobile.messages import Truth
 from armadico_tools.faults.fault_types import LOSSY, RESTARTS, Promise
-from armadico_tools.faults.record import Bounds, Observation, Ordered, Record, Said
+from armadico_tools.faults.record import Bounds, Observation, Ordered, Published, Record
 
 KNOWN_S = 1.0
-"""A robot agent that starts again receives the stop within this, in a whole network, s."""
+"""A restarted robot agent receives the stop within this, in a whole network, s."""
 
 LATCHED_S = 0.3
-"""A stop that is published is acknowledged within this, the robot agent being well: the way there,
-and the cycle that carries the ack."""
+"""A published stop is acknowledged within this, if the robot agent is well: the way to it, and the
+cycle of the ack."""
 
 
 class Stopped:
-    """A stop always latches; then no agent drives, and the wheels rest in time, until a release.
+    """A stop always latches. Until a release no agent drives, and the wheels rest in time.
 
-    A stop that was released, and comes again late or from a peer's memory, is none.
-    Under all faults: what a fault can delay is only when the wheels rest. Without the robot agent
-    the watchdog's time comes first, and an order that the line loses is given again.
+    A released stop that arrives again, late or from a peer's memory, has no effect. This holds
+    under all faults, which can only delay the rest of the wheels: without the robot agent the
+    watchdog's time comes first, and an order that the line loses is repeated.
     """
 
     promise = Promise.STOP
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
-        self._counter: int | None = None  # of the stop that is acknowledged
+        self._counter: int | None = None  # of the acknowledged stop
         self._release: int = -1  # the largest counter of a release
         self._rest_due = inf
-        self._sent_at = inf  # when a stop was published that is not acknowledged yet
-        self._lost_at: float | None = None  # since when the robot agent knows of no stop
+        self._sent_at = inf  # when a stop was published that is not yet acknowledged
+        self._lost_at: float | None = None  # since when the robot agent has forgotten the stop
         self._stops: dict[int, int] = {}  # by press, the largest counter of that stop
         self._over: set[int] = set()  # presses that were released
-        self._again_at: float | None = None  # since when one of those stops it
+        self._again_at: float | None = None  # since when a released stop is effective again
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """At what is ordered, measured and published from the stop on."""
-        if isinstance(seen, Said):
+        """At orders, measurements and messages from the stop on."""
+        if isinstance(seen, Published):
             message = seen.message
             if isinstance(message, Stop):
                 self._receive(message, seen.at, now)
@@ -109,7 +109,7 @@ class Stopped:
 
 
 def _away(now: Record) -> bool:
-    """Whether the robot agent, or the line to its controller, is not there to stop anything."""
+    """Whether the robot agent, or the line to its controller, is unable to stop the wheels."""
     if now.befalls("robot", *RESTARTS, "hang", "slow", "clock-step", "clock-drift"):
         return True
     return any(f.kind.startswith("serial") and f.amount >= LOSSY for f in now.active)

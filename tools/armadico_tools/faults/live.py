@@ -1,7 +1,7 @@
-"""The live back end: a society of real processes, an observer beside it, and its injector.
+"""The live back end: a society of real processes, an observer, and an injector.
 
 The processes stay up for many trials. The observer subscribes to all messages, and a tap on the
-line between the robot agent and the simulator shows what the robot agent orders.
+line between the robot agent and the simulator shows the robot agent's orders.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from armadico_tools.faults.record import (
     Left,
     Observation,
     Passed,
-    Said,
+    Published,
     seconds_since,
 )
 from armadico_tools.faults.serial_tap import Orders, Tap
@@ -50,45 +50,45 @@ from armadico_tools.testbed import WATCHER, Namespaces, Place
 T = TypeVar("T")
 
 FAR_M: Final = 90_000.0
-"""A goal so far straight on that the robot drives for as long as it is observed."""
+"""A goal so far ahead that the robot drives as long as it is observed."""
 
 REACH_M: Final = 100_000.0
-"""The interface agent's `reach_m`: it accepts a goal that far."""
+"""The interface agent's `reach_m`, so that it accepts the goal."""
 
 ROAD: Final = Scenario(name="road", world="empty", start=(0.0, 0.0, 0.0), goal=(9.0, 0.0, 0.0))
-"""Straight on with nothing in the way: only goto has a reason to drive."""
+"""Straight ahead without obstacles: only goto bids."""
 
-HEARD_S: Final = 1.0
-"""A busy observer may receive a command so much later than the line shows that it is obeyed. With
-seven processes a core 49 ms were seen in 10 s; the first orders of a run are each another one."""
+COMMAND_DELAY_S: Final = 1.0
+"""Longest delay of a command at a busy observer after the order that obeys it. With seven processes
+per core 49 ms were measured in 10 s; the first orders of a run differ each time."""
 
 MISSION_S: Final = 2.0
 """A mission is requested again after this time, as long as there is none."""
 
 SOON_S: Final = 30.0
-"""A deadline for what must come, not an expectation."""
+"""Time limit for an expected event."""
 
-ASK_S: Final = 0.3
-"""How often the bids of all agents are queried while a condition is awaited."""
+QUERY_S: Final = 0.3
+"""Period of querying all agents' bids while a condition is awaited."""
 
 HELD_BACK_S: Final = 0.1
-"""Observations are taken so much later than they came, to be put in order first."""
+"""Observations are processed after this delay, to sort them by time."""
 
 EARLIER_S: Final = 0.05
-"""A tap receives at once, the mesh later: a command counts as published so long before it was
-received, so that it is seen before it is seen to be obeyed."""
+"""The tap reports at once, the mesh later. So a command counts as published this much before its
+reception, to precede the observation that it is obeyed."""
 
 WOKEN_S: Final = 1.0
-"""An agent that hung, or links that were bad, take so long to deal with what had waited."""
+"""Time to process what had waited, for an agent that hung, or after bad links."""
 
 
 class TrialError(RuntimeError):
-    """A trial could not be made; the message names what did not come."""
+    """A trial was impossible; the message names the event that is missing."""
 
 
 @dataclass
 class Agent:
-    """One process of the society. `label` is its agent's name, or one of its own for a twin."""
+    """One process of the society. `label` is its agent's name, or another one for a twin."""
 
     label: str
     name: str
@@ -105,7 +105,7 @@ class _Item:
 
 
 class RealSociety:
-    """Starts all processes and observes them. A context manager that ends them all.
+    """Starts all processes and observes them; as a context manager it ends them.
 
     `hosts` maps agents' names to hosts; other agents run on the first host of the place.
     """
@@ -120,21 +120,21 @@ class RealSociety:
         checker: Checker | None = None,
         record: Path | None = None,
     ) -> None:
-        """No process is started yet; `record` is a file for the messages and the journals."""
+        """Prepare; `record` is a file for messages and journals. Starts no process."""
         self.place = place
         self.checker = checker or Checker()
         self.record = self.checker.record
         self.agents: dict[str, Agent] = {}
-        self.count = 0  # for trials that befall one agent or host after another
+        self.count = 0  # for trials with one agent or host after another
         self._file = record
         self._recorder: subprocess.Popen[bytes] | None = None
         self._scenario, self._seed = scenario, seed
         self._hosts = dict(hosts or {})
         self._queue: queue.SimpleQueue[_Item] = queue.SimpleQueue()
-        self._due: list[_Item] = []  # a heap of what is held back
+        self._due: list[_Item] = []  # a heap of delayed observations
         self._orders = Orders()
-        self._asked_at = float("-inf")
-        self._sent_at = float("inf")  # when the last mission was requested; inf: none is wanted
+        self._queried_at = float("-inf")
+        self._sent_at = float("inf")  # when the last mission was requested; inf: not yet wanted
         self._goals = _goals(scenario)
         self._simulator: subprocess.Popen[bytes] | None = None
         self._mesh = place.onlooker()
@@ -142,7 +142,7 @@ class RealSociety:
             lambda _, one, there: self.observe(lambda at: (Came if there else Left)(at, one))
         )
         self._mesh.subscribe("**", self._arrived)
-        # A tap on a port of the robot's host, which leads to where the simulator will be.
+        # A tap on a port of the robot's host, which connects to the simulator's port.
         host = self.host_of("robot")
         self._sim_port = place.inside(host, free_port)
         self.tap = place.inside(host, Tap, f"tcp://127.0.0.1:{self._sim_port}", self._crossed)
@@ -163,7 +163,7 @@ class RealSociety:
     # Processes -----------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start the simulator and every agent of the scenario, and have the robot drive."""
+        """Start the simulator and every agent of the scenario, and let the robot drive."""
         if self._file is not None:
             self._recorder = self._recording(self._file)
         self.start_simulator()
@@ -178,7 +178,7 @@ class RealSociety:
         self.until(self.record.on_its_way, "the robot is on its way")
 
     def _recording(self, path: Path) -> subprocess.Popen[bytes]:
-        """A recorder that has begun to write."""
+        """Start a recorder, and wait until it writes."""
         host, joining = self.place.watching
         path = path.resolve()
         words = ["record", str(path), "--quiet", "--namespace", self.place.namespace, *joining]
@@ -187,14 +187,14 @@ class RealSociety:
         return recorder
 
     def start_simulator(self) -> None:
-        """Start it, or start it again where it was."""
+        """Start the simulator, or restart it on the same port."""
         host, namespace = self.host_of("robot"), self.place.namespace
         words = simulator_words(self._scenario, self._seed, namespace, self._sim_port)
         words += self.place.joining_onlooker()
         self._simulator = self.place.start(host, "simulator", words)
 
     def kill_simulator(self) -> None:
-        """SIGKILL it, which closes its TCP line."""
+        """Kill it by SIGKILL, which closes its TCP line."""
         assert self._simulator is not None, "it was started"
         self._simulator.kill()
         self._simulator.wait()
@@ -202,7 +202,7 @@ class RealSociety:
     def add(
         self, label: str, name: str, host: str, sets: Sequence[str] = (), *, wait: bool = True
     ) -> None:
-        """Start an agent, which may be a twin of another; `wait` until its token is there."""
+        """Start an agent, which may be a twin of another; `wait` for its token."""
         known = self.record.instances(name)
         agent = self.agents[label] = Agent(label, name, host, tuple(sets))
         self._run(agent)
@@ -210,7 +210,7 @@ class RealSociety:
             self._meet(agent, known)
 
     def restart(self, label: str) -> None:
-        """Start an agent again that has ended."""
+        """Restart an agent that has ended."""
         agent = self.agents[label]
         known = {*self.record.instances(agent.name), agent.instance}
         self._run(agent)
@@ -230,12 +230,12 @@ class RealSociety:
         agent.process = self.place.start(agent.host, agent.label, words)
 
     def _meet(self, agent: Agent, known: Iterable[str]) -> None:
-        """Wait for the token of an instance that is not known yet."""
+        """Wait for the token of an instance that is not in `known`."""
         before = set(known)
 
         def new() -> list[str]:
             if agent.process is not None and agent.process.poll() is not None:
-                words = "\n".join(self.place.last_words(agent.label))
+                words = "\n".join(self.place.last_lines(agent.label))
                 raise TrialError(f"{agent.label} ended:\n{words}")
             return [one for one in self.record.instances(agent.name) if one not in before]
 
@@ -250,14 +250,14 @@ class RealSociety:
         return found[0] if found else agent_of(instance)
 
     def _keep_going(self) -> None:
-        """Request a mission if there is none, or the goal of the last one is reached."""
+        """Request a mission if there is none, or the last goal is reached."""
         now = time.monotonic()
         if self.record.driving or now - self._sent_at < MISSION_S:
             return
         self._sent_at = now
         goal = self._goals[0]
         self._goals.rotate(-1)
-        self._mesh.ask(
+        self._mesh.query(
             service_of(MissionRequest).key,
             MissionRequest(goal, planned=planned(self._scenario)),
             MISSION_S,
@@ -268,26 +268,26 @@ class RealSociety:
     # Time ----------------------------------------------------------------------------------------
 
     def run(self, seconds: float) -> None:
-        """Let time pass, and take what comes."""
+        """Process observations for some time."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             self._pump(left)
 
     def until(self, condition: Callable[[], T | None], what: str, within: float = SOON_S) -> T:
-        """Take what comes until a condition holds; returns its value. Raises TrialError."""
+        """Process observations until a condition holds. Returns its value. Raises TrialError."""
         end = time.monotonic() + within
         while not (value := condition()):
             left = end - time.monotonic()
             if left <= 0:
                 lines = [f"\n    {log.text}" for _, log in list(self.record.logs)[-5:]]
                 raise TrialError(f"not within {within:.0f} s: {what}{''.join(lines)}")
-            self._ask_for_bids()
+            self._query_bids()
             self._pump(min(left, 0.1))
         assert value is not None, "it is true"
         return value
 
     def _pump(self, wait: float) -> None:
-        """Take what is due, in the order of time; wait for it if there is nothing yet."""
+        """Process due observations in the order of time; wait for the next one."""
         if self._due:
             wait = min(wait, max(self._due[0].at + HELD_BACK_S - time.monotonic(), 0.0))
         with suppress(queue.Empty):
@@ -302,10 +302,10 @@ class RealSociety:
         self.checker.update(Passed(now))
         self._keep_going()
 
-    # What comes, on other threads ----------------------------------------------------------------
+    # Callbacks on other threads ------------------------------------------------------------------
 
     def observe(self, make: Callable[[float], Observation | None], at: float | None = None) -> None:
-        """Have an observation of some moment (default: now) taken in the order of time."""
+        """Queue an observation of a moment (default: now), for processing in order."""
 
         def act(at: float) -> None:
             seen = make(at)
@@ -326,19 +326,19 @@ class RealSociety:
         except UnreadableError:
             return None
         if not isinstance(message, BidHistory):
-            return Said(at, message)
+            return Published(at, message)
         if not message.bids:
             return None
         last, state = message.bids[-1], self.record.state
         age = seconds_since(last.cycle, None if state is None else state.cycle)
         return Bids(at, message.instance, last, age)
 
-    def _ask_for_bids(self) -> None:
+    def _query_bids(self) -> None:
         now = time.monotonic()
-        if now - self._asked_at >= ASK_S:
-            self._asked_at = now
+        if now - self._queried_at >= QUERY_S:
+            self._queried_at = now
             key = BIDS.key_for(name="*", instance="*")
-            self._mesh.ask(key, Ask(), 0.5, self._arrived, lambda: None)
+            self._mesh.query(key, Ask(), 0.5, self._arrived, lambda: None)
 
     def _crossed(self, data: bytes, at: float) -> None:
         for order in self._orders.feed(data, at):
@@ -346,41 +346,41 @@ class RealSociety:
 
 
 class LiveInjector(Injector):
-    """Sends signals to processes, and puts faults on the links between hosts."""
+    """Sends signals to processes, and sets faults of links between hosts."""
 
     def __init__(self, society: RealSociety) -> None:
         super().__init__(lambda seen: society.observe(lambda _: seen, seen.at))
         self._society = society
-        self.acted_at = 0.0  # just before the last fault was put in, or taken out
+        self.acted_at = 0.0  # just before the last change
 
     @property
     def now(self) -> float:
         return time.monotonic()
 
     def act(self, fault: Fault, *, begins: bool) -> None:
-        """Put a fault in, or take it out and wait until what it befell is there again."""
+        """Apply a fault, or remove it and wait until its targets have recovered."""
         self.acted_at = self.now
         act = self._worsen if fault.kind in {"delay", "drop"} else None
         act = act or getattr(self, "_" + fault.kind.replace("-", "_"))
         act(fault, begins)
 
     def _crash(self, fault: Fault, begins: bool) -> None:
-        for label in fault.whom:
+        for label in fault.targets:
             if begins:
                 self._society.signal(label, signal.SIGKILL)
             else:
                 self._society.restart(label)
 
     def _hang(self, fault: Fault, begins: bool) -> None:
-        for label in fault.whom:
+        for label in fault.targets:
             self._society.signal(label, signal.SIGSTOP if begins else signal.SIGCONT)
         if not begins:
             self._society.run(WOKEN_S)
 
     def _robot_restart(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
-        """The simulator and its line are gone, which voids the same promises.
+        """Remove the simulator and its line, which voids the same promises.
 
-        With no line nothing can be ordered, and a simulator that comes back stands still.
+        Without a line nothing can be ordered, and a restarted simulator stands still.
         """
         if begins:
             self._society.kill_simulator()
@@ -389,9 +389,9 @@ class LiveInjector(Injector):
             self._drives_again()
 
     def _partition(self, fault: Fault, begins: bool) -> None:
-        """The hosts of some agents are cut off from the others; 1: by their own cards."""
+        """Disconnect the hosts of some agents; amount 1: by their own network devices."""
         society, hosts = self._society, self._network.hosts
-        there = {society.agents[label].host for label in fault.whom}
+        there = {society.agents[label].host for label in fault.targets}
         if fault.amount:
             for host in there:
                 hosts[host].carrier(not begins)
@@ -405,7 +405,7 @@ class LiveInjector(Injector):
             society.until(lambda: society.record.alive.keys() >= every, "all tokens are back")
 
     def _worsen(self, fault: Fault, begins: bool) -> None:
-        """All links between hosts are bad; the observer's own stay whole."""
+        """Degrade all links between hosts, except the observer's."""
         if begins:
             links = [link for link in self._network.switch.links() if WATCHER not in link]
             bad = LinkFaults(loss=fault.amount)
@@ -430,7 +430,7 @@ class LiveInjector(Injector):
 
 
 def _goals(scenario: Scenario) -> deque[Waypoint]:
-    """There and back again, for as long as it is observed; on the road only there."""
+    """The scenario's goal and start in turns; on the road only a far goal."""
     if scenario is ROAD:
         return deque([Waypoint(FAR_M, 0.0, 0.0)])
     there = mission(scenario)

@@ -20,59 +20,59 @@ from armadico_tools.faults.record import (
     Faulted,
     Observation,
     Ordered,
+    Published,
     Record,
-    Said,
     age,
 )
 
 ROUND_M_S = 0.001
 ROUND_RAD_S = 0.0095
-"""P2OS carries whole mm/s and whole degrees/s."""
+"""Tolerance of an order: P2OS transmits whole mm/s and whole degrees/s."""
 
-COMMANDS = 256  # commands remembered, to be found again in what is ordered
+COMMANDS = 256  # commands that are kept, to be matched with orders
 
 STEP_M = 0.02
 SIDEWAYS_RAD = 0.2
-"""A step of at least so much leads at most so far off the heading: 0.05 rad is the most that was
-seen in 25 simulated drives of 2 minutes, turns and counts of the encoders included."""
+"""A step of at least this length is at most this far off the heading. The most in 25 simulated
+drives of 2 minutes was 0.05 rad, turns and counts of the encoders included."""
 
 TURN_RAD = 0.03
-"""A step that turns by more than this turns the way of the measured rate."""
+"""A step that turns by more than this turns in the direction of the measured rate."""
 
 GAP_S = 0.25
-"""Cycles farther apart than this, s, were missing: it may have turned to and fro."""
+"""Cycles farther apart than this, s, have a gap, in which it may have turned both ways."""
 
 
 class Silence:
     """A stop is ordered within 0.4 s of the last valid command.
 
-    Each command that is obeyed is written to the controller; so once it was ordered to move, either
-    the next order comes in time, or a stop. And what is ordered was commanded, for a cycle that is
-    not long past: a robot agent that goes on by itself has not stopped. A busy observer may see the
-    order before the command that it obeys, so that has `heard_s` to come; while real links are cut
-    it may never come. The reflex slows what is obeyed, for as long as it is: that is no other
-    order. After the braking time the wheels rest: an order that the line lost is given again.
+    Each command that is obeyed is written to the controller. So after an order to move, either the
+    next order comes in time, or a stop. Each order must have been commanded for a recent cycle: a
+    robot agent that continues by itself has not stopped. A busy observer may see an order before
+    its command, which has `command_delay_s` to arrive; while real links are cut it may never
+    arrive. The reflex may slow an obeyed command down. After the braking time the wheels rest: an
+    order that the line lost is repeated.
     """
 
     promise = Promise.SILENCE
 
     def __init__(self, bounds: Bounds) -> None:
         self._stop_s = bounds.stop_s
-        self._heard_s = bounds.heard_s
+        self._command_delay_s = bounds.command_delay_s
         self._braking_s = bounds.braking_s
         self._rest_at: float | None = None  # when rest was ordered, and nothing else since
         self._commands: deque[Command] = deque(maxlen=COMMANDS)
-        self._order: Ordered | None = None  # the last, if it moves and is not settled yet
-        self._unheard: list[tuple[Ordered, Cycle | None]] = []  # and the newest cycle then
-        self._obeyed: tuple[Command, Cycle | None] | None = None  # the last that was, likewise
+        self._order: Ordered | None = None  # the last one, if it moves and waits for the next
+        self._unmatched: list[tuple[Ordered, Cycle | None]] = []  # with the newest cycle then
+        self._obeyed: tuple[Command, Cycle | None] | None = None  # the last match, likewise
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each order, and as time passes."""
-        if isinstance(seen, Said) and isinstance(seen.message, Command):
+        if isinstance(seen, Published) and isinstance(seen.message, Command):
             self._on_command(seen.message)
-        elif isinstance(seen, Faulted) and now.deaf:
-            self._unheard.clear()  # the cut may have taken what was just under way
-        elif isinstance(seen, Ordered) and now.deaf and now.ack is not None and now.ack.obeyed:
+        elif isinstance(seen, Faulted) and now.cut_off:
+            self._unmatched.clear()  # the cut may have lost their commands
+        elif isinstance(seen, Ordered) and now.cut_off and now.ack is not None and now.ack.obeyed:
             self._on_command(Command(WHEELS.name, now.ack.cycle, now.ack.obeyed, (seen.v, seen.w)))
         last = self._order
         if now.void(self.promise):
@@ -87,16 +87,16 @@ class Silence:
             self._order = seen if moves else None
             self._rest_at = None if moves else self._rest_at or seen.at
             if moves and not now.void(self.promise):
-                self._look_for_command(seen, now)
-        while self._unheard and seen.at - self._unheard[0][0].at >= self._heard_s:
-            order, _ = self._unheard.pop(0)
+                self._match(seen, now)
+        while self._unmatched and seen.at - self._unmatched[0][0].at >= self._command_delay_s:
+            order, _ = self._unmatched.pop(0)
             yield f"{order.v:.3f} m/s, {order.w:.3f} rad/s are ordered, and not commanded"
 
     def _rests(self, seen: Observation, now: Record) -> Iterator[str]:
-        """Whether the wheels rest in time, the line to them being whole."""
+        """Check that the wheels rest in time, if the line to them is whole."""
         if now.void(Promise.COLLISION) or now.void(self.promise):
             self._rest_at = self._rest_at and seen.at
-        if self._rest_at is None or not isinstance(seen, Said):
+        if self._rest_at is None or not isinstance(seen, Published):
             return
         waited, truth = seen.at - self._rest_at, seen.message
         if isinstance(truth, Truth) and waited > self._braking_s and now.rested_at < seen.at:
@@ -105,28 +105,28 @@ class Silence:
 
     def _on_command(self, command: Command) -> None:
         self._commands.append(command)
-        self._unheard = [each for each in self._unheard if not _asks_for(command, *each)]
+        self._unmatched = [each for each in self._unmatched if not _requests(command, *each)]
 
-    def _look_for_command(self, order: Ordered, now: Record) -> None:
+    def _match(self, order: Ordered, now: Record) -> None:
         newest = None if now.state is None else now.state.cycle
-        asking = (each for each in reversed(self._commands) if _asks_for(each, order, newest))
-        command = next(asking, None)
+        matching = (each for each in reversed(self._commands) if _requests(each, order, newest))
+        command = next(matching, None)
         if command is not None:
             self._obeyed = command, newest
         elif self._obeyed is None or not _slows(*self._obeyed, order, newest):
-            self._unheard.append((order, newest))
+            self._unmatched.append((order, newest))
 
 
-def _asks_for(command: Command, order: Ordered, newest: Cycle | None) -> bool:
-    """Whether a command that was fresh then asks for it; the reflex may have slowed it ahead.
+def _requests(command: Command, order: Ordered, newest: Cycle | None) -> bool:
+    """Whether an order follows a command that was fresh then, perhaps slowed by the reflex.
 
-    One of a later cycle does not: that order was not its.
+    A command of a later cycle does not count.
     """
     return _is_like(command, order) and abs(age(command.cycle, newest)) <= FRESH_CYCLES
 
 
 def _slows(command: Command, then: Cycle | None, order: Ordered, newest: Cycle | None) -> bool:
-    """Whether an order is what was commanded and obeyed a little while ago, made slower ahead."""
+    """Whether an order is a recently obeyed command, slowed down ahead."""
     lasts = then is not None and age(then, newest) <= FRESH_CYCLES
     return lasts and _is_like(command, order) and order.v < speeds(command)[0] - ROUND_M_S
 
@@ -138,7 +138,7 @@ def _is_like(command: Command, order: Ordered) -> bool:
 
 
 class Watchdog:
-    """The robot agent dead or hung, the controller's watchdog has the wheels at rest in time."""
+    """If the robot agent is dead or hangs, the controller's watchdog stops the wheels in time."""
 
     promise = Promise.WATCHDOG
 
@@ -147,7 +147,7 @@ class Watchdog:
         self._since: float | None = None
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """At the true speed, once it is time."""
+        """At the true speed, from the due time on."""
         gone = now.befalls("robot", "crash", "hang")
         if not gone:
             self._since = None
@@ -161,7 +161,7 @@ class Watchdog:
 
 
 class Smooth:
-    """True speeds change by no more than the ramps allow, but where a wall pushes."""
+    """True speeds change within the ramps, except at a wall."""
 
     promise = Promise.SMOOTH
 
@@ -171,7 +171,7 @@ class Smooth:
         self._touched_at = -inf
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        if isinstance(seen, Said) and isinstance(seen.message, Truth):
+        if isinstance(seen, Published) and isinstance(seen.message, Truth):
             if not now.void(self.promise):
                 yield from self._ramps(seen.at, seen.message)
             self._truth = (seen.at, seen.message)
@@ -193,10 +193,10 @@ class Smooth:
 
 
 class Collision:
-    """Nothing is touched, while sensing is honest and the robot agent lives.
+    """Nothing is touched, while sensing is undisturbed and the robot agent lives.
 
-    Every contact is counted, and every second in which the robot moves where there is something to
-    be touched, by what voids the promise then; nothing, by the empty word.
+    Contacts, and seconds of moving in a world with obstacles, are counted by the reason that voids
+    the promise then; "" if none does.
     """
 
     promise = Promise.COLLISION
@@ -208,7 +208,7 @@ class Collision:
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the simulator's count of contacts."""
-        if not isinstance(seen, Said) or not isinstance(seen.message, Truth):
+        if not isinstance(seen, Published) or not isinstance(seen.message, Truth):
             return
         truth, before, self._truth = seen.message, self._truth, seen.message
         if before is None:
@@ -224,19 +224,19 @@ class Collision:
 
 
 class Heading:
-    """A differential drive goes where it heads, or straight back: so do the steps of its odometry.
+    """The steps of the odometry lead along the heading, as a differential drive moves.
 
-    And it turns the way of the measured turn rate.
+    And it turns in the direction of the measured turn rate.
 
-    After a link that was lost the controller's axes may be others than the pose's. Whoever mixes
-    them up moves maps and poses sideways, and every agent believes it.
+    After a lost link the controller's axes may differ from the pose's. Mixing them up would move
+    maps and poses sideways, and every agent would believe it.
     """
 
     promise = Promise.ODOMETRY
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """From one `robot/state` to the next of its epoch."""
-        if not isinstance(seen, Said) or not isinstance(seen.message, RobotState):
+        if not isinstance(seen, Published) or not isinstance(seen.message, RobotState):
             return
         state, before = seen.message, now.before
         if before is None or before.cycle.epoch != state.cycle.epoch:
@@ -244,7 +244,7 @@ class Heading:
         x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
         off = abs(wrap(atan2(y, x) - 0.5 * turned))
         if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
-            rates = (before.w, state.w)  # it turned between them, and the loops may overshoot
+            rates = (before.w, state.w)  # the turn is between them, and the loops may overshoot
             if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
                 yield f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
         most = SIDEWAYS_RAD

@@ -1,4 +1,4 @@
-"""Faults as data: a list that a seed draws, that JSON carries, and that can be shortened."""
+"""Faults as data: a list that is drawn from a seed, stored as JSON, and can be shortened."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from armadico_tools.faults.fault_types import KINDS
 BEHAVIOURS: Final = ("goto", "avoid", "gothrough")
 DRIVERS: Final = (*BEHAVIOURS, "relocate")
 PLACERS: Final = ("robot", "encoder", "localization")
-"""Those by whom it is known where the robot is."""
+"""Agents that know where the robot is."""
 
-EVERYBODY: Final = (
+AGENTS: Final = (
     *("robot", "encoder", "sonar", "localization"),
     *BEHAVIOURS,
     *("relocate", "path-planning", "interface"),
@@ -37,10 +37,10 @@ LAYOUTS: Final[tuple[tuple[tuple[str, ...], ...], ...]] = (
         ("goto", "gothrough", "relocate", "interface", "path-planning"),
     ),
 )
-"""Which agents share a machine: a cut goes between machines, never through one."""
+"""Which agents share a machine: a cut is between machines."""
 
 BEGIN_S: Final = 4.0
-"""Before this nothing goes wrong: the handshake, and the robot on its way."""
+"""There are no faults before this time, for the handshake and the start of the drive."""
 
 NETWORK: Final = frozenset({"drop", "delay", "duplicate", "reorder"})
 CUTS: Final = frozenset({"one-way", "partition"})
@@ -52,48 +52,48 @@ VICTIMS: Final = {
     **dict.fromkeys(("nan", "lone-restart"), BEHAVIOURS),
     **dict.fromkeys(("serial-garbage", "serial-loss", "robot-restart"), ("robot",)),
     **dict.fromkeys(("silent-sonar", "frozen-sonar"), ("robot",)),
-    **dict.fromkeys(("flap", "twin"), EVERYBODY[1:]),
+    **dict.fromkeys(("flap", "twin"), AGENTS[1:]),
     **dict.fromkeys(("stop", "stop-and-release", "two-robot-agents"), ("robot",)),
     "interface-restart": ("interface",),
 }
-"""Whom a kind may befall, if not all: there is one robot agent, or it is another matter."""
+"""Possible targets of a kind, if not all agents: others would be a different fault."""
 
 PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9.0), (12.0, 25.0))
-"""Between most faults, s: on the whole long enough for every promise about afterwards to be due."""
+"""Pauses between faults, s: mostly long enough for every promise about recovery to be due."""
 
 LEAST_S: Final = {"in-turn": 2.5, "two-robot-agents": 2.5, "stop": 1.0}
-"""Shorter than this, s, such a fault comes to nothing."""
+"""Least durations of such faults, s; shorter ones have no effect."""
 
 TOGETHER: Final = (0.0, 0.3, 0.3, 0.7)
-"""Share of the faults that begin while another is on."""
+"""Share of the faults that begin while another is active."""
 
 LENGTHS: Final = ((0.05, 0.6), (0.4, 2.5), (2.0, 6.0))
-"""A fault lasts something of one of these, s."""
+"""Durations of a fault, s, of one of these ranges."""
 
 CALM_END: Final = 0.2
-"""Share of the longer runs whose faults are over early, so that the mission must be reached."""
+"""Share of the longer runs whose faults end early, so that the mission must be reached."""
 
 CALM_END_S: Final = 95.0
-"""So long a run needs to be calm at its end, s."""
+"""Length of the calm end of such a run, s."""
 
 SWARM: Final = 0.5
-"""The chance with which each kind takes part in a seed. Faults of all kinds in each run hide what
-only many of a few show (Groce et al., Swarm testing, 2012)."""
+"""The probability that a kind takes part in a seed. Runs with all kinds hide what only many of a
+few show (Groce et al., Swarm testing, 2012)."""
 
 Seconds = Annotated[float, Meta(ge=0, le=86_400)]
 
 
 class Fault(Struct, frozen=True, array_like=True):
-    """One fault: what, when and for how long (s), whom it befalls, and how much.
+    """One fault: kind, begin and duration (s), targets and amount.
 
-    `to` is whom messages go to, for faults of the network; `amount` is the kind's own number: a
-    share, seconds, a rate or a variant, as `DRAWS` draws it; `spread` is a second one.
+    `to` are the receivers, for faults of the network. `amount` is a share, seconds, a rate or a
+    variant, as `DRAWS` draws it for the kind; `spread` is a second number.
     """
 
     kind: str
     at: Seconds
     lasts: Seconds
-    whom: tuple[str, ...]
+    targets: tuple[str, ...]
     to: tuple[str, ...] = ()
     amount: float = 0.0
     spread: float = 0.0
@@ -105,10 +105,10 @@ class Fault(Struct, frozen=True, array_like=True):
 
 
 class Variation(Struct, frozen=True, omit_defaults=True):
-    """What may be otherwise from one society to another.
+    """Differences between societies.
 
-    `delay` and `jitter`, s, come on top of what the virtual mesh draws for each message; `lease` is
-    that of tokens, s. With `ties` equal instants run in an order that the seed draws. `margin` is
+    `delay` and `jitter`, s, are added to the delay that the virtual mesh draws for each message;
+    `lease` is that of tokens, s. With `ties` simultaneous events run in random order. `margin` is
     that of all agents (`social.margin`); None: the resource's own.
     """
 
@@ -120,10 +120,10 @@ class Variation(Struct, frozen=True, omit_defaults=True):
 
 
 class Case(Struct, frozen=True, omit_defaults=True):
-    """A run that can be repeated to the byte: the seed, the scenario, how long (s), the faults.
+    """A run that can be repeated exactly: seed, scenario, duration (s), faults.
 
-    The seed is that of all noise; `variation` is how the network is, `sensors` how well the
-    simulated robot senses.
+    The seed is that of all noise. `variation` describes the network, `sensors` the simulated
+    robot's sensors.
     """
 
     seed: int
@@ -134,7 +134,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     sensors: str = "real"
 
     def dumps(self) -> str:
-        """As one line of JSON."""
+        """The case as one line of JSON."""
         return msgspec.json.encode(self).decode()
 
 
@@ -142,11 +142,11 @@ class Outcome(Struct, frozen=True):
     """The result of one case, or of one trial on real processes.
 
     `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
-    time from healing to moving again, `missions` how many goals were reached and `again` how often
-    a forgotten mission was requested again. `contacts` and `moving_s` (s) are by what voided
-    COLLISION then, the empty string if nothing did; `sights` counts situations, and `unsaid_s` is
-    the longest time that the robot moved with a pose that was wrong by more than it says. `kind` is
-    that of a trial, and `figures` are what it measured.
+    time from healing to moving again, `missions` the number of goals reached, and `again` how often
+    a forgotten mission was requested again. `contacts` and `moving_s` (s) are by the reason that
+    voided COLLISION then, "" for none. `sights` counts situations, and `overconfident_s` is the
+    longest time of moving with a pose wrong beyond its covariance. `kind` is that of a trial, and
+    `figures` are its measurements.
     """
 
     case: Case
@@ -159,13 +159,13 @@ class Outcome(Struct, frozen=True):
     contacts: dict[str, int] = {}
     moving_s: dict[str, float] = {}
     sights: dict[str, int] = {}
-    unsaid_s: float = 0.0
+    overconfident_s: float = 0.0
     kind: str = ""
     figures: dict[str, float] = {}
 
 
 def loads(text: str | bytes) -> Case:
-    """A case from its JSON. Raises ConfigError with what is wrong."""
+    """A case from its JSON. Raises ConfigError."""
     try:
         case = msgspec.json.decode(text, type=Case)
     except msgspec.DecodeError as error:
@@ -173,14 +173,14 @@ def loads(text: str | bytes) -> Case:
     for fault in case.faults:
         if fault.kind not in KINDS:
             raise ConfigError(f"no kind of fault is called {fault.kind!r}: {', '.join(KINDS)}")
-        strangers = {*fault.whom, *fault.to} - {*EVERYBODY}
+        strangers = {*fault.targets, *fault.to} - {*AGENTS}
         if strangers:
             raise ConfigError(f"{fault.kind}: no agent is called {', '.join(sorted(strangers))}")
     return case
 
 
 class Swarm(Struct, frozen=True):
-    """What a seed draws of what there is: which kinds, how long they last, how close they are."""
+    """The parameters of a seed's faults: kinds, durations, pauses."""
 
     kinds: tuple[str, ...]
     weights: tuple[float, ...]
@@ -190,7 +190,7 @@ class Swarm(Struct, frozen=True):
 
 
 def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
-    """Draw one; of the kinds that are given all take part, else some of those that are drawn."""
+    """Draw one; all given kinds take part, else a random choice of all."""
     taking = tuple(kinds) or tuple(kind for kind in KINDS if rng.random() < SWARM)
     taking = taking or (rng.choice([*KINDS]),)
     weights = tuple(KINDS[kind].weight * rng.choice((1.0, 1.0, 3.0)) for kind in taking)
@@ -199,7 +199,7 @@ def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
 
 
 def vary(rng: Random) -> Variation:
-    """Draw a network: half of them as quick as the one that was measured."""
+    """Draw a network; half of them are as fast as the measured one."""
     delay, jitter = rng.choice(((0.0, 0.0), (0.0, 0.0), (0.002, 0.004), (0.005, 0.0)))
     lease = rng.choice((LEASE, LEASE, 0.6, 2.0))
     ties = rng.random() < 0.5
@@ -208,7 +208,7 @@ def vary(rng: Random) -> Variation:
 
 
 def draw(rng: Random, until: float, kinds: Sequence[str] = ()) -> tuple[Fault, ...]:
-    """Faults for a run of so many seconds, in the order of their beginnings."""
+    """Draw the faults for a run of so many seconds, in order of their begins."""
     drawn = swarm(rng, kinds)
     if until > CALM_END_S + 2 * BEGIN_S and rng.random() < CALM_END:
         until = max(until - CALM_END_S, 3 * BEGIN_S)
@@ -229,22 +229,22 @@ def _draw_one(rng: Random, drawn: Swarm, at: float) -> Fault:
     (kind,) = rng.choices(drawn.kinds, drawn.weights)
     (between,) = rng.choices(LENGTHS, drawn.lengths)
     lasts = max(rng.uniform(*between), LEAST_S.get(kind, 0.0))
-    whom, to = _whom(rng, kind)
+    targets, to = _targets(rng, kind)
     amount, spread = DRAWS[kind](rng) if kind in DRAWS else (0.0, 0.0)
-    return Fault(kind, at, round(lasts, 3), whom, to, round(amount, 4), round(spread, 4))
+    return Fault(kind, at, round(lasts, 3), targets, to, round(amount, 4), round(spread, 4))
 
 
-def _whom(rng: Random, kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Whom a fault befalls, and on the way to whom."""
+def _targets(rng: Random, kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The targets of a fault, and the receivers."""
     if kind in NETWORK and rng.random() < 0.4:
-        return EVERYBODY, EVERYBODY
+        return AGENTS, AGENTS
     if kind in NETWORK or kind in CUTS:
         return _sides(rng)
     if kind == "in-turn":
         return tuple(rng.sample(PLACERS, len(PLACERS))), ()
     if kind in EVERYWHERE:
-        return EVERYBODY, ()
-    return (rng.choice(VICTIMS.get(kind, EVERYBODY)),), ()
+        return AGENTS, ()
+    return (rng.choice(VICTIMS.get(kind, AGENTS)),), ()
 
 
 def _sides(rng: Random) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -284,10 +284,10 @@ DRAWS: Final[dict[str, Callable[[Random], tuple[float, float]]]] = {
     ),  # which, how far
     "huge-term": lambda rng: (float(rng.randrange(3)), 0.0),  # which
     "huge-message": lambda rng: (float(rng.randrange(3)), 0.0),  # which
-    "two-robot-agents": lambda rng: (_either(rng), 0.0),  # 1: it is there before it is asked
+    "two-robot-agents": lambda rng: (_either(rng), 0.0),  # 1: it is present before admission
     "flood": lambda rng: (float(rng.randrange(2)), 0.0),  # 1: with ever larger ballots
     "stop-and-release": lambda rng: (float(rng.randrange(5)), 0.0),  # which
     "nan": lambda rng: (float(rng.randrange(5)), 0.0),  # which nonsense
     "flap": lambda rng: (rng.uniform(0.1, 0.8), 0.0),  # s, there and away
 }
-"""What a kind's `amount` and `spread` are, and how they are drawn."""
+"""The `amount` and `spread` of each kind, and how they are drawn."""

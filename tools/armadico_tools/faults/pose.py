@@ -1,7 +1,7 @@
-"""The promise about the pose: it is not wrong and unsaid.
+"""The promise about the pose: its error is within its covariance.
 
-A pose says by its covariance how far off it may be. One that carries none, where nobody localizes,
-says nothing: it is off only by what cannot have been counted.
+A pose without a covariance, which is one without localization, may be off only by motion that could
+not be counted.
 """
 
 from __future__ import annotations
@@ -20,42 +20,42 @@ from armadico_tools.faults.record import (
     Astray,
     Bounds,
     Observation,
+    Published,
     Record,
-    Said,
     may_be_off,
 )
 
-UNSAID_S = 5.0
-"""So long may a robot move, s, while its pose is wrong and does not say that it is lost: in this
-time it comes about as far as localization looks back to find that its readings do not fit."""
+OVERCONFIDENT_S = 5.0
+"""A robot may move for this time, s, with a pose that is wrong beyond its covariance. That is about
+the distance over which localization detects that its readings do not fit."""
 
 BASE_M, BASE_RAD = 0.02, 0.02
-"""A pose may be off by so much without any reason: in 16 drives of 4 minutes without a fault it was
-never more than 0.6 mm and 0.8 mrad off (the encoders' counts). Besides `Bounds.skew_s` of what it
-drives, where truth and pose are not known to be of one instant."""
+"""Error of a pose without a cause. In 16 drives of 4 minutes without a fault it was at most 0.6 mm
+and 0.8 mrad (the encoders' counts). `Bounds.skew_s` of the motion is added where truth and pose may
+be of different instants."""
 
 GAP_S = 0.35
-"""Cycles that are farther apart than this, s, may be those of another connection, whose first
-status packet is a base only. One or two that the line lost cost nothing: the controller counts."""
+"""Cycles farther apart than this, s, may belong to another connection, whose first status packet is
+a base only. One or two lost packets cost nothing: the controller counts."""
 
 LATE_S = 0.25
-"""A status packet whose count is spoilt is complete only when the next one has come, s later."""
+"""A status packet with a corrupted length ends only with the next one, this much later, s."""
 
 TOUCH_M = 0.005
-"""Nearer than this, m, tyres slip: what the wheels roll and what the body does may differ."""
+"""Nearer than this, m, tyres slip, so the wheels and the body may move differently."""
 
 SPARE = 1.1
-"""What rolled is added up from one status packet to the next, which cuts corners."""
+"""Margin of the sum of motions between status packets, which cuts corners."""
 
 
 class Localized:
-    """The pose is off by no more than it says, or for no longer than a few seconds of driving.
+    """A pose is off by no more than its covariance, or for a few seconds of driving only.
 
-    Without a covariance it is off by no more than what rolled while it could not be counted. That
-    is while the line to the controller was broken, as long as no `robot/state` came, and while
-    the robot leant on something. A robot agent that was away is no excuse: the controller counts.
-    What the heading lost makes the place worse with every metre that it drives afterwards. By the
-    truth, not by the tops of the speeds: what really rolled is the least bound.
+    Without a covariance it is off by no more than the motion that could not be counted: while the
+    line to the controller was broken, until the next `robot/state`, and in contact with obstacles.
+    The absence of the robot agent is no cause, because the controller counts. An error of heading
+    makes the position worse with every metre after it. The bound uses the true motion, which is the
+    tightest.
     """
 
     promise = Promise.POSE
@@ -63,23 +63,23 @@ class Localized:
     def __init__(self, bounds: Bounds) -> None:
         self._skew_s = bounds.skew_s
         self._wheels = bounds.way_error, bounds.drift_rad_m, bounds.turn_error
-        self._wrong = False  # by more than it says, without saying that it is lost
-        self._unsaid_s = 0.0  # how long it has moved since it was
-        self.longest = 0.0  # the longest of all
+        self._wrong = False  # beyond its covariance, while it is not lost
+        self._overconfident_s = 0.0  # time of moving since then
+        self.longest = 0.0  # the longest of these
         self._v, self._w = SPARE * bounds.v_max, SPARE * bounds.w_max
-        self._off_m, self._off_rad = BASE_M, BASE_RAD  # what it may be off by
+        self._off_m, self._off_rad = BASE_M, BASE_RAD  # the explained error
         self._rolled = (0.0, 0.0)  # m and rad, since the beginning
         self._rolled_at: dict[Cycle, tuple[float, float]] = {}  # that at each of the last cycles
         self._posed = (0.0, 0.0)  # that at the cycle of the last pose
-        self._gap: Cycle | None = None  # the first after some were missing, for a reason
-        self._cause_at = -inf  # when a fault was last on that keeps the robot agent from counting
+        self._gap: Cycle | None = None  # the first cycle after a gap with a cause
+        self._cause_at = -inf  # the last time of a fault that prevents counting
         self._slow_at = self._spoilt_at = -inf
         self._truth: Truth | None = None
         self._epochs: set[int] = set()
-        self._lost = False  # whoever has followed another robot has lost this one's origin
+        self._lost = False  # an agent has followed another robot, and lost this one's origin
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """At each pose, by what has rolled until then."""
+        """At each pose, by the motion until then."""
         if _cause(now):
             self._cause_at = seen.at
         if any(fault.kind.startswith("serial") for fault in now.active):
@@ -87,7 +87,7 @@ class Localized:
         if now.befalls("robot", "slow", "hang"):
             self._slow_at = seen.at
         self._lost = self._lost or isinstance(seen, Astray)
-        if isinstance(seen, Said):
+        if isinstance(seen, Published):
             message = seen.message
             if isinstance(message, Truth):
                 self._roll(message)
@@ -109,9 +109,9 @@ class Localized:
         self._off_rad += drift_rad_m * way + turn_error * turn
         moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
         if self._wrong and moves:
-            self._unsaid_s += max(truth.t - before.t, 0.0)
+            self._overconfident_s += max(truth.t - before.t, 0.0)
         if min(_clearance(truth), _clearance(before)) < TOUCH_M:
-            dt = max(truth.t - before.t, 0.0)  # the wheels may have turned as fast as they can
+            dt = max(truth.t - before.t, 0.0)  # the wheels may have turned at top speed
             self._off_m += self._v * dt
             self._off_rad += self._w * dt
 
@@ -135,7 +135,7 @@ class Localized:
         self._posed = rolled
         truth = now.truth_of(pose.cycle)
         if truth is None or at - self._slow_at < 1.0:
-            return  # when a status packet was sent that waited is not known
+            return  # the time of a status packet that waited is unknown
         off = hypot(pose.x - truth.x, pose.y - truth.y)
         turned = abs(wrap(pose.theta - truth.theta))
         skew_s = LATE_S if at - self._spoilt_at < LATE_S else self._skew_s
@@ -147,23 +147,24 @@ class Localized:
             yield from self._explain(off, turned)
 
     def _judge(self, pose: Pose, off: float, turned: float) -> Iterator[str]:
-        """Whether it is off by more than it says, for how long."""
-        said_m, said_rad = may_be_off(pose)
-        self._wrong = off > said_m or turned > said_rad
+        """Whether the error is beyond the covariance, and for how long."""
+        most, most_rad = may_be_off(pose)
+        self._wrong = off > most or turned > most_rad
         if not self._wrong:
-            self._unsaid_s = 0.0
-        self.longest = max(self.longest, self._unsaid_s)
-        if self._unsaid_s > UNSAID_S:
-            self._unsaid_s = -inf  # once, until it is right again
-            text = f"wrong and unsaid for {UNSAID_S:.0f} s of driving: off by {off:.2f} m,"
-            yield f"{text} {turned:.2f} rad, and says +-{said_m:.2f} m, +-{said_rad:.2f} rad"
+            self._overconfident_s = 0.0
+        self.longest = max(self.longest, self._overconfident_s)
+        if self._overconfident_s > OVERCONFIDENT_S:
+            self._overconfident_s = -inf  # report once, until it is right again
+            text = f"wrong beyond its covariance for {OVERCONFIDENT_S:.0f} s of driving: off by"
+            text += f" {off:.2f} m, {turned:.2f} rad"
+            yield f"{text}, where it allows {most:.2f} m, {most_rad:.2f} rad"
 
     def _explain(self, off: float, turned: float) -> Iterator[str]:
-        """Whether it is off by more than what cannot have been counted."""
+        """Whether the error is more than the motion that could not be counted."""
         if off > self._off_m or turned > self._off_rad:
             text = f"off by {off:.2f} m, {turned:.2f} rad, where {self._off_m:.2f} m,"
             text += f" {self._off_rad:.2f} rad can be explained"
-            self._off_m, self._off_rad = off + 0.5, turned + 0.5  # and again when it is worse
+            self._off_m, self._off_rad = off + 0.5, turned + 0.5  # report again if it gets worse
             yield text
 
 
@@ -172,5 +173,5 @@ def _clearance(truth: Truth) -> float:
 
 
 def _cause(now: Record) -> bool:
-    """Whether a fault may keep what rolls from being counted; the controller counts by itself."""
+    """Whether a fault may prevent counting of motion; the controller counts by itself."""
     return any(fault.kind.startswith("serial") for fault in now.active)

@@ -1,10 +1,10 @@
-"""What was observed of a society, and what follows from it: one record for every back end.
+"""Observations of a society, and what follows from them: one record for every back end.
 
-Every observation can be made from outside the processes: what is published on the mesh, what the
-robot agent writes to the controller, and which faults the injector makes. The virtual network, real
-processes and recordings all yield them, in the order of time. `Record` keeps what the promises and
-the figures of trials need: which faults are on, the cycle, the claims, the bids, what is obeyed.
-`at` is always in seconds, by one clock of the observer.
+Every observation can be made from outside the processes: messages on the mesh, what the robot agent
+writes to the controller, and the injector's faults. The virtual network, real processes and
+recordings all produce them, in the order of time. `Record` has the state for the promises and the
+figures of trials: active faults, the cycle, claims, bids, obeyed commands. `at` is in seconds, by
+one clock of the observer.
 """
 
 from __future__ import annotations
@@ -51,25 +51,25 @@ from armadico_tools.faults.fault_types import (
 T = TypeVar("T")
 
 Timed = deque[tuple[float, T]]
-"""What is kept, each with the time from which it counts."""
+"""Items, each with its time."""
 
 # Observations -----------------------------------------------------------------------------------
 
 
 class Observation(Struct, frozen=True):
-    """One thing, and when it was seen."""
+    """One observation, and its time."""
 
     at: float
 
 
-class Said(Observation, frozen=True):
+class Published(Observation, frozen=True):
     """A message of an agent, a person or the simulator."""
 
     message: Message
 
 
 def of_the_wheels(message: Message) -> bool:
-    """Whether a message is not about another resource: the promises are about the wheels."""
+    """Whether a message is of the wheels, or of no resource."""
     return getattr(message, "resource", WHEELS.name) == WHEELS.name
 
 
@@ -81,25 +81,25 @@ class Ordered(Observation, frozen=True):
 
 
 class Faulted(Observation, frozen=True):
-    """A fault begins or ends; `kind` is one of `fault_types.KINDS`, `whom` names agents.
+    """A fault begins or ends; `kind` is one of `fault_types.KINDS`, `targets` names agents.
 
     `to` names the receivers, for faults of the network; `amount` is the kind's own number
     (`plan.DRAWS`). An unknown amount counts as the worst.
     """
 
     kind: str
-    whom: tuple[str, ...]
+    targets: tuple[str, ...]
     began: bool
     to: tuple[str, ...] = ()
     amount: float = inf
 
 
 class Passed(Observation, frozen=True):
-    """Only time has passed: for the end, and wherever nothing else is observed for long."""
+    """Time has passed without another observation."""
 
 
 class Obeyed(Observation, frozen=True):
-    """The robot agent obeys a command. Without it the `Ack` has to do."""
+    """The robot agent obeys a command. If this is not observed, the `Ack` is used."""
 
     ballot: Ballot
     cycle: Cycle
@@ -113,7 +113,7 @@ class Refused(Observation, frozen=True):
 
 
 class Missed(Observation, frozen=True):
-    """An agent takes a live one for gone, by a lease that ran out."""
+    """An agent considers a live one gone, because a lease expired."""
 
     instance: str
 
@@ -126,11 +126,11 @@ class Denied(Observation, frozen=True):
 
 
 class Astray(Observation, frozen=True):
-    """An agent takes another robot for this one, and publishes poses of that."""
+    """An agent takes another robot for this one, and publishes its poses."""
 
 
 class Bids(Observation, frozen=True):
-    """The last bid of an instance, or why it does not bid; `age` is how long ago that was, s."""
+    """The last bid of an instance, or the reason for none; `age` is the time since, s."""
 
     instance: str
     record: BidRecord
@@ -149,38 +149,38 @@ class Left(Observation, frozen=True):
     instance: str
 
 
-# What follows from them -------------------------------------------------------------------------
+# The record -------------------------------------------------------------------------------------
 
 MOVING_M_S = 0.02
 MOVING_RAD_S = 0.05
-"""Faster than this is moving: above the noise of encoders at rest."""
+"""Faster than this counts as moving; it is above the noise of encoders at rest."""
 
 SIGMAS = 3.0
-"""A pose is wrong and unsaid that is off by more than so many of its standard deviations,"""
+"""A pose is wrong if its error exceeds this many of its standard deviations plus `ALLOWED_*`."""
 
 ALLOWED_M, ALLOWED_RAD = 0.15, 0.15
-"""and this beside: so near a goal counts as reached, and so far off is what lies a metre ahead."""
+"""Tolerance of a goal, and of a direction to an obstacle at 1 m."""
 
 ASTRAY_S = 5.0
-"""With the pose wrong and unsaid, and for so long after, sensing is not honest; nor for so long
-after the sonar agent was started again, which has forgotten what was behind."""
+"""Contacts are void while the pose is wrong beyond its covariance, and for this time after, s; also
+for this time after a restart of the sonar agent, which has forgotten obstacles behind the robot."""
 
 OVER_S = 2.0
-"""So long after a fault has ended its voids end too, if the robot has not come to rest before."""
+"""A fault's voids end after this time, s, if the robot has not come to rest before."""
 
 JUST_AFTER = "just after: "
 
 SWUNG_M = 0.1
-"""A corner of the body may swing out by so much, m, beside what the robot needs to stop,"""
+"""A corner of the body may swing out by this, m, in addition to the stopping distance."""
 
-HEARD_S = 0.4
-"""once its sonars have gone round: they take four cycles."""
+SONARS_S = 0.4
+"""Time for a turn of the sonar ring: four cycles."""
 
 FRESH_CYCLES = 3
-"""A command may answer a cycle so many older than the newest (docs/coordination.md)."""
+"""A command may be for a cycle so many older than the newest (docs/coordination.md)."""
 
 KEPT: Final = 3000
-"""Messages of a kind that are kept for figures: a few minutes' worth."""
+"""Most messages of a kind that are kept for figures, which is a few minutes' worth."""
 
 REST: Final = 0.01
 """The wheels rest below this, m/s and rad/s."""
@@ -188,23 +188,23 @@ REST: Final = 0.01
 ON_ITS_WAY_M_S: Final = 0.05
 
 QUERIED_S: Final = 1.5
-"""A bid counts as recent within this where bids are queried, s."""
+"""A bid counts as recent for this time where bids are queried, s."""
 
-POSES = 64  # cycles whose true poses are remembered, for poses that come late
+POSES = 64  # cycles whose true poses are kept, for late poses
 
 ACKS_S = 1.0
-"""A holder may let go of what is obeyed so long after healing: acks that were slow are still on
-their way, and it counts 6 cycles without one."""
+"""A holder may release for this time after healing although it is obeyed: slow acks are still under
+way, and it counts 6 cycles without one."""
 
 SILENT_S = 0.3
-"""A robot agent that has published nothing for so long is not alive."""
+"""A robot agent that has published nothing for this time is not alive."""
 
 BID_AGE_S = 0.35
-"""A bid older than this does not count: three cycles, and the way here."""
+"""A bid older than this does not count: three cycles, and the delay."""
 
 
 def may_be_off(pose: Pose) -> tuple[float, float]:
-    """By how much a pose may be off by its own word, m and rad; one that is lost by anything."""
+    """The error allowed by a pose's covariance, m and rad; infinite if it is lost."""
     if pose.deviation > LOST_M:
         return inf, inf
     return SIGMAS * pose.deviation + ALLOWED_M, SIGMAS * pose.heading_deviation + ALLOWED_RAD
@@ -215,7 +215,7 @@ class Bounds:
     """The numbers of the promises, SI units."""
 
     stop_s: float = 0.4  # from the last valid command to the stop
-    heard_s: float = 0.0  # a command may be seen so long after the order that obeys it
+    command_delay_s: float = 0.0  # a command may be received this much after its order
     overlap_s: float = 0.5  # two tenures in a whole network: 5 cycles
     obeyed_s: float = 5.0
     moves_s: float = 2.0
@@ -223,26 +223,26 @@ class Bounds:
     watchdog_s: float = 2.0
     killed_s: float = 0.1  # from a holder's end to another's obeyed command: far below its silence
     silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
-    unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and the way
-    arrives_s: float = 90.0  # from the last fault on
-    start_s: float = 20.0  # time for a mission that no fault befalls, besides its way's
-    way_m_s: float = 0.25  # speed for its way: half as much time again as any that was seen
-    skew_s: float = 0.25  # between two messages of one cycle: a cycle, and two ways here
+    unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and delays
+    arrives_s: float = 90.0  # from the last fault
+    start_s: float = 20.0  # for a mission without faults, in addition to its way
+    way_m_s: float = 0.25  # speed on its way: the slowest ever took two thirds of this time
+    skew_s: float = 0.25  # between two messages of one cycle: a cycle, and two delays
     v_max: float = 1.6  # m/s
     w_max: float = 5.2  # rad/s
     braking_s: float = 3.0  # from top speed to rest, by the ramp, and for the loops to settle
     v_decel: float = 0.6  # m/s^2, by the ramp
     v_accel: float = 0.9  # m/s^2: 1.5 times the steepest ramp, for the overshoot of the loops
     w_accel: float = 2.7  # rad/s^2, likewise
-    way_error: float = 0.0  # what the wheels count wrong: of a way, m a metre
-    drift_rad_m: float = 0.0  # and in heading, rad a metre
-    turn_error: float = 0.0  # and of a turn
+    way_error: float = 0.0  # error of the wheels' counts, m per metre
+    drift_rad_m: float = 0.0  # of the heading, rad per metre
+    turn_error: float = 0.0  # of a turn, rad per rad
 
 
 def bounds_of(scenario: Scenario) -> Bounds:
-    """The bounds for a scenario's robot: its ramps, its watchdog, and what its wheels count wrong.
+    """The bounds for a scenario's robot: ramps, watchdog, errors of the odometry.
 
-    Raises ConfigError if there is no such robot.
+    Raises ConfigError for an unknown robot.
     """
     profile = load_profile(scenario.robot)
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
@@ -261,18 +261,18 @@ def bounds_of(scenario: Scenario) -> Bounds:
 
 
 OVERSHOOT = 1.5
-"""Of the speed loops over the ramp that they follow, within a cycle."""
+"""Overshoot of the speed loops over their ramp within a cycle."""
 
 
 def age(cycle: Cycle, newest: Cycle | None) -> float:
-    """How many cycles before the newest; inf in another epoch."""
+    """The number of cycles before the newest; inf in another epoch."""
     if newest is None or cycle.epoch != newest.epoch:
         return inf
     return newest.number - cycle.number
 
 
 def seconds_since(cycle: Cycle, newest: Cycle | None) -> float:
-    """How long ago a cycle of this epoch was, s: bids are queried some time after that."""
+    """Time since a cycle of this epoch, s: bids are queried some time after their cycle."""
     known = newest is not None and newest.epoch == cycle.epoch
     return max(age(cycle, newest), 0) * PERIOD if known else 0.0
 
@@ -286,20 +286,19 @@ def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float |
 
 
 class Fault(NamedTuple):
-    """One that is on, as far as promises are concerned."""
+    """An active fault, as far as it concerns promises."""
 
     kind: str
-    whom: tuple[str, ...]
+    targets: tuple[str, ...]
     to: tuple[str, ...]
     amount: float
 
 
 @dataclass
 class Record:
-    """What is known after each observation, which it takes before the promises are checked.
+    """The state after each observation, updated before promises are checked.
 
-    The last few minutes of some kinds are kept as well, each with its own time: figures are
-    measured by them.
+    The last minutes of some kinds of messages are kept with their times, for figures.
     """
 
     bounds: Bounds = field(default_factory=Bounds)
@@ -308,29 +307,29 @@ class Record:
     truths: Timed[Truth] = field(default_factory=lambda: deque(maxlen=KEPT))
     orders: Timed[Ordered] = field(default_factory=lambda: deque(maxlen=KEPT))
     logs: Timed[Log] = field(default_factory=lambda: deque(maxlen=200))
-    alive: dict[str, float] = field(default_factory=dict)  # since when its token is there
+    alive: dict[str, float] = field(default_factory=dict)  # time of its token, by instance
     now: float = -inf
     whole_since: float = inf  # inf while a fault breaks the network
-    free_since: float = inf  # inf while a fault or a stop excuses that it does not move
-    healed_at: float = -inf  # when the last of what excused it ended
+    free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
+    healed_at: float = -inf  # end of the last excuse
     state: RobotState | None = None
-    before: RobotState | None = None  # the state before that, of whatever epoch
+    before: RobotState | None = None  # the previous state, of any epoch
     state_at: float = -inf
-    state_gap_s: float = inf  # from the state before to the newest
+    state_gap_s: float = inf  # between the last two states
     ack: Ack | None = None  # the newest of the wheels
     ack_before: Ack | None = None
     acked_at: float = -inf
-    obeyed_at: float = -inf  # when the ack last showed a command obeyed of late
+    obeyed_at: float = -inf  # when an ack last showed a recent command obeyed
     moved_at: float = -inf
     rested_at: float = -inf
-    stood_back_at: float = -inf  # when a tenure that was not obeyed was last let go of
-    mad_back_at: float = -inf  # likewise, by one whose bids are nonsense, and no other bid
+    stood_back_at: float = -inf  # when a tenure without obedience was last released
+    nonsense_back_at: float = -inf  # likewise, with nonsense bids and no other bidder
     truth: Truth | None = None
     truth_at: float = -inf
-    astray_at: float = -inf  # when the pose was last wrong and unsaid
-    lost_at: float = -inf  # when it last said that it was lost
+    astray_at: float = -inf  # when the pose was last wrong beyond its covariance
+    lost_at: float = -inf  # when the pose was last reported as lost
     forgot_at: float = -inf  # when the sonar agent last started with an empty map
-    wedged_at: float = -inf  # a fault held it against something last, and it is not clear yet
+    wedged_at: float = -inf  # when a fault last held it near an obstacle; -inf: clear
     driving: bool = False
     bids: dict[str, tuple[float, BidRecord]] = field(default_factory=dict)
     sees_bids: bool = False
@@ -338,23 +337,25 @@ class Record:
     ordered: Ordered | None = None
     active: Counter[Fault] = field(default_factory=Counter)
     ended_at: float = -inf  # when the last fault of any kind ended
-    _left_near_until: float = -inf  # until when a contact may be what a fault has led to
+    _left_near_until: float = -inf  # until when a contact may be the result of a fault
     _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
     _excused: bool = True
-    _again_at: float = -inf  # when a robot agent that was refused, and is not there, tries again
-    _truths: dict[Cycle, Truth] = field(default_factory=dict)  # where it was in the last cycles
+    _again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
+    _truths: dict[Cycle, Truth] = field(default_factory=dict)  # of the last cycles
 
     def update(self, seen: Observation) -> None:
-        """Take one observation. One that comes late counts as coming now."""
+        """Process one observation. A late one counts as of now."""
         if self.whole_since == inf and not self.active:
             self.whole_since = self.free_since = seen.at
             self._excused = False
         if not (
-            self.bounds.heard_s and isinstance(seen, Said) and isinstance(seen.message, Command)
+            self.bounds.command_delay_s
+            and isinstance(seen, Published)
+            and isinstance(seen.message, Command)
         ):
-            self.now = max(self.now, seen.at)  # a busy observer takes commands before their turn
-        if isinstance(seen, Said):
-            self._receive(seen)
+            self.now = max(self.now, seen.at)  # commands precede their turn (`EARLIER_S` in live)
+        if isinstance(seen, Published):
+            self._on_message(seen)
         elif isinstance(seen, Faulted):
             self._fault(seen)
         elif isinstance(seen, Ordered):
@@ -371,33 +372,33 @@ class Record:
             self.bids.pop(seen.instance, None)
             self.alive.pop(seen.instance, None)
 
-    # How things stand ----------------------------------------------------------------------------
+    # State ---------------------------------------------------------------------------------------
 
     def age(self, cycle: Cycle) -> float:
-        """How many cycles before the newest; inf in another epoch."""
+        """The number of cycles before the newest; inf in another epoch."""
         return age(cycle, None if self.state is None else self.state.cycle)
 
     def truth_of(self, cycle: Cycle) -> Truth | None:
-        """Where the robot was in one of the last cycles."""
+        """The true state in one of the last cycles."""
         return self._truths.get(cycle)
 
     def whole_for(self) -> float:
-        """Seconds for which nothing has broken the network; negative while something does."""
+        """Seconds since a fault last broke the network; negative during one."""
         return self.now - self.whole_since
 
     def unsure_for(self) -> float:
-        """Seconds since it last could not know where it is, whether it said so or not."""
+        """Seconds since the pose was last lost, or wrong beyond its covariance."""
         return self.now - max(self.astray_at, self.lost_at)
 
     def void(self, promise: Promise) -> bool:
-        """Whether a fault takes the promise away, now or until the robot is itself again."""
+        """Whether a fault voids the promise, now or until the robot has recovered."""
         return bool(self.reason(promise))
 
     def reason(self, promise: Promise) -> str:
-        """What takes the promise away, in a word; empty if nothing does.
+        """What voids the promise, in a word; "" if nothing does.
 
-        Whoever thinks that it is elsewhere steers into door posts: without localization that is
-        what a robot agent that was away leaves behind.
+        A robot with a wrong pose steers into door posts. Without localization that follows an
+        absence of the robot agent.
         """
         if promise is not Promise.COLLISION:
             return self._fault_voids(promise)
@@ -405,9 +406,9 @@ class Record:
         return self._contact_voids() or ("wedged" if wedged else "")
 
     def contact_reason(self) -> str:
-        """What takes a contact's guilt away, in a word; empty: nothing does.
+        """What voids a contact, in a word; "": nothing does.
 
-        Just after a fault that is what it could not have stopped for when the fault ended.
+        Just after a fault, contacts are void if the robot could not have stopped in time.
         """
         why = self.reason(Promise.COLLISION)
         return "" if why.startswith(JUST_AFTER) and self.now > self._left_near_until else why
@@ -422,28 +423,28 @@ class Record:
 
     def _fault_voids(self, promise: Promise) -> str:
         for fault in self.active:
-            why = voided(fault.kind, fault.whom, fault.amount).get(promise)
+            why = voided(fault.kind, fault.targets, fault.amount).get(promise)
             if why:
                 return why
         ended, why = self._ended.get(promise, (-inf, ""))
-        rested = ended <= self.rested_at < self.now  # what brought it to rest is over, too
+        rested = ended <= self.rested_at < self.now  # the cause of the rest is over, too
         return f"{JUST_AFTER}{why}" if self.now - ended < OVER_S and not rested else ""
 
-    def befalls(self, who: str, *kinds: str) -> bool:
-        """Whether a fault of one of these kinds befalls an agent now."""
-        return any(fault.kind in kinds and who in fault.whom for fault in self.active)
+    def befalls(self, name: str, *kinds: str) -> bool:
+        """Whether a fault of one of these kinds is active on an agent."""
+        return any(fault.kind in kinds and name in fault.targets for fault in self.active)
 
-    def mad(self, instance: str) -> bool:
-        """Whether an instance's bids are made to be nonsense: they count for nothing."""
+    def bids_nonsense(self, instance: str) -> bool:
+        """Whether an instance's bids are replaced by nonsense, so that they do not count."""
         return self.befalls(agent_of(instance), "nan")
 
-    def mad_in_vain(self, most: float) -> bool:
-        """Whether one whose bids are nonsense claims, and has not been obeyed, for at most so long.
+    def nonsense_in_vain(self, most: float) -> bool:
+        """Whether a nonsense bidder claims without being obeyed, for at most so long.
 
-        All others wait until it lets go.
+        All others wait until it releases.
         """
         return any(
-            self.mad(ballot.instance)
+            self.bids_nonsense(ballot.instance)
             and ballot != self.obeyed
             and self.now - last <= BID_AGE_S
             and self.now - first <= most
@@ -459,37 +460,39 @@ class Record:
         return self.state is not None and self.state.stop.stopped
 
     def disturbed(self) -> bool:
-        """Whether any fault is on."""
+        """Whether any fault is active."""
         return bool(self.active)
 
     def troubled(self, but: str) -> bool:
-        """Whether a fault of another kind than this is on."""
+        """Whether a fault of another kind than this is active."""
         return any(fault.kind != but for fault in self.active)
 
     @property
     def obeyed(self) -> Ballot | None:
-        """The ballot of the last command acknowledged as obeyed; none since a release."""
+        """The ballot of the last command acknowledged as obeyed; None since a release."""
         return None if self.ack is None else self.ack.obeyed
 
     def bidders(self) -> list[str]:
-        """Instances that bid, as far as one can see: by their bids, else by their claims."""
+        """Instances that bid, as far as observed: by their bids, else by their claims."""
         if self.sees_bids:
             return [
                 instance
                 for instance, (at, record) in self.bids.items()
-                if record.utility and self.now - at <= BID_AGE_S and not self.mad(instance)
+                if record.utility
+                and self.now - at <= BID_AGE_S
+                and not self.bids_nonsense(instance)
             ]
         recent = [b for b, (_, last, _) in self.claims.items() if self.now - last <= BID_AGE_S]
         return [ballot.instance for ballot in recent]
 
     @property
-    def deaf(self) -> bool:
+    def cut_off(self) -> bool:
         """Whether commands may reach the robot and not the observer: real links are cut."""
-        return self.bounds.heard_s > 0.0 and any(f.kind == "partition" for f in self.active)
+        return self.bounds.command_delay_s > 0.0 and any(f.kind == "partition" for f in self.active)
 
     @property
     def driver(self) -> str | None:
-        """The instance that is obeyed now; None if there is none, or the owner is silent."""
+        """The instance that is obeyed now; None without one, or if the owner is silent."""
         silent = self.ack is None or self.now - self.acked_at > SILENT_S
         return None if self.ack is None or silent else driver(self.ack)
 
@@ -498,7 +501,7 @@ class Record:
         return self.truth is not None and self.truth.v > ON_ITS_WAY_M_S and self.driver is not None
 
     def bids_lately(self, instance: str) -> bool:
-        """Whether bids of an instance were received lately, on real processes by a query."""
+        """Whether a bid of an instance was received lately, on real processes by a query."""
         at, record = self.bids.get(instance, (-inf, None))
         return record is not None and self.now - at <= QUERIED_S and bool(record.utility)
 
@@ -508,13 +511,13 @@ class Record:
             one for one in sorted(self.alive, key=self.alive.__getitem__) if agent_of(one) == name
         ]
 
-    # From when to when ---------------------------------------------------------------------------
+    # Figures -------------------------------------------------------------------------------------
 
     def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
-        """When the next command that is known to have been obeyed was published.
+        """When the next command was published that is known to have been obeyed.
 
-        It is known by the ack of the robot agent: the first after `since` of a command published
-        since then by an instance that is none of `but`.
+        It is the first that the robot agent acknowledges after `since`, published since then by an
+        instance other than those of `but`.
         """
         sent = {(c.ballot, c.cycle): at for at, c in self.commands}
         for _, ack in _from(self.acks, since):
@@ -530,7 +533,7 @@ class Record:
         return _first(self.orders, since, lambda order: order.v == 0.0 and order.w == 0.0)
 
     def moves_after(self, since: float) -> float | None:
-        """When the first speeds that are not zero were written to the controller."""
+        """When the first non-zero speeds after a time were written to the controller."""
         return _first(self.orders, since, lambda order: order.v != 0.0 or order.w != 0.0)
 
     def longest_silence(self, since: float) -> float:
@@ -539,26 +542,26 @@ class Record:
         return max(b - a for a, b in pairwise(times))
 
     def rest_after(self, since: float) -> float | None:
-        """When the wheels were first seen to rest; the truth comes each 100 ms."""
+        """When the wheels were first observed at rest; the truth is published each 100 ms."""
         return _first(self.truths, since, lambda t: abs(t.v) < REST and abs(t.w) < REST)
 
     def fastest(self, since: float, until: float) -> float:
-        """The largest true speed in a time, m/s; 0 if none was received."""
+        """The largest true speed in a time, m/s; 0 without data."""
         return max((abs(t.v) for at, t in _from(self.truths, since) if at <= until), default=0.0)
 
     def share_obeyed(self, since: float, until: float = inf) -> float:
-        """The share of the cycles in a time in which a recent command was obeyed, 0 to 1."""
+        """The share of cycles in a time in which a recent command was obeyed, 0 to 1."""
         cycles = [driver(ack) is not None for at, ack in _from(self.acks, since) if at <= until]
         return sum(cycles) / len(cycles) if cycles else 0.0
 
     def late_commands(self, since: float, ballot: Ballot) -> int:
-        """How many commands with a ballot, or an older one of its instance, came since a time."""
+        """The number of commands since a time with a ballot, or an older one of its instance."""
         late = (c.ballot for _, c in _from(self.commands, since))
         return sum(b.instance == ballot.instance and b <= ballot for b in late)
 
-    # Inside --------------------------------------------------------------------------------------
+    # Updates -------------------------------------------------------------------------------------
 
-    def _receive(self, seen: Said) -> None:
+    def _on_message(self, seen: Published) -> None:
         message = seen.message
         if isinstance(message, RobotState):
             self._cycle(message)
@@ -620,18 +623,18 @@ class Record:
             self.claims.pop(claim.ballot, None)
             if self._stands_back(claim.ballot):
                 self.stood_back_at = self.now
-                if self.mad(claim.ballot.instance) and not self.bidders():
-                    self.mad_back_at = self.now
+                if self.bids_nonsense(claim.ballot.instance) and not self.bidders():
+                    self.nonsense_back_at = self.now
             return
         first, last, _ = self.claims.get(claim.ballot, (self.now, self.now, claim))
-        if self.now - last > BID_AGE_S:  # whoever was away goes on where it was: a new beginning
+        if self.now - last > BID_AGE_S:  # it was away, and starts anew
             first = self.now
         self.claims[claim.ballot] = (first, self.now, claim)
 
     def _stands_back(self, released: Ballot) -> bool:
-        """Whether it lets go because it is not obeyed, as far as it knows: it bids on.
+        """Whether a release is for lack of obedience, as far as the holder knows: it still bids.
 
-        Where acks are slow it may have been obeyed all the same, and cannot know.
+        With slow acks it may have been obeyed without knowing.
         """
         if not self.sees_bids:
             return self.obeyed != released
@@ -640,16 +643,16 @@ class Record:
         return bids and (self.obeyed != released or self.whole_for() < ACKS_S)
 
     def _fault(self, fault: Faulted) -> None:
-        key = Fault(fault.kind, fault.whom, fault.to, fault.amount)
+        key = Fault(fault.kind, fault.targets, fault.to, fault.amount)
         self.active[key] += 1 if fault.began else -1
-        self.active += Counter()  # drops what has come to nothing
+        self.active += Counter()  # drops zero counts
         if not fault.began:
             self.ended_at = self.now
-            taken = voided(fault.kind, fault.whom, fault.amount)
+            taken = voided(fault.kind, fault.targets, fault.amount)
             if Promise.COLLISION in taken:
                 self._left_near_until = self.now + self._stops_in_s()
             self._ended.update({promise: (self.now, why) for promise, why in taken.items()})
-            if fault.kind in FORGETS and "sonar" in fault.whom:
+            if fault.kind in FORGETS and "sonar" in fault.targets:
                 self.forgot_at = self.now
         broken = any(KINDS[fault.kind].breaks for fault in self.active)
         if broken:
@@ -659,26 +662,26 @@ class Record:
         self._excuse()
 
     def _stops_in_s(self) -> float:
-        """How long it needs to stop if something is nearer than that; 0: nothing is.
+        """Time needed to stop if an obstacle is within the stopping distance; else 0.
 
-        That is to listen all round, to react, and to brake.
+        It includes a turn of the sonars, reacting, and braking.
         """
         truth, bounds = self.truth, self.bounds
         if truth is None:
             return OVER_S
-        v, waits = abs(truth.v), HEARD_S + bounds.stop_s
+        v, waits = abs(truth.v), SONARS_S + bounds.stop_s
         needs = v * waits + v * v / (2.0 * bounds.v_decel) + SWUNG_M
         near = truth.clearance is not None and truth.clearance < needs
         return waits + v / bounds.v_decel if near else 0.0
 
     def _deny(self, denied: Denied) -> None:
-        """While a fault breaks the network, another may keep a robot agent from joining."""
+        """While a fault breaks the network, another process may block a robot agent."""
         there = self.now - self.state_at <= SILENT_S
         if self.whole_since == inf and not there and agent_of(denied.instance) == "robot":
             self._again_at = denied.at + AGAIN_S
 
     def _excuse(self) -> None:
-        """From the last of what excused it on, it is to move again."""
+        """Set the time from which the robot has to move again."""
         if self.stopped() or any(KINDS[fault.kind].excuses for fault in self.active):
             self.free_since, self._excused = inf, True
         elif self._excused:

@@ -1,4 +1,4 @@
-"""The checker of promises on a recording: what `armadico record` kept of any society."""
+"""The checker of promises on a recording, which `armadico record` made of any society."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from armadico_tools.faults.record import (
     Left,
     Observation,
     Passed,
-    Said,
+    Published,
     of_the_wheels,
     seconds_since,
 )
@@ -42,24 +42,23 @@ SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth, Obstacles)
 
 
 def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:
-    """Look at a recording, of one namespace if there are several.
+    """Check a recording, of one namespace if there are several.
 
-    A recording does not show the line to the controller, nor which faults were made. So a promise
-    that a fault voids (`fault_types.voided`) counts as broken here.
-    Raises RecordingError and OSError.
+    A recording has neither the line to the controller nor the faults. So a promise that a fault
+    voids (`fault_types.voided`) counts as broken here. Raises RecordingError and OSError.
     """
     checker = Checker()
-    checker.take_all(
+    checker.update_all(
         observations(row for row in rows(path, warn) if namespace in (None, row.namespace))
     )
     return checker
 
 
 def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
-    """What the checker is shown of a recording; times are s.
+    """The observations in a recording; times are s.
 
-    Of claims at once the smaller ballot is first: an agent that took over had received the claim of
-    the agent before it.
+    Of simultaneous claims the smaller ballot is first: an agent that took over had received the
+    claim of the one before it.
     """
     held: list[Observation] = []
     for seen in chain(_observed(recorded), (None,)):
@@ -73,7 +72,7 @@ def observations(recorded: Iterable[Row]) -> Iterator[Observation]:
 
 
 def _by_ballots(held: Sequence[Observation]) -> Iterator[Observation]:
-    """The same moments; what was said of ballots is in the order of cycles and of these."""
+    """The same times, with claims and commands in the order of cycles and ballots."""
     ranked = [(_ballot(seen), seen) for seen in held]
     contend = iter(sorted((each for each in ranked if each[0] is not None), key=itemgetter(0)))
     for rank, seen in ranked:
@@ -81,7 +80,7 @@ def _by_ballots(held: Sequence[Observation]) -> Iterator[Observation]:
 
 
 def _ballot(seen: Observation) -> tuple[int, int, Ballot] | None:
-    if isinstance(seen, Said) and isinstance(seen.message, Claim | Command):
+    if isinstance(seen, Published) and isinstance(seen.message, Claim | Command):
         message = seen.message
         return message.cycle.epoch, message.cycle.number, message.ballot
     return None
@@ -105,6 +104,6 @@ def _observed(recorded: Iterable[Row]) -> Iterator[Observation]:
             instance = row.key.split("/")[2]  # agent/NAME/INSTANCE/bids
             yield Bids(at, instance, message, seconds_since(message.cycle, newest))
         elif isinstance(message, SHOWN) and of_the_wheels(message):
-            yield Said(at, message)
+            yield Published(at, message)
         else:
             yield Passed(at)

@@ -1,4 +1,4 @@
-"""Promises about afterwards: a command is obeyed, the robot moves again, and it arrives."""
+"""Promises about recovery: a command is obeyed, the robot moves again, and it arrives."""
 
 from __future__ import annotations
 
@@ -9,26 +9,33 @@ from armadico.core.messages import RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Observation, Record, Said
+from armadico_tools.faults.record import (
+    MOVING_M_S,
+    MOVING_RAD_S,
+    Bounds,
+    Observation,
+    Published,
+    Record,
+)
 
 STANDS_BACK_S = 4.0
 """The longest that a holder stands back, s (`armadico.core.coordination.STAND_BACK`)."""
 
 FRICTION_S = 2.0
-"""From rest a slow turn of 0.1 rad/s takes the speed loops 1.2 s to begin, by what was seen."""
+"""Time for the speed loops to start a slow turn of 0.1 rad/s from rest; 1.2 s was measured."""
 
 CRAWL_M, CRAWL_RAD = 0.005, 0.02
-"""Farther from where it stood than this, it has moved: six counts of the controller's odometry."""
+"""It has moved if it is farther from its place than this: six counts of the odometry."""
 
 FORGOTTEN_S = 2.0
-"""An interface agent that starts again has received the mission by then, in a whole network, s."""
+"""A restarted interface agent receives the mission within this, in a whole network, s."""
 
 TURN_S = 1.0
-"""In a whole network every contender has had a turn within this, s."""
+"""In a whole network every contender has a turn within this, s."""
 
 
-class SomebodyObeyed:
-    """In a whole network a command is obeyed within 5 s, if anyone bids and it is not stopped."""
+class CommandObeyed:
+    """In a whole network a command is obeyed within 5 s, if an agent bids without a stop."""
 
     promise = Promise.OBEYED
 
@@ -38,10 +45,10 @@ class SomebodyObeyed:
         self._bid_at = -inf
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """As time passes: since when one has bid, and none was obeyed."""
+        """As time passes: since when an agent bids and no command is obeyed."""
         if now.bidders():
             self._bid_at = seen.at
-        quiet = seen.at - self._bid_at > TURN_S  # a moment without a bid is no excuse
+        quiet = seen.at - self._bid_at > TURN_S  # a moment without a bid does not count
         excused = now.whole_for() < 0 or now.stopped() or quiet
         if excused or now.obeyed_at >= self._since:
             self._since = inf
@@ -51,30 +58,30 @@ class SomebodyObeyed:
             self._since = seen.at
         if seen.at - self._since > self._obeyed_s:
             self._since = inf
-            who = ", ".join(sorted(now.bidders()))
-            yield f"no command is obeyed for {self._obeyed_s:.1f} s, though there bid: {who}"
+            bidders = ", ".join(sorted(now.bidders()))
+            yield f"no command is obeyed for {self._obeyed_s:.1f} s, though these bid: {bidders}"
 
 
 class Moves:
     """After healing the robot moves within 2 s, or every bid has a reason not to.
 
-    5 s if a holder has let go of a tenure that was not obeyed, and stands back, or is about to, its
-    bids being made nonsense; from then on, if they were until then and no other bid. It need not
-    move if it is stopped, has no mission, or a command of rest is obeyed, with a reason; or creeps
-    to its goal so slowly that the wheels' friction holds it for a while.
+    The limit is 5 s if a holder has released for lack of obedience and stands back, or is about to
+    because its bids are nonsense. It starts after the nonsense if no other agent bid. The robot
+    need not move if it is stopped, has no mission, or obeys a command of rest with a reason; or
+    creeps to its goal so slowly that friction holds the wheels for a while.
     """
 
     promise = Promise.MOVES
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
-        self._healed: float | None = None  # waited for since
+        self._healed: float | None = None  # the healing that is awaited
         self._known = -inf  # the healing that was last settled
         self._from: RobotState | None = None  # the last state before
         self.longest: float | None = None
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """As time passes, from the end of the last of what excused it."""
+        """As time passes, from the end of the last excuse."""
         if now.free_since == inf:
             self._healed = None
             return
@@ -85,8 +92,8 @@ class Moves:
             return
         then, state = self._from, now.state
         if state is not None and (then is None or then.cycle.epoch != state.cycle.epoch):
-            self._from = state  # a robot agent that starts anew counts from elsewhere
-        self._healed = max(self._healed, now.mad_back_at)
+            self._from = state  # a new robot agent has another origin
+        self._healed = max(self._healed, now.nonsense_back_at)
         if now.driven() and self._moves(now):
             took = max(now.state_at - self._healed, 0.0)
             self.longest = max(took, self.longest or 0.0)
@@ -98,8 +105,8 @@ class Moves:
                 yield f"it stands {waited:.2f} s after healing: {self._bidding(now)}"
 
     def _moves(self, now: Record) -> bool:
-        """Whether it moves, if only at a crawl, as it does before it turns on its goal."""
-        assert self._healed is not None, "it is waited for"
+        """Whether it moves, if only at a crawl, as before a turn on its goal."""
+        assert self._healed is not None, "healing is awaited"
         if now.moved_at >= self._healed:
             return True
         then, state = self._from, now.state
@@ -109,9 +116,9 @@ class Moves:
         return hypot(state.x - then.x, state.y - then.y) > CRAWL_M or turned > CRAWL_RAD
 
     def _allowed(self, now: Record) -> float:
-        assert self._healed is not None, "it is waited for"
+        assert self._healed is not None, "healing is awaited"
         stood_back = now.stood_back_at > self._healed - STANDS_BACK_S
-        stood_back = stood_back or now.mad_in_vain(self._bounds.unobeyed_s)
+        stood_back = stood_back or now.nonsense_in_vain(self._bounds.unobeyed_s)
         allowed = self._bounds.stood_back_s if stood_back else self._bounds.moves_s
         order = now.ordered
         driven = order is not None and (order.v != 0.0 or order.w != 0.0)
@@ -122,18 +129,19 @@ class Moves:
         if not now.driving or now.stopped():
             return "no mission, or stopped"
         if not now.bidders():
-            blind = now.befalls("robot", "silent-sonar")  # who reacts to obstacles has no turn
+            blind = now.befalls("robot", "silent-sonar")  # users of obstacles have no turn
             silent = [
                 instance
                 for instance, (at, record) in now.bids.items()
-                if not (record.reason or now.mad(instance)) or (now.now - at > TURN_S and not blind)
+                if not (record.reason or now.bids_nonsense(instance))
+                or (now.now - at > TURN_S and not blind)
             ]
             return "no bids" if not silent else None
         order = now.ordered
         rests = order is None or (abs(order.v) < MOVING_M_S and abs(order.w) < MOVING_RAD_S)
         held = now.state is not None and now.state.stalled
         if now.driven() and (held or (rests and _says_why(now))):
-            return "who is obeyed commands rest, or all but rest, or a wall holds it"
+            return "the obeyed agent commands rest, or nearly, or a wall holds the robot"
         return None
 
     @staticmethod
@@ -147,10 +155,10 @@ class Moves:
 
 
 class Arrives:
-    """A mission that no fault befalls from before it began is reached in good time.
+    """A mission without faults since before its start is reached in good time.
 
-    And any mission within 90 s from the last fault on. Who is stopped need not arrive, nor who
-    cannot know where it is, which is for POSE to judge.
+    And any mission within 90 s after the last fault, except while the robot is stopped, or cannot
+    know where it is, which POSE judges.
     """
 
     promise = Promise.ARRIVES
@@ -159,14 +167,14 @@ class Arrives:
         self._bounds = bounds
         self._mission: int | None = None
         self._due = inf
-        self._spoilt = False  # whether something has befallen the mission that goes on
-        self._none_at: float | None = None  # since when it is not known
+        self._spoilt = False  # whether a fault affected the present mission
+        self._none_at: float | None = None  # since when there is none
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At each status of the mission, and as time passes."""
         if self._excused(now):
             self._spoilt, self._due = True, seen.at + self._bounds.arrives_s
-        if isinstance(seen, Said) and isinstance(seen.message, MissionStatus):
+        if isinstance(seen, Published) and isinstance(seen.message, MissionStatus):
             yield from self._status(seen.message, seen.at, now)
         if seen.at > self._due and self._mission is not None:
             self._due = inf
@@ -203,7 +211,7 @@ def _quiet(now: Record, at: float) -> str:
 
 
 def _says_why(now: Record) -> bool:
-    """Whether who is obeyed gives a reason, as far as its bids can be seen."""
+    """Whether the obeyed agent gives a reason, as far as its bids are observed."""
     assert now.obeyed is not None, "a command is obeyed"
     _, record = now.bids.get(now.obeyed.instance, (0.0, None))
     return record is None or bool(record.reason)

@@ -1,8 +1,8 @@
-"""A tap on the line between the robot agent and its controller: what crosses it, and when.
+"""A tap on the line between the robot agent and its controller: its packets, with times.
 
 `Orders` reads the ordered speeds from the bytes that the robot agent writes, sans-IO. The tap keeps
-the controller's end open when the agent goes: as on a serial line, the controller does not learn
-that its client died, and its watchdog has to notice.
+the controller's end open when the agent goes: as on a serial line, the controller does not notice
+that its client died, and needs its watchdog.
 """
 
 from __future__ import annotations
@@ -44,25 +44,25 @@ class Orders:
         self._v = self._w = 0.0
 
     def feed(self, data: bytes, at: float) -> list[Ordered]:
-        """Take bytes at a time, s; returns the speeds that apply after them, if any are in them.
+        """The speeds in effect after these bytes, written at a time (s); none without an order.
 
         Of bytes written at once only the last speeds count, as for the controller.
         """
-        spoke = False
+        ordered = False
         for payload in self._decoder.feed(data, at):
             command = decode_command(payload)
             if command.number == Cmd.VEL:
-                self._v, spoke = command.si, True
+                self._v, ordered = command.si, True
             elif command.number == Cmd.RVEL:
-                self._w, spoke = command.si, True
+                self._w, ordered = command.si, True
             elif command.number in STOPS or (command.number == Cmd.ENABLE and not command.value):
                 self._v = self._w = 0.0
-                spoke = True
-        return [Ordered(at, self._v, self._w)] if spoke else []
+                ordered = True
+        return [Ordered(at, self._v, self._w)] if ordered else []
 
 
 class Tap:
-    """Listens, and passes on; `packets` is what crossed, both ways, in order."""
+    """Listens, and forwards; `packets` has what passed, both ways, in order."""
 
     def __init__(
         self,
@@ -70,9 +70,9 @@ class Tap:
         written: Callable[[bytes, float], None] = lambda *_: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Lead to a simulator's URL; `written` is shown what the agent writes, and when, at once.
+        """Connect to a simulator's URL; `written` receives what the agent writes, with the time.
 
-        Listens, and later connects, in the network of the thread that makes it.
+        It listens and connects in the network of the creating thread.
         """
         address, _, port = upstream.removeprefix("tcp://").rpartition(":")
         self._upstream = (address, int(port))
@@ -88,7 +88,7 @@ class Tap:
 
     @property
     def url(self) -> str:
-        """What the robot agent is to open."""
+        """The URL for the robot agent."""
         return f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
 
     @property
@@ -163,21 +163,21 @@ def _read(end: socket.socket) -> bytes:
 
 
 def _send(end: socket.socket | None, data: bytes) -> None:
-    """Send, if the peer is connected; the next read finds out if not."""
+    """Send, if the peer is connected; otherwise the next read notices."""
     if end is not None:
         with suppress(OSError):
             end.sendall(data)
 
 
 def moves(command: Command) -> bool:
-    """Whether it asks the wheels to turn."""
+    """Whether a command requests the wheels to turn."""
     return command.number in (Cmd.VEL, Cmd.RVEL) and command.value != 0
 
 
 def statuses_until_stop(packets: list[Packet]) -> int:
     """Status packets between the last command to move and the first zero speed after it.
 
-    Raises ValueError if there was no command to move, or no zero speed since.
+    Raises ValueError without such commands.
     """
     last = max(i for i, p in enumerate(packets) if isinstance(p, Command) and moves(p))
     rest = packets[last + 1 :]

@@ -1,4 +1,4 @@
-"""Many seeds, or many trials: what they add up to, and the file that counts them over time."""
+"""The sum of many seeds or trials, and the file that counts them over time."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ TRIALS: Final = "trials.csv"
 
 CAMPAIGN: Final = 1000
 CAMPAIGN_S: Final = 60.0
-"""So many seeds, of so long in the mean (s), must show every situation; the rarest (an equal bid
-that is about to collide takes over) comes to pass in one of a hundred seeds of a minute."""
+"""After this many seeds of this mean duration (s), every situation must have occurred. The rarest
+(an equal bid that is about to collide takes over) occurs in one of a hundred seeds of a minute."""
 
 
 @dataclass(frozen=True)
@@ -45,24 +45,24 @@ class Task:
 
 @dataclass
 class Summary:
-    """Counts over the seeds that have been run."""
+    """Sums over the seeds that were run."""
 
     seeds: int = 0
     seconds: float = 0.0
     missions: int = 0
     driven_m: float = 0.0
     longest_s: float = 0.0
-    unsaid_s: float = 0.0  # the longest that it moved with a pose wrong by more than it says
+    overconfident_s: float = 0.0  # longest time of moving with a pose wrong beyond its covariance
     faults: Counter[str] = field(default_factory=Counter)
     violations: Counter[str] = field(default_factory=Counter)
     broken: list[Outcome] = field(default_factory=list)
-    contacts: Counter[str] = field(default_factory=Counter)  # by what voids them; "": nothing does
+    contacts: Counter[str] = field(default_factory=Counter)  # by the reason that voids them, or ""
     moving_s: dict[str, float] = field(default_factory=dict)  # likewise
     sights: Counter[str] = field(default_factory=Counter)
-    again: int = 0  # missions that were forgotten, and asked for again
-    narrowed: bool = False  # whether only some kinds were made
+    again: int = 0  # missions that were forgotten, and requested again
+    narrowed: bool = False  # whether only some kinds were selected
     figures: dict[str, list[dict[str, float]]] = field(default_factory=dict)  # by kind of trial
-    failed: dict[str, list[str]] = field(default_factory=dict)  # trials that could not be made
+    failed: dict[str, list[str]] = field(default_factory=dict)  # errors of trials, by kind
 
     def add(self, outcome: Outcome) -> None:
         self.seeds += 1
@@ -70,7 +70,7 @@ class Summary:
         self.missions += outcome.missions
         self.driven_m += outcome.driven_m
         self.longest_s = max(self.longest_s, outcome.longest_s or 0.0)
-        self.unsaid_s = max(self.unsaid_s, outcome.unsaid_s)
+        self.overconfident_s = max(self.overconfident_s, outcome.overconfident_s)
         self.faults.update(outcome.faults)
         self.violations.update(promise for promise, _, _ in outcome.violations)
         self.contacts.update(outcome.contacts)
@@ -84,23 +84,23 @@ class Summary:
             self.broken.append(outcome)
 
     def void_contacts(self) -> dict[str, int]:
-        """Contacts that do not count, by the reason."""
+        """Contacts that do not count, by reason."""
         return {why: count for why, count in sorted(self.contacts.items()) if why and count}
 
     def void_shares(self) -> dict[str, float]:
-        """The share of the moving time in which contacts are void, by the reason."""
+        """The share of the moving time in which contacts are void, by reason."""
         whole = sum(self.moving_s.values()) or 1.0
         return {why: s / whole for why, s in sorted(self.moving_s.items()) if why and s}
 
     def plain(self) -> dict[str, object]:
-        """The counts as JSON has them."""
+        """The sums, for JSON."""
         return {
             "seeds": self.seeds,
             "simulated_s": round(self.seconds, 1),
             "missions": self.missions,
             "driven_m": round(self.driven_m, 1),
             "longest_to_move_s": round(self.longest_s, 3),
-            "longest_unsaid_s": round(self.unsaid_s, 2),
+            "longest_unsaid_s": round(self.overconfident_s, 2),
             "faults": dict(sorted(self.faults.items())),
             "contacts": self.contacts[""],
             "void_contacts": self.void_contacts(),
@@ -150,34 +150,34 @@ def lines(summary: Summary, trials: Iterable[Trial]) -> list[Line]:
 
 
 class Ran(Struct, frozen=True):
-    """A seed or a trial that has been run, as it is kept; `violations` counts them by promise."""
+    """A row for a seed or a trial; `violations` counts them by promise."""
 
     commit: str
     seed: int
     scenario: str
     seconds: float
-    kinds: str = ""  # of faults, if only some were made; of a trial
+    kinds: str = ""  # of faults, if only some were selected; of a trial
     faults: int = 0
     violations: str = ""
     what: str = ""  # the first violation
-    figures: str = ""  # what was counted or measured, as JSON
+    figures: str = ""  # counts or measurements, as JSON
 
 
 class Ledger:
-    """The file in which seeds or trials are counted, with the commit that they ran on."""
+    """The file that counts seeds or trials, with the commit of each."""
 
     def __init__(self, folder: Path, commit: str, name: str = SEEDS) -> None:
-        """Make the folder if need be. Raises OSError."""
+        """Open the file, and make its folder if needed. Raises OSError."""
         self._rows = Rows(folder / name, Ran)
         self.path = self._rows.path
         self._commit = commit
 
     def next_seed(self) -> int:
-        """The one after the largest that was run on this commit, with whatever faults."""
+        """The seed after the largest that was run on this commit, with any faults."""
         return max((ran.seed + 1 for ran in self._mine()), default=0)
 
     def count(self) -> tuple[int, int]:
-        """Seeds that ran on this commit, and how many of them broke a promise."""
+        """The number of seeds run on this commit, and of those that broke a promise."""
         mine = self._mine()
         return len({ran.seed for ran in mine}), sum(bool(ran.violations) for ran in mine)
 
@@ -206,9 +206,9 @@ class Ledger:
 def smallest(
     outcome: Outcome, tries: int, step: Callable[[], None] = lambda: None
 ) -> tuple[Case, str]:
-    """A small case that breaks the promise that an outcome broke first, and which that is.
+    """A small case that breaks the promise that an outcome broke first, and that promise.
 
-    It costs at most so many tries, and `step` is called after each.
+    It makes at most `tries` runs, and calls `step` after each.
     """
     promise = Promise[outcome.violations[0][0]]
     shrinker = Shrinker(lambda case: when_broken(case, promise), tries, step=step)
@@ -216,7 +216,7 @@ def smallest(
 
 
 def missing(summary: Summary) -> list[Sight]:
-    """What should have happened sometimes in so many seeds, and never did."""
+    """Situations that a campaign of this size must show, and that never occurred."""
     if summary.seeds < CAMPAIGN or summary.seconds < CAMPAIGN * CAMPAIGN_S or summary.narrowed:
         return []
     return [sight for sight in Sight if not summary.sights[sight.name]]

@@ -1,8 +1,8 @@
 """Makes a case that breaks a promise small: fewer faults, shorter ones, an earlier end.
 
-Delta debugging (Zeller's ddmin) over the list of faults: what is left out stays out if the same
-promise still breaks. A run is repeatable to the byte, but whatever is left out changes all noise
-after it: so each case is tried with a few seeds of noise, and breaking under any of them will do.
+Delta debugging (Zeller's ddmin) over the list of faults: a fault is removed if the same promise
+still breaks without it. A run is exactly repeatable, but removing a fault changes all noise after
+it. So each case is tried with several seeds of noise, and may break with any of them.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from msgspec.structs import replace
 from armadico_tools.faults.plan import Case
 
 TRIES: Final = 200
-"""Runs that shrinking may cost."""
+"""Most runs of a shrinking."""
 
 AFTER_S: Final = 0.2
-"""A case ends so long after its promise broke."""
+"""A case ends this long after its promise broke."""
 
 SHORTER: Final = (0.25, 0.5, 0.75)
-"""Shares of its length that each fault is tried with."""
+"""Shares of its length that are tried for each fault."""
 
 NOISES: Final = 4
-"""So many seeds of noise each case is tried with."""
+"""Seeds of noise that are tried for each case."""
 
 NOISE: Final = 1_000_003
-"""What lies between one of them and the next."""
+"""Difference between two of these seeds."""
 
 Broken = Callable[[Case], float | None]
-"""Runs a case; when the promise broke (s), or None."""
+"""Runs a case. Returns when the promise broke (s), or None."""
 
 
 class Shrinker:
     """Shrinks one case; `tries` counts the runs, and `step` is called after each.
 
-    `noises` is how many seeds of noise a case is tried with, its own first. What it finds has the
-    seed with which it broke.
+    A case is tried with `noises` seeds of noise, its own first. The result has the seed with which
+    it broke.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Shrinker:
         self.tries = 0
 
     def shrink(self, case: Case) -> Case:
-        """The smallest case that it finds. Raises ValueError if nothing breaks to begin with."""
+        """The smallest case found. Raises ValueError if the case breaks nothing."""
         found = self._try(case)
         if found is None:
             raise ValueError(f"seed {case.seed} breaks nothing")
@@ -62,7 +62,7 @@ class Shrinker:
         return self._shorter(case)
 
     def _try(self, case: Case) -> Case | None:
-        """The case with its end cut off, if it still breaks with any of the seeds."""
+        """The case without its end, if it breaks with any of the seeds."""
         for noise in range(self._noises):
             if self.tries >= self._most:
                 return None
@@ -79,7 +79,7 @@ class Shrinker:
     def _fewer(self, case: Case) -> Case:
         parts = 2
         while case.faults:
-            size = -(-len(case.faults) // parts)  # as even as can be
+            size = -(-len(case.faults) // parts)  # rounded up
             for start in range(0, len(case.faults), size):
                 chunk = case.faults[start : start + size]
                 rest = tuple(fault for fault in case.faults if fault not in chunk)

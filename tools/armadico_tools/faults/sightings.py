@@ -1,7 +1,7 @@
-"""What happens to a society that is worth a test only if it happens: situations, counted.
+"""Situations of a society that a campaign must show, counted.
 
-A campaign in which one of them never came to pass has tested less than it claims, and fails: so do
-the "sometimes" assertions of FoundationDB's and Antithesis's simulations.
+A campaign in which one of them never occurred has tested less than it claims, and fails. This
+follows the "sometimes" assertions of FoundationDB's and Antithesis's simulations.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from armadico_tools.faults.record import (
     Obeyed,
     Observation,
     Ordered,
+    Published,
     Record,
     Refused,
-    Said,
 )
 
 SILENT_S: Final = 0.2
-"""A holder last received longer ago than this, s, is silent: two of its claims are missing."""
+"""A holder whose last claim is older than this, s, is silent: two of its claims are missing."""
 
 UNCOMMANDED_S: Final = 0.28
-"""A stop that is ordered so long after the last obeyed command, s, is the owner's own."""
+"""A stop that is ordered this long after the last obeyed command, s, is the owner's own."""
 
 
 class Sight(StrEnum):
@@ -42,49 +42,49 @@ class Sight(StrEnum):
     VACANT = "the holder has released or is gone, and another takes over"
     BLENDED = "an exchange is blended over some cycles"
     AT_ONCE = "an exchange happens at once"
-    OFFERED = "a holder offers what it has"
-    RELEASED = "a holder lets go in order"
+    OFFERED = "a holder offers its resource"
+    RELEASED = "a holder releases in order"
     STOOD_BACK = "a holder that is not obeyed stands back"
     STALE_BALLOT = "a smaller ballot is refused"
-    OLD_CYCLE = "what answers an old cycle is refused"
+    OLD_CYCLE = "a command for an old cycle is refused"
     OUT_OF_RANGE = "speeds beyond the robot's limits are refused"
     LISTENING = "an owner that has just started refuses"
-    WHILE_STOPPED = "a command is refused, for the robot is stopped"
+    WHILE_STOPPED = "a command is refused because the robot is stopped"
     STOPPED = "the stop is latched while a fault is on"
     FREED = "the stop is released"
-    SILENT_STOP = "no commands come, and the owner orders a stop"
+    SILENT_STOP = "no commands arrive, and the owner orders a stop"
     WATCHDOG = "without the robot agent the wheels come to rest"
     RESTARTED = "a command is obeyed in a new epoch"
-    STALE_INPUT = "a bid is withheld, for an input is not fresh"
-    MISSED = "a live agent is taken for gone"
-    TOGETHER = "two faults are on at once"
-    LOST = "the pose is wrong and unsaid"
-    TOUCHED = "something is touched where that is void"
-    REACHED = "a mission is reached though faults befell it"
+    STALE_INPUT = "a bid is withheld because an input is stale"
+    MISSED = "a live agent is considered gone"
+    TOGETHER = "two faults are active at once"
+    LOST = "the pose is wrong beyond its covariance"
+    TOUCHED = "a contact occurs that is void"
+    REACHED = "a mission is reached in spite of faults"
     SECOND_REFUSED = "admission refuses a second instance"
 
 
 class Sightings:
-    """Counts them, in one run."""
+    """Counts the situations of one run."""
 
     def __init__(self) -> None:
         self.counts: Counter[Sight] = Counter()
         self._largest: Ballot | None = None
-        self._rival: tuple[float, Claim] | None = None  # the last claim, and when it was published
+        self._rival: tuple[float, Claim] | None = None  # the last claim, and its time
         self._gone: set[str] = set()
         self._obeyed_at = 0.0
         self._epoch: int | None = None
         self._stopped = False
-        self._rolling = False  # the robot agent was away while the wheels still turned
+        self._rolling = False  # the robot agent was away while the wheels turned
         self._resting = True
         self._lost = False
         self._touches = 0
-        self._befallen = False  # whether a fault has befallen the mission that goes on
+        self._befallen = False  # whether a fault affected the present mission
 
     def update(self, seen: Observation, now: Record) -> None:
-        """Look at one observation, after the situation has taken it in."""
-        if isinstance(seen, Said):
-            self._receive(seen, now)
+        """Process one observation, after the record."""
+        if isinstance(seen, Published):
+            self._on_message(seen, now)
         elif isinstance(seen, Refused):
             why = "WHILE_STOPPED" if seen.why == "STOPPED" else seen.why
             if why in Sight.__members__:
@@ -107,7 +107,7 @@ class Sightings:
         elif isinstance(seen, Bids):
             self.counts[Sight.STALE_INPUT] += seen.record.reason.startswith("no fresh")
 
-    def _receive(self, seen: Said, now: Record) -> None:
+    def _on_message(self, seen: Published, now: Record) -> None:
         message = seen.message
         if isinstance(message, Claim):
             self._claim(message, seen.at, now)

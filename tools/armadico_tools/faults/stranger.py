@@ -1,7 +1,7 @@
-"""Faults from outside the society: a stranger publishes what no member would, or joins it.
+"""Faults from outside the society: a stranger publishes invalid messages, or joins.
 
-A stranger's messages arrive without being shown to those who watch; people's, the stop and its
-release, are shown.
+A stranger's messages arrive unseen by watchers. Those of people, the stop and its release, are
+seen.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from armadico.mesh.virtual import Node
 from armadico.mobile.messages import Origin, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import STRANGE_UTILITY
-from armadico_tools.faults.plan import EVERYBODY, Fault
+from armadico_tools.faults.plan import AGENTS, Fault
 
 STRANGE: Final = frozenset(
     {
@@ -48,53 +48,53 @@ STRANGE: Final = frozenset(
         *("huge-message", "two-robot-agents"),
     }
 )
-"""The kinds that are made here."""
+"""The kinds of faults of this module."""
 
-WHO: Final = "stranger-0123456789abcdef"
+INSTANCE: Final = "stranger-0123456789abcdef"
 RATCHET: Final = 40
-"""Claims one after another, each as far ahead of the one before as is believed."""
+"""Successive claims, each as far ahead of the last as is accepted."""
 
 FLOOD: Final = 2000
-"""Claims, and as many commands, within a flood's time, a second at most."""
+"""Claims, and as many commands, within a flood's duration, a second at most."""
 
 POINTS: Final = 20_000  # of a message that is too large
-MOST_POINTS: Final = 2048  # of the largest that is read
+MOST_POINTS: Final = 2048  # of the largest message that is accepted
 FAR_M: Final = 40.0
-"""Those points are so far away that no agent need steer for them."""
+"""Distance of those points, so that no agent needs to avoid them."""
 
 OLD_CYCLES: Final = 10
 
 CLIMB_S: Final = 0.02
-"""From one climbing state to the next."""
+"""Period of rising states."""
 
 CLIMB: Final = 4
-"""Cycles from one climbing state to the next."""
+"""Cycles between rising states."""
 
 BEYOND: Final = (JUMP, 3 * JUMP, LARGEST_COUNT // 2)
-"""How far a latched state is counted ahead: as far as is believed at once, and farther."""
+"""Counters of latched states beyond the known one: the largest that is accepted, and larger."""
 
 
 class Stranger:
     """Publishes a fault's messages, and joins."""
 
     def __init__(self, rehearsal: Rehearsal) -> None:
-        self.nodes: list[Node] = []  # processes that are none of the society's
+        self.nodes: list[Node] = []  # processes outside the society
         self._rehearsal = rehearsal
         self._mesh = rehearsal.mesh
         self._state: RobotState | None = None
         self._latched: dict[type[Latched], Trajectory | Origin] = {}
-        self._counter = 0  # of the stop, the largest that was published
+        self._counter = 0  # the largest of a published stop
         self._press = 0  # the press of that stop
         self._presses = Random(f"presses/{self._mesh.seed}")
         self._term = 0
         self._second: dict[Fault, Node] = {}
-        self._mesh.watch(self._receive, RobotState, Claim, Trajectory, Origin)
+        self._mesh.watch(self._on_message, RobotState, Claim, Trajectory, Origin)
 
     def act(self, fault: Fault, *, begins: bool) -> None:
         """Begin a fault, or end it."""
         getattr(self, "_" + fault.kind.replace("-", "_"))(fault, begins)
 
-    def _receive(self, _key: str, message: Message, _now: float) -> None:
+    def _on_message(self, _key: str, message: Message, _now: float) -> None:
         if isinstance(message, RobotState):
             self._state = message
             if message.stop.counter >= self._counter:
@@ -104,58 +104,58 @@ class Stranger:
         elif isinstance(message, Trajectory | Origin):
             self._latched[type(message)] = message
 
-    def _arrives(self, message: Message, _a: Any = None, _b: Any = None) -> None:
-        for name in EVERYBODY:
+    def _deliver(self, message: Message, _a: Any = None, _b: Any = None) -> None:
+        for name in AGENTS:
             self._mesh.arrive(message, name, _key(message))
 
     # The stop ------------------------------------------------------------------------------------
 
     def _stop(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
-        self._say_stop(stopped=begins)
+        self._publish_stop(stopped=begins)
 
     def _stop_and_release(self, fault: Fault, begins: bool) -> None:
-        """Stop, and release at the end; 1: the stop's counter is smaller than one that is known.
+        """Stop, and release at the end, by the fault's amount.
 
-        2: after a third of the time a release has a counter that is too small. 3: a stop is
-        released at once, and comes again later: that is none. 4: the stop counts as far ahead of
-        what is known as is believed.
+        1: the stop has a smaller counter than a known one. 2: after a third of the time there is a
+        release with too small a counter. 3: a stop is released at once, and repeated later without
+        effect. 4: the counter is as far ahead of the known one as is accepted.
         """
         now, lasts, variant = self._mesh.now, fault.lasts, fault.amount
         if not begins:
             if variant != 3.0:
-                self._say_stop(stopped=False)
+                self._publish_stop(stopped=False)
             return
         if variant == 4.0:
             self._counter += JUMP - 1
-        self._say_stop(stopped=True)
-        first = Stop(self._counter, True, WHO, self._press)
+        self._publish_stop(stopped=True)
+        first = Stop(self._counter, True, INSTANCE, self._press)
         if variant in (1.0, 3.0):
-            self._say_stop(stopped=False)
+            self._publish_stop(stopped=False)
         if variant == 1.0:
-            small = Stop(max(self._counter - 1, 0), True, WHO, self._presses.getrandbits(63))
-            self._mesh.call_at(now + 0.2 * lasts, partial(self._say, small))
+            small = Stop(max(self._counter - 1, 0), True, INSTANCE, self._presses.getrandbits(63))
+            self._mesh.call_at(now + 0.2 * lasts, partial(self._publish, small))
         elif variant == 2.0:
-            small = Stop(self._counter - 1, False, WHO, self._presses.getrandbits(63))
-            self._mesh.call_at(now + lasts / 3, partial(self._say, small))
+            small = Stop(self._counter - 1, False, INSTANCE, self._presses.getrandbits(63))
+            self._mesh.call_at(now + lasts / 3, partial(self._publish, small))
         elif variant == 3.0:
-            self._mesh.call_at(now + 0.2 * lasts, partial(self._say, first))
+            self._mesh.call_at(now + 0.2 * lasts, partial(self._publish, first))
 
-    def _say_stop(self, *, stopped: bool) -> None:
-        """A new stop, or the release of the newest."""
+    def _publish_stop(self, *, stopped: bool) -> None:
+        """Publish a new stop, or the release of the newest."""
         self._counter += 1
         if stopped:
             self._press = self._presses.getrandbits(63)
-        self._say(Stop(self._counter, stopped, WHO, self._press))
+        self._publish(Stop(self._counter, stopped, INSTANCE, self._press))
 
-    def _say(self, message: Message, _a: Any = None, _b: Any = None) -> None:
+    def _publish(self, message: Message, _a: Any = None, _b: Any = None) -> None:
         self._mesh.publish(message)
 
     # Messages ------------------------------------------------------------------------------------
 
     def _stray_state(self, fault: Fault, begins: bool) -> None:
-        """0: as of an unknown robot, or of a recording that is played.
+        """Deliver states of another robot or recording (0), or of the present epoch.
 
-        Of the present epoch, 1: one as far ahead as can be, 2: some that climb while it lasts.
+        1: one as far ahead as possible. 2: rising ones while the fault lasts.
         """
         state = self._state
         if not begins or state is None:
@@ -163,35 +163,35 @@ class Stranger:
         rng = Random(f"stray/{self._mesh.seed}/{fault.at}")
         if fault.amount == 0.0:
             cycle = Cycle(rng.getrandbits(63), rng.randrange(100_000))
-            self._arrives(replace(state, cycle=cycle))
+            self._deliver(replace(state, cycle=cycle))
         elif fault.amount == 1.0:
-            self._arrives(replace(state, cycle=Cycle(state.cycle.epoch, LARGEST_COUNT)))
+            self._deliver(replace(state, cycle=Cycle(state.cycle.epoch, LARGEST_COUNT)))
         else:
             for step in range(1, int(fault.lasts / CLIMB_S) + 1):
                 cycle = Cycle(state.cycle.epoch, state.cycle.number + CLIMB * step)
                 at = self._mesh.now + CLIMB_S * (step - 1)
-                self._mesh.call_at(at, self._arrives, replace(state, cycle=cycle))
+                self._mesh.call_at(at, self._deliver, replace(state, cycle=cycle))
 
     def _huge_counter(self, fault: Fault, begins: bool) -> None:
-        """0: the mission, 1: the pose's origin, as they are, with a counter far beyond."""
+        """Deliver the mission (0) or the pose's origin (1) with a counter far beyond."""
         known = self._latched.get(Origin if fault.amount else Trajectory)
         if begins and known is not None:
             counter = (known.counter + BEYOND[int(fault.spread)]) % COUNTS
-            self._arrives(replace(known, counter=counter))
+            self._deliver(replace(known, counter=counter))
 
     def _huge_term(self, fault: Fault, begins: bool) -> None:
-        """0: a claim with the largest term; 1: claims that climb; 2: an ack with one."""
+        """Deliver a claim with the largest term (0), rising claims (1), or an ack (2)."""
         if not begins or self._state is None:
             return
         if fault.amount == 2.0:
-            self._arrives(ack_of(self._state, LARGEST_COUNT))
+            self._deliver(ack_of(self._state, LARGEST_COUNT))
             return
         climb = [self._term + (step + 1) * JUMP for step in range(RATCHET)]
         for term in climb if fault.amount == 1.0 else [LARGEST_COUNT]:
-            self._arrives(self._claim(term))
+            self._deliver(self._claim(term))
 
     def _flood(self, fault: Fault, begins: bool) -> None:
-        """Claims and commands, either with a ballot long beaten or with ever larger ones."""
+        """Deliver claims and commands, with a beaten ballot or ever larger ones."""
         if not begins:
             return
         within = min(fault.lasts, 1.0)
@@ -205,11 +205,11 @@ class Stranger:
         cycle = self._state.cycle
         old = Cycle(cycle.epoch, max(cycle.number - OLD_CYCLES, 0))
         term = self._term + index + 1 if climbs else 1
-        self._arrives(self._claim(term))
-        self._arrives(Command(WHEELS.name, old, _ballot(term), (0.1, 0.0)))
+        self._deliver(self._claim(term))
+        self._deliver(Command(WHEELS.name, old, _ballot(term), (0.1, 0.0)))
 
     def _huge_message(self, fault: Fault, begins: bool) -> None:
-        """0: the largest that is read; 1: far beyond that; 2: tags that take long to decode."""
+        """Publish the largest valid message (0), a larger one (1), or tags slow to decode (2)."""
         if not begins or self._state is None:
             return
         cycle, key = self._state.cycle, service_of(Obstacles).key_for(name="sonar")
@@ -234,9 +234,9 @@ class Stranger:
     # Another robot -------------------------------------------------------------------------------
 
     def _two_robot_agents(self, fault: Fault, begins: bool) -> None:
-        """One with a controller of its own, whose wheels no agent of this society sees.
+        """Add a robot agent with a separate controller, whose wheels no agent here observes.
 
-        1: it does not look around, as if it had come while the network was cut.
+        1: it skips admission, as if it had joined while the network was partitioned.
         """
         if not begins:
             node = self._second.pop(fault)
@@ -254,17 +254,17 @@ class Stranger:
 
 
 def ack_of(state: RobotState, term: int) -> Ack:
-    """The next cycle's ack, with a ballot that was received."""
+    """The next cycle's ack, with a term that was received."""
     cycle = Cycle(state.cycle.epoch, state.cycle.number + 1)
     return Ack(WHEELS.name, cycle, _ballot(term))
 
 
 def _key(message: Message) -> str:
-    """The key that a message of the stranger's travels on."""
+    """The key of a stranger's message."""
     if isinstance(message, Claim):
         return WHEELS.utility_key
     if isinstance(message, Command):
-        return WHEELS.command_key_of(WHO)
+        return WHEELS.command_key_of(INSTANCE)
     return WHEELS.ack_key if isinstance(message, Ack) else service_of(type(message)).key
 
 
@@ -274,4 +274,4 @@ def _ring(count: int) -> tuple[Point, ...]:
 
 
 def _ballot(term: int) -> Ballot:
-    return Ballot(term, STRANGE_UTILITY, False, WHO)
+    return Ballot(term, STRANGE_UTILITY, False, INSTANCE)

@@ -1,8 +1,8 @@
-"""Trials on real processes: one fault at a time, and from when to when each figure counts.
+"""Trials on real processes: one fault at a time, and the intervals of its figures.
 
-A kind of trial is a row: the fault, the agents that it befalls, and its figures. The society stays
-up for all trials of a kind, and the phase within a cycle is drawn anew for each. Times are those of
-the observer, on the machine that everything runs on.
+A kind of trial is a row: the fault, its targets, and its figures. The society stays up for all
+trials of a kind, and the phase within a cycle is drawn for each. Times are those of the observer,
+on the machine that runs everything.
 """
 
 from __future__ import annotations
@@ -21,66 +21,66 @@ from armadico.config.scenarios import Scenario
 from armadico.core.messages import Ballot
 from armadico.observe.recorder import part
 from armadico_tools.faults.checker import Checker
-from armadico_tools.faults.live import HEARD_S, ROAD, LiveInjector, RealSociety, TrialError
+from armadico_tools.faults.live import COMMAND_DELAY_S, ROAD, LiveInjector, RealSociety, TrialError
 from armadico_tools.faults.plan import Case, Fault, Outcome
 from armadico_tools.faults.record import Record, bounds_of
 from armadico_tools.testbed import Namespaces, Place
 
 TWIN: Final = "goto-2"
-"""A second instance of goto: it bids as the first does, and as good is not better, so it waits."""
+"""A second instance of goto: its bids equal the first one's, which is not better, so it waits."""
 
 TWIN_HOST: Final = "lab3"
-"""Where the second goto stands by, if there are hosts."""
+"""The host of the second goto, if there are hosts."""
 
 CALM_S: Final = 0.6
-"""Between two trials everything has been as it should for so long."""
+"""Least time without disturbance between two trials."""
 
 PHASE_S: Final = 0.3
-"""The moment of a fault is drawn from so long a time: three cycles."""
+"""The moment of a fault is drawn from this interval: three cycles."""
 
 LEASE_OVER_S: Final = 1.5
-"""After so long Zenoh has given up the links of a process that hangs (lease 1 s)."""
+"""Time after which Zenoh has closed the links of a process that hangs (lease 1 s)."""
 
 CUT_S: Final = 3.0
-"""How long links are cut."""
+"""Duration of cuts."""
 
 BAD_S: Final = 8.0
-"""How long links are bad."""
+"""Duration of bad links."""
 
 DRIVES_ON: Final = 0.9
-"""The share of cycles in which a command must be obeyed where the robot is to drive on."""
+"""Least share of cycles with an obeyed command, where the robot has to drive on."""
 
 AGAIN: Final = 3
-"""So many trials of a kind may fail before the rest of them are given up."""
+"""After this many failed trials of a kind the rest is skipped."""
 
 
-Whom = Callable[[RealSociety], tuple[str, ...]]
-"""The agents that a fault befalls, by their labels."""
+Targets = Callable[[RealSociety], tuple[str, ...]]
+"""Selects the targets of a fault, by label."""
 
 Check = Callable[["Moment"], str]
-"""What is wrong after a trial; nothing, if it went as it should."""
+"""What is wrong after a trial; "" if nothing."""
 
 
 @dataclass
 class Moment:
-    """One trial as it goes on: what was observed, and when its fault began and ended, s."""
+    """One trial in progress: what was observed, and when its fault began and ended, s."""
 
     record: Record
-    gone: tuple[str, ...]  # the instances that the fault befalls
+    gone: tuple[str, ...]  # instances of the targets
     every: tuple[str, ...]  # all instances
     begun: float = 0.0
     ended: float = 0.0
-    ballot: Ballot | None = None  # that was obeyed before
+    ballot: Ballot | None = None  # obeyed before
     speed: float = 0.0  # measured before, m/s
 
     @property
     def obeyed(self) -> float | None:
-        """When the next command was published that is obeyed, of another instance."""
+        """When the next command of another instance was published that is obeyed."""
         return self.record.obeyed_after(self.begun, self.gone)
 
     @property
     def share(self) -> float:
-        """The share of the cycles with an obeyed command while the fault was on, 0 to 1."""
+        """The share of the cycles with an obeyed command while the fault was active, 0 to 1."""
         return self.record.share_obeyed(self.begun + 1.0, self.ended or inf)
 
     @property
@@ -93,15 +93,15 @@ class Moment:
 
     @property
     def back(self) -> float | None:
-        """When the last token came back; its end, if all are still there."""
+        """When the last token came back; the end of the fault, if none disappeared."""
         return max(self.ended, *(self.record.alive.get(one, self.ended) for one in self.every))
 
 
 @dataclass(frozen=True)
 class Figure:
-    """What a trial measures, and what is aimed at, ms (None: nothing).
+    """A measurement of a trial, and its aims, ms (None: no aim).
 
-    `measure` returns None until it is there: before the fault ends, or `after` it.
+    `measure` returns None until it is known: before the fault ends, or `after` it.
     """
 
     name: str
@@ -114,29 +114,29 @@ class Figure:
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of trial: a fault, for as long as it lasts at least, and what is measured.
+    """One kind of trial: a fault with its least duration, and the figures.
 
-    The agents that it befalls are chosen in each trial, by `whom`.
+    The targets are selected in each trial, by `targets`.
     """
 
     name: str
     text: str
     fault: Fault
-    whom: Whom
+    targets: Targets
     figures: tuple[Figure, ...]
-    check: Check = lambda _: ""  # what is wrong, at its end
-    twin: bool = False  # needs a second goto that stands by
-    hosts: bool = False  # needs hosts with a network between them, not one machine
+    check: Check = lambda _: ""  # at its end
+    twin: bool = False  # needs a second goto
+    hosts: bool = False  # needs several hosts
 
     def make(self, society: RealSociety, rng: random.Random) -> dict[str, float]:
-        """Make one trial; its figures by name. Raises TrialError."""
+        """Run one trial. Returns its figures by name. Raises TrialError."""
         record, injector = society.record, LiveInjector(society)
         society.run(rng.uniform(0.0, PHASE_S))
-        whom = self.whom(society)
-        gone = tuple(society.agents[label].instance for label in whom)
+        targets = self.targets(society)
+        gone = tuple(society.agents[label].instance for label in targets)
         moment = Moment(record, gone, tuple(agent.instance for agent in society.agents.values()))
         moment.ballot, moment.speed = record.obeyed, record.state.v if record.state else 0.0
-        fault = structs.replace(self.fault, whom=whom)
+        fault = structs.replace(self.fault, targets=targets)
         injector.begin(fault)
         moment.begun = injector.acted_at
         self._await(society, moment, after=False)
@@ -160,29 +160,29 @@ class Trial:
 
 
 def settle(society: RealSociety) -> None:
-    """Wait until the robot drives and, if there is a twin, both bid; then for a while."""
+    """Wait until the robot drives and any twin also bids; then for a while."""
 
     def well() -> bool:
         twins = [a.instance for label, a in society.agents.items() if label in ("goto", TWIN)]
         lacking = len(twins) > 1 and not all(map(society.record.bids_lately, twins))
         return society.record.on_its_way() and not lacking
 
-    society.until(well, "the robot drives, and all bid that should")
+    society.until(well, "the robot drives, and each goto bids")
     society.run(CALM_S)
     society.until(well, "the robot drives on")
 
 
-# What a fault befalls -----------------------------------------------------------------------------
+# Targets ------------------------------------------------------------------------------------------
 
 
 def _holder(society: RealSociety) -> tuple[str, ...]:
-    """The goto that holds the wheels at this moment; the other one stands by."""
+    """The goto that holds the wheels at this moment."""
 
     def held() -> str:
         label = society.label_of(society.record.driver or "")
         return label if label in ("goto", TWIN) else ""
 
-    return (society.until(held, "one goto or the other is obeyed"),)
+    return (society.until(held, "a goto is obeyed"),)
 
 
 def _each(society: RealSociety) -> tuple[str, ...]:
@@ -203,15 +203,15 @@ def _half(society: RealSociety) -> tuple[str, ...]:
     return society.on_host(*hosts[len(hosts) // 2 :])
 
 
-# What is wrong ------------------------------------------------------------------------------------
+# Checks -------------------------------------------------------------------------------------------
 
 
-def _not_with_the_old_ballot(moment: Moment) -> str:
+def _no_old_ballot(moment: Moment) -> str:
     old = moment.ballot
     assert old is not None, "a holder is obeyed"
     acks = [ack.obeyed for at, ack in moment.record.acks if at >= moment.ended]
     again = [b for b in acks if b is not None and b.instance == old.instance and b <= old]
-    return f"{old.instance} woke up and was obeyed with a ballot of before" if again else ""
+    return f"{old.instance} resumed and was obeyed with an old ballot" if again else ""
 
 
 def _starts_from_rest(moment: Moment) -> str:
@@ -233,7 +233,7 @@ def _stands(moment: Moment) -> str:
     return f"obeyed in {moment.share:.0%} of the cycles; its log: {'; '.join(texts)}"
 
 
-# The figures --------------------------------------------------------------------------------------
+# Figures ------------------------------------------------------------------------------------------
 
 
 def _ms(since: float | None, until: float | None) -> float | None:
@@ -266,13 +266,13 @@ _STOPPED: Final = Figure(
     "from those to the first true speed of zero (sent each 100 ms)",
     lambda m: _ms(m.stop, m.record.rest_after(m.stop) if m.stop else None),
 )
-_SPEED: Final = Figure("speed mm/s", "what it drove before", lambda m: 1e3 * m.speed)
+_SPEED: Final = Figure("speed mm/s", "speed before the fault", lambda m: 1e3 * m.speed)
 _ROLLED: Final = Figure(
     "rest", "from just before it to the first true speed of zero", lambda m: _ms(m.begun, _rest(m))
 )
 _FASTEST: Final = Figure(
     "fastest mm/s",
-    "its largest true speed meanwhile",
+    "largest true speed until the rest",
     lambda m: 1e3 * m.record.fastest(m.begun, _rest(m) or inf),
 )
 _FROM_TOKEN: Final = Figure(
@@ -283,13 +283,13 @@ _FROM_TOKEN: Final = Figure(
 )
 _LURCH: Final = Figure(
     "fastest before mm/s",
-    "the largest true speed until then: no lurch",
+    "largest true speed until it drives, which shows a lurch",
     lambda m: 1e3 * m.record.fastest(m.ended, m.moves or inf),
     after=True,
 )
 _LATE: Final = Figure(
     "late commands",
-    "sent on waking by the ballot of before; none was obeyed",
+    "commands with the old ballot after resuming; none was obeyed",
     lambda m: m.record.late_commands(m.ended, m.ballot) if m.ballot else None,
     after=True,
 )
@@ -301,22 +301,22 @@ _SILENCE: Final = Figure(
 )
 _REJOINED: Final = Figure(
     "rejoined",
-    "from mending the link to when the last of its agents' tokens is seen elsewhere",
+    "from restoring the link until the last of its agents' tokens is received elsewhere",
     lambda m: _ms(m.ended, m.back),
     worst=2000,
     after=True,
 )
 _AGAIN: Final = Figure(
     "obeyed again",
-    "from mending the link to the next command obeyed",
+    "from restoring the link to the next command obeyed",
     lambda m: _ms(m.ended, m.record.obeyed_after(m.ended)),
     after=True,
 )
 _SHARE: Final = Figure(
-    "obeyed %", "cycles with a recent command obeyed, while it lasted", lambda m: 100.0 * m.share
+    "obeyed %", "cycles with a recent command obeyed, during the fault", lambda m: 100.0 * m.share
 )
-_RESTARTED: Final = "from starting its process to speeds on the line that are not zero"
-_ENDED: Final = "from the end of the fault to speeds ordered that are not zero"
+_RESTARTED: Final = "from starting its process to non-zero speeds on the line"
+_ENDED: Final = "from the end of the fault to non-zero speeds ordered"
 
 TABLE: Final = (
     Trial(
@@ -333,12 +333,12 @@ TABLE: Final = (
         Fault("hang", 0, LEASE_OVER_S, ()),
         _holder,
         (_next(400, 600), _LATE),
-        check=_not_with_the_old_ballot,
+        check=_no_old_ballot,
         twin=True,
     ),
     Trial(
         "holder-cut-off",
-        "the holder's host cut off for 3 s, another contender alive: a second goto",
+        "the holder's host disconnected for 3 s, another contender alive: a second goto",
         Fault("partition", 0, CUT_S, ()),
         lambda s: s.on_host(s.agents[_holder(s)[0]].host),
         (_next(400, 600), _SILENCE, _REJOINED),
@@ -354,7 +354,7 @@ TABLE: Final = (
     ),
     Trial(
         "robot-killed",
-        "the robot agent killed, and started again when the wheels rest",
+        "the robot agent killed, and restarted when the wheels rest",
         Fault("crash", 0, 0, ()),
         lambda _: ("robot",),
         (_ROLLED, _FASTEST, _drives(_RESTARTED, 2000), _FROM_TOKEN, _LURCH),
@@ -362,7 +362,7 @@ TABLE: Final = (
     ),
     Trial(
         "host-lost",
-        "the host of all behaviours cut off for 3 s, and back",
+        "the host of all behaviours disconnected for 3 s, and back",
         Fault("partition", 0, CUT_S, ()),
         lambda s: s.on_host(s.agents["goto"].host),
         (_STOP, _REJOINED, _AGAIN),
@@ -372,13 +372,15 @@ TABLE: Final = (
 """The lines of the table in docs/results-reliability.md."""
 
 
-def _beside(name: str, text: str, fault: Fault, whom: Whom, check: Check = lambda _: "") -> Trial:
-    """A trial of which only the promises, and until when the robot drives again, are of interest.
+def _beside(
+    name: str, text: str, fault: Fault, targets: Targets, check: Check = lambda _: ""
+) -> Trial:
+    """A trial for checking promises, with the time until the robot drives again.
 
-    Cuts also have when the tokens are back; bad links, how often a command was obeyed.
+    Cuts also measure when the tokens are back; bad links, how often a command was obeyed.
     """
     link = {"partition": (_REJOINED,), "delay": (_SHARE,), "drop": (_SHARE,)}.get(fault.kind, ())
-    return Trial(name, text, fault, whom, (*link, _drives(_ENDED)), check, hosts=bool(link))
+    return Trial(name, text, fault, targets, (*link, _drives(_ENDED)), check, hosts=bool(link))
 
 
 def _all(society: RealSociety) -> tuple[str, ...]:
@@ -397,14 +399,14 @@ TRIALS: Final = {
         _beside("kill-one", "each agent killed in turn", Fault("crash", 0, 1.0, ()), _each),
         _beside("hang-one", "each agent hung in turn", Fault("hang", 0, LEASE_OVER_S, ()), _each),
         _beside("simulator-gone", "simulator and line gone for 1 s", _GONE, lambda _: ("robot",)),
-        _beside("link-down", "each host's card down for 3 s in turn", _DOWN, _each_host),
+        _beside("link-down", "each host's device down for 3 s in turn", _DOWN, _each_host),
         _beside("partition", "two hosts and two apart", Fault("partition", 0, CUT_S, ()), _half),
         _beside("round-trip-100", "100 ms round trip: drives on", _TURN_100, _all, _drives_on),
         _beside("one-way-300", "300 ms one way: stands, logs why", _WAY_300, _all, _stands),
         _beside("loss-20", "20 % loss", Fault("drop", 0, BAD_S, (), (), 0.2), _all),
     )
 }
-"""Every kind of trial, by its name."""
+"""Every kind of trial, by name."""
 
 
 def run_trials(
@@ -418,11 +420,11 @@ def run_trials(
     seed: int = 0,
     record: Path | None = None,
 ) -> list[str]:
-    """Make so many trials of one kind; returns what went wrong with those that could not be made.
+    """Run trials of one kind. Returns the errors of those that failed.
 
-    The outcome of each is handed to `done`. All messages are recorded in a file, if it is named.
-    The society stays up from trial to trial; after one that failed another is started, which is
-    recorded in a file beside the first.
+    `done` receives the outcome of each. With `record` all messages are recorded in a file. The
+    society stays up between trials; after a failed one another is started, which is recorded in a
+    file beside the first.
     """
     made, failed = 0, list[str]()
     rng = random.Random(f"{seed} {trial.name}")
@@ -430,7 +432,7 @@ def run_trials(
     if trial.hosts and table is not None:
         hosts = {agent: name for name, host in table.hosts.items() for agent in host.agents}
     while made < count and len(failed) < AGAIN:
-        checker = Checker(replace(bounds_of(scenario), heard_s=HEARD_S))
+        checker = Checker(replace(bounds_of(scenario), command_delay_s=COMMAND_DELAY_S))
         path = part(record, len(failed)) if record is not None and failed else record
         known = 0
 
@@ -463,7 +465,7 @@ def run_trials(
 
 
 def place_for(trials: Sequence[Trial], table: HostTable, seed: int) -> Place:
-    """This machine, unless one of them needs hosts. Raises OSError."""
+    """This machine, or hosts if a trial needs them. Raises OSError."""
     if any(trial.hosts for trial in trials):
         return Namespaces(table, seed)
     return Place("trials")

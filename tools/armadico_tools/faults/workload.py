@@ -1,7 +1,7 @@
-"""The workload: a whole society drives a shipped scenario to and fro while faults befall it.
+"""The workload: a whole society drives a shipped scenario to and fro under faults.
 
-It makes the faults and drives; what is right or wrong it leaves to the checker, to which it shows
-what can be seen from outside, and besides the bids of those who are silent.
+It applies the faults and drives. It reports to the checker, which judges, what can be observed from
+outside, and also the bids of silent agents.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ from armadico_tools.faults.record import (
     Obeyed,
     Observation,
     Passed,
+    Published,
     Refused,
-    Said,
     bounds_of,
     of_the_wheels,
 )
@@ -59,23 +59,23 @@ from armadico_tools.faults.sightings import Sight
 
 SCENARIOS: Final = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")
 
-LOOK_S: Final = 0.5
-"""How often the workload looks whether there is a mission."""
+ORDER_S: Final = 0.5
+"""Period of checking whether there is a mission."""
 
 MISSION_S: Final = 90.0
-"""After so long the robot is sent elsewhere: it may have lost its way with its pose. What a fault
-has put wrong, the society mends itself or not at all."""
+"""After this time the robot gets another goal, because it may have lost its way with its pose. The
+society has to correct the pose."""
 
 BOOTED_S: Final = 1e5
-"""Clocks of the processes begin anywhere within this."""
+"""The clocks of processes begin within this range."""
 
 SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose, Obstacles)
 
 
 def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
-    """The case that a seed draws: a scenario and faults, for so many s.
+    """The case of a seed: a scenario and faults, for so many s.
 
-    Of the kinds that are given; else of some that the seed draws.
+    The faults are of the kinds in `only`, else of some that the seed draws.
     """
     rng = Random(f"faults/{seed}")
     drawn = rng.choice(SCENARIOS)
@@ -105,21 +105,21 @@ class Workload:
         )
         self.mesh = self.rehearsal.mesh
         self.mesh.refused = self._refused
-        self.mesh.watch(self._said, *SEEN)
+        self.mesh.watch(self._on_message, *SEEN)
         self.mesh.joined = self._joined
         for node in self.mesh.nodes:
             self._joined(node)
         self._injector = VirtualInjector(self.rehearsal, self.observe, case.variation)
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
-        self._asked = False
-        self._mission_at = 0.0  # when it was taken on
-        self._none_at: float | None = None  # since when it is not known
+        self._requested = False
+        self._mission_at = 0.0  # when it was accepted
+        self._none_at: float | None = None  # since when there is none
         self._status = MissionState.NONE
         self._truth: Truth | None = None
         self._driven = 0.0
-        self._looked: dict[str, int] = {}
-        self._elsewhere: set[int] = set()  # epochs of robot agents with controllers of their own
+        self._last_bids: dict[str, int] = {}  # ids of the last records, by instance
+        self._elsewhere: set[int] = set()  # epochs of robot agents with other controllers
         self.missions = self.again = 0
         self.error: tuple[float, str] | None = None
         self._broken: set[Promise] = set()
@@ -130,7 +130,7 @@ class Workload:
         self.mesh.call_at(1.0, self._order)
         try:
             self.mesh.run(self.case.lasts, None if until is None else lambda: until in self._broken)
-        except Exception:  # an agent that raises dies; here the run ends, and shows where
+        except Exception:  # an agent that raises dies; here the run ends, with the place
             lines = traceback.format_exc().strip().splitlines()
             where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
             self.error = (self.mesh.now, f"{lines[-1]} ({where})")
@@ -138,7 +138,7 @@ class Workload:
         return self.outcome()
 
     def outcome(self) -> Outcome:
-        """What came of it so far."""
+        """The result so far."""
         found = [(v.promise.name, round(v.at, 3), v.text) for v in self.checker.violations]
         if self.error is not None:
             found.append((Promise.NO_ERROR.name, round(self.error[0], 3), self.error[1]))
@@ -152,19 +152,19 @@ class Workload:
             again=self.again,
             contacts=dict(sorted(self.checker.contacts.items())),
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
-            unsaid_s=round(self.checker.unsaid_s, 2),
+            overconfident_s=round(self.checker.overconfident_s, 2),
             sights={sight.name: self.checker.sights.counts[sight] for sight in Sight},
         )
 
-    # What the checker is shown -------------------------------------------------------------------
+    # Observations --------------------------------------------------------------------------------
 
     def observe(self, seen: Observation) -> list[Violation]:
-        """Show the checker one observation."""
+        """Pass an observation to the checker."""
         found = self.checker.update(seen)
         self._broken.update(violation.promise for violation in found)
         return found
 
-    def _said(self, _key: str, message: Message, now: float) -> None:
+    def _on_message(self, _key: str, message: Message, now: float) -> None:
         if not of_the_wheels(message):
             return
         cycle = getattr(message, "cycle", None)
@@ -173,8 +173,8 @@ class Workload:
                 self.observe(Astray(now))
             return
         if isinstance(message, Claim) and message.utility is None:
-            self._show_bids()  # whether who lets go bids on
-        self.observe(Said(now, message))
+            self._show_bids()  # to know whether an agent that releases still bids
+        self.observe(Published(now, message))
         if isinstance(message, MissionStatus):
             ended = self._status is MissionState.REACHED and message.state is MissionState.NONE
             if not ended:  # a new interface agent publishes nothing of a mission that has ended
@@ -190,18 +190,18 @@ class Workload:
             self._show_bids()
 
     def _show_bids(self) -> None:
-        """The bids that are new since the last look, and who is no longer there."""
+        """Observe new bids, and agents that have gone."""
         there = set()
         for node in self.mesh.nodes:
             agent = node.agent
             if not node.alive or not agent.competes_for:
                 continue
             there.add(agent.instance)
-            if agent.bids and id(agent.bids[-1]) != self._looked.get(agent.instance):
-                self._looked[agent.instance] = id(agent.bids[-1])
+            if agent.bids and id(agent.bids[-1]) != self._last_bids.get(agent.instance):
+                self._last_bids[agent.instance] = id(agent.bids[-1])
                 self.observe(Bids(self.mesh.now, agent.instance, agent.bids[-1]))
-        for instance in [name for name in self._looked if name not in there]:
-            del self._looked[instance]
+        for instance in [name for name in self._last_bids if name not in there]:
+            del self._last_bids[instance]
             self.observe(Left(self.mesh.now, instance))
 
     def _refused(self, node: Node) -> None:
@@ -209,7 +209,7 @@ class Workload:
         self._injector.refused(node)
 
     def _joined(self, node: Node) -> None:
-        """Tap a robot agent's line, whom it obeys, and which live agents any agent misses."""
+        """Tap a robot agent's line and verdicts, and any agent's false losses of others."""
         agent, orders = node.agent, Orders()
 
         def disappears(_name: str, instance: str, _now: float) -> None:
@@ -238,22 +238,22 @@ class Workload:
 
     def _order(self, _a: Any = None, _b: Any = None) -> None:
         """Send the robot on when it has arrived, or has no mission."""
-        self.mesh.call_at(self.mesh.now + LOOK_S, self._order)
+        self.mesh.call_at(self.mesh.now + ORDER_S, self._order)
         late = self.mesh.now - self._mission_at > MISSION_S
-        if self._asked or (self._status is MissionState.DRIVING and not late):
+        if self._requested or (self._status is MissionState.DRIVING and not late):
             return
         if self._status is MissionState.REACHED or late:
             self.missions += self._status is MissionState.REACHED
             self._heading_for = 1 - self._heading_for
-        elif self._mission_at:  # it is not known any more
+        elif self._mission_at:  # it was forgotten
             if self._none_at is None or self.mesh.now - self._none_at < 2 * FORGOTTEN_S:
-                return  # whoever starts again has a while to receive it
+                return  # a restarted agent has a while to receive it
             self.again += 1
-        self._asked = True
-        self.mesh.ask(self._ends[self._heading_for], self._answered, timeout=5.0)
+        self._requested = True
+        self.mesh.query(self._ends[self._heading_for], self._answered, timeout=5.0)
 
     def _answered(self, reply: Message | None) -> None:
-        self._asked = False
+        self._requested = False
         if isinstance(reply, MissionReply) and not reply.refusal:
             self._mission_at = self.mesh.now
             self._status = MissionState.DRIVING
@@ -271,7 +271,7 @@ def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
 
 
 def _before(agent: Any, name: str, then: Callable[..., None]) -> None:
-    """Have a method of one instance call a function with its arguments first."""
+    """Make a method of one instance call a function with its arguments first."""
     method = getattr(agent, name)
 
     def tapped(*args: Any, **named: Any) -> Any:
@@ -301,6 +301,6 @@ def run(case: Case, until: Promise | None = None) -> Outcome:
 
 
 def when_broken(case: Case, promise: Promise) -> float | None:
-    """When a case breaks a promise (s), or None. It is run no farther."""
+    """When a case breaks a promise (s), or None. The run ends there."""
     found = run(case, promise).violations
     return next((at for name, at, _ in found if name == promise.name), None)

@@ -1,1 +1,1 @@
-"""Several machines on this one: hosts, the links between them, and what can be shown with them."""
+"""Several hosts on one machine: network namespaces, the links between them, containers."""

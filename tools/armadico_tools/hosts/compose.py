@@ -1,8 +1,8 @@
 """The demo of several hosts, as containers of Docker Compose: `make demo`.
 
-One host is lost in the middle of a run, and comes back. A host is a service of deploy/compose.yaml.
-Everything that is shown is seen from inside: the containers' network may not be reachable from this
-machine.
+One host is stopped in the middle of a run, and started again. A host is a service of
+deploy/compose.yaml. All output comes from inside: the containers' network may be unreachable from
+this machine.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from armadico.runtime.programs import end
 from armadico_tools.testbed import TABLE
 
 FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"
-"""What describes the containers; `COMPOSE_FILE` in the environment names others."""
+"""The description of the containers; `COMPOSE_FILE` in the environment names others."""
 
 IMAGE: Final = "armadico"
-"""What the compose file calls the image of all hosts."""
+"""The name of all hosts' image in the compose file."""
 
 LOST: Final = "lab2"
-"""The host that is lost: that of the behaviours."""
+"""The host that is stopped: that of the behaviours."""
 
 SEAT: Final = "lab3"
-"""The host from which the robot is sent on its way; it has the product and nothing else."""
+"""The host that sends the goal; it has the product only."""
 
 DRIVES: Final = ("armadico", "run")
 
@@ -43,40 +43,40 @@ AWAY_S: Final = 4.0
 """How long the lost host stays away."""
 
 START_S: Final = 90
-"""What the containers may take until all are healthy."""
+"""Time limit until all containers are healthy."""
 
-INSTEAD: Final = "Without an engine, `make run` drives on this machine alone."
+INSTEAD: Final = "Without an engine, use `make run`, which needs this machine only."
 
 EXAMPLES: Final = """\
   make demo
   make demo SCENARIO=house
-  COMPOSE_FILE=deploy/compose.yaml:mine.yaml make demo    with an override file of your own
+  COMPOSE_FILE=deploy/compose.yaml:mine.yaml make demo    with your own override file
 """
 
 
 class Hosts(Protocol):
-    """Machines, real or not, of the demo's host table."""
+    """Hosts of the demo's host table, real or not."""
 
     names: tuple[str, ...]
 
     def start(self, host: str) -> None:
-        """Have a host run its share of the society; it may return before that is up."""
+        """Run a host's part of the society; may return before it is ready."""
 
     def stop(self, host: str) -> None:
-        """Take a host away at once."""
+        """Stop a host at once."""
 
     def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
         """Run a command on a host; its output is piped, as text."""
 
 
 def demo(hosts: Hosts, scenario: str, say: Callable[[str], None]) -> int:
-    """Drive, lose a host once one of its agents drives, start it again; the run's exit code."""
+    """Drive, stop a host once one of its agents drives, restart it. Returns the exit code."""
     for host in hosts.names:
         hosts.start(host)
     mine = [f", {name} drives" for name in load_hosts(TABLE).hosts[LOST].agents]
     words = (*DRIVES, scenario, "--attach", "--no-plot", "--host", SEAT, "--hosts", TABLE)
     run = hosts.popen(SEAT, words, stderr=subprocess.STDOUT)
-    assert run.stdout is not None, "it is piped"
+    assert run.stdout is not None, "it is a pipe"
     back_at: float | None = None
     lost = False
     try:
@@ -96,14 +96,14 @@ def demo(hosts: Hosts, scenario: str, say: Callable[[str], None]) -> int:
 
 
 class ComposeHosts:
-    """The services of one compose file; a context manager that takes them down again."""
+    """The services of a compose file, as a context manager that removes them in the end."""
 
     def __init__(self, scenario: str, say: Callable[[str], None]) -> None:
         """Prepare.
 
         Args:
-            scenario: What each host's share is a share of.
-            say: Called with what is being done, and how long it took.
+            scenario: The scenario of all hosts.
+            say: Called with a line for each step and its duration.
         """
         self.names: tuple[str, ...] = tuple(load_hosts(TABLE).hosts)
         self._say = say
@@ -111,12 +111,12 @@ class ComposeHosts:
 
     def __enter__(self) -> Self:
         """Build the image and start every host. Raises FailedError."""
-        self.down()  # what a demo left that was killed
+        self.down()  # the remains of a demo that was killed
         try:
             began = time.monotonic()
             self._say("building the image")
             self._do("build", "--quiet")
-            self._say(f"it stands, {_size()}, {time.monotonic() - began:.1f} s")
+            self._say(f"image built, {_size()}, {time.monotonic() - began:.1f} s")
             began = time.monotonic()
             self._do("up", "--detach", "--wait", "--wait-timeout", str(START_S))
             self._say(f"all containers are healthy, {time.monotonic() - began:.1f} s")
@@ -126,22 +126,22 @@ class ComposeHosts:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._say("taking everything down")
+        self._say("removing the containers")
         self.down()
 
     def start(self, host: str, *, wait: bool = False) -> None:
-        """Start a host's container, and wait until it is healthy; nothing if it runs."""
+        """Start a host's container; with `wait`, until it is healthy. No effect if it runs."""
         waiting = ("--wait", "--wait-timeout", str(START_S)) if wait else ()
         self._do("up", "--detach", "--no-deps", "--no-build", *waiting, host)
 
     def stop(self, host: str) -> None:
-        """End everything in a host's container at once, as if the plug was pulled."""
+        """Kill everything in a host's container, like a power failure."""
         self._do("kill", host)
 
     def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
-        """Start a command in a host's container; what it prints is piped.
+        """Start a command in a host's container; its output is piped.
 
-        Ending what is returned ends only this side of it; the rest goes with the container.
+        Ending the result ends this side only; the command ends with the container.
         """
         return _Client(
             ["docker", "compose", "exec", "--no-TTY", host, *argv],
@@ -150,7 +150,7 @@ class ComposeHosts:
             stdout=subprocess.PIPE,
             text=True,
             bufsize=1,
-            start_new_session=True,  # Ctrl-C is the demo's, which takes it down
+            start_new_session=True,  # Ctrl-C reaches the demo, which takes the containers down
             **options,
         )
 
@@ -163,7 +163,7 @@ class ComposeHosts:
             signal.signal(signal.SIGINT, before)
 
     def _do(self, *words: str) -> None:
-        """One command of Compose. Raises FailedError with its output."""
+        """Run a command of Compose. Raises FailedError with its output."""
         command = ["docker", "compose", *words]
         done = subprocess.run(
             command,
@@ -181,10 +181,10 @@ class ComposeHosts:
 
 
 class _Client(subprocess.Popen[str]):
-    """This side of a command in a container: `docker`, and the plug-in that it starts."""
+    """This side of a command in a container: `docker` and its plug-in."""
 
     def terminate(self) -> None:
-        """End it; a client that is asked to leave prints that it was."""
+        """Kill it: a client that is terminated would print so."""
         self.kill()
 
     def kill(self) -> None:
@@ -193,7 +193,7 @@ class _Client(subprocess.Popen[str]):
 
 
 def _size() -> str:
-    """How large the image is, as Docker counts."""
+    """The size of the image, as Docker counts."""
     done = subprocess.run(
         ["docker", "image", "inspect", "--format", "{{.Size}}", IMAGE],
         stdin=subprocess.DEVNULL,
@@ -206,13 +206,13 @@ def _size() -> str:
 
 
 def lacking() -> str | None:
-    """What this machine lacks for it, in a sentence; None if nothing."""
+    """What this machine lacks for the demo, in a sentence; None if nothing."""
     if shutil.which("docker") is None:
         return "the command docker is missing (Docker Engine, or Docker Desktop)"
-    if _said("docker", "compose", "version") is not None:
+    if _failure("docker", "compose", "version") is not None:
         packages = "Docker's repository: docker-compose-plugin; Debian 13: docker-compose"
         return f"docker has no Compose v2 ({packages}; Ubuntu: docker-compose-v2)"
-    trouble = _said("docker", "version")
+    trouble = _failure("docker", "version")
     if trouble is not None:
         return f"no engine answers: {trouble}"
     if not FILE.exists() and "COMPOSE_FILE" not in os.environ:
@@ -220,8 +220,8 @@ def lacking() -> str | None:
     return None
 
 
-def _said(*command: str) -> str | None:
-    """The last line of a command's output when it failed; None if it did not."""
+def _failure(*command: str) -> str | None:
+    """The last line of output of a command that failed; None if it succeeded."""
     done = subprocess.run(
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
     )
@@ -230,7 +230,7 @@ def _said(*command: str) -> str | None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the demo; its exit code is the run's."""
+    """Run the demo and return the run's exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     return guarded("make demo", lambda: _main(arguments))
 
@@ -251,10 +251,10 @@ def _parser() -> argparse.ArgumentParser:
 
     made = parser(
         "make demo",
-        "Four hosts as containers; one is lost in the middle of a run, and comes back.",
+        "Run four hosts as containers; stop one in the middle of a run, and start it again.",
         EXAMPLES,
     )
-    made.add_argument("scenario", nargs="?", default="sc4", help="what is driven (default: sc4)")
+    made.add_argument("scenario", nargs="?", default="sc4", help="drive SCENARIO (default: sc4)")
     return made
 
 

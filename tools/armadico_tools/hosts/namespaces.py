@@ -2,9 +2,9 @@
 
 It needs root and /dev/net/tun, but no container engine and no traffic control in the kernel.
 
-A namespace has no name and lives in a thread: it is gone with the last process in it. Whatever
-happens to whoever made it, SIGKILL too, the kernel takes namespaces and cards away, and every
-process that was started in them is killed. Nothing on this machine's own network is touched.
+A namespace has no name and exists as long as its thread and processes. When the creating process
+ends, even by SIGKILL, the kernel removes namespaces and network devices, and every process started
+in them is killed. This machine's own network is not changed.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ T = TypeVar("T")
 TUN: Final = Path("/dev/net/tun")
 CARD: Final = "eth0"
 FRAMES: Final = 64
-"""So many frames of one host are taken before the others have their turn."""
+"""Frames of one host that are read before the others have their turn."""
 
 _CLONE_NEWNET: Final = 0x40000000
 _TUNSETIFF: Final = 0x400454CA
@@ -43,7 +43,7 @@ _MTU: Final = 1500
 
 
 def lacking() -> str | None:
-    """What this machine or user lacks for it, in a sentence; None if nothing."""
+    """What this machine or user lacks for namespaces, in a sentence; None if nothing."""
     if sys.platform != "linux":
         return f"network namespaces are Linux's, and this is {sys.platform}"
     if os.geteuid() != 0:
@@ -60,10 +60,10 @@ def lacking() -> str | None:
 
 
 class Host:
-    """One machine: a namespace with a card of its own. A context manager; processes end with it."""
+    """One host: a namespace with a network device. A context manager that ends its processes."""
 
     def __init__(self, name: str) -> None:
-        """Make the namespace and its card. Raises OSError."""
+        """Make the namespace and its device. Raises OSError."""
         self.name = name
         self.tap = -1
         self._thread = ThreadPoolExecutor(1, f"host-{name}")
@@ -85,7 +85,7 @@ class Host:
         return self._thread.submit(function, *args, **kwargs).result()
 
     def configure(self, address: str, mac: bytes) -> None:
-        """Give the card its addresses, `10.77.0.11/24` say, and put it up. Raises OSError."""
+        """Set the device's addresses, such as `10.77.0.11/24`, and bring it up. Raises OSError."""
         self._ip(
             "link set lo up",
             f"link set {CARD} address {mac.hex(':')} mtu {_MTU} txqueuelen 1000 up",
@@ -93,7 +93,7 @@ class Host:
         )
 
     def carrier(self, up: bool) -> None:
-        """Put the card up or down, as `ip link set` does."""
+        """Set the device up or down, as `ip link set` does."""
         self._ip(f"link set {CARD} {'up' if up else 'down'}")
 
     def popen(self, argv: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
@@ -107,12 +107,12 @@ class Host:
         return process
 
     def kill(self) -> None:
-        """End every process of the host at once, as if the plug was pulled."""
+        """Kill every process of the host, like a power failure."""
         kill_trees(*self._processes)
         self._processes.clear()
 
     def close(self) -> None:
-        """End its processes, and the namespace with them."""
+        """End its processes and the namespace."""
         self.kill()
         if self.tap >= 0:
             os.close(self.tap)
@@ -132,14 +132,14 @@ class Host:
 
 
 class Network:
-    """Hosts on a switch. A context manager that leaves nothing behind."""
+    """Hosts on a switch, as a context manager."""
 
     def __init__(self, addresses: Mapping[str, str], seed: int = 0, prefix: int = 24) -> None:
         """Make the hosts.
 
         Args:
             addresses: The IPv4 address of each host, by its name.
-            seed: Of the faults' draws.
+            seed: Of the random faults.
             prefix: The length of the network's prefix, bits.
         """
         self._lock = threading.Lock()
@@ -166,14 +166,14 @@ class Network:
         self.close()
 
     def change(self, how: Callable[[Switch], T]) -> T:
-        """Do something to the switch while no frame is on its way through it."""
+        """Call a function with the switch while no frame passes through it."""
         with self._lock:
             result = how(self.switch)
         os.write(self._bell[1], b"\0")
         return result
 
     def close(self) -> None:
-        """End everything; may be called again."""
+        """End all processes, hosts and the switch; may be called again."""
         if self._stopping:
             return
         self._stopping = True
@@ -208,18 +208,18 @@ class Network:
         for _ in range(FRAMES):
             try:
                 frame = os.read(host.tap, _MTU + 64)
-            except OSError:  # nothing more, or the card is down
+            except OSError:  # no more frames, or the device is down
                 return
             self.switch.forward(host.name, frame, time.monotonic())
 
     def _deliver(self) -> None:
         for name, frame in self.switch.due(time.monotonic()):
-            with suppress(OSError):  # its card is down, or its queue full: lost, as on a wire
+            with suppress(OSError):  # the device is down, or its queue full: lost, as on a wire
                 os.write(self.hosts[name].tap, frame)
 
 
 def _enter_new_namespace() -> int:
-    """Move this thread to a network of its own; its card's other end. Raises OSError."""
+    """Move this thread to a new network. Returns the other end of its device. Raises OSError."""
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.unshare(_CLONE_NEWNET):
         number = ctypes.get_errno()

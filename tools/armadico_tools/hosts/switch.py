@@ -1,9 +1,8 @@
-"""An Ethernet switch that is not there: frames and the time in, frames and when they are due out.
+"""A simulated Ethernet switch: frames and the time in, frames and their due times out.
 
-Sans-IO. A link leads from one host to another and has faults of its own, so that what a host sends
-and what it receives may suffer differently. All draws come from one seed, a stream for each link:
-a fault on one leaves what happens on the others as it was. A seed fixes the draws, not when a real
-host sends.
+Sans-IO. A link leads from one host to another and has its own faults, so the two directions may
+differ. All random numbers come from one seed, with a stream for each link, so a fault on one link
+does not change the others. A seed fixes the random numbers, not when a real host sends.
 """
 
 from __future__ import annotations
@@ -17,12 +16,12 @@ from hashlib import sha256
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 
 Link = tuple[str, str]
-"""From a host, to a host."""
+"""From a host to a host."""
 
 
 @dataclass(slots=True)
 class Count:
-    """What became of the frames of one direction of a link."""
+    """The number of frames sent and lost in one direction of a link."""
 
     sent: int = 0
     lost: int = 0
@@ -45,14 +44,14 @@ class _Due:
 
 
 class Switch:
-    """Leads frames between hosts, learning nothing: the addresses are given."""
+    """Forwards frames between hosts with given addresses; it learns none."""
 
     def __init__(self, addresses: dict[bytes, str], seed: int = 0) -> None:
-        """Begin with whole links between all hosts.
+        """Start with intact links between all hosts.
 
         Args:
-            addresses: The Ethernet address (6 bytes) of each host's card, and the host.
-            seed: Of all that the links draw.
+            addresses: The host for each Ethernet address (6 bytes).
+            seed: Of the random numbers of all links.
         """
         self.hosts = tuple(addresses.values())
         self._addresses = dict(addresses)
@@ -66,14 +65,14 @@ class Switch:
     # Frames --------------------------------------------------------------------------------------
 
     def forward(self, host: str, frame: bytes, now: float) -> None:
-        """Take a frame that a host sent; to one host if its address is known, else to all."""
+        """Queue a frame from a host: for one host if its address is known, else for all others."""
         one = self._addresses.get(frame[:6])
         for target in (one,) if one is not None else self.hosts:
             if target != host:
                 self._lead(host, target, frame, now)
 
     def due(self, now: float) -> Iterator[tuple[str, bytes]]:
-        """The frames that arrive by now, in order, each with the host that is to have it."""
+        """The frames due by now, in order, each with its destination."""
         while self._waiting and self._waiting[0].at <= now:
             item = heapq.heappop(self._waiting)
             if item.host not in self._off:
@@ -81,14 +80,14 @@ class Switch:
 
     @property
     def next_due(self) -> float | None:
-        """When the next frame arrives, s; None if none is on its way."""
+        """When the next frame arrives, s; None without one."""
         return self._waiting[0].at if self._waiting else None
 
     def _lead(self, source: str, target: str, frame: bytes, now: float) -> None:
         wire = self._wires[source, target]
         faults, rng = wire.faults, wire.rng
-        # Each frame draws the same numbers whatever the faults are: changing one of them leaves
-        # what the others do as it was.
+        # Each frame draws the same numbers for any faults, so changing one fault does not change
+        # the effects of the others.
         lost, late = rng.random(), rng.uniform(-1.0, 1.0)
         if source in self._off or target in self._off or faults.cut or lost < faults.loss:
             wire.count.lost += 1
@@ -102,30 +101,30 @@ class Switch:
     # Faults --------------------------------------------------------------------------------------
 
     def set(self, links: Iterable[Link], faults: LinkFaults) -> None:
-        """Put faults on links in place of those that they had."""
+        """Replace the faults of links."""
         for link in links:
             self._wires[link].faults = faults
 
     def cut(self, links: Iterable[Link], cut: bool = True) -> None:
-        """Cut links, or mend the cut; what else is wrong with them stays."""
+        """Cut or reconnect links; their other faults stay."""
         for link in links:
             wire = self._wires[link]
             wire.faults = replace(wire.faults, cut=cut)
 
     def partition(self, *groups: Collection[str]) -> None:
-        """Let only hosts of one group reach each other; who is in no group is alone."""
+        """Connect only hosts of the same group; a host in no group is isolated."""
         group = {host: number for number, hosts in enumerate(groups) for host in hosts}
         for (a, b), wire in self._wires.items():
             together = a in group and group.get(a) == group.get(b)
             wire.faults = replace(wire.faults, cut=not together)
 
     def heal(self) -> None:
-        """Make all links whole, and plug every host in."""
+        """Remove all faults, and reconnect every host."""
         self._off.clear()
         self.set(self._wires, WHOLE)
 
     def plug(self, host: str, in_: bool) -> None:
-        """Put a host's plug in, or pull it: what was on its way to it is lost."""
+        """Connect or disconnect a host; frames on their way to it are lost."""
         (self._off.discard if in_ else self._off.add)(host)
 
     def links(self, *, of: str | None = None) -> list[Link]:
@@ -133,7 +132,7 @@ class Switch:
         return [link for link in self._wires if of is None or of in link]
 
     def counts(self) -> dict[Link, Count]:
-        """What became of the frames, for each link that had any."""
+        """The counts of each link that had frames."""
         return {link: wire.count for link, wire in self._wires.items() if wire.count != Count()}
 
 

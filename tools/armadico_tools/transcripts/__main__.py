@@ -1,8 +1,8 @@
 """Write the vectors and the schema, or check an agent: `python -m armadico_tools.transcripts`.
 
 `inputs FILE --agent NAME` prints what an agent receives in a transcript. `replay FILE --agent NAME
---said FILE` compares what it published, one JSON object a line with `t`, `key` and `cbor`, and
-prints the first difference.
+--said FILE` compares what the agent published, one JSON object per line with `t`, `key` and `cbor`,
+and prints the first difference.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FOLDER: Final = DOCS / "transcripts"
 
 
 def files() -> dict[Path, str]:
-    """The files that are written from the code."""
+    """The files that are generated from the code."""
     vectors = "".join(json.dumps(vector.line()) + "\n" for vector in VECTORS)
     return {FOLDER / "vectors.jsonl": vectors, DOCS / "protocol.cddl": schema()}
 
@@ -35,13 +35,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command")
-    for name, text in (("replay", "compare an agent's output"), ("inputs", "what it is given")):
+    for name, text in (
+        ("replay", "compare the messages that an agent published"),
+        ("inputs", "print the messages that an agent receives"),
+    ):
         command = commands.add_parser(name, help=text)
-        command.add_argument("file", type=Path, help="a transcript")
-        command.add_argument("--agent", required=True, help="which of its processes")
+        command.add_argument("file", type=Path, help="transcript")
+        command.add_argument("--agent", required=True, help="process in the transcript")
         if name == "replay":
             command.add_argument(
-                "--said", type=Path, required=True, help="what it published; - is stdin"
+                "--said", type=Path, required=True, help="published messages; - is stdin"
             )
     args = parser.parse_args(argv)
     if args.command is None:

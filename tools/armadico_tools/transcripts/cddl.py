@@ -1,8 +1,8 @@
-"""The messages as CDDL (RFC 8610), written from the annotations that `decode` checks by.
+"""The messages as CDDL (RFC 8610), from the annotations that `decode` checks.
 
-What CDDL cannot express stands in the text before it. Names of fields are comments to a machine:
-messages are arrays. `epoch` and `number` and the like have no rules of their own, so nothing of
-CDDL's prelude is redefined.
+What CDDL cannot express is in the text before it. Messages are arrays, so names of fields are
+comments only. `epoch`, `number` and similar have no rules of their own, so that no name of CDDL's
+prelude is redefined.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEAD: Final = f"""\
 """
 
 RESERVED: Final = frozenset({"number", "text", "time", "any", "bytes", "float", "int", "bool"})
-"""Names of CDDL's prelude: zcbor makes C names of fields, and takes these for the types."""
+"""Names of CDDL's prelude: zcbor makes C names of fields, and mistakes these for types."""
 
 
 def schema() -> str:
@@ -76,7 +76,7 @@ def text(info: types.Type) -> str:
 
 
 def _range(info: types.Type) -> str:
-    """The range of its floats, as a comment: few tools know CDDL's ranges of floats."""
+    """The range of floats as a comment: few tools support CDDL's ranges of floats."""
     match info:
         case types.UnionType(types=members):
             return next((found for member in members if (found := _range(member))), "")

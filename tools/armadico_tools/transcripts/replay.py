@@ -1,6 +1,6 @@
 """One agent's side of a transcript: what it receives, and whether it publishes the same.
 
-An implementer of an agent gives it `inputs`, and compares what it published by `difference_of`.
+An implementer feeds `inputs` to an agent, and compares what it published by `difference_of`.
 
 A line of a file is a JSON object. Times are s from the beginning of the scene, to the microsecond.
 """
@@ -25,32 +25,32 @@ from armadico_tools.docs_fields import ours
 Line = dict[str, Any]
 
 KINDS: Final = {kind.__name__: kind for kind in ours()[1]}
-"""Every message, by its name."""
+"""Every message type by its name."""
 
 DRAWN: Final = 0.011
-"""Tolerance for times, s: an agent that takes over waits up to 0.1 cycles, drawn at random."""
+"""Tolerance of times, s: an agent that takes over waits a random time of up to 0.1 cycles."""
 
 LIFE: Final = ("starts", "hangs", "returns", "is killed", "leaves")
 SENT: Final = ("publishes", "asks", "replies", "appears")
 
 
 class Part(msgspec.Struct, frozen=True):
-    """One process of a scene, as the first line of a file has it; its bids are for implementers."""
+    """One process of a scene, in the first line of a file; its bids are for implementers."""
 
     name: str
     starts: float  # s
     instance: str = ""
-    start: int = 0  # which of the processes of that name it is, from 0
+    start: int = 0  # index among the processes of that name
     competes_for: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
-        """What it is called in the file."""
+        """Its name in the file."""
         return self.name if not self.start else f"{self.name}{self.start + 1}"
 
 
 class Transcript(msgspec.Struct, frozen=True):
-    """A file: what it is about, and what happened."""
+    """A file: its description, and the events."""
 
     scene: str
     about: str
@@ -60,23 +60,23 @@ class Transcript(msgspec.Struct, frozen=True):
     lines: tuple[Line, ...] = ()
 
     def part(self, label: str) -> Part:
-        """One of its processes. Raises KeyError if there is none of that label."""
+        """One of its processes. Raises KeyError for an unknown label."""
         return {part.label: part for part in self.agents}[label]
 
 
 def read(text: str) -> Transcript:
-    """A file's content. Raises msgspec.ValidationError if it is none."""
+    """Parse a file. Raises msgspec.ValidationError."""
     head, *lines = map(json.loads, text.splitlines())
     return msgspec.convert({**head, "lines": lines}, Transcript)
 
 
 def fields_of(message: Message) -> Any:
-    """A message's fields by their names, as JSON has them."""
+    """A message's fields by name, as JSON values."""
     return json.loads(json.dumps(plain(message)))
 
 
 def inputs(transcript: Transcript, label: str) -> list[Line]:
-    """All that a process receives, at its own times, and what befalls it, in order."""
+    """All that a process receives, and its own starts, hangs and ends, in order of time."""
     transcript.part(label)
     found = []
     for line in transcript.lines:
@@ -94,10 +94,10 @@ def outputs(transcript: Transcript, label: str) -> list[Line]:
 
 
 def difference_of(transcript: Transcript, label: str, sent: Sequence[Line]) -> str:
-    """Where what an agent published differs from the file; "" if nowhere.
+    """The first difference between what an agent published and the file; "" without one.
 
-    What it publishes is compared by its fields, and by its time within the draw. Latched states
-    are left out: who gives one back is drawn, too.
+    Fields are compared exactly, times within `DRAWN`. Latched states are omitted: the agent that
+    restores one is drawn at random.
     """
     expected = [x for x in outputs(transcript, label) if x["what"] == "publishes"]
     kinds = {x["key"]: KINDS[x["type"]] for x in transcript.lines if "type" in x}

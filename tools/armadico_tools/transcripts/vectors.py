@@ -1,4 +1,4 @@
-"""Payloads one by one: what must be read, and as what, and what must be refused."""
+"""Single payloads: those that must be accepted, with their values, and those to reject."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from armadico_tools.transcripts.replay import fields_of
 
 
 class Vector(Struct, frozen=True):
-    """One payload. After `cbor` come so many `zeros`: long ones are not written out.
+    """One payload: `cbor`, followed by `zeros` zero bytes, so that long ones stay short.
 
-    `key` is where it was published, `known` the largest term known to whoever receives it: only
-    with those is it seen to be wrong.
+    `key` is where it was published, `known` the largest term that the receiver knows. Some payloads
+    are invalid only because of them.
     """
 
     what: str
@@ -52,7 +52,7 @@ class Vector(Struct, frozen=True):
         return self.cbor + bytes(self.zeros)
 
     def line(self) -> dict[str, Any]:
-        """As it stands in the file; what is to be read, with its fields, and as ours send it."""
+        """Its line in the file; an accepted one has the fields, and our encoding."""
         line: dict[str, Any] = {"what": self.what, "accepted": self.accepted}
         line |= {"type": self.type.__name__}
         line |= {"key": self.key} if self.key else {}
@@ -77,7 +77,7 @@ MINE: Final = Ballot(3, 0.75, False, "mine-0123456789abcdef")
 AT: Final = Cycle(7, 42)
 BALLOT: Final = [3, 0.75, False, "mine-0123456789abcdef"]
 POSE: Final = _hex("84 82 07 03")
-"""A pose's array and its cycle; x, y and theta are to follow."""
+"""A pose's array and its cycle; x, y and theta follow."""
 
 BODY: Final = [0.25, 0.25, 0.125, 1.5, 5, 0.25, 0.5, 1.75, 1.75, 0.25, 2]
 """A description from `front` on."""
@@ -120,7 +120,7 @@ READ: Final = (
         _plain("mine", "mine-0123456789abcdef", "pi", 1, "1.0", 2, [], [], ["wheels"]),
     ),
 )
-"""What must be read."""
+"""Payloads that must be accepted."""
 
 REFUSED: Final = (
     ("nothing", Pose, b""),
@@ -176,7 +176,7 @@ REFUSED: Final = (
     ("a text that is not there", Log, _hex("82 14 7a ffffffff")),
     ("17 arrays in one another", Pose, b"\x81" * 17 + b"\x00"),
 )
-"""What must be refused for what it is."""
+"""Payloads that must be rejected for their content."""
 
 ANOTHERS: Final = "robot/cmd/evil-0123456789abcdef"
 FAR: Final = Ballot(3 + JUMP + 1, 0.75, False, MINE.instance)
@@ -226,4 +226,3 @@ VECTORS: Final = (
         known=3,
     ),
 )
-"""All of them."""

@@ -1,4 +1,4 @@
-// The page: what the server shows is kept by robot and part, and drawn; what people do is asked for.
+// The page: keeps the server's data by robot and part, draws them, and sends the operator's requests.
 import { Stick } from "./hands.js";
 import { Link } from "./link.js";
 import { Plan } from "./map.js";
@@ -10,19 +10,19 @@ const stick = new Stick($("pad"), $("knob"));
 const robots = new Map(); // by namespace: {still, parts}
 let chosen = "";
 let me = "";
-let stopping = false; // pressed while there was no connection
-let pressed = 0; // stops that were sent and are not answered
+let stopping = false; // stop pressed without a connection
+let pressed = 0; // stops that were sent and have no answer yet
 
 const here = () => robots.get(chosen) ?? { still: {}, parts: {} };
 const degrees = (a) => Math.round((a * 180) / Math.PI);
-// A fleet's robots have the fleet's name in theirs.
+// Names of a fleet's robots begin with the fleet's name.
 const short = (name) => {
   const last = name.split("/").pop();
   return [...robots.keys()].filter((each) => each.split("/").pop() === last).length > 1 ? name : last;
 };
 const number = (text) => (text.trim() === "" ? NaN : Number(text.replace(",", ".")));
 
-// What comes in ----------------------------------------------------------------------------------
+// Messages from the server -----------------------------------------------------------------------
 
 link.addEventListener("hello", ({ detail }) => {
   me = detail.you;
@@ -51,7 +51,7 @@ link.addEventListener("remark", ({ detail }) => remark(detail.text, detail.ok));
 link.addEventListener("refused", ({ detail }) => {
   connection(null, detail.why);
   if (detail.status !== 401) return;
-  put($("doorsaid"), `${detail.why[0].toUpperCase()}${detail.why.slice(1)}.`);
+  put($("doortext"), `${detail.why[0].toUpperCase()}${detail.why.slice(1)}.`);
   if (!$("door").open) $("door").showModal();
 });
 $("key").addEventListener("submit", () => {
@@ -93,9 +93,9 @@ function tabs() {
   });
 }
 
-// What is drawn ----------------------------------------------------------------------------------
+// Drawing ----------------------------------------------------------------------------------------
 
-const drawers = { motion: vitals, stop: latch, standing: why, wheels: contest, resources: others, exchanges, agents: company, could: company, board, log, hand, parameters };
+const drawers = { motion: vitals, stop: latch, standing: why, wheels: contest, resources: others, exchanges, agents, could: agents, board, log, hand, parameters };
 
 function draw(parts) {
   for (const name of Object.keys(parts)) if (name !== "exchanges") drawers[name]?.();
@@ -119,21 +119,21 @@ function latch() {
   $("latch").classList.toggle("many", many);
   $("stopall").hidden = !many;
   put($("stopkey"), many ? `${short(chosen)} · space: all` : "space bar");
-  const asked = s.asked || stopping || pressed > 0;
-  $("stop").className = s.held && !cut ? "held" : asked ? "asked" : "";
+  const sent = s.asked || stopping || pressed > 0;
+  $("stop").className = s.held && !cut ? "held" : sent ? "sent" : "";
   put($("stop").querySelector("b"), s.held && !cut ? "STOPPED" : "STOP");
   $("resume").disabled = cut || !(s.stopped || s.asked);
   const moving = Math.max(Math.abs(m.v ?? 0), Math.abs(m.w ?? 0)) > 0.02;
   let text = "";
-  if (stopping) text = "NOT SENT: no connection. It is sent as soon as there is one.";
-  else if (cut && pressed) text = "Sent, and nobody knows whether it came: no connection. Stop it at the robot.";
-  else if (cut) text = robots.size ? "No connection: what is shown is old. Stop it at the robot." : "";
-  else if (s.held) text = `Held, by the robot's own word${s.by ? `; pressed by ${s.by}` : ""} (code ${s.code})${moving ? "; it still brakes" : ""}.`;
-  else if (asked) text = "Sent, and not yet acknowledged by the robot.";
-  else if (s.stopped) text = `Nothing is heard of the robot; it last said that it is stopped by ${s.by || "somebody"}.`;
-  else if (s.known && !m.heard) text = `Nothing is heard of the robot for ${Math.round(m.silent_s)} s.`;
+  if (stopping) text = "NOT SENT: no connection. It is sent when the connection is back.";
+  else if (cut && pressed) text = "Sent, but the connection is lost: not known whether the robot received it. Stop it at the robot.";
+  else if (cut) text = robots.size ? "No connection: the data shown are stale. Stop it at the robot." : "";
+  else if (s.held) text = `Stopped, confirmed by the robot${s.by ? `; pressed by ${s.by}` : ""} (code ${s.code})${moving ? "; it is still braking" : ""}.`;
+  else if (sent) text = "Sent, not yet acknowledged by the robot.";
+  else if (s.stopped) text = `No data from the robot; it last reported a stop by ${s.by || "an unknown sender"}.`;
+  else if (s.known && !m.heard) text = `No data from the robot for ${Math.round(m.silent_s)} s.`;
   put($("latched"), text);
-  $("latched").className = stopping || cut || (asked && !s.held) || (s.known && !m.heard) ? "alarm" : "";
+  $("latched").className = stopping || cut || (sent && !s.held) || (s.known && !m.heard) ? "alarm" : "";
 }
 
 function why() {
@@ -172,7 +172,7 @@ function contest() {
       node("div", { class: "row" }, dot(c.colour), node("span", { class: "name", textContent: c.name }), node("span", { class: "bar" }, bar), node("span", { class: "num", textContent: c.utility === null || c.utility === undefined ? "–" : c.utility.toFixed(2) }), ...tags),
       c.why && !c.drives ? node("small", { textContent: c.why }) : "",
     );
-  }, "Nobody competes for the wheels.");
+  }, "No agent competes for the wheels.");
   const names = [...new Set((plan.robots.get(chosen)?.trail ?? []).map((p) => p[2]).filter(Boolean))];
   rows($("legend"), names.map((name) => ({ name, colour: colourOf(name) })), (r) => r.name, (child, r) => {
     const line = node("i");
@@ -183,7 +183,7 @@ function contest() {
 
 function others() {
   const found = here().parts.resources ?? [];
-  put($("others"), found.map((r) => `${r.resource}: ${r.obeyed ?? "nobody"}`).join(" · "));
+  put($("others"), found.map((r) => `${r.resource}: ${r.obeyed ?? "no agent"}`).join(" · "));
 }
 
 function ago(t) {
@@ -194,35 +194,35 @@ function ago(t) {
 function exchanges() {
   const found = [...(here().parts.exchanges ?? [])].reverse().slice(0, 12);
   rows($("exchanges"), found.map((e) => ({ ...e, ago: ago(e.t) })), (e) => `${e.t}${e.to}`, (child, e) => {
-    const told = e.to === null ? ["lets go"] : [dot(colourOf(e.to) ?? "gray"), node("b", { textContent: e.to })];
+    const winner = e.to === null ? ["released"] : [dot(colourOf(e.to) ?? "gray"), node("b", { textContent: e.to })];
     child.className = "";
     child.replaceChildren(node("div", { class: "row" },
       node("span", { class: "time", textContent: `${e.ago} ago` }),
-      node("span", { class: "soft", textContent: e.from ?? "nobody" }), node("span", { textContent: "→", ariaLabel: "to" }), ...told,
+      node("span", { class: "soft", textContent: e.from ?? "no agent" }), node("span", { textContent: "→", ariaLabel: "to" }), ...winner,
       node("span", { class: "grow" }),
       e.utility !== undefined ? node("span", { class: "num", textContent: e.utility.toFixed(2) }) : "",
       e.critical ? node("span", { class: "tag hot", textContent: "critical" }) : ""));
   }, "None yet.");
 }
 
-function company() {
-  const { agents = [], could = [] } = here().parts;
-  rows($("company"), agents, (a) => a.name + a.instance, (child, a) => {
-    const restart = a.kept ? node("button", { textContent: "Restart", ariaLabel: `Restart ${a.name}`, onclick: () => sure(restart, () => ask({ do: "restart", agent: a.name, pid: a.pid })) }) : null;
-    const told = a.alive ? [a.host, a.pid ? `pid ${a.pid}` : ""].filter(Boolean).join(", ") : `${a.state ?? "gone"}${a.why ? `: ${a.why}` : ""} on ${a.host}`;
+function agents() {
+  const { agents: known = [], could = [] } = here().parts;
+  rows($("company"), known, (a) => a.name + a.instance, (child, a) => {
+    const restart = a.kept ? node("button", { textContent: "Restart", ariaLabel: `Restart ${a.name}`, onclick: () => sure(restart, () => request({ do: "restart", agent: a.name, pid: a.pid })) }) : null;
+    const state = a.alive ? [a.host, a.pid ? `pid ${a.pid}` : ""].filter(Boolean).join(", ") : `${a.state ?? "gone"}${a.why ? `: ${a.why}` : ""} on ${a.host}`;
     child.replaceChildren(node("div", { class: "row" }, dot(a.colour, !a.alive),
-      node("span", { class: a.alive ? "grow" : "grow late" }, node("span", { textContent: a.name }), " ", node("small", { textContent: told })), restart));
+      node("span", { class: a.alive ? "grow" : "grow late" }, node("span", { textContent: a.name }), " ", node("small", { textContent: state })), restart));
   }, "No agent is alive.");
-  const kept = agents.some((a) => a.kept);
+  const kept = known.some((a) => a.kept);
   $("could").replaceChildren(
-    ...(kept || !agents.length ? [] : ["Nobody keeps these up: who ends stays away. `armadico up` starts them again, and takes restarts. ".replaceAll("`", "")]),
-    ...could.flatMap((name, i) => [i ? " " : "Could be started: ", node("button", { textContent: name, ariaLabel: `Start ${name}`, onclick: () => ask({ do: "start", agent: name }) })]),
+    ...(kept || !known.length ? [] : ["These agents are not supervised: an agent that ends is not restarted. armadico up starts supervised agents. "]),
+    ...could.flatMap((name, i) => [i ? " " : "Can be started: ", node("button", { textContent: name, ariaLabel: `Start ${name}`, onclick: () => request({ do: "start", agent: name }) })]),
   );
 }
 
 function board() {
   rows($("board"), here().parts.board ?? [], (m) => m.number, (child, m) => {
-    const cancel = m.over ? null : node("button", { textContent: "Cancel", ariaLabel: `Cancel ${m.name}`, onclick: () => ask({ do: "cancel", mission: m.number }) });
+    const cancel = m.over ? null : node("button", { textContent: "Cancel", ariaLabel: `Cancel ${m.name}`, onclick: () => request({ do: "cancel", mission: m.number }) });
     child.replaceChildren(node("div", { class: "row" },
       node("span", { class: "grow" }, node("b", { textContent: m.name }), " ", node("span", { class: "tag", textContent: m.state }), node("br"), node("small", { textContent: m.over ? m.note || `${m.done} done` : m.doing })), cancel),
     m.ahead.length && !m.over ? node("small", { textContent: `then ${m.ahead.slice(0, 5).join(", ")}` }) : "");
@@ -234,7 +234,7 @@ function log() {
   const found = [...(here().parts.log ?? [])].reverse();
   rows($("log"), found, (l) => `${l.t}${l.name}${l.text}`, (child, l) => {
     child.replaceChildren(node("span", { class: `grow ${LEVELS(l.level)}` }, node("b", { textContent: l.name }), ` ${l.text}`));
-  }, "Nothing was said.");
+  }, "No log lines.");
 }
 
 function hand() {
@@ -242,19 +242,19 @@ function hand() {
   $("startteleop").hidden = h.there || !(here().parts.could ?? []).includes("teleop");
   const mine = h.hand === me && me !== "";
   let text = "Free.";
-  if (!h.there) text = "Nobody takes the stick: the agent teleop is not alive.";
+  if (!h.there) text = "The stick has no effect: the agent teleop is not alive.";
   else if (h.hand && !mine) text = `${h.hand} has the stick.`;
   else if (mine && h.holds) text = `You drive: ${(h.v ?? 0).toFixed(2)} m/s.`;
-  else if (mine) text = "You have the stick, and another holds the wheels.";
+  else if (mine) text = "You have the stick, but another agent holds the wheels.";
   if (h.note) text += ` ${h.note}`;
-  put($("handsaid"), text);
+  put($("handtext"), text);
 }
 
 function parameters() {
   const found = here().parts.parameters ?? [];
   rows($("parameters"), found.map((p) => ({ instance: p.instance, agent: p.agent, names: p.rows.map((r) => r.name) })), (p) => p.instance, (child, p) => {
     child.replaceChildren(node("fieldset", {}, node("legend", { textContent: p.agent }), ...p.names.map((name) => tunable(p, name))));
-  }, "No agent has any.");
+  }, "No agent has parameters.");
   for (const { instance, rows: known } of found) {
     for (const row of known) {
       const box = document.querySelector(`[data-tune="${CSS.escape(instance + row.name)}"]`);
@@ -268,12 +268,12 @@ function parameters() {
         const words = row.words.length ? row.words.map((w) => JSON.stringify(w)) : ["true", "false"];
         input.replaceChildren(...[...words, ...(row.optional ? ["null"] : [])].map((w) => node("option", { value: w, textContent: w === "null" ? "none" : w.replaceAll('"', "") })));
       }
-      if (document.activeElement !== input && !input.dataset.asked) input.value = input.tagName === "SELECT" ? row.json : plainly(row.json);
+      if (document.activeElement !== input && !input.dataset.pending) input.value = input.tagName === "SELECT" ? row.json : plainly(row.json);
     }
   }
 }
 
-// As many digits as anybody types; the label's title has what it was begun with.
+// Five digits are enough to edit; the label's title has the initial value.
 const plainly = (json) => {
   if (json === "null") return "";
   const value = Number(json);
@@ -291,9 +291,9 @@ function tunable(p, name) {
   input.addEventListener("change", async () => {
     const text = input.value.trim();
     const json = chooses ? text : text === "" ? "null" : Number.isFinite(number(text)) ? String(number(text)) : JSON.stringify(text);
-    input.dataset.asked = "1";
-    const reply = await link.ask({ do: "set", robot: chosen, instance: p.instance, name, json });
-    delete input.dataset.asked;
+    input.dataset.pending = "1";
+    const reply = await link.request({ do: "set", robot: chosen, instance: p.instance, name, json });
+    delete input.dataset.pending;
     put(wrong, reply.ok ? "" : reply.text);
     if (reply.ok) remark(reply.text, true);
     parameters();
@@ -301,22 +301,22 @@ function tunable(p, name) {
   return box;
 }
 
-// What people do ---------------------------------------------------------------------------------
+// Requests of the operator -----------------------------------------------------------------------
 
-async function ask(what, robot = chosen) {
-  const reply = await link.ask({ robot, ...what });
+async function request(what, robot = chosen) {
+  const reply = await link.request({ robot, ...what });
   remark(reply.text, reply.ok);
   return reply;
 }
 
 function remark(text, ok = true) {
   const line = node("p", { class: ok ? "" : "no", textContent: text });
-  $("said").append(line);
-  while ($("said").children.length > 4) $("said").firstChild.remove();
+  $("remarks").append(line);
+  while ($("remarks").children.length > 4) $("remarks").firstChild.remove();
   setTimeout(() => line.remove(), ok ? 5000 : 12000);
 }
 
-// What cannot be undone by a click asks for a second one.
+// Actions that cannot be undone need a second click.
 function sure(button, then) {
   if (button.dataset.sure) {
     delete button.dataset.sure;
@@ -334,7 +334,7 @@ function sure(button, then) {
 
 async function stop(names) {
   stick.drop();
-  const replies = names.map((robot) => link.ask({ do: "stop", robot }));
+  const replies = names.map((robot) => link.request({ do: "stop", robot }));
   stopping = !link.up;
   if (link.up) pressed += 1;
   latch();
@@ -344,7 +344,7 @@ async function stop(names) {
   latch();
 }
 
-// When it is touched, and not when the finger has left it again; by Enter it is a click of none.
+// On touch, not on release. Enter causes a click with detail 0.
 const stops = { stop: () => stop([chosen]), stopall: () => stop([...robots.keys()]) };
 for (const [id, act] of Object.entries(stops)) {
   $(id).addEventListener("pointerdown", act);
@@ -352,10 +352,10 @@ for (const [id, act] of Object.entries(stops)) {
 }
 $("resume").addEventListener("click", () => {
   stopping = false;
-  ask({ do: "resume", press: here().parts.stop?.press ?? "0" });
+  request({ do: "resume", press: here().parts.stop?.press ?? "0" });
 });
 
-// Space is the stop, wherever the focus is; Enter presses buttons.
+// Space stops, wherever the focus is; Enter presses buttons.
 addEventListener("keydown", (event) => {
   if (event.code !== "Space" || event.ctrlKey || event.metaKey || event.altKey) return;
   if ($("door").open) return;
@@ -366,11 +366,11 @@ addEventListener("keydown", (event) => {
 addEventListener("keyup", (event) => event.code === "Space" && !$("door").open && event.preventDefault(), { capture: true });
 
 async function goto(goal) {
-  const aimed = { ...goal, state: "asked" };
+  const aimed = { ...goal, state: "sent" };
   plan.aim(aimed);
-  const reply = await ask({ do: "go", ...goal });
+  const reply = await request({ do: "go", ...goal });
   if (plan.target !== aimed) return;
-  plan.aim({ ...goal, state: reply.ok ? "taken" : "refused" });
+  plan.aim({ ...goal, state: reply.ok ? "accepted" : "refused" });
 }
 
 plan.addEventListener("go", ({ detail }) => goto(detail));
@@ -384,24 +384,24 @@ $("go").addEventListener("submit", (event) => {
   event.preventDefault();
   const [x, y, a] = ["gox", "goy", "goa"].map((id) => number($(id).value));
   const theta = $("goa").value.trim() === "" ? null : ((((a + 180) % 360) + 360) % 360 - 180) * Math.PI / 180;
-  if (![x, y, theta ?? 0].every(Number.isFinite)) return remark("x and y in metres, the heading in degrees", false);
+  if (![x, y, theta ?? 0].every(Number.isFinite)) return remark("enter x and y in metres, and the heading in degrees", false);
   goto({ x, y, theta });
 });
 $("order").addEventListener("submit", (event) => {
   event.preventDefault();
-  ask({ do: "order", mission: $("mission").value });
+  request({ do: "order", mission: $("mission").value });
 });
 
-stick.addEventListener("stick", ({ detail }) => link.say({ do: "stick", robot: chosen, ...detail, cycle: here().parts.motion?.cycle ?? 0 }));
+stick.addEventListener("stick", ({ detail }) => link.send({ do: "stick", robot: chosen, ...detail, cycle: here().parts.motion?.cycle ?? 0 }));
 stick.addEventListener("pads", ({ detail }) => put($("gamepad"), detail));
-$("startteleop").addEventListener("click", () => ask({ do: "start", agent: "teleop" }));
+$("startteleop").addEventListener("click", () => request({ do: "start", agent: "teleop" }));
 
 $("closer").addEventListener("click", () => plan.zoom(1.3));
 $("farther").addEventListener("click", () => plan.zoom(1 / 1.3));
 $("fit").addEventListener("click", () => { plan.touched = false; plan.setFollow(false); plan.touched = false; plan.fit(); });
 $("follow").addEventListener("click", () => plan.setFollow(!plan.follow));
 
-// Tabs, by the arrow keys too.
+// Tabs, also with the arrow keys.
 const all = [...document.querySelectorAll("#tabs [role=tab]")];
 function show(tab) {
   for (const each of all) {
@@ -423,7 +423,7 @@ for (const tab of all) {
   });
 }
 
-// Light or dark: as the machine has it, until somebody says otherwise.
+// Light or dark: the system's setting, until the button is used.
 const system = matchMedia("(prefers-color-scheme: dark)");
 function theme() {
   const wanted = localStorage.getItem("theme") ?? (system.matches ? "dark" : "light");
@@ -437,7 +437,7 @@ $("theme").addEventListener("click", () => {
   theme();
 });
 
-// For tests and the console: where things are.
+// For tests and the console.
 globalThis.armadico = { plan, robots, stick, link };
 
 theme();

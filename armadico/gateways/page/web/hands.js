@@ -1,4 +1,4 @@
-// The stick: keys, a pad for fingers, a gamepad. Whatever goes away lets go.
+// The stick: keys, a touch pad, a gamepad. An input that disappears releases it.
 const SEND_MS = 100;
 const DEAD = 0.12;
 const SLOWLY = 0.4;
@@ -26,13 +26,13 @@ export class Stick extends EventTarget {
     addEventListener("gamepaddisconnected", (e) => {
       this.pads.delete(e.gamepad.index);
       this.#tick();
-      this.dispatchEvent(new CustomEvent("pads", { detail: `${e.gamepad.id} is unplugged: it lets go` }));
+      this.dispatchEvent(new CustomEvent("pads", { detail: `${e.gamepad.id} is unplugged: released` }));
     });
     addEventListener("gamepadconnected", (e) => this.dispatchEvent(new CustomEvent("pads", { detail: `${e.gamepad.id}: left stick` })));
     setInterval(() => this.#tick(), SEND_MS);
   }
 
-  // Let go of all, now.
+  // Release all inputs now.
   drop() {
     this.keys.clear();
     this.finger = null;
@@ -40,7 +40,7 @@ export class Stick extends EventTarget {
     this.#tick();
   }
 
-  // Where the stick is, in shares: the finger's before the keys' before the gamepad's; null: free.
+  // The stick's position in shares, by priority from finger, keys or gamepad; null: released.
   where() {
     if (this.finger) return [this.finger.v, this.finger.w];
     if (this.keys.size) {

@@ -1,7 +1,7 @@
-// The one WebSocket to the server: what is shown comes in, requests go out and are answered.
+// The WebSocket to the server: receives data to show, and sends requests, which are answered.
 const PROTOCOL = "armadico.page";
 const AGAIN_MS = [300, 700, 1500, 3000];
-const SILENT_MS = 1500; // The server shows the time at least this often, whatever the robot does.
+const SILENT_MS = 1500; // timeout: the server sends the time every 0.5 s, whatever the robot does
 
 export function token() {
   const found = new URLSearchParams(location.hash.slice(1)).get("token");
@@ -26,7 +26,7 @@ export class Link extends EventTarget {
     this.number = 0;
     this.waiting = new Map();
     this.tries = 0;
-    setInterval(() => this.#look(), 250);
+    setInterval(() => this.#check(), 250);
   }
 
   async open() {
@@ -36,7 +36,7 @@ export class Link extends EventTarget {
       const reply = await fetch("/allowed", { headers });
       if (!reply.ok) {
         const why = await reply.text();
-        this.#tell("refused", { status: reply.status, why });
+        this.#notify("refused", { status: reply.status, why });
         if (reply.status !== 401) this.#again();
         return;
       }
@@ -46,12 +46,12 @@ export class Link extends EventTarget {
     const offered = known ? [PROTOCOL, subprotocol(known)] : [PROTOCOL];
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket`, offered);
     this.socket = socket;
-    socket.onmessage = (event) => this.#got(JSON.parse(event.data));
-    socket.onclose = () => this.#lost(socket);
+    socket.onmessage = (event) => this.#receive(JSON.parse(event.data));
+    socket.onclose = () => this.#close(socket);
   }
 
-  // Ask for something; the answer comes as {ok, text}. A stop that cannot be sent is sent later.
-  ask(what) {
+  // Send a request; resolves to the answer {ok, text}. The caller repeats a stop that was not sent.
+  request(what) {
     const id = ++this.number;
     return new Promise((done) => {
       if (!this.up) {
@@ -63,36 +63,36 @@ export class Link extends EventTarget {
     });
   }
 
-  // Say something that is not answered but if it is wrong.
-  say(what) {
+  // Send a request that is answered only if it is refused.
+  send(what) {
     if (this.up && this.socket.bufferedAmount < 4096) {
       this.socket.send(JSON.stringify({ id: ++this.number, ...what }));
     }
   }
 
-  #got(message) {
-    this.heard = performance.now();
+  #receive(message) {
+    this.receivedAt = performance.now();
     if (message.type === "hello") {
       this.up = true;
       this.tries = 0;
-      this.#tell("hello", message);
-      this.#tell("change");
+      this.#notify("hello", message);
+      this.#notify("change");
     } else if (message.type === "state") {
-      this.#tell("state", message);
+      this.#notify("state", message);
     } else if (message.type === "answer") {
       const done = this.waiting.get(message.id);
       if (message.over) this.waiting.delete(message.id);
       if (done && message.over) done(message);
-      else this.#tell("remark", message);
+      else this.#notify("remark", message);
     }
   }
 
-  #lost(socket) {
+  #close(socket) {
     if (socket !== this.socket) return;
     this.up = false;
-    for (const done of this.waiting.values()) done({ ok: false, text: "the connection broke: nobody knows what came of it" });
+    for (const done of this.waiting.values()) done({ ok: false, text: "the connection was lost before the answer: the result is not known" });
     this.waiting.clear();
-    this.#tell("change");
+    this.#notify("change");
     this.#again();
   }
 
@@ -101,15 +101,15 @@ export class Link extends EventTarget {
     setTimeout(() => this.open(), wait);
   }
 
-  #look() {
-    const silent = this.up && performance.now() - this.heard > SILENT_MS;
+  #check() {
+    const silent = this.up && performance.now() - this.receivedAt > SILENT_MS;
     if (silent !== this.silent) {
       this.silent = silent;
-      this.#tell("change");
+      this.#notify("change");
     }
   }
 
-  #tell(type, detail) {
+  #notify(type, detail) {
     this.dispatchEvent(new CustomEvent(type, { detail }));
   }
 }

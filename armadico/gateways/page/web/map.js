@@ -1,5 +1,5 @@
-// The map: walls, way, robots, what is near; a click sends the robot there, a drag says how it looks.
-const DRAG_PX = 14; // a shorter one is a click
+// The map: walls, path, robots, obstacles. A click sends the robot there, a drag sets the heading.
+const DRAG_PX = 14; // a shorter drag is a click
 const STEP = 0.1;
 const TURN = Math.PI / 12;
 const TRAIL = 3000;
@@ -75,7 +75,7 @@ export class Plan extends EventTarget {
     const w = this.canvas.clientWidth || 1, h = this.canvas.clientHeight || 1;
     const [x1, y1, x2, y2] = bounds;
     const k = Math.min(Math.max(Math.min((w - 88) / (x2 - x1), (h - 100) / (y2 - y1)), 5), 400);
-    // Beside the tools on the right, and above the legend.
+    // Left of the tools, and above the legend.
     this.view = { x: (x1 + x2) / 2 + 22 / k, y: (y1 + y2) / 2 - 12 / k, k };
     this.dirty();
   }
@@ -103,15 +103,15 @@ export class Plan extends EventTarget {
   }
 
   dirty() {
-    if (this.asked) return;
-    this.asked = true;
+    if (this.scheduled) return;
+    this.scheduled = true;
     requestAnimationFrame(() => {
-      this.asked = false;
+      this.scheduled = false;
       this.#draw();
     });
   }
 
-  // Hands ----------------------------------------------------------------------------------------
+  // Input ----------------------------------------------------------------------------------------
 
   #point(e) {
     const box = this.canvas.getBoundingClientRect();
@@ -208,7 +208,7 @@ export class Plan extends EventTarget {
   }
 
   #go(goal) {
-    this.aim({ ...goal, state: "asked" });
+    this.aim({ ...goal, state: "sent" });
     this.dispatchEvent(new CustomEvent("go", { detail: goal }));
   }
 
@@ -327,7 +327,7 @@ export class Plan extends EventTarget {
     for (let x = Math.ceil(x1 / step) * step; x <= x2; x += step) { const [p] = this.screen(x, 0); ctx.moveTo(p, 0); ctx.lineTo(p, this.canvas.clientHeight); }
     for (let y = Math.ceil(y1 / step) * step; y <= y2; y += step) { const [, p] = this.screen(0, y); ctx.moveTo(0, p); ctx.lineTo(this.canvas.clientWidth, p); }
     ctx.stroke();
-    // How long a metre is.
+    // The scale bar.
     const px = step * this.view.k, right = this.canvas.clientWidth - 14, y = this.canvas.clientHeight - 34;
     ctx.strokeStyle = ctx.fillStyle = c.soft;
     ctx.lineWidth = 2;
@@ -366,11 +366,11 @@ export class Plan extends EventTarget {
     ctx.lineWidth = 3;
     let driver;
     for (let i = 1; i < trail.length; i++) {
-      const [x, y, who] = trail[i];
-      if (who !== driver || i === 1) {
+      const [x, y, agent] = trail[i];
+      if (agent !== driver || i === 1) {
         if (i > 1) ctx.stroke();
-        driver = who;
-        ctx.strokeStyle = this.colour?.(name, who) ?? c.soft;
+        driver = agent;
+        ctx.strokeStyle = this.colour?.(name, agent) ?? c.soft;
         ctx.beginPath();
         ctx.moveTo(...this.screen(trail[i - 1][0], trail[i - 1][1]));
       }
@@ -398,7 +398,7 @@ export class Plan extends EventTarget {
     const { ctx, c } = this;
     const m = parts.motion, body = parts.body;
     if (m?.x === undefined) return;
-    // On a small map a robot is drawn larger than it is, or nobody would see it.
+    // On a small map a robot is drawn larger than it is, so that it stays visible.
     const size = Math.max(1, 15 / (((body?.front ?? 0.2) + (body?.rear ?? 0.2)) * this.view.k));
     const [front, rear, half] = [body?.front ?? 0.2, body?.rear ?? 0.2, body?.half_width ?? 0.18].map((m) => m * size);
     const chosen = name === this.chosen;
@@ -490,7 +490,7 @@ export class Plan extends EventTarget {
       this.#arrow(...this.world(...a), theta, c.accent);
     } else if (this.target) {
       const t = this.target, ink = t.state === "refused" ? c.stop : c.accent;
-      if (t.state === "taken") return;
+      if (t.state === "accepted") return;
       this.#arrow(t.x, t.y, t.theta, ink);
       const [px, py] = this.screen(t.x, t.y);
       if (t.state === "refused") {

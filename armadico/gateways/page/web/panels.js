@@ -1,4 +1,4 @@
-// Lists that are drawn from what is shown, a node a row, so that what has the focus keeps it.
+// Lists with one node per row, which is reused so that the focus is kept.
 export const $ = (id) => document.getElementById(id);
 
 export function node(tag, properties = {}, ...children) {
@@ -12,7 +12,7 @@ export function node(tag, properties = {}, ...children) {
   return made;
 }
 
-// One node for each row, by its key; `draw(node, row)` fills it whenever the row is another.
+// One node per row, by its key; `draw(node, row)` fills it if the row has changed.
 export function rows(list, found, key, draw, empty = "") {
   const known = new Map([...list.children].map((child) => [child.dataset.key, child]));
   let before = null;

@@ -1,4 +1,4 @@
-"""Which way tells places apart."""
+"""The leg that distinguishes places."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ from math import cos, pi
 
 import pytest
 
-from armadico.agents.localization.rivals import DIRECTIONS, Leg, Rivals, places_of
+from armadico.agents.localization.active_localization import (
+    DIRECTIONS,
+    ActiveLocalizer,
+    Leg,
+    places_of,
+)
 from armadico.agents.methods.grid import Grid
 from armadico.config.worlds import Segment
 from armadico.mobile.geometry import Pose2
@@ -27,10 +32,10 @@ def leg(
     walls: list[Segment],
     places: list[tuple[Pose2, float]],
     room: float = 5.0,
-    been: list[tuple[float, float]] | None = None,
+    visited: list[tuple[float, float]] | None = None,
 ) -> Leg | None:
-    ways = Rivals(Grid(walls, (0.0, 0.0, 12.0, 3.0)), 0.3, 5.0)
-    return ways.leg(places, [room] * DIRECTIONS, been or [], 0.25, 0.5)
+    ways = ActiveLocalizer(Grid(walls, (0.0, 0.0, 12.0, 3.0)), 0.3, 5.0)
+    return ways.leg(places, [room] * DIRECTIONS, visited or [], 0.25, 0.5)
 
 
 def test_poses_are_of_the_places_that_they_are_about() -> None:
@@ -42,7 +47,7 @@ def test_poses_are_of_the_places_that_they_are_about() -> None:
     assert places_of([]) == []
 
 
-def test_it_drives_to_where_one_of_the_places_has_something_to_hear() -> None:
+def test_it_drives_to_where_only_one_of_the_places_has_an_echo() -> None:
     """The niche is 3.5 m ahead, or 1.5 m behind."""
     way = leg(NICHE, ALIKE)
     assert way is not None
@@ -50,7 +55,7 @@ def test_it_drives_to_where_one_of_the_places_has_something_to_hear() -> None:
     assert 1.0 <= way.length <= 4.7
 
 
-def test_where_all_sounds_the_same_no_way_tells_anything() -> None:
+def test_where_all_ranges_are_equal_no_leg_helps() -> None:
     assert leg(CORRIDOR, ALIKE) is None
     assert leg(NICHE, ALIKE[:1]) is None
     assert leg(NICHE, []) is None
@@ -66,7 +71,7 @@ def test_a_way_has_to_be_free_at_all_places_and_by_what_the_robot_knows() -> Non
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_where_it_has_been_it_has_heard_what_there_is(side: float) -> None:
-    way = leg(NICHE, ALIKE, been=[(side * 0.25 * i, 0.0) for i in range(20)] * 8)
+def test_former_positions_have_no_new_information(side: float) -> None:
+    way = leg(NICHE, ALIKE, visited=[(side * 0.25 * i, 0.0) for i in range(20)] * 8)
     assert way is not None
     assert side * cos(way.heading) < 0.0

@@ -1,4 +1,4 @@
-"""A virtual society as a watcher would know it: all that is said, tokens, cards and bids."""
+"""A virtual society with an observer that receives publications, tokens, cards and bids."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MissionStatus
 from armadico.observe.standing import Standing, standing
 from armadico.observe.view import View
-from armadico.observe.watching import ASK_S
+from armadico.observe.watching import QUERY_S
 from armadico.observe.why import Chronicle
 from tests.driven import Driven
 
@@ -31,20 +31,20 @@ LINE = Scenario(
 
 
 def reworded(message: Message) -> Message:
-    """The same with other sentences for people."""
+    """The same message with other text."""
     match message:
         case Log():
             return replace(message, text="something happened")
         case MissionStatus():
-            return replace(message, note=message.note and "so it is")
+            return replace(message, note=message.note and "other text")
         case BidHistory():
             bids = [replace(bid, reason=bid.reason and "for a reason") for bid in message.bids]
             return replace(message, bids=tuple(bids))
     return message
 
 
-class Overheard(Driven):
-    """A scenario that is driven, and a view of it."""
+class Observed(Driven):
+    """A running scenario, and a view of it."""
 
     def __init__(
         self,
@@ -53,41 +53,38 @@ class Overheard(Driven):
         hosts: Callable[[str], str] = lambda _: "virtual",
         chronicle: Chronicle | None = None,
     ) -> None:
-        """Everybody starts, and nothing is driven yet; `hosts` says where an agent runs."""
+        """Start all agents, without a goal; `hosts` returns the host of an agent by name."""
         super().__init__(Rehearsal(scenario, Options(seed=seed)))
         for node in self.mesh.nodes:
             object.__setattr__(node.agent.identity, "host", hosts(node.name))
         self.chronicle = chronicle or Chronicle()
-        self.planted = 0.0  # when something was done to it, s
-        self.worded = True  # or every sentence that anybody says is heard as another
+        self.planted = 0.0  # when a fault was injected, s
+        self.worded = True  # False: the observer receives all texts reworded
         kinds = dict.fromkeys(each.message for each in services() if each.message is not Ask)
         self.mesh.watch(self._keep, *kinds)
-        self._ask()
+        self._answer_queries()
         self.run.start()
 
-    def drive(self, seconds: float = 4.0) -> Overheard:
-        """Its goal is given to it."""
+    def drive(self, seconds: float = 4.0) -> Observed:
+        """Set the goal, and run."""
         self.run.begin()
         return self.let_pass(seconds)
 
     def agent(self, name: str) -> Any:
-        """One of them, to be meddled with."""
         return self.mesh.node(name).agent
 
     @property
     def view(self) -> View:
-        """As it is now."""
         return self.chronicle.view
 
     @property
     def standing(self) -> Standing:
-        """Why it stands now."""
         return standing(self.view, self.mesh.now)
 
     def _keep(self, key: str, message: Message, now: float) -> None:
         self.chronicle.update(key, message if self.worded else reworded(message), now)
 
-    def _ask(self) -> None:
+    def _answer_queries(self) -> None:
         now = self.mesh.now
         for node in self.mesh.nodes:
             agent = node.agent
@@ -100,4 +97,4 @@ class Overheard(Driven):
                 )
                 for _, message in answers:
                     self.chronicle.learn(message if self.worded else reworded(message), now)
-        self.mesh.call_at(now + ASK_S, lambda _a, _b: self._ask())
+        self.mesh.call_at(now + QUERY_S, lambda _a, _b: self._answer_queries())

@@ -1,4 +1,4 @@
-"""What took long to make and is the same the next time: arrays, kept in the user's cache folder."""
+"""A cache of computed arrays in the user's cache folder."""
 
 from __future__ import annotations
 
@@ -18,45 +18,45 @@ Arrays = Mapping[str, NDArray[Any]]
 CACHE_VARIABLE = "XDG_CACHE_HOME"
 
 MOST, MOST_BYTES = 32, 2 * 10**9
-"""So many files are kept, and bytes in them, those that were used last."""
+"""Greatest number of files and of bytes. The least recently used files are removed."""
 
 NEW = ".npz.new"
-"""Of a file that is being written; what a killed process has left goes as old files go."""
+"""Suffix of a file while it is written. A killed process's file is removed as old files are."""
 
 
 def folder() -> Path:
-    """Where they are, by the XDG base directory specification: relative paths do not count."""
+    """The cache folder, by the XDG base directory specification: relative paths are ignored."""
     base = Path(os.environ.get(CACHE_VARIABLE, ""))
     return (base if base.is_absolute() else Path.home() / ".cache") / "armadico"
 
 
-def arrays(key: str, names: Collection[str], make: Callable[[], Arrays]) -> Arrays:
-    """What `make` gives, from the cache if it is there.
+def cached_arrays(key: str, names: Collection[str], make: Callable[[], Arrays]) -> Arrays:
+    """The arrays of `make`, from the cache if they are there.
 
-    A file that is damaged is made anew; where nothing can be read or written nothing is kept.
+    A damaged file is written again. If the folder cannot be read or written, nothing is cached.
 
     Args:
-        key: Stands for all that `make` depends on, its code included; a file's name.
-        names: Of the arrays.
-        make: Makes them.
+        key: The file's name; must depend on all inputs of `make`, including its code.
+        names: The names of the arrays.
+        make: Computes them.
     """
     found: Arrays = {}
-    # A file may be cut off or changed anywhere: zip tells by its sums, numpy by what it says.
+    # A file may be damaged anywhere: zip detects it by checksums, numpy by the header.
     with suppress(OSError, ValueError, EOFError, KeyError, RuntimeError, BadZipFile):
         path = folder() / f"{key}.npz"
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
-            found = {name: kept[name] for name in kept.files}
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as cached:
+            found = {name: cached[name] for name in cached.files}
         os.utime(path)
-    if set(found) == set(names):  # its table of contents has no sum, so it may lack some
+    if set(found) == set(names):  # zip's table of contents has no checksum, so names may be missing
         return found
     made = make()
-    with suppress(OSError, RuntimeError):  # no home, no room, no right to
-        _keep(folder(), key, made)
+    with suppress(OSError, RuntimeError):  # no home directory, no space, no permission
+        _write(folder(), key, made)
     return made
 
 
-def _keep(where: Path, key: str, made: Arrays) -> None:
-    """Whole or not at all: others may be reading, or writing the same."""
+def _write(where: Path, key: str, made: Arrays) -> None:
+    """Write a whole file or none: other processes may read it, or write the same one."""
     where.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile(dir=where, prefix=f"{key}.", suffix=NEW, delete=False) as file:
         try:
