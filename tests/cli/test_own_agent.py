@@ -175,7 +175,7 @@ def test_a_series_tells_it_once(run: Run) -> None:
 def test_a_live_run_tells_what_is_wrong_with_each_of_ones_own_agents(run: Run) -> None:
     words = ("--namespace", f"own-{os.getpid()}")
     said = run("raiser", "unsound", "slow", words=words).stderr
-    assert "raiser is gone (status 1)" in said
+    assert "raiser has ended (status 1)" in said
     assert f'own.py", line {line("# here")}, in propose' in said
     assert "ZeroDivisionError: division by zero" in said
     unsound, slow = (
