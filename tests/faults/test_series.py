@@ -46,6 +46,7 @@ def test_a_case_is_the_same_run_again(once: Once) -> None:
     assert outcome(once, second) != found
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)  # as many seeds as it takes
 def test_what_should_happen_sometimes_does(once: Once) -> None:
     awaited = {*Sight} - RARE
