@@ -10,17 +10,16 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from armadico.cli import options
+from armadico.cli import log_file, options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, Must, argument, between, flag, option, several
+from armadico.core.errors import advice
 
 if TYPE_CHECKING:
     from armadico.agents.mapping.run import Figures, Mapped
     from armadico.agents.mapping.slam import SlamParameters
     from armadico.observe.logs import Log
 
-DRIFT: Final = 0.05
-"""Errors that are added to an odometry that has none."""
 
 THERE: Final = Must(Path.exists, "no such file or folder")
 REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
@@ -48,7 +47,7 @@ class Options:
     picture: Path | None = option("draw the map, the path and the loops", metavar="FILE.png")
     drift: float | None = option(
         "add errors to the odometry, as a share of ways and turns (default: 0;"
-        f" {DRIFT:g} where the odometry is a corrected path)",
+        f" {log_file.ERRORS:g} where the odometry is a corrected path)",
         metavar="SHARE",
         must=between(0, 1),
     )
@@ -106,21 +105,15 @@ def run(args: Options) -> int:
 
 def _check(args: Options) -> None:
     """Raises ConfigError or FailedError before anything is read."""
-    from armadico.config.grid_map import check_suffix, check_writable
-
     if args.output is not None:
-        check_suffix(args.output)
-        try:
-            check_writable(args.output)
-        except OSError as error:
-            raise FailedError(f"cannot write {args.output}: {error.strerror}") from None
+        options.check_map(args.output)
     if args.picture is not None and not args.picture.resolve().parent.is_dir():
         raise FailedError(f"cannot write {args.picture}: there is no such folder")
 
 
 def _log(args: Options) -> tuple[Log, float]:
     """The log, and the errors that were added to it. Raises LogError, FailedError, UsageError."""
-    from armadico.observe import bags, logs
+    from armadico.observe import bags
 
     if bags.is_bag(args.log):
         options.need("rosbags", "bags")
@@ -130,15 +123,10 @@ def _log(args: Options) -> tuple[Log, float]:
     else:
         if not args.log.is_file():
             raise UsageError(f"{args.log}: expected a file, or a folder with a ROS 2 bag")
-        with args.log.open("rb") as file:
-            if file.read(len(logs.MCAP)) == logs.MCAP:
-                options.need("mcap", "record")
-        given: dict[str, Any] = {"corrected": args.corrected, "namespace": args.namespace}
-        log = logs.read(args.log, reach=args.reach, **given)
-    drift = args.drift
-    if drift is None:
-        drift = 0.0 if log.real else DRIFT
-    return (logs.with_errors(log, drift, args.seed) if drift else log), drift
+        log = log_file.read(
+            args.log, reach=args.reach, corrected=args.corrected, namespace=args.namespace
+        )
+    return log_file.with_errors(log, args.drift, args.seed)
 
 
 def _parameters(args: Options) -> SlamParameters:
@@ -158,7 +146,7 @@ def _with(parameters: Any, names: list[str], value: str, key: str) -> Any:
     """The parameters with one of them replaced; of a group its name comes first."""
     known = [one.name for one in fields(parameters)]
     if names[0] not in known:
-        raise UsageError(f"--set {key}: no such parameter; expected one of {', '.join(known)}")
+        raise UsageError(f"--set {key}: no such parameter; {advice(names[0], known)}")
     old = getattr(parameters, names[0])
     if is_dataclass(old) != (len(names) > 1):
         raise UsageError(f"--set {key}: expected GROUP.NAME, such as matcher.resolution")

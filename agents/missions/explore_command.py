@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli import options
+from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, option
 from armadico.cli.run import answering, drive, refused
 from armadico.cli.run_options import Drive, choose
@@ -67,13 +68,7 @@ def _check(args: Options) -> None:
     if args.map is not None:
         if args.runs is not None:
             raise UsageError("--map keeps one run's map, not those of --runs")
-        grid_map.check_suffix(args.map)
-        if not args.map.resolve().parent.is_dir():
-            raise FailedError(f"cannot write {args.map}: there is no such folder")
-        try:
-            grid_map.check_writable(args.map)
-        except OSError as error:
-            raise FailedError(f"cannot write {args.map}: {error.strerror}") from None
+        options.check_map(args.map)
 
 
 def _check_sensors(args: Options, scenario: Scenario) -> None:

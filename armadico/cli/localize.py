@@ -12,16 +12,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
-from armadico.cli import options
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli import log_file, options
+from armadico.cli.options import UsageError
 from armadico.cli.parsing import FILE, POSE, Command, Must, argument, between, flag, option, several
 
 if TYPE_CHECKING:
     from armadico.observe.localizing import Chosen, Summary, Track
     from armadico.observe.logs import Log
 
-NOISE: Final = 0.05
-"""Default error added to an odometry that is a corrected path."""
 
 PROFILE: Final = "jackal"
 """The robot of a log that names none. Only its width and its laser matter; the scanner's angles and
@@ -76,7 +74,7 @@ class Options:
     seed: int = option("seed of random numbers (default: 0)", default=0, metavar="N")
     noise: float | None = option(
         "add errors to the odometry, as a share of distances and turns (default: 0;"
-        f" {NOISE:g} if the odometry is a corrected path)",
+        f" {log_file.ERRORS:g} if the odometry is a corrected path)",
         metavar="SHARE",
         must=between(0, 1),
     )
@@ -113,7 +111,10 @@ def run(args: Options) -> int:
     from armadico.observe import localizing
 
     report = options.reporter("armadico localize")
-    log, noise = _log(args)
+    log = log_file.read(
+        args.log, reach=args.reach, corrected=args.corrected, namespace=args.namespace
+    )
+    log, noise = log_file.with_errors(log, args.noise, args.seed)
     for note in log.notes:
         report(f"note: {note}")
     if noise and args.noise is None:
@@ -145,30 +146,9 @@ def _check(args: Options) -> None:
     if args.world is not None and (args.map_from is not None or args.save_map is not None):
         raise UsageError("--world names a map; leave out --map-from and --save-map")
     if args.save_map is not None:
-        from armadico.config.grid_map import check_suffix, check_writable
-
-        check_suffix(args.save_map)
-        try:
-            check_writable(args.save_map)
-        except OSError as error:
-            raise FailedError(f"cannot write {args.save_map}: {error.strerror}") from None
+        options.check_map(args.save_map)
     if args.picture is not None:
         options.need("matplotlib", "plot")
-
-
-def _log(args: Options) -> tuple[Log, float]:
-    """The log, and the share of errors added to its odometry. Raises LogError, FailedError."""
-    from armadico.observe import logs
-
-    with args.log.open("rb") as file:
-        if file.read(len(logs.MCAP)) == logs.MCAP:
-            options.need("mcap", "record")
-    given: dict[str, Any] = {"corrected": args.corrected, "namespace": args.namespace}
-    log = logs.read(args.log, reach=args.reach, **given)
-    noise = args.noise
-    if noise is None:
-        noise = 0.0 if log.real else NOISE
-    return (logs.with_errors(log, noise, args.seed) if noise else log), noise
 
 
 def _world(args: Options, log: Log, path: Path) -> tuple[str, str]:

@@ -39,6 +39,8 @@ from armadico.mesh.topology import (
 from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.console import Console
     from rich.table import Table
 
@@ -266,6 +268,19 @@ def need(module: str, extra: str) -> None:
     """Raises FailedError with what to install, if the module of an extra is missing."""
     if find_spec(module) is None:
         raise FailedError(f"{module} is not installed: pip install 'armadico[{extra}]'")
+
+
+def check_map(path: Path) -> None:
+    """Raises ConfigError or FailedError if a map could not be written to a path now."""
+    from armadico.config.grid_map import check_suffix, check_writable
+
+    check_suffix(path)
+    if not path.resolve().parent.is_dir():
+        raise FailedError(f"cannot write {path}: there is no such folder")
+    try:
+        check_writable(path)
+    except OSError as error:
+        raise FailedError(f"cannot write {path}: {error.strerror}") from None
 
 
 def end_as_by_ctrl_c() -> None:
