@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import hypot
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from msgspec import Meta
@@ -16,9 +16,8 @@ from armadico.agents.mapping.scan_matching import MatcherParameters
 from armadico.agents.mapping.slam import Slam, SlamParameters, Update
 from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.config import grid_map
-from armadico.config.discovery import MAPPERS, find
 from armadico.config.errors import ConfigError
-from armadico.config.grid_map import Cells
+from armadico.config.grid_map import Mapper, new_mapper
 from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
@@ -31,7 +30,7 @@ from armadico.mobile.messages import (
     Pose,
     Scan,
 )
-from armadico.mobile.scans import bearings_of, ranges_of
+from armadico.mobile.scans import FREE, INVALID, bearings_of, ranges_of
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
@@ -45,9 +44,6 @@ SETTLED = 30
 
 MOVED_M, MOVED_RAD = 0.025, 0.01
 """A key scan that moves farther than this, half a cell, has the map drawn anew."""
-
-INVALID, NOTHING_FOUND = 0, 65535
-"""Of a scan's packed ranges."""
 
 RAYS_APART = 0.0132
 """Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
@@ -80,23 +76,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     drawn_scans: Count = 50_000  # that are kept, which bounds the memory
     drawn_per_cycle: Count = 12  # while the map is drawn anew
     weak_scans: Count = 3  # key scans in a row that fit badly, and the pose corrects no longer
-
-
-class Mapper(Protocol):
-    """What makes a grid of scans at known poses; installed in `armadico.mappers`."""
-
-    @property
-    def full(self) -> bool:
-        """Whether something was omitted because the map would be too large."""
-
-    def see(self, pose: Any, scan: Scan) -> None:
-        """Take a scan of a robot at a pose in the world."""
-
-    def stand(self, pose: Any, corners: Any) -> None:
-        """Take the body's outline as free."""
-
-    def cells(self) -> Cells:
-        """The grid so far."""
 
 
 class _Drawn(NamedTuple):
@@ -133,7 +112,7 @@ class SlamAgent(Agent):
                 " ambiguous to map by"
             )
         self._slam = Slam(_parameters(self.p))
-        self._map = self._new_map()
+        self._map = new_mapper()
         self._drawn: list[_Drawn] = []
         self._standing = 0  # scans that were drawn from the present place
         self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
@@ -285,7 +264,7 @@ class SlamAgent(Agent):
         if not self._moved(poses):
             self._slam.adopt(poses)
             return
-        drawn, mapper = 0, self._new_map()
+        drawn, mapper = 0, new_mapper()
         while len(self._drawn) - drawn > self.p.drawn_per_cycle:
             for one in self._drawn[drawn : drawn + self.p.drawn_per_cycle]:
                 self._draw(mapper, one, self._later(poses))
@@ -312,10 +291,6 @@ class SlamAgent(Agent):
         return bool((far | (np.abs(wrapped(off[:, 2])) > MOVED_RAD)).any())
 
     # The map --------------------------------------------------------------------------------------
-
-    def _new_map(self) -> Mapper:
-        mapper: Mapper = find(MAPPERS, "grid").load()(0.0)
-        return mapper
 
     def _at(self, drawn: _Drawn, poses: Floats) -> Floats:
         return compose(poses[drawn.key], drawn.offset)
@@ -351,9 +326,9 @@ def _without_dropouts(scan: Scan) -> Scan:
     They are lost returns. As free space they would lead through walls.
     """
     seen = np.frombuffer(scan.packed, dtype="<u2").copy()
-    met = (seen != NOTHING_FOUND) & (seen != INVALID)
+    met = (seen != FREE) & (seen != INVALID)
     alone = np.zeros(len(seen), dtype=np.bool_)
-    alone[1:-1] = (seen[1:-1] == NOTHING_FOUND) & met[:-2] & met[2:]
+    alone[1:-1] = (seen[1:-1] == FREE) & met[:-2] & met[2:]
     seen[alone] = INVALID
     return replace(scan, packed=seen.tobytes())
 

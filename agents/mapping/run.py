@@ -7,15 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import atan2, cos, degrees, sin
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 from msgspec import Struct
 
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.slam import Slam, SlamParameters
-from armadico.config.discovery import MAPPERS, find
-from armadico.config.grid_map import Cells
+from armadico.config.grid_map import Cells, new_mapper
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import STOOD
 from armadico.mobile.messages import Pose, Scan
@@ -69,16 +68,6 @@ class Mapped:
     path: Floats  # (n, 3) poses after all loops
     times: Floats  # (n,) of the readings, s
     spent: Floats  # (n,) processor time, s
-
-
-class Mapper(Protocol):
-    """What makes a grid of scans at known poses; installed in `armadico.mappers`."""
-
-    def see(self, pose: Any, scan: Scan) -> None:
-        """Take a scan of a robot at a pose in the world."""
-
-    def cells(self) -> Cells:
-        """The grid so far."""
 
 
 def mapped(
@@ -147,7 +136,7 @@ def drawn(log: Log, slam: Slam, step: Callable[[], None] = lambda: None) -> Cell
 
     Raises LogError if it has no occupied cell.
     """
-    mapper: Mapper = find(MAPPERS, "grid").load()(0.0)
+    mapper = new_mapper()
     for number, pose in zip(slam.numbers, slam.poses.tolist(), strict=True):
         mapper.see(Pose(Cycle(1, number), *pose), _scan(log, number))
         step()

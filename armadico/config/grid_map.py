@@ -11,12 +11,13 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from armadico.config.discovery import MAPPERS, find
 from armadico.config.errors import ConfigError
 from armadico.config.mapwriter import format_map
 from armadico.config.occupancy import (
@@ -28,7 +29,7 @@ from armadico.config.occupancy import (
 )
 from armadico.config.worlds import Segment, World
 from armadico.config.writing import write_files, written_first
-from armadico.mobile.messages import OccupancyGrid
+from armadico.mobile.messages import Echo, OccupancyGrid, Scan
 
 States = NDArray[np.uint8]
 
@@ -87,6 +88,32 @@ class Cells:
 
 NOTHING: Final = Cells(0.0, 0.0, 0.05, np.zeros((0, 0), dtype=np.uint8))
 """A grid without cells."""
+
+
+class Mapper(Protocol):
+    """Makes a grid from readings at known poses; the entry point `grid` of `armadico.mappers`."""
+
+    @property
+    def full(self) -> bool:
+        """Whether readings were omitted because the map would be too large."""
+
+    def see(self, pose: Any, scan: Scan) -> None:
+        """Add a scan of a robot at a pose in the world."""
+
+    def add(self, pose: Any, echo: Echo) -> None:
+        """Add one ping of a sonar."""
+
+    def stand(self, pose: Any, corners: Any) -> None:
+        """Add the footprint, by its corners in the robot's frame, as free."""
+
+    def cells(self) -> Cells:
+        """The grid so far."""
+
+
+def new_mapper(half_cone: float = 0.0) -> Mapper:
+    """The installed mapper, with an empty grid, for sonars of half a cone (rad)."""
+    mapper: Mapper = find(MAPPERS, "grid").load()(half_cone)
+    return mapper
 
 
 def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:

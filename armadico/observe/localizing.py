@@ -14,23 +14,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import ceil, degrees, hypot, nan, radians, sqrt
 from random import Random
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.config import grid_map
-from armadico.config.discovery import MAPPERS, agent_class, find, providers
+from armadico.config.discovery import agent_class, providers
 from armadico.config.errors import ConfigError
-from armadico.config.grid_map import Cells
+from armadico.config.grid_map import Cells, new_mapper
 from armadico.config.loading import load_parameters
 from armadico.config.profile import RobotProfile
 from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.messages import Cycle, Message, RobotState
 from armadico.core.services import service_of
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
-from armadico.mobile.messages import Correction, Echo, OccupancyGrid, Pose, Scan
+from armadico.mobile.messages import Correction, OccupancyGrid, Pose, Scan
 from armadico.observe.logs import Log, LogError
 
 Floats = NDArray[np.float64]
@@ -72,19 +72,6 @@ def correctors() -> tuple[str, ...]:
     return tuple(name for name in providers(service_of(Correction).key) if name not in mappers)
 
 
-class Mapper(Protocol):
-    """Makes a grid from readings at known poses; an entry point of `armadico.mappers`."""
-
-    def see(self, pose: Any, scan: Scan) -> None:
-        """Add a scan of a robot at a pose in the world."""
-
-    def add(self, pose: Any, echo: Echo) -> None:
-        """Add one ping of a sonar."""
-
-    def cells(self) -> Cells:
-        """The grid so far."""
-
-
 def mapping(log: Log, name: str) -> list[int]:
     """The readings for a map: those of a part that have a reference pose."""
     return part(log, name, [int(i) for i in np.flatnonzero(log.known)])
@@ -107,7 +94,7 @@ def mapped(
     if not readings:
         raise LogError(f"{log.name} has no reference poses to make a map from: name a map")
     cone = 0.0 if profile.sonar is None else profile.sonar.cone_deg
-    mapper: Mapper = find(MAPPERS, "grid").load()(radians(cone) / 2.0)
+    mapper = new_mapper(radians(cone) / 2.0)
     for number, i in enumerate(readings):
         at = log.where(i)
         assert at is not None, "all have a reference pose"
