@@ -33,6 +33,8 @@ EXAMPLES: Final = """\
   armadico slam hall.npz -o hall.yaml --set max_range=30
 """
 
+MOST: Final = 1e6  # of a parameter that is a number
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
@@ -155,10 +157,16 @@ def _with(parameters: Any, names: list[str], value: str, key: str) -> Any:
     try:
         new = _valued(old, value)
     except ValueError:
-        kind = type(old).__name__
-        expected = ", ".join(one.value for one in old.__class__) if isinstance(old, Enum) else kind
-        raise UsageError(f"--set {key}={value}: expected {expected}") from None
+        raise UsageError(f"--set {key}={value}: expected {_expected(old)}") from None
     return replace(parameters, **{names[0]: new})
+
+
+def _expected(old: Any) -> str:
+    """What `_valued` accepts in place of a value."""
+    if isinstance(old, Enum):
+        return ", ".join(one.value for one in old.__class__)
+    kind = type(old).__name__
+    return kind if isinstance(old, bool) else f"{kind}, at least 0 and less than {MOST:g}"
 
 
 def _valued(old: Any, value: str) -> Any:
@@ -168,7 +176,7 @@ def _valued(old: Any, value: str) -> Any:
             raise ValueError(value)
         return value == "true"
     new = type(old)(value)
-    if isinstance(new, int | float) and not 0 <= new < 1e6:
+    if isinstance(new, int | float) and not 0 <= new < MOST:
         raise ValueError(value)
     return new
 
