@@ -22,9 +22,11 @@ from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
 from armadico.core.messages import Description, Message, RobotState
+from armadico.mobile import map_graphs
 from armadico.mobile.messages import (
     Correction,
     InitialPose,
+    MapGraph,
     MapRequest,
     OccupancyGrid,
     Pose,
@@ -51,6 +53,9 @@ fitted to neighbours, and the noise of the ranges must be small beside their dis
 
 STANDING = 0.02
 """Within so many m and rad it is the same place."""
+
+REPEATED_S = 10.0
+"""A graph that has not changed is published again after so many s, for observers that join late."""
 
 INSTEAD_OF = ("localization", "mapping")
 """Agents that publish the same messages."""
@@ -97,7 +102,7 @@ class SlamAgent(Agent):
     name = "slam"
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
-    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid, MapGraph)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
     parameters = Parameters
     launched_with = ("profile",)
@@ -124,7 +129,8 @@ class SlamAgent(Agent):
         self._number: int | None = None  # of the newest scan
         self._weak = 0  # newest key scans that fitted badly
         self._update: Update | None = None
-        self._published_at = float("-inf")
+        self._published_at = self._graph_at = float("-inf")
+        self._graph: MapGraph | None = None  # as published
         self._warned: set[str] = set()
         self._carried, self._uncertain = 0, False  # as reported
 
@@ -243,6 +249,18 @@ class SlamAgent(Agent):
         if self.now - self._published_at >= self.p.every_s:
             self._published_at = self.now
             self.publish(grid_map.message_of(self._map.cells(), self._revision))
+            self._publish_graph()
+
+    def _publish_graph(self) -> None:
+        """Publish the graph for observers, if it has changed or was published long ago."""
+        slam = self._slam
+        loops = [(loop.start, loop.end) for loop in slam.loops]
+        graph = map_graphs.message_of(
+            self._revision, slam.poses, loops, slam.switched_off, self._doubts
+        )
+        if graph != self._graph or self.now - self._graph_at >= REPEATED_S:
+            self._graph, self._graph_at = graph, self.now
+            self.publish(graph)
 
     # Beside the cycles ----------------------------------------------------------------------------
 
@@ -304,15 +322,21 @@ class SlamAgent(Agent):
             front, rear, side = body.front, -body.rear, body.half_width
             mapper.stand(pose, ((front, side), (rear, side), (rear, -side), (front, -side)))
 
+    @property
+    def _doubts(self) -> str:
+        """Why the map may be wrong; empty while too little is known."""
+        slam = self._slam
+        return slam.uncertain if slam.carried or len(slam.poses) >= SETTLED else ""
+
     def _report(self) -> None:
         """Log once if the map may be wrong."""
         slam = self._slam
         if len(slam.carried) > self._carried:
             self._carried, self._uncertain = len(slam.carried), True
             self.log("the robot was carried: a new part of the map begins", WARNING)
-        elif len(slam.poses) >= SETTLED and slam.uncertain and not self._uncertain:
+        elif (doubts := self._doubts) and not self._uncertain:
             self._uncertain = True
-            self.log(f"the map may be wrong: {slam.uncertain}", WARNING)
+            self.log(f"the map may be wrong: {doubts}", WARNING)
 
     def _warn(self, text: str) -> None:
         if text not in self._warned:

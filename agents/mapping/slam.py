@@ -13,6 +13,7 @@ from math import hypot, pi
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armadico.agents.mapping.loop_closure import Loop, LoopCloser, LoopParameters
 from armadico.agents.mapping.odometry_model import OdometryModel, OdometryParameters
@@ -138,9 +139,17 @@ class Slam:
         return np.asarray(weights[np.array(loop, dtype=np.bool_)])
 
     @property
+    def switched_off(self) -> NDArray[np.bool_]:
+        """Of each loop whether the graph has switched it off, since others contradict it."""
+        off = np.zeros(len(self.loops), dtype=np.bool_)
+        weights = self.loop_weights
+        off[: len(weights)] = weights < 0.5
+        return off
+
+    @property
     def loops_off(self) -> int:
-        """Loops that the graph has switched off, since others contradict them."""
-        return int(np.count_nonzero(self.loop_weights < 0.5))
+        """Loops that are switched off."""
+        return int(np.count_nonzero(self.switched_off))
 
     @property
     def uncertain(self) -> str:

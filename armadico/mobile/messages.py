@@ -244,6 +244,35 @@ class OccupancyGrid(Message, frozen=True):
     appended: ClassVar[int] = 1
 
 
+class MapGraph(Message, frozen=True):
+    """The pose graph of the map made by SLAM, for observers; a small one of a large graph.
+
+    `packed` has six bytes per key scan, in the order of time, as in `Particles`; of a large graph
+    not every key scan. `loops` and `off` have four bytes per loop: the places in `packed` of the
+    key scans that it joins, as unsigned little-endian integers of two bytes. Those in `off` are
+    switched off, since other loops contradict them. The numbers are those of the whole graph.
+    """
+
+    revision: Counter  # of the map that the poses belong to
+    x: Real  # of the lower left corner of all of them, m
+    y: Real
+    step: Annotated[float, Meta(gt=0, le=100)]  # m
+    packed: Encoded
+    loops: Encoded
+    off: Encoded
+    key_scans: Counter
+    loops_found: Counter  # with those that are switched off
+    loops_off: Counter
+    uncertain: Text = ""  # why the map may be wrong; empty: nothing speaks against it
+
+    @property
+    def summary(self) -> str:
+        """The numbers as text."""
+        off = f" ({self.loops_off} off)" if self.loops_off else ""
+        text = f"revision {self.revision}, {self.key_scans} key scans, {self.loops_found} loops"
+        return text + off
+
+
 # Missions and plans -------------------------------------------------------------------------------
 
 
@@ -433,6 +462,7 @@ state(Correction, "localization/correction", 10, 3, "the odometry's origin, by m
 state(Particles, "localization/particles", 2, 3, "possible poses of the robot")
 state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for observers")
 state(OccupancyGrid, "mapping/grid", 1, None, "the map made by driving")
+state(MapGraph, "mapping/graph", 0.1, None, "the map's pose graph; 1 Hz while it changes")
 query(MapRequest, "mapping/request", OccupancyGrid, "the present map")
 latch(Trajectory, "trajectory", "the mission's waypoints", rate_hz=1)
 query(PlanRequest, "path/plan", Plan, "a path to a goal")
