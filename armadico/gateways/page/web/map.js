@@ -381,7 +381,8 @@ export class Plan extends EventTarget {
     ctx.beginPath();
     for (const place of at) ctx.lineTo(...place);
     ctx.stroke();
-    for (const [px, py] of at) ctx.fillRect(px - 1.5, py - 1.5, 3, 3);
+    const half = Math.min(1.5, this.view.k / 40); // on a small map they would hide the path
+    for (const [px, py] of at) ctx.fillRect(px - half, py - half, 2 * half, 2 * half);
   }
 
   #way(name, { parts, trail }) {
