@@ -245,12 +245,12 @@ class OccupancyGrid(Message, frozen=True):
 
 
 class MapGraph(Message, frozen=True):
-    """The pose graph of the map made by SLAM, for observers; a small one of a large graph.
+    """The pose graph of the map made by SLAM, for observers.
 
-    `packed` has six bytes per key scan, in the order of time, as in `Particles`; of a large graph
-    not every key scan. `loops` and `off` have four bytes per loop: the places in `packed` of the
-    key scans that it joins, as unsigned little-endian integers of two bytes. Those in `off` are
-    switched off, since other loops contradict them. The numbers are those of the whole graph.
+    `packed` has six bytes per key scan, in the order of time, as in `Particles`. `loops` and `off`
+    have four bytes per loop: the indices in `packed` of the key scans that it joins, as unsigned
+    little-endian integers of two bytes. Loops in `off` are switched off, since others contradict
+    them. A message of a large graph has a part of its key scans and loops; the counts are of all.
     """
 
     revision: Counter  # of the map that the poses belong to

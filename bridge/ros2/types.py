@@ -206,7 +206,7 @@ class ColorRGBA(IdlStruct, typename="std_msgs/msg/ColorRGBA"):
 class CompressedImage(IdlStruct, typename="sensor_msgs/msg/CompressedImage"):
     header: Header = field(default_factory=Header)
     format: str = ""
-    data: Bytes = b""
+    data: Bytes = field(default_factory=list)
 
 
 @dataclass
@@ -218,7 +218,7 @@ class UVCoordinate(IdlStruct, typename="visualization_msgs/msg/UVCoordinate"):
 @dataclass
 class MeshFile(IdlStruct, typename="visualization_msgs/msg/MeshFile"):
     filename: str = ""
-    data: Bytes = b""
+    data: Bytes = field(default_factory=list)
 
 
 @dataclass
