@@ -157,7 +157,7 @@ class GlobalMap:
             return
         self._graph = known
         ink = palette.KEY_SCAN
-        path = rr.LineStrips2D([places], radii=pixels(1.0), colors=ink, draw_order=18)
+        path = rr.LineStrips2D([places.tolist()], radii=pixels(1.0), colors=ink, draw_order=18)
         dots = rr.Points2D(places, radii=pixels(1.2), colors=ink, draw_order=25)
         self._canvas.draw(f"{SLAM}/key_scans", t, path, dots)
         for name, pairs, ink in (("loops", loops, palette.LOOP), ("off", off, palette.LOOP_OFF)):
