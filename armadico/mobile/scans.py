@@ -103,13 +103,9 @@ def deskewed(ranges: Floats, angles: tuple[float, float], mount: Pose2, moved: F
     low = high - 1
     nearer = np.where(rays - at[low] <= at[high] - rays, low, high)
     found = np.where(np.abs(at[nearer] - rays) <= 1.0, away[nearer], np.nan)
-    jump = np.abs(away[high] - away[low])
+    near, far = np.minimum(away[low], away[high]), np.maximum(away[low], away[high])
     one = measured[low] & measured[high] & (at[high] - at[low] <= 2.0)
-    one &= (
-        (at[low] <= rays)
-        & (at[high] >= rays)
-        & (jump <= SURFACE * np.minimum(away[low], away[high]))
-    )
+    one &= (at[low] <= rays) & (rays <= at[high]) & (far <= (1.0 + SURFACE) * near)
     share = (rays - at[low])[one] / np.maximum(at[high] - at[low], 1e-9)[one]
     # A line is straight in 1 / range for small angles.
     found[one] = 1.0 / ((1.0 - share) / away[low][one] + share / away[high][one])

@@ -177,3 +177,7 @@ def test_a_scan_taken_while_moving_is_corrected_to_one_pose(laser: Laser) -> Non
     assert np.quantile(off[known], 0.9) < 0.02
     assert np.quantile(np.abs(raw - still), 0.9) > 0.3
     assert deskewed(still, angles, laser.place, 0.0 * moved) == pytest.approx(still)
+    some = np.where(np.arange(laser.rays) % 7 == 0, inf, raw)
+    some[::11] = np.nan
+    lost = deskewed(some, angles, laser.place, moved)
+    assert np.isinf(lost).sum() == pytest.approx(laser.rays / 7, rel=0.2)
