@@ -165,10 +165,11 @@ class GlobalMap:
             self._canvas.draw(f"{SLAM}/{name}", t, lines)
         top = grid.y + grid.rows * grid.cell
         place = grid.x + grid.columns * grid.cell / 2, top + STATUS * grid.rows * grid.cell
-        words = [f"map: {graph.summary}"]
+        text, ink = f"map: {graph.summary}", palette.ROOM
         if graph.uncertain:
-            words.append(f"the map may be wrong: {graph.uncertain}")
-        self._canvas.draw(f"{SLAM}/status", t, _labels([place], ["\n".join(words)]))
+            why = graph.uncertain.replace("; ", "\n")  # a label is one line else
+            text, ink = f"{text}\nthe map may be wrong: {why}", palette.FORBIDDEN
+        self._canvas.draw(f"{SLAM}/status", t, _labels([place], [text], ink))
 
     def on_trajectory(self, trajectory: Trajectory, t: float) -> None:
         """Draw the mission's waypoints if they have changed."""
@@ -263,13 +264,15 @@ def _arrows(poses: Sequence[Pose2], length: float, colour: Colour, **how: Any) -
     return rr.Arrows2D(origins=origins, vectors=vectors, colors=colour, **how)
 
 
-def _labels(places: Sequence[tuple[float, float]], texts: Sequence[str]) -> rr.Points2D:
+def _labels(
+    places: Sequence[tuple[float, float]], texts: Sequence[str], ink: Colour = palette.ROOM
+) -> rr.Points2D:
     """Texts without a dot."""
     return rr.Points2D(
         places,
         labels=texts,
         show_labels=True,
-        colors=palette.ROOM,
+        colors=ink,
         radii=pixels(0.1),
         draw_order=1,
     )
