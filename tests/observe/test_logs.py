@@ -257,7 +257,9 @@ def test_robotlaser_lines_have_their_own_angles(tmp_path: Path) -> None:
     assert log.odometry[50] == pytest.approx(made_logs.driven()[50], abs=1e-5)
 
 
-def test_broken_lines_are_left_out_and_other_angles_are_taken_at_those_of_most(tmp_path: Path) -> None:
+def test_broken_lines_are_left_out_and_other_angles_are_taken_at_those_of_most(
+    tmp_path: Path,
+) -> None:
     poses = made_logs.driven()
     good = lines(poses, poses)
     good[10] = good[10][:40]
