@@ -127,30 +127,31 @@ def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats) -> Floats
     return normals
 
 
-def seen_through(
-    cloud: PointCloud, known: Floats, origin: tuple[float, float], margin: float = 0.4
-) -> float:
-    """The share of known points that the rays of a scan passed through, of those they look at.
+def looked_at(
+    cloud: PointCloud, points: Floats, origin: tuple[float, float], margin: float = 0.4
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(n,) which points the rays of a scan reach, and which of these they pass through.
 
     Args:
         cloud: Of the scan.
-        known: (n, 2) points of the map in the robot's frame, m.
+        points: (n, 2) in the robot's frame of the scan, m.
         origin: The scanner in the robot's frame, m.
         margin: A ray that ends nearer behind a point has not passed through it, m.
     """
-    rays, old = cloud.points - np.asarray(origin), known - np.asarray(origin)
+    none = np.zeros(len(points), dtype=np.bool_)
+    if len(cloud.points) < LEAST_POINTS:
+        return none, none
+    rays, there = cloud.points - np.asarray(origin), points - np.asarray(origin)
     bearings, reach = np.arctan2(rays[:, 1], rays[:, 0]), np.hypot(rays[:, 0], rays[:, 1])
     order = np.argsort(bearings, kind="stable")
     bearings, reach = bearings[order], reach[order]
-    looks, away = np.arctan2(old[:, 1], old[:, 0]), np.hypot(old[:, 0], old[:, 1])
+    looks, away = np.arctan2(there[:, 1], there[:, 0]), np.hypot(there[:, 0], there[:, 1])
     at = np.clip(np.searchsorted(bearings, looks), 1, len(bearings) - 1)
     low, high = bearings[at - 1], bearings[at]
     between = (low <= looks) & (looks <= high) & (high - low < 0.05)
-    farthest = np.minimum(reach[at - 1], reach[at])
     visible = between & (np.maximum(reach[at - 1], reach[at]) > away - margin)
-    if np.count_nonzero(visible) < LEAST_POINTS:
-        return 0.0
-    return float(np.count_nonzero(visible & (farthest > away + margin)) / np.count_nonzero(visible))
+    through = np.minimum(reach[at - 1], reach[at]) > away + margin
+    return visible, visible & through
 
 
 def voxel_filtered(points: Floats, size: float, most: int) -> Floats:
