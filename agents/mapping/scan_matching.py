@@ -24,7 +24,12 @@ Field = NDArray[np.float32]
 
 LEAST_RANGE_M: Final = 0.1
 NEIGHBOURS: Final = 3
-"""Rays on each side from which a normal is estimated."""
+"""Points on each side from which a normal is estimated."""
+
+APART_M: Final = 0.02
+"""Least distance of these points from each other: noise of 0.01 m in their ranges turns the normal
+by 0.1 rad. Neighbouring rays on a near wall are closer. Their normals would be random, and a bare
+corridor would seem to fix the pose along it."""
 
 LEAST_POINTS: Final = 10
 """With fewer corresponding points there is no match."""
@@ -95,19 +100,22 @@ def point_cloud(
         valid = np.isfinite(ranges) & (ranges > LEAST_RANGE_M) & (ranges < max_range)
     far = np.where(valid, ranges, 0.0)
     points = np.column_stack([far * np.cos(bearings), far * np.sin(bearings)])
-    normals = _normals(points, valid, far)[valid]
+    apart = far * np.median(np.abs(np.diff(bearings))) if len(bearings) > 1 else far
+    normals = _normals(points, valid, far, apart)[valid]
     points = points[valid]
     away = np.nansum(normals * points, axis=1) > 0.0
     normals[away] *= -1.0
     return PointCloud(points + np.asarray(origin), normals)
 
 
-def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats) -> Floats:
+def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats, apart: Floats) -> Floats:
+    """The normals of points, whose neighbours are so far apart, m."""
     count, rays = len(points), np.arange(len(points))
+    stride = np.ceil(APART_M / np.maximum(apart, 1e-3)).astype(np.intp)
     sums, found = np.zeros((count, 5)), np.zeros(count)
     gate = np.maximum(0.15, 0.12 * ranges)
     for offset in range(-NEIGHBOURS, NEIGHBOURS + 1):
-        beside = rays + offset
+        beside = rays + offset * stride
         there = np.clip(beside, 0, count - 1)
         d = points[there] - points
         near = np.hypot(d[:, 0], d[:, 1]) < 0.6 * gate * max(1, abs(offset)) + 0.05
