@@ -47,10 +47,6 @@ SETTLED = 30
 MOVED_M, MOVED_RAD = 0.025, 0.01
 """A key scan that moves farther than this, half a cell, has the map drawn anew."""
 
-RAYS_APART = 0.0132
-"""Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
-fitted to neighbours, and the noise of the ranges must be small beside their distance."""
-
 STANDING = 0.02
 """Within so many m and rad it is the same place."""
 
@@ -189,10 +185,8 @@ class SlamAgent(Agent):
             ranges, bearings = ranges_of(scan), bearings_of(scan)
         except ValueError:  # its bytes are no ranges
             return
-        apart = max(1, int(RAYS_APART / abs(scan.step))) if scan.step else 1
-        rays = slice(None, None, apart)
         origin = scan.x, scan.y
-        update = self._slam.add(self.now, odometry, ranges[rays], bearings[rays], origin=origin)
+        update = self._slam.add(self.now, odometry, ranges, bearings, origin=origin)
         if update is None:
             return
         self._update = update
