@@ -10,7 +10,7 @@ One search is not trusted. Several must agree with each other while the robot dr
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from math import hypot, pi
 from typing import Final, NamedTuple
@@ -333,7 +333,9 @@ def _agree(a: tuple[Recognised, Floats, float], b: tuple[Recognised, Floats, flo
     return hypot(off[0], off[1]) < tolerance and abs(float(off[2])) < 0.08
 
 
-def _sliced(score, height: int, nodes: Indices) -> Generator[None, None, Floats]:
+def _sliced(
+    score: Callable[[int, Indices], Floats], height: int, nodes: Indices
+) -> Generator[None, None, Floats]:
     """Return the scores of many nodes, some in each slice."""
     found = np.empty(nodes.shape[1])
     for begin in range(0, nodes.shape[1], SLICE_NODES):

@@ -52,6 +52,7 @@ from armadico.agents.mapping.scan_matching import (
     seen_through,
     voxel_filtered,
 )
+from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
 
 LEAST_POINTS: Final = 20
 """A scan with fewer points is not used."""
@@ -208,11 +209,23 @@ class Slam:
         return np.asarray(self.part == self.part[-1]) if len(self.part) else self.part > 0
 
     @property
-    def main(self) -> NDArray[np.bool_]:
-        """(n,) which key scans are of the largest part: of equal ones, the oldest."""
-        if not len(self.part):
-            return self.part > 0
-        return np.asarray(self.part == np.argmax(np.bincount(self.part)))
+    def settled(self) -> int:
+        """Key scans of the map that the robot is on."""
+        return int(np.count_nonzero(self.present))
+
+    @property
+    def lost(self) -> bool:
+        """Whether the robot has not found its place on a map that takes no more scans."""
+        return self._lost is not None
+
+    @property
+    def joining(self) -> tuple[tuple[int, ...], int]:
+        """The parts that are one once the optimised poses are adopted, and its number then."""
+        part = int(self.part[-1])
+        if self._joins is None or self._joins.label != part:
+            return (part,), part
+        to = self._joins.to
+        return ((to,) if self._joins.temporary else (part, to)), to
 
     @property
     def located(self) -> bool:
@@ -223,10 +236,10 @@ class Slam:
         """The pose of the robot in the map when its odometry has a value."""
         if self._at is None:
             return np.asarray(odometry, dtype=np.float64)
-        return compose(self._matched_pose, self.model.corrected(relative(self._at, odometry)))
+        return compose(self.matched_pose, self.model.corrected(relative(self._at, odometry)))
 
     @property
-    def _matched_pose(self) -> Floats:
+    def matched_pose(self) -> Floats:
         """The pose of the newest scan that was matched."""
         if self._on is None:
             return np.asarray(self.poses[-1])
@@ -296,7 +309,7 @@ class Slam:
 
     def _moved(self, covariance: Floats, step: Floats, more: Floats) -> Floats:
         """A covariance after a step from the newest matched scan, whose own is in the world."""
-        turn = jacobian_of_step(self._matched_pose, step)
+        turn = jacobian_of_step(self.matched_pose, step)
         moved: Floats = turn @ covariance @ turn.T + more
         return moved
 
@@ -304,7 +317,7 @@ class Slam:
         self, step: Floats, cloud: PointCloud, origin: tuple[float, float], number: int
     ) -> None:
         """Match a key scan on the local map, and add it with its edge."""
-        p, newest, before = self.parameters, len(self.poses) - 1, self._matched_pose
+        p, newest, before = self.parameters, len(self.poses) - 1, self.matched_pose
         guess = compose(before, self.model.corrected(step))
         start = newest
         if self._on is not None:  # the map was fixed for a time
@@ -324,7 +337,8 @@ class Slam:
         alone = np.asarray(np.linalg.inv(information), dtype=np.float64)
         self._covariance = self._moved(self._covariance, moved, alone)
         predicted = self._moved(self._near, moved, prior.covariance)
-        self._near = np.linalg.inv(np.linalg.inv(predicted) + share * match.information)
+        near = np.linalg.inv(np.linalg.inv(predicted) + share * match.information)
+        self._near = np.asarray(near, dtype=np.float64)
         turn = rotation(self.poses[start, 2])
         edge = turn.T @ information @ turn
         self.graph.add(Edge(start, newest + 1, relative(self.poses[start], match.pose), edge))
@@ -334,15 +348,16 @@ class Slam:
     def _localize(self, step: Floats, cloud: PointCloud) -> bool:
         """Match a scan on the map without adding it; whether the robot is still on the map."""
         p = self.parameters
-        guess = compose(self._matched_pose, self.model.corrected(step))
+        guess = compose(self.matched_pose, self.model.corrected(step))
         around = self._around(guess)
         match, prior = self._matched(around, cloud, guess, step, self.model.prior(step))
         self._inliers = match.inliers
         predicted = self._moved(
-            self._near, relative(self._matched_pose, match.pose), prior.covariance
+            self._near, relative(self.matched_pose, match.pose), prior.covariance
         )
         information = np.linalg.inv(predicted) + self._share(match) * match.information
-        self._near = self._covariance = np.linalg.inv(information)
+        self._near = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        self._covariance = self._near
         self._on = around[0], relative(self.poses[around[0]], match.pose)
         self._bad = 0 if match.inliers >= p.match_weak else self._bad + 1
         return self._bad < LEAVES
@@ -474,26 +489,43 @@ class Slam:
 
     # Continuing a map -----------------------------------------------------------------------------
 
-    def restore(
-        self,
-        poses: Floats,
-        way: Sequence[float],
-        clouds: Sequence[PointCloud],
-        part: Indices,
-        edges: Sequence[Edge],
-        weights: Floats,
-        weak: int,
-    ) -> None:
-        """Continue an empty map with what was saved of another; the next scan begins a part."""
-        self.poses, self.way, self.part = poses, list(way), part
-        self.clouds, self.numbers = list(clouds), [0] * len(poses)
-        self.graph.edges, self.graph.weights, self.weak = list(edges), weights, weak
-        self.loops = [
-            Loop(edge.start, edge.end, edge.pose, edge.information, 0.0, 0.0, 0.0)
-            for edge in edges
-            if edge.loop
-        ]
-        self._searched = self._optimised = len(poses)
+    def restore(self, graph: SavedGraph, clouds: Sequence[PointCloud]) -> None:
+        """Continue an empty map with a saved one; the next scan begins a part.
+
+        Args:
+            graph: The saved map.
+            clouds: The points of its key scans.
+        """
+        self.poses, self.way, self.part = graph.poses, graph.way.tolist(), graph.part
+        self.clouds, self.numbers = list(clouds), [0] * len(graph.poses)
+        self.graph.weights, self.weak = graph.weights, graph.weak
+        rows = zip(graph.ends.tolist(), graph.steps, graph.information, graph.loops, strict=True)
+        for (start, end), step, information, loop in rows:
+            self.graph.add(Edge(start, end, step, information, bool(loop)))
+            if loop:
+                self.loops.append(Loop(start, end, step, information, 0.0, 0.0, 0.0))
+        self._searched = self._optimised = len(self.poses)
+
+    def saved(self, scans: Sequence[DrawnScan], body: Footprint | None = None) -> SavedGraph:
+        """The map as it is, with the scans that it is drawn of, which include all key scans."""
+        count = len(self.poses) if self._lost is None else self._lost
+        weights = np.ones(len(self.graph.edges))
+        weights[: len(self.graph.weights)] = self.graph.weights
+        kept = [k for k, one in enumerate(self.graph.edges) if max(one.start, one.end) < count]
+        edges = [self.graph.edges[k] for k in kept]
+        return SavedGraph(
+            self.poses[:count],
+            np.array(self.way[:count]),
+            self.part[:count],
+            np.array([(edge.start, edge.end) for edge in edges], dtype=np.intp).reshape(-1, 2),
+            np.array([edge.pose for edge in edges]).reshape(-1, 3),
+            np.array([edge.information for edge in edges]).reshape(-1, 3, 3),
+            np.array([edge.loop for edge in edges], dtype=np.bool_),
+            weights[kept],
+            self.weak,
+            [one for one in scans if one.key < count],
+            body,
+        )
 
     # The back end ---------------------------------------------------------------------------------
 
@@ -514,7 +546,7 @@ class Slam:
         if count < 2 or self._searched == count:
             return
         self._searched = count
-        if p.do_loop_closing:
+        if p.do_loop_closing and not self.lost:
             yield from self._finding()
         poses, joined = self.poses, False
         if not self.located:
@@ -526,7 +558,7 @@ class Slam:
                     return
         due = self._moving and count - self._optimised >= p.optimize_at_least
         due = due or count % p.optimize_every_n_nodes == 0
-        if joined or (self._new_loops and due):
+        if joined or (self._new_loops and due and not self.lost):
             poses = poses if joined else self.poses
             self._new_loops, self._moving, self._optimised = 0, False, len(poses)
             for optimised in self.graph.optimising(poses):
@@ -561,9 +593,9 @@ class Slam:
         if self._relocator is None:
             known = self._scans(np.flatnonzero(self.part < self.part[-1]))
             self._relocator = Relocator(known, p.relocation, p.matcher)
-        way = [self.way[k] for k in mine]
-        found = yield from self._relocator.searching(self._scans(mine), way, self._origin)
-        return found
+        relocator, way = self._relocator, [self.way[k] for k in mine]
+        found = yield from relocator.searching(self._scans(mine), way, self._origin)
+        return found if self._relocator is relocator else []  # another part has begun
 
     def _scans(self, which: Indices) -> Scans:
         numbers = [int(k) for k in which]
@@ -619,7 +651,8 @@ class Slam:
             else:
                 self.part[self.part == label] = to
             scans = self.parameters.relocation.scans
-            self._near = np.linalg.inv(newest.match.information / scans)
+            near = np.linalg.inv(newest.match.information / scans)
+            self._near = np.asarray(near, dtype=np.float64)
 
     def finish(self) -> bool:
         """Optimise once more if there are new loops; whether the revision grew."""
