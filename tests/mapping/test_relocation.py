@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from armadico.agents.mapping.poses import Floats, compose, relative
 from armadico.agents.mapping.slam import Slam
@@ -58,6 +59,7 @@ def test_a_robot_that_continues_a_map_is_found_on_it_though_its_odometry_begins_
     assert len(again.poses) > len(slam.poses) + 20
 
 
+@pytest.mark.long
 def test_a_robot_that_is_not_on_the_map_stays_a_part_of_its_own() -> None:
     slam, _ = mapped(ring(), PATH[:75], PATH[:75])
     again = kept(slam)
@@ -70,6 +72,7 @@ def test_a_robot_that_is_not_on_the_map_stays_a_part_of_its_own() -> None:
     assert np.count_nonzero(again.present) == len(again.poses) - len(slam.poses)
 
 
+@pytest.mark.long
 def test_a_robot_that_is_carried_joins_the_old_part_again() -> None:
     corners = [(33, -5), (46, -5), (46, 5), (33, 5), (33, 0), (17, 0)]
     first = drive([(float(x), float(y)) for x, y in corners])
@@ -87,6 +90,7 @@ def test_a_robot_that_is_carried_joins_the_old_part_again() -> None:
     assert np.hypot(*(poses[-1] - then[-1])[:2]) < 0.1
 
 
+@pytest.mark.long
 def test_a_fixed_map_stays_and_a_robot_that_is_lost_on_it_is_found() -> None:
     slam, _ = mapped(ring(), PATH[:75], PATH[:75])
     again, count = kept(slam), len(slam.poses)
@@ -108,6 +112,7 @@ def test_a_fixed_map_stays_and_a_robot_that_is_lost_on_it_is_found() -> None:
     assert np.hypot(*(again.poses[-1] - PATH[19])[:2]) < 0.1
 
 
+@pytest.mark.long
 def test_a_robot_that_does_not_find_itself_on_a_fixed_map_takes_bounded_memory() -> None:
     slam, _ = mapped(ring(), PATH[:40], PATH[:40])
     again = kept(slam)
