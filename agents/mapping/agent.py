@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import hypot
-from typing import Annotated, Any, ClassVar, NamedTuple
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from msgspec import Meta
@@ -12,21 +13,27 @@ from msgspec.structs import replace
 
 from armadico.agents.mapping.loop_closure import LoopParameters
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
-from armadico.agents.mapping.scan_matching import MatcherParameters
-from armadico.agents.mapping.slam import Slam, SlamParameters, Update
+from armadico.agents.mapping.scan_matching import MatcherParameters, PointCloud
+from armadico.agents.mapping.slam import UNKNOWN, Slam, SlamParameters, Update, matched_points
 from armadico.agents.methods.odometry import WIDEST, was_reset
-from armadico.config import grid_map
+from armadico.config import graph_file, grid_map
 from armadico.config.errors import ConfigError
+from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
+from armadico.config.graph_parts import Incoming, Outgoing
 from armadico.config.grid_map import Mapper, new_mapper
 from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
-from armadico.core.messages import Description, Message, RobotState
+from armadico.core.messages import Description, Message, RobotState, line
 from armadico.mobile import map_graphs
 from armadico.mobile.messages import (
     Correction,
     InitialPose,
     MapGraph,
+    MapGraphPart,
+    MapGraphRequest,
+    MapLoadReply,
+    MapLoadRequest,
     MapRequest,
     OccupancyGrid,
     Pose,
@@ -53,6 +60,15 @@ STANDING = 0.02
 REPEATED_S = 10.0
 """A graph that has not changed is published again after so many s, for observers that join late."""
 
+LOADED_PER_CYCLE = 20
+"""Key scans of a loaded map whose points are computed in a cycle: 6 ms."""
+
+UNJOINED = 0.5
+"""Confidence of a pose on a part of the map whose place on the rest is unknown: the least that
+still moves the pose, which is right on the map as it is published."""
+
+LONGEST_REFUSAL = 500
+
 INSTEAD_OF = ("localization", "mapping")
 """Agents that publish the same messages."""
 
@@ -76,15 +92,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     drawn_heading: Radians = 0.2  # or after this turn
     drawn_scans: Count = 50_000  # that are kept, which bounds the memory
     drawn_per_cycle: Count = 12  # while the map is drawn anew
-    weak_scans: Count = 3  # key scans in a row that fit badly, and the pose corrects no longer
-
-
-class _Drawn(NamedTuple):
-    """A scan of the map."""
-
-    key: int  # the newest key scan at its time,
-    offset: Floats  # the robot's pose in the frame of that,
-    scan: Scan
+    weak_scans: Count = 3  # scans in a row that fit badly, and the pose corrects no longer
+    mapping: bool = True  # false: localize on the map and add nothing to it
+    resume: str = ""  # .yaml of a saved map with its graph; empty: start with an unknown map
 
 
 class SlamAgent(Agent):
@@ -99,10 +109,10 @@ class SlamAgent(Agent):
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid, MapGraph)
-    answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
+    answers: ClassVar[tuple[type[Message], ...]] = (MapRequest, MapGraphRequest, MapLoadRequest)
     parameters = Parameters
-    launched_with = ("profile",)
-    changeable: ClassVar = {"every_s": "s"}
+    launched_with = ("profile", "resume")
+    changeable: ClassVar = {"every_s": "s", "mapping": ""}
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -114,7 +124,8 @@ class SlamAgent(Agent):
             )
         self._slam = Slam(_parameters(self.p))
         self._map = new_mapper()
-        self._drawn: list[_Drawn] = []
+        self._part = 0  # of the graph, that the map is of
+        self._drawn: list[DrawnScan] = []
         self._standing = 0  # scans that were drawn from the present place
         self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
         self._work: Iterator[None] | None = None  # under way, a slice a cycle
@@ -123,12 +134,18 @@ class SlamAgent(Agent):
         self._odometry: Floats | None = None
         self._epoch: int | None = None
         self._number: int | None = None  # of the newest scan
-        self._weak = 0  # newest key scans that fitted badly
+        self._weak = 0  # newest scans that fitted badly
         self._update: Update | None = None
         self._published_at = self._graph_at = float("-inf")
-        self._graph: MapGraph | None = None  # as published
+        self._shown: MapGraph | None = None  # as published
         self._warned: set[str] = set()
-        self._carried, self._uncertain = 0, False  # as reported
+        self._carried, self._relocations, self._uncertain = 0, 0, False  # as reported
+        self._outgoing = Outgoing()
+        self._incoming = Incoming()
+        if self.p.resume:
+            graph = graph_file.read(graph_file.beside(Path(self.p.resume)))
+            for _ in self._loading(graph):
+                pass  # nothing is due yet
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Report an agent that publishes the same messages."""
@@ -165,6 +182,25 @@ class SlamAgent(Agent):
         """The map as it is now."""
         return grid_map.message_of(self._map.cells(), self._revision)
 
+    def on_map_graph_request(self, question: Question) -> MapGraphPart:
+        """A part of the graph."""
+        request = question.request
+        assert isinstance(request, MapGraphRequest)
+        return self._outgoing.part(request, self._graph)
+
+    def on_map_load_request(self, question: Question) -> MapLoadReply:
+        """Take a part of a graph; with the last one the own map is dropped."""
+        request = question.request
+        assert isinstance(request, MapLoadRequest)
+        try:
+            data = self._incoming.take(request)
+            if data is not None:
+                self._work = self._loading(graph_file.decode(data, "the graph"))
+        except ConfigError as error:
+            self.log(f"map refused: {error}", WARNING)
+            return MapLoadReply(line(str(error))[:LONGEST_REFUSAL])
+        return MapLoadReply()
+
     # A cycle --------------------------------------------------------------------------------------
 
     def _match(self, scan: Scan | None) -> None:
@@ -185,27 +221,43 @@ class SlamAgent(Agent):
             ranges, bearings = ranges_of(scan), bearings_of(scan)
         except ValueError:  # its bytes are no ranges
             return
-        origin = scan.x, scan.y
-        update = self._slam.add(self.now, odometry, ranges, bearings, origin=origin)
+        update = self._slam.add(
+            self.now,
+            odometry,
+            ranges,
+            bearings,
+            origin=(scan.x, scan.y),
+            mapping=self.p.mapping,
+        )
         if update is None:
             return
         self._update = update
-        if update.key:
+        if update.matched:
             good = update.inliers >= self._slam.parameters.match_weak
             self._weak = 0 if good else self._weak + 1
             self._report()
-        pose = update.pose
+        self._forget()
         if update.key:
-            self._drawn_at = np.vstack([self._drawn_at, pose])
-        if not update.key and not self._worth(pose):
-            return
-        if len(self._drawn) >= self.p.drawn_scans:
-            self._warn("the map takes no more scans (drawn_scans)")
-            return
-        key = len(self._slam.poses) - 1
-        drawn = _Drawn(key, relative(self._slam.poses[key], pose), _without_dropouts(scan))
+            self._drawn_at = np.vstack([self._drawn_at[: len(self._slam.poses) - 1], update.pose])
+            self._keep(update.pose, scan, is_key=True)
+        elif self.p.mapping and self._worth(update.pose):
+            if len(self._drawn) >= self.p.drawn_scans:
+                self._warn("the map takes no more scans (drawn_scans)")
+                return
+            self._keep(update.pose, scan, is_key=False)
+
+    def _keep(self, pose: Floats, scan: Scan, *, is_key: bool) -> None:
+        """Keep a scan, and draw it if it is of the map."""
+        slam, key = self._slam, len(self._slam.poses) - 1
+        offset = relative(slam.poses[key], pose)
+        drawn = DrawnScan(key, offset, _without_dropouts(scan), is_key)
         self._drawn.append(drawn)
-        self._draw(self._map, drawn, self._slam.poses)
+        if slam.lost:  # on a map that takes no more scans
+            return
+        if slam.part[key] != self._part:
+            self._begin_part()
+            return
+        self._draw(self._map, drawn, slam.poses)
         if self._map.full:
             self._warn("the map has reached its largest size: what is beyond is omitted")
 
@@ -229,14 +281,17 @@ class SlamAgent(Agent):
             return
         pose = self._slam.pose_at(odometry)
         at = compose(pose, relative(self._odometry, np.zeros(3)))
-        c = np.clip(self._update.near_covariance, -WIDEST, WIDEST)
+        lost = self._slam.lost
+        c = np.linalg.inv(UNKNOWN) if lost else self._update.near_covariance
+        c = np.clip(c, -WIDEST, WIDEST)
+        sure = UNJOINED if not self._slam.located else 1.0
         x, y, theta = at.tolist()
         self.publish(
             Correction(
                 scan.cycle,
                 *(x, y, theta),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
-                confidence=0.0 if self._weak >= self.p.weak_scans else 1.0,
+                confidence=0.0 if lost or self._weak >= self.p.weak_scans else sure,
                 revision=self._revision,
             )
         )
@@ -252,8 +307,8 @@ class SlamAgent(Agent):
         graph = map_graphs.message_of(
             self._revision, slam.poses, loops, slam.switched_off, self._doubts
         )
-        if graph != self._graph or self.now - self._graph_at >= REPEATED_S:
-            self._graph, self._graph_at = graph, self.now
+        if graph != self._shown or self.now - self._graph_at >= REPEATED_S:
+            self._shown, self._graph_at = graph, self.now
             self.publish(graph)
 
     # Beside the cycles ----------------------------------------------------------------------------
@@ -273,21 +328,74 @@ class SlamAgent(Agent):
             yield
         if poses is None:
             return
-        if not self._moved(poses):
-            self._slam.adopt(poses)
+        slam, (of, part) = self._slam, self._slam.joining
+        if part == self._part and (slam.lost or not self._moved(poses)):
+            self._revision += slam.lost  # the pose moves, the map does not
+            slam.adopt(poses)
+            self._forget()
+            self._report()
             return
         drawn, mapper = 0, new_mapper()
         while len(self._drawn) - drawn > self.p.drawn_per_cycle:
             for one in self._drawn[drawn : drawn + self.p.drawn_per_cycle]:
-                self._draw(mapper, one, self._later(poses))
+                if slam.part[one.key] in of:
+                    self._draw(mapper, one, self._later(poses))
             drawn += self.p.drawn_per_cycle
             yield
-        self._slam.adopt(poses)
+        slam.adopt(poses)
+        self._forget()
         for one in self._drawn[drawn:]:
-            self._draw(mapper, one, self._slam.poses)
-        self._map, self._drawn_at = mapper, self._slam.poses.copy()
+            if slam.part[one.key] == part:
+                self._draw(mapper, one, slam.poses)
+        self._begin(mapper, part)
+        self._report()
+
+    def _begin(self, mapper: Mapper, part: int) -> None:
+        """Go on with another picture of the map, which is published at once."""
+        self._map, self._part, self._drawn_at = mapper, part, self._slam.poses.copy()
         self._revision += 1
         self._published_at = float("-inf")
+
+    def _begin_part(self) -> None:
+        """Draw only the part of the map that has begun: its place on the rest is unknown."""
+        slam, mapper = self._slam, new_mapper()
+        part = int(slam.part[-1])
+        for one in self._drawn:
+            if slam.part[one.key] == part:
+                self._draw(mapper, one, slam.poses)
+        self._begin(mapper, part)
+
+    def _forget(self) -> None:
+        """Drop the scans of key scans that are no longer kept."""
+        while self._drawn and self._drawn[-1].key >= len(self._slam.poses):
+            self._drawn.pop()
+
+    # Saving and loading ---------------------------------------------------------------------------
+
+    def _graph(self) -> bytes:
+        """The file of the graph; empty if there is none yet."""
+        graph = self._slam.saved(self._drawn, self._footprint)
+        return graph_file.encode(graph, compressed=False) if len(graph.poses) else b""
+
+    def _loading(self, graph: SavedGraph) -> Iterator[None]:
+        """Replace the map: the points of its scans are computed in slices, then it is drawn."""
+        slam, clouds = Slam(_parameters(self.p)), []
+        for number, one in enumerate(one for one in graph.scans if one.is_key):
+            clouds.append(_points(one.scan, self.p.max_range))
+            if number % LOADED_PER_CYCLE == LOADED_PER_CYCLE - 1:
+                yield
+        mapper = new_mapper()
+        for number, one in enumerate(graph.scans):
+            if graph.part[one.key] == 0:
+                self._draw(mapper, one, graph.poses, graph.body)
+            if number % self.p.drawn_per_cycle == self.p.drawn_per_cycle - 1:
+                yield
+        slam.restore(graph, clouds)
+        self._slam, self._drawn, self._update = slam, list(graph.scans), None
+        self._standing = self._weak = self._carried = self._relocations = 0
+        self._uncertain = False
+        self._begin(mapper, 0)
+        self.log(f"map of {len(clouds)} key scans: the robot's place on it is sought")
 
     def _later(self, poses: Floats) -> Floats:
         """The poses of all key scans once these are adopted."""
@@ -304,27 +412,33 @@ class SlamAgent(Agent):
 
     # The map --------------------------------------------------------------------------------------
 
-    def _at(self, drawn: _Drawn, poses: Floats) -> Floats:
+    @property
+    def _footprint(self) -> Footprint | None:
+        body = self.latest(Description)
+        return None if body is None else (body.front, body.rear, body.half_width)
+
+    def _at(self, drawn: DrawnScan, poses: Floats) -> Floats:
         return compose(poses[drawn.key], drawn.offset)
 
-    def _draw(self, mapper: Mapper, drawn: _Drawn, poses: Floats) -> None:
+    def _draw(
+        self, mapper: Mapper, drawn: DrawnScan, poses: Floats, body: Footprint | None = None
+    ) -> None:
         x, y, theta = self._at(drawn, poses).tolist()
-        pose = Pose(drawn.scan.cycle, x, y, theta)
-        mapper.see(pose, drawn.scan)
-        body = self.latest(Description)
-        if body is not None:
-            front, rear, side = body.front, -body.rear, body.half_width
-            mapper.stand(pose, ((front, side), (rear, side), (rear, -side), (front, -side)))
+        graph_file.draw(mapper, (x, y, theta), drawn.scan, body or self._footprint)
 
     @property
     def _doubts(self) -> str:
         """Why the map may be wrong; empty while too little is known."""
         slam = self._slam
-        return slam.uncertain if slam.carried or len(slam.poses) >= SETTLED else ""
+        return slam.uncertain if slam.carried or slam.settled >= SETTLED else ""
 
     def _report(self) -> None:
         """Log once if the map may be wrong."""
         slam = self._slam
+        if slam.relocations > self._relocations:
+            self._relocations = slam.relocations
+            x, y, _ = slam.matched_pose.tolist()
+            self.log(f"the robot's place on the map is found: ({x:.2f}, {y:.2f})")
         if len(slam.carried) > self._carried:
             self._carried, self._uncertain = len(slam.carried), True
             self.log("the robot was carried: a new part of the map begins", WARNING)
@@ -349,6 +463,11 @@ def _without_dropouts(scan: Scan) -> Scan:
     alone[1:-1] = (seen[1:-1] == FREE) & met[:-2] & met[2:]
     seen[alone] = INVALID
     return replace(scan, packed=seen.tobytes())
+
+
+def _points(scan: Scan, max_range: float) -> PointCloud:
+    """The points of a scan as `Slam` keeps them."""
+    return matched_points(ranges_of(scan), bearings_of(scan), (scan.x, scan.y), max_range)
 
 
 def _odometry(state: RobotState) -> Floats:

@@ -46,8 +46,8 @@ RELATED: Final = (
 class Options:
     log: Path = argument("the log: .npz, CARMEN, recording, or ROS bag", metavar="LOG", must=THERE)
     output: Path | None = option(
-        "write the map: .yaml (with .pgm) or .map; the path goes to FILE with .tum (default:"
-        " write nothing)",
+        "write the map: .yaml (with .pgm, and .graph.npz to go on with it) or .map; the path goes"
+        " to FILE with .tum (default: write nothing)",
         "-o",
         "--output",
         metavar="FILE",
@@ -203,19 +203,20 @@ def _valued(old: Any, value: str) -> Any:
 def _write(args: Options, log: Log, found: Mapped) -> list[str]:
     """Write what was asked for; a line about each. Raises FailedError, LogError, ConfigError."""
     from armadico.agents.mapping import run as runs
-    from armadico.config import grid_map
-    from armadico.config.writing import write_files
+    from armadico.config import graph_file, grid_map
 
     if args.output is None and args.picture is None:
         return []
-    cells = runs.drawn(log, found.slam)
+    graph = runs.graph_of(log, found.slam)
+    cells = runs.drawn(log, graph)
     lines, at = [], args.output
     try:
         if args.output is not None:
-            path = at = args.output.with_suffix(".tum")
-            write_files({path: runs.trajectory(found)})
             at = args.output
-            written = [*grid_map.save(cells, args.output), path]
+            files = {args.output.with_suffix(".tum"): runs.trajectory(found)}
+            if args.output.suffix != ".map":
+                files[graph_file.beside(args.output)] = graph_file.encode(graph)
+            written = grid_map.save(cells, args.output, files)
             lines.append("map and path: " + ", ".join(map(str, written)))
         if args.picture is not None:
             from armadico.agents.mapping import view

@@ -28,6 +28,7 @@ from armadico.agents.mapping.poses import (
     wrapped,
 )
 from armadico.agents.mapping.scan_matching import (
+    Indices,
     LikelihoodField,
     MatcherParameters,
     PointCloud,
@@ -102,6 +103,10 @@ class Trajectory(Protocol):
     def clouds(self) -> Sequence[PointCloud]:
         """The points of each."""
 
+    @property
+    def part(self) -> Indices:
+        """The part of the map that each is of; loops are within one."""
+
 
 class LoopCloser:
     """Finds loops of the newest scan, and waits for those that need support."""
@@ -141,7 +146,8 @@ class LoopCloser:
         """The nearest earlier scan of each visit, by place and a little by heading."""
         p, newest = self.parameters, len(track.poses) - 1
         way, here = np.asarray(track.way[: newest + 1]), track.poses[newest]
-        old = np.flatnonzero(way[newest] - way > p.loop_minimum_way)
+        mine = track.part[: newest + 1] == track.part[newest]
+        old = np.flatnonzero(mine & (way[newest] - way > p.loop_minimum_way))
         away = np.hypot(*(track.poses[old, :2] - here[:2]).T)
         old, away = old[away < radius], away[away < radius]
         turn = np.abs(wrapped(track.poses[old, 2] - here[2]))
@@ -161,6 +167,7 @@ class LoopCloser:
             scan
             for scan in range(max(0, near - p.loop_chain), min(near + p.loop_chain, newest - 1) + 1)
             if way[newest] - way[scan] > 0.6 * p.loop_minimum_way
+            and track.part[scan] == track.part[newest]
         ]
         mine = range(max(0, newest - p.loop_scans + 1), newest + 1)
         points = np.concatenate(

@@ -16,10 +16,11 @@ from msgspec import Struct
 
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.slam import Slam, SlamParameters
-from armadico.config.grid_map import Cells, new_mapper
+from armadico.config.graph_file import DrawnScan, SavedGraph
+from armadico.config.grid_map import Cells
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import STOOD, Pose2
-from armadico.mobile.messages import Pose, Scan, Sonar
+from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import bearings_of, ranges_of
 from armadico.observe import localizing
 from armadico.observe.logs import Log, LogError, Readings
@@ -169,16 +170,18 @@ def _path(log: Log, slam: Slam) -> Floats:
     return found
 
 
-def drawn(log: Log, slam: Slam, step: Callable[[], None] = lambda: None) -> Cells:
-    """The grid of all key scans at their final poses, by the installed mapper.
+def graph_of(log: Log, slam: Slam) -> SavedGraph:
+    """The map with its key scans, to draw it or to go on with it."""
+    scans = [
+        DrawnScan(key, np.zeros(3), _scan(log, number), is_key=True)
+        for key, number in enumerate(slam.numbers)
+    ]
+    return slam.saved(scans)
 
-    Raises LogError if it has no occupied cell.
-    """
-    mapper = new_mapper()
-    for number, pose in zip(slam.numbers, slam.poses.tolist(), strict=True):
-        mapper.see(Pose(Cycle(1, number), *pose), _scan(log, number))
-        step()
-    cells = mapper.cells()
+
+def drawn(log: Log, graph: SavedGraph) -> Cells:
+    """The grid of its largest part. Raises LogError if it has no occupied cell."""
+    cells = graph.drawn()
     if not cells.states.size:
         raise LogError(f"{log.name}: no wall is seen from the path: the map is empty")
     return cells

@@ -162,6 +162,13 @@ def looked_at(
     return visible, visible & through
 
 
+def seen_through(cloud: PointCloud, known: Floats, origin: tuple[float, float]) -> float:
+    """The share of points (n, 2) that a scan passes through, of those that it reaches."""
+    visible, through = looked_at(cloud, known, origin)
+    count = np.count_nonzero(visible)
+    return float(np.count_nonzero(through) / count) if count >= LEAST_POINTS else 0.0
+
+
 def voxel_filtered(points: Floats, size: float, most: int) -> Floats:
     """The first point of each cell of a grid, and evenly chosen ones if these are too many."""
     if not len(points):
@@ -417,15 +424,15 @@ def branch_and_bound(
     nodes = np.stack([axis.ravel() for axis in grid])  # (3, c): heading, column, row
 
     def score(height: int, at: Indices) -> Floats:
-        return _scored(field, levels[height], cells, at, exact=height == 0)
+        return scored(field, levels[height], cells, at, exact=height == 0)
 
     scores = score(depth, nodes)
-    bound = max(min_score, p.ambiguity_share * _dive(score, nodes, scores, depth))
+    bound = max(min_score, p.ambiguity_share * dive(score, nodes, scores, depth))
     for height in range(depth - 1, -1, -1):
         nodes = nodes[:, scores >= bound]
         if not nodes.shape[1]:
             return None
-        nodes = _split(nodes, height)
+        nodes = split(nodes, height)
         scores = score(height, nodes)
     kept = scores >= bound
     if not kept.any():
@@ -438,25 +445,25 @@ def branch_and_bound(
     return Candidate(pose, float(scores[best]), spread)
 
 
-def _split(nodes: Indices, height: int) -> Indices:
+def split(nodes: Indices, height: int) -> Indices:
     """The four children of each node, which are squares of 2^height cells."""
     step = 1 << height
     shifts = ((0, 0), (0, step), (step, 0), (step, step))
     return np.concatenate([nodes + np.array([[0], [dx], [dy]]) for dx, dy in shifts], axis=1)
 
 
-def _dive(
+def dive(
     score: Callable[[int, Indices], Floats], nodes: Indices, scores: Floats, depth: int
 ) -> float:
     """A lower bound of the best score: that of the best descendants of the best nodes."""
     for height in range(depth - 1, -1, -1):
         best = np.argsort(-scores, kind="stable")[:24]
-        nodes = _split(nodes[:, best], height)
+        nodes = split(nodes[:, best], height)
         scores = score(height, nodes)
     return float(scores.max())
 
 
-def _scored(
+def scored(
     field: LikelihoodField, level: Field, cells: Indices, nodes: Indices, *, exact: bool
 ) -> Floats:
     """(c,) the mean of a level of the pyramid at the cells of each node's heading, shifted."""

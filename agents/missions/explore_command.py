@@ -20,6 +20,7 @@ EXAMPLES: Final = """\
   armadico explore house --profile jackal --virtual --seed 7    in one process, repeatable
   armadico explore house --profile jackal --virtual --map house.yaml
   armadico explore rooms-a --profile turtlebot3-burger --dashboard
+  armadico explore house --profile jackal --resume house.yaml --map house.yaml
   armadico explore --world plan.map --profile jackal --start 1 1 0 --within 0 0 8 6
   armadico explore house --sensors ideal --virtual      by sonars, without errors
   armadico explore my.toml --attach --hosts lab.toml    in a running society
@@ -34,8 +35,12 @@ class Options(Drive):
     within: tuple[float, float, float, float] | None = option(
         "the rectangle to explore, m (default: the world's)", metavar=("X1", "Y1", "X2", "Y2")
     )
-    map: Path | None = option("write the map to FILE (.yaml or .map)", metavar="FILE")
-    resume: str | None = option("extend the saved map FILE (.yaml)", metavar="FILE")
+    map: Path | None = option(
+        "write the map to FILE (.yaml, with its graph, or .map)", metavar="FILE"
+    )
+    resume: str | None = option(
+        "extend the saved map FILE (.yaml); the robot finds its place on it", metavar="FILE"
+    )
 
 
 def run(args: Options) -> int:
@@ -58,7 +63,9 @@ def _check(args: Options) -> None:
         if not (-FARTHEST <= x1 < x2 <= FARTHEST and -FARTHEST <= y1 < y2 <= FARTHEST):
             raise UsageError(f"--within: expected X1 < X2 and Y1 < Y2, within {FARTHEST:,.0f} m")
     if args.attach and args.resume is not None:
-        raise UsageError("--resume needs a mapping agent of this run: not with --attach")
+        raise UsageError(
+            "--resume needs a mapping agent of this run; with --attach use `armadico map load`"
+        )
     if args.map is None and args.resume is None:
         return
     from armadico.config import grid_map
@@ -84,9 +91,9 @@ def _check_sensors(args: Options, scenario: Scenario) -> None:
             " or sensors without error (--sensors ideal)"
         )
     if args.resume is not None:
-        raise UsageError(
-            "--resume continues a map at the pose of the odometry: it needs --sensors ideal"
-        )
+        from armadico.config import graph_file
+
+        graph_file.read(graph_file.beside(Path(args.resume)))
 
 
 def exploration(scenario: Scenario) -> ExploreRequest:

@@ -9,6 +9,7 @@ borders of the occupied cells.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -168,16 +169,17 @@ def check_suffix(path: Path) -> None:
         raise ConfigError(f"{str(path)!r}: expected a name in UTF-8, for its image") from None
 
 
-def save(cells: Cells, path: Path) -> list[Path]:
+def save(cells: Cells, path: Path, more: Mapping[Path, bytes] | None = None) -> list[Path]:
     """Save a grid in the format of the suffix; returns the files. Raises ConfigError, OSError.
 
-    Existing files are replaced only when all new ones are on the disk.
+    Existing files are replaced only when all new ones are on the disk, `more` among them.
     """
     check_suffix(path)
     if path.suffix == ".map":
         comments = ("Made by driving; the borders of occupied cells.",)
-        write_files({path: format_map(cells.world(path.stem), comments).encode()})
-        return [path]
+        files = {path: format_map(cells.world(path.stem), comments).encode(), **(more or {})}
+        write_files(files)
+        return [*files]
     image = path.with_suffix(".pgm")
     rows, columns = cells.states.shape
     pixels = PIXELS[np.flipud(cells.states)]
@@ -191,8 +193,9 @@ def save(cells: Cells, path: Path) -> list[Path]:
     }
     text = yaml.safe_dump(about, sort_keys=False, default_flow_style=None, allow_unicode=True)
     head = f"P5\n{columns} {rows}\n255\n"
-    write_files({path: text.encode(), image: head.encode() + pixels.tobytes()})
-    return [path, image]
+    files = {path: text.encode(), image: head.encode() + pixels.tobytes(), **(more or {})}
+    write_files(files)
+    return [*files]
 
 
 def check_writable(path: Path) -> None:

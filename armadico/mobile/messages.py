@@ -273,6 +273,44 @@ class MapGraph(Message, frozen=True):
         return text + off
 
 
+class MapGraphRequest(Message, frozen=True):
+    """Requests a part of the SLAM graph; part 0 begins with the present one.
+
+    `digest` is that of part 0, for the other parts.
+    """
+
+    part: Counter = 0
+    digest: Counter = 0
+
+
+class MapGraphPart(Message, frozen=True):
+    """A part of the file of the SLAM graph, not compressed; without parts nothing is mapped yet.
+
+    If the digest differs from that of part 0, the agent has begun with a newer graph: the reader
+    begins anew.
+    """
+
+    part: Counter
+    parts: Counter
+    digest: Counter  # CRC-32 of all parts
+    data: Encoded
+
+
+class MapLoadRequest(Message, frozen=True):
+    """A part of a SLAM graph to continue with, in order; the last one replaces the map."""
+
+    part: Counter
+    parts: Counter
+    digest: Counter  # CRC-32 of all parts
+    data: Encoded
+
+
+class MapLoadReply(Message, frozen=True):
+    """Whether the part was accepted."""
+
+    refusal: Text = ""
+
+
 # Missions and plans -------------------------------------------------------------------------------
 
 
@@ -464,6 +502,8 @@ state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for observers")
 state(OccupancyGrid, "mapping/grid", 1, None, "the map made by driving")
 state(MapGraph, "mapping/graph", 0.1, None, "the map's pose graph; 1 Hz while it changes")
 query(MapRequest, "mapping/request", OccupancyGrid, "the present map")
+query(MapGraphRequest, "mapping/graph/parts", MapGraphPart, "the SLAM graph, in parts")
+query(MapLoadRequest, "mapping/load", MapLoadReply, "a SLAM graph to continue with, in parts")
 latch(Trajectory, "trajectory", "the mission's waypoints", rate_hz=1)
 query(PlanRequest, "path/plan", Plan, "a path to a goal")
 event(Planned, "path/planned", "the plan that the planner's holder requested")

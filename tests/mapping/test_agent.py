@@ -210,7 +210,7 @@ def test_a_lost_return_frees_nothing_behind_a_wall() -> None:
     assert np.frombuffer(kept.packed, "<u2")[40] == INVALID
 
 
-def test_a_robot_that_is_carried_is_reported_once_and_its_pose_is_uncertain() -> None:
+def test_a_robot_that_is_carried_is_reported_once_and_has_a_map_of_its_own() -> None:
     path = PATH[:60]
     odometry = own_odometry(path)
     far = np.array([20.0, 0.0, 0.0])
@@ -226,4 +226,8 @@ def test_a_robot_that_is_carried_is_reported_once_and_its_pose_is_uncertain() ->
     ]
     (last,) = of(Correction, said)
     assert isinstance(last, Correction)
-    assert last.covariance[0] > 1.0
+    assert last.confidence == 0.5
+    cells = cells_of(robot.agent.on_map_request(Question(1, MapRequest())))
+    assert cells.states.shape[0] * cells.cell_m > 10.0, "only the hall"
+    x, _, _ = compose(odometry[-1], step).tolist()
+    assert cells.bounds[0] > x - 15.0
