@@ -13,8 +13,8 @@ from msgspec.structs import replace
 
 from armadico.agents.mapping.loop_closure import LoopParameters
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
-from armadico.agents.mapping.scan_matching import MatcherParameters, PointCloud, point_cloud
-from armadico.agents.mapping.slam import UNKNOWN, Slam, SlamParameters, Update
+from armadico.agents.mapping.scan_matching import MatcherParameters, PointCloud
+from armadico.agents.mapping.slam import UNKNOWN, Slam, SlamParameters, Update, cloud_of
 from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.config import graph_file, grid_map
 from armadico.config.errors import ConfigError
@@ -25,9 +25,11 @@ from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
 from armadico.core.messages import Description, Message, RobotState, line
+from armadico.mobile import map_graphs
 from armadico.mobile.messages import (
     Correction,
     InitialPose,
+    MapGraph,
     MapGraphPart,
     MapGraphRequest,
     MapLoadReply,
@@ -52,10 +54,6 @@ SETTLED = 30
 MOVED_M, MOVED_RAD = 0.025, 0.01
 """A key scan that moves farther than this, half a cell, has the map drawn anew."""
 
-RAYS_APART = 0.0132
-"""Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
-fitted to neighbours, and the noise of the ranges must be small beside their distance."""
-
 STANDING = 0.02
 """Within so many m and rad it is the same place."""
 
@@ -67,6 +65,9 @@ UNJOINED = 0.5
 still moves the pose, which is right on the map as it is published."""
 
 LONGEST_REFUSAL = 500
+
+REPEATED_S = 10.0
+"""A graph that has not changed is published again after so many s, for observers that join late."""
 
 INSTEAD_OF = ("localization", "mapping")
 """Agents that publish the same messages."""
@@ -107,7 +108,7 @@ class SlamAgent(Agent):
     name = "slam"
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
-    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid, MapGraph)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest, MapGraphRequest, MapLoadRequest)
     parameters = Parameters
     launched_with = ("profile", "resume")
@@ -135,7 +136,8 @@ class SlamAgent(Agent):
         self._number: int | None = None  # of the newest scan
         self._weak = 0  # newest scans that fitted badly
         self._update: Update | None = None
-        self._published_at = float("-inf")
+        self._published_at = self._graph_at = float("-inf")
+        self._graph: MapGraph | None = None  # as published
         self._warned: set[str] = set()
         self._carried, self._relocations, self._uncertain = 0, 0, False  # as reported
         self._outgoing = Outgoing()
@@ -184,7 +186,7 @@ class SlamAgent(Agent):
         """A part of the graph."""
         request = question.request
         assert isinstance(request, MapGraphRequest)
-        return self._outgoing.part(request, self._graph)
+        return self._outgoing.part(request, self._saved)
 
     def on_map_load_request(self, question: Question) -> MapLoadReply:
         """Take a part of a graph; with the last one the own map is dropped."""
@@ -216,7 +218,7 @@ class SlamAgent(Agent):
     def _place(self, scan: Scan, odometry: Floats) -> None:
         """Place a scan that is new, and draw it."""
         try:
-            ranges, bearings = _rays(scan)
+            ranges, bearings = ranges_of(scan), bearings_of(scan)
         except ValueError:  # its bytes are no ranges
             return
         update = self._slam.add(
@@ -296,6 +298,25 @@ class SlamAgent(Agent):
         if self.now - self._published_at >= self.p.every_s:
             self._published_at = self.now
             self.publish(grid_map.message_of(self._map.cells(), self._revision))
+            self._publish_graph()
+
+    def _publish_graph(self) -> None:
+        """Publish the graph for observers, if it has changed or was published long ago."""
+        slam, mine = self._slam, self._slam.part == self._part  # of the map as it is published
+        number = np.cumsum(mine) - 1
+        pairs = [(loop.start, loop.end) for loop in slam.loops]
+        loops = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        on = mine[loops].all(axis=1)
+        graph = map_graphs.message_of(
+            self._revision,
+            slam.poses[mine],
+            number[loops[on]],
+            slam.switched_off[on],
+            self._doubts,
+        )
+        if graph != self._graph or self.now - self._graph_at >= REPEATED_S:
+            self._graph, self._graph_at = graph, self.now
+            self.publish(graph)
 
     # Beside the cycles ----------------------------------------------------------------------------
 
@@ -358,7 +379,7 @@ class SlamAgent(Agent):
 
     # Saving and loading ---------------------------------------------------------------------------
 
-    def _graph(self) -> bytes:
+    def _saved(self) -> bytes:
         """The file of the graph; empty if there is none yet."""
         graph = self._slam.saved(self._drawn, self._footprint)
         return graph_file.encode(graph, compressed=False) if len(graph.poses) else b""
@@ -412,6 +433,12 @@ class SlamAgent(Agent):
         x, y, theta = self._at(drawn, poses).tolist()
         graph_file.draw(mapper, (x, y, theta), drawn.scan, body or self._footprint)
 
+    @property
+    def _doubts(self) -> str:
+        """Why the map may be wrong; empty while too little is known."""
+        slam = self._slam
+        return slam.uncertain if slam.carried or slam.settled >= SETTLED else ""
+
     def _report(self) -> None:
         """Log once if the map may be wrong."""
         slam = self._slam
@@ -422,9 +449,9 @@ class SlamAgent(Agent):
         if len(slam.carried) > self._carried:
             self._carried, self._uncertain = len(slam.carried), True
             self.log("the robot was carried: a new part of the map begins", WARNING)
-        elif slam.settled >= SETTLED and slam.uncertain and not self._uncertain:
+        elif (doubts := self._doubts) and not self._uncertain:
             self._uncertain = True
-            self.log(f"the map may be wrong: {slam.uncertain}", WARNING)
+            self.log(f"the map may be wrong: {doubts}", WARNING)
 
     def _warn(self, text: str) -> None:
         if text not in self._warned:
@@ -445,15 +472,9 @@ def _without_dropouts(scan: Scan) -> Scan:
     return replace(scan, packed=seen.tobytes())
 
 
-def _rays(scan: Scan) -> tuple[Floats, Floats]:
-    """The ranges and bearings that are matched. Raises ValueError if its bytes are no ranges."""
-    apart = max(1, int(RAYS_APART / abs(scan.step))) if scan.step else 1
-    return ranges_of(scan)[::apart], bearings_of(scan)[::apart]
-
-
 def _cloud(scan: Scan, max_range: float) -> PointCloud:
     """The points of a scan as `Slam` keeps them."""
-    return point_cloud(*_rays(scan), (scan.x, scan.y), max_range)
+    return cloud_of(ranges_of(scan), bearings_of(scan), (scan.x, scan.y), max_range)
 
 
 def _odometry(state: RobotState) -> Floats:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import log_file, options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import Command, Must, argument, between, flag, option, several
+from armadico.cli.parsing import FILE, Command, Must, argument, between, flag, option, several
 from armadico.core.errors import advice
 
 if TYPE_CHECKING:
-    from armadico.agents.mapping.run import Figures, Mapped
+    from armadico.agents.mapping.run import Figures, Mapped, Relations
     from armadico.agents.mapping.slam import SlamParameters
     from armadico.observe.logs import Log
 
@@ -31,9 +31,15 @@ EXAMPLES: Final = """\
   armadico slam bag/ -o flat.yaml --scan /scan --odom /odom  a ROS 2 bag; needs armadico[bags]
   armadico slam freiburg.npz -o map.yaml --drift 0.15 --json errors added to a corrected path
   armadico slam hall.npz -o hall.yaml --set max_range=30
+  armadico slam intel.npz --over first --align -o half.yaml  to localize the other half on it
 """
 
 MOST: Final = 1e6  # of a parameter that is a number
+
+RELATED: Final = (
+    "Only relations whose both times are times of scans are used. Published figures are of all"
+    " relations: they cannot be compared with these."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +60,15 @@ class Options:
         must=between(0, 1),
     )
     seed: int = option("seed of these errors (default: 0)", default=0, metavar="N")
+    over: str = option(
+        "use this part of the log (default: all)", default="all", choices=log_file.PARTS
+    )
+    align: bool = flag("write map and path in the frame of the log's reference, moved as a whole")
+    relations: Path | None = option(
+        "measure the path on the relative poses of a file: t1 t2 x y z roll pitch yaw",
+        metavar="FILE",
+        must=FILE,
+    )
     no_loops: bool = flag("close no loops: scan matching alone")
     sets: tuple[str, ...] = several(
         "set a parameter of SLAM, such as max_range=30 or graph.loss=none; may be repeated",
@@ -90,14 +105,18 @@ def run(args: Options) -> int:
         say(f"note: {note}")
     if drift and args.drift is None:
         say(f"note: the odometry is a corrected path; errors of {drift:g} are added, see --drift")
+    log = runs.over(log, args.over)
     with progress("slam", len(log)) as step:
         found = runs.mapped(log, parameters, time.process_time, step)
+    if args.align:
+        found = runs.on_reference(log, found)
+    related = None if args.relations is None else runs.relations(log, found, args.relations)
     written = _write(args, log, found)
     figures = runs.figures(log, found)
     if args.json:
-        print(json.dumps(_about(args, log, drift, figures)))
+        print(json.dumps(_about(args, log, drift, figures, related)))
     else:
-        _show(log, drift, figures)
+        _show(log, drift, figures, related)
     for line in written:
         say(line)
     if figures.uncertain:
@@ -166,7 +185,7 @@ def _expected(old: Any) -> str:
     if isinstance(old, Enum):
         return ", ".join(one.value for one in old.__class__)
     kind = type(old).__name__
-    return kind if isinstance(old, bool) else f"{kind}, at least 0 and less than {MOST:g}"
+    return kind if isinstance(old, bool) else f"{kind}, more than 0 and less than {MOST:g}"
 
 
 def _valued(old: Any, value: str) -> Any:
@@ -176,7 +195,7 @@ def _valued(old: Any, value: str) -> Any:
             raise ValueError(value)
         return value == "true"
     new = type(old)(value)
-    if isinstance(new, int | float) and not 0 <= new < MOST:
+    if isinstance(new, int | float) and not 0 < new < MOST:
         raise ValueError(value)
     return new
 
@@ -220,7 +239,9 @@ def _memory_mib() -> float:
     return getrusage(RUSAGE_SELF).ru_maxrss / 1024.0  # Linux counts in KiB
 
 
-def _about(args: Options, log: Log, drift: float, figures: Figures) -> dict[str, Any]:
+def _about(
+    args: Options, log: Log, drift: float, figures: Figures, related: Relations | None
+) -> dict[str, Any]:
     import msgspec
 
     from armadico.observe.conditions import software
@@ -232,13 +253,15 @@ def _about(args: Options, log: Log, drift: float, figures: Figures) -> dict[str,
         "drift": drift,
         "seed": args.seed,
         "sets": args.sets,
+        "over": args.over,
         **msgspec.to_builtins(figures),
+        "relations": msgspec.to_builtins(related),
         "memory_most_mib": _memory_mib(),
         "software": msgspec.to_builtins(software()),
     }
 
 
-def _show(log: Log, drift: float, figures: Figures) -> None:
+def _show(log: Log, drift: float, figures: Figures, related: Relations | None) -> None:
     """Print a row for each measure."""
     from rich.console import Console
     from rich.markup import escape
@@ -252,7 +275,20 @@ def _show(log: Log, drift: float, figures: Figures) -> None:
     table.add_column(justify="right")
     for name, value in _rows(figures):
         table.add_row(name, value)
+    if related is not None:
+        for name, value in _related(related):
+            table.add_row(name, value)
     Console().print(table)
+    if related is not None:
+        print(RELATED)
+
+
+def _related(r: Relations) -> Iterator[tuple[str, str]]:
+    yield "relations used, given", f"{r.used}  {r.given}"
+    if r.used:
+        three = (r.error_mean_m, r.error_deviation_m, r.error_most_m)
+        yield "  error: mean, deviation, most, m", "  ".join(f"{v or 0.0:.3f}" for v in three)
+        yield "  heading: mean, degrees", f"{r.heading_mean_deg or 0.0:.2f}"
 
 
 def _rows(figures: Figures) -> Iterator[tuple[str, str]]:

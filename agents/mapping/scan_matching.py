@@ -24,10 +24,18 @@ Field = NDArray[np.float32]
 
 LEAST_RANGE_M: Final = 0.1
 NEIGHBOURS: Final = 3
-"""Rays on each side from which a normal is estimated."""
+"""Points on each side from which a normal is estimated."""
+
+APART_M: Final = 0.02
+"""Least distance of these points from each other: noise of 0.01 m in their ranges turns the normal
+by 0.1 rad. Neighbouring rays on a near wall are closer. Their normals would be random, and a bare
+corridor would seem to fix the pose along it."""
 
 LEAST_POINTS: Final = 10
 """With fewer corresponding points there is no match."""
+
+LEAST_LOOKED_AT: Final = 20
+"""With fewer points in view no share of them is told."""
 
 CHUNK: Final = 1024
 """Candidates that are scored together: bounds the memory."""
@@ -95,19 +103,22 @@ def point_cloud(
         valid = np.isfinite(ranges) & (ranges > LEAST_RANGE_M) & (ranges < max_range)
     far = np.where(valid, ranges, 0.0)
     points = np.column_stack([far * np.cos(bearings), far * np.sin(bearings)])
-    normals = _normals(points, valid, far)[valid]
+    apart = far * np.median(np.abs(np.diff(bearings))) if len(bearings) > 1 else far
+    normals = _normals(points, valid, far, apart)[valid]
     points = points[valid]
     away = np.nansum(normals * points, axis=1) > 0.0
     normals[away] *= -1.0
     return PointCloud(points + np.asarray(origin), normals)
 
 
-def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats) -> Floats:
+def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats, apart: Floats) -> Floats:
+    """The normals of points, whose neighbours are so far apart, m."""
     count, rays = len(points), np.arange(len(points))
+    stride = np.ceil(APART_M / np.maximum(apart, 1e-3)).astype(np.intp)
     sums, found = np.zeros((count, 5)), np.zeros(count)
     gate = np.maximum(0.15, 0.12 * ranges)
     for offset in range(-NEIGHBOURS, NEIGHBOURS + 1):
-        beside = rays + offset
+        beside = rays + offset * stride
         there = np.clip(beside, 0, count - 1)
         d = points[there] - points
         near = np.hypot(d[:, 0], d[:, 1]) < 0.6 * gate * max(1, abs(offset)) + 0.05
@@ -127,30 +138,37 @@ def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats) -> Floats
     return normals
 
 
-def seen_through(
-    cloud: PointCloud, known: Floats, origin: tuple[float, float], margin: float = 0.4
-) -> float:
-    """The share of known points that the rays of a scan passed through, of those they look at.
+def looked_at(
+    cloud: PointCloud, points: Floats, origin: tuple[float, float], margin: float = 0.4
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(n,) which points the rays of a scan reach, and which of these they pass through.
 
     Args:
         cloud: Of the scan.
-        known: (n, 2) points of the map in the robot's frame, m.
+        points: (n, 2) in the robot's frame of the scan, m.
         origin: The scanner in the robot's frame, m.
         margin: A ray that ends nearer behind a point has not passed through it, m.
     """
-    rays, old = cloud.points - np.asarray(origin), known - np.asarray(origin)
+    none = np.zeros(len(points), dtype=np.bool_)
+    if len(cloud.points) < LEAST_POINTS:
+        return none, none
+    rays, there = cloud.points - np.asarray(origin), points - np.asarray(origin)
     bearings, reach = np.arctan2(rays[:, 1], rays[:, 0]), np.hypot(rays[:, 0], rays[:, 1])
     order = np.argsort(bearings, kind="stable")
     bearings, reach = bearings[order], reach[order]
-    looks, away = np.arctan2(old[:, 1], old[:, 0]), np.hypot(old[:, 0], old[:, 1])
+    looks, away = np.arctan2(there[:, 1], there[:, 0]), np.hypot(there[:, 0], there[:, 1])
     at = np.clip(np.searchsorted(bearings, looks), 1, len(bearings) - 1)
     low, high = bearings[at - 1], bearings[at]
     between = (low <= looks) & (looks <= high) & (high - low < 0.05)
-    farthest = np.minimum(reach[at - 1], reach[at])
     visible = between & (np.maximum(reach[at - 1], reach[at]) > away - margin)
-    if np.count_nonzero(visible) < LEAST_POINTS:
-        return 0.0
-    return float(np.count_nonzero(visible & (farthest > away + margin)) / np.count_nonzero(visible))
+    through = np.minimum(reach[at - 1], reach[at]) > away + margin
+    return visible, visible & through
+
+
+def share_of(some: NDArray[np.bool_], every: NDArray[np.bool_]) -> float:
+    """The share of flags, 0 if there are too few to tell."""
+    count = np.count_nonzero(every)
+    return float(np.count_nonzero(some) / count) if count >= LEAST_LOOKED_AT else 0.0
 
 
 def voxel_filtered(points: Floats, size: float, most: int) -> Floats:

@@ -47,15 +47,20 @@ from armadico.agents.mapping.scan_matching import (
     Window,
     correlate,
     in_world,
+    looked_at,
     point_cloud,
     point_to_line,
-    seen_through,
+    share_of,
     voxel_filtered,
 )
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
 
 LEAST_POINTS: Final = 20
 """A scan with fewer points is not used."""
+
+RAYS_APART: Final = 0.0132
+"""Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
+fitted to neighbours, and the noise of the ranges must be small beside their distance."""
 
 UNKNOWN: Final = np.diag([10.0**-2, 10.0**-2, pi**-2])
 """Information of a step between two parts of the map."""
@@ -82,8 +87,8 @@ class SlamParameters:
     match_good: float = 0.65  # share of points that fit, from which a match counts fully,
     match_weak: float = 0.4  # up to which it counts least:
     match_weak_information: float = 0.05
-    lost_through: float = 0.3  # share of the map that a badly fitting scan looks through:
-    lost_scans: int = 3  # that many in a row, and the robot counts as carried
+    lost_share: float = 0.3  # of a badly fitting scan or of the map that contradict each other:
+    lost_scans: int = 3  # that many such scans, and the robot counts as carried
     optimize_every_n_nodes: int = 10  # if there are loops,
     optimize_at_least: int = 3  # and after so many if one moves the pose
     do_loop_closing: bool = True
@@ -178,9 +183,17 @@ class Slam:
         return np.asarray(weights[np.array(loop, dtype=np.bool_)])
 
     @property
+    def switched_off(self) -> NDArray[np.bool_]:
+        """Of each loop whether the graph has switched it off, since others contradict it."""
+        off = np.zeros(len(self.loops), dtype=np.bool_)
+        weights = self.loop_weights
+        off[: len(weights)] = weights < 0.5
+        return off
+
+    @property
     def loops_off(self) -> int:
-        """Loops that the graph has switched off, since others contradict them."""
-        return int(np.count_nonzero(self.loop_weights < 0.5))
+        """Loops that are switched off."""
+        return int(np.count_nonzero(self.switched_off))
 
     @property
     def uncertain(self) -> str:
@@ -277,7 +290,7 @@ class Slam:
             near = hypot(step[0], step[1]) < p.minimum_travel_distance
             if self.full or (near and abs(step[2]) < p.minimum_travel_heading):
                 return self._update(here, key=False, matched=False)
-        cloud = point_cloud(ranges, bearings, origin, p.max_range)
+        cloud = cloud_of(ranges, bearings, origin, p.max_range)
         if len(cloud.points) < LEAST_POINTS:
             self.rejected += 1
             return None
@@ -415,16 +428,17 @@ class Slam:
         return point_to_line(likelihood, cloud.points, pose, prior, guess)
 
     def _doubt(self, match: Match, cloud: PointCloud, origin: tuple[float, float]) -> None:
-        """Begin a new local map if the robot was carried: scans look through walls of the map."""
+        """Begin a new local map if the robot was carried: scans contradict the map."""
         p, newest = self.parameters, len(self.poses) - 1
         first = self._doubtful[0] if self._doubtful else newest
-        if not self._doubtful and match.inliers >= p.match_weak:
+        if not self._doubtful and match.inliers >= p.match_good:
             return
         chain = range(max(self._begin, first - p.scan_buffer_size), first)
-        if not chain or not self._contradicts(chain, cloud, origin):
+        contradicts = self._contradicts(chain, cloud, origin) if chain else False
+        if contradicts:
+            self._doubtful.append(newest)
+        elif contradicts is False or newest - first >= 2 * p.lost_scans:
             self._doubtful = []
-            return
-        self._doubtful.append(newest)
         if len(self._doubtful) < p.lost_scans:
             return
         self._doubtful = []
@@ -439,18 +453,31 @@ class Slam:
 
     def _contradicts(
         self, chain: Sequence[int], cloud: PointCloud, origin: tuple[float, float]
-    ) -> bool:
-        """Whether the newest scan looks through the map of some key scans, where it fits best."""
+    ) -> bool | None:
+        """Whether the newest scan contradicts some key scans, False if it fits, None if neither.
+
+        It is placed where it fits best. Then it contradicts by the walls of the map that it looks
+        through, or by its points where the map is free. It must contradict more than it fits:
+        people and moved furniture change only a part of a scan.
+        """
         p, pose = self.parameters, self.poses[-1]
         near = in_world([(self.poses[k], self.clouds[k]) for k in chain])
         reach = float(np.hypot(*cloud.points.T).max()) + 1.5
         likelihood = LikelihoodField(near, pose[:2], reach, p.matcher)
         match = self._search(likelihood, cloud, pose, Prior(0.3, 0.3))
-        if match.inliers >= p.match_weak:
+        if match.inliers >= p.match_good:
             return False
         back = relative(match.pose, np.zeros(3))
-        through = seen_through(cloud, transformed(back, near.points), origin)
-        return through > p.lost_through
+        seen, through = looked_at(cloud, transformed(back, near.points), origin)
+        passed, met = np.zeros((2, len(cloud.points)), dtype=np.intp)
+        for k in chain:
+            points = transformed(relative(self.poses[k], match.pose), cloud.points)
+            visible, free = looked_at(self.clouds[k], points, origin)
+            passed += free
+            met += visible & ~free
+        known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
+        share = max(share_of(through, seen), share_of(empty, known))
+        return True if share > max(p.lost_share, match.inliers) else None
 
     def _begin_part(self, pose: Floats, cloud: PointCloud, number: int, *, temporary: bool) -> None:
         """Begin a part of the map at a pose whose place on the others is unknown."""
@@ -667,4 +694,19 @@ class Slam:
         self._loop_way = self.way[loop.end]
         turn = rotation(self.poses[loop.start, 2])
         self._covariance = turn @ np.linalg.inv(loop.information) @ turn.T
-        self._apart = np.zeros((3, 3))
+
+
+def cloud_of(
+    ranges: Floats, bearings: Floats, origin: tuple[float, float], max_range: float
+) -> PointCloud:
+    """The points of a scan that are matched; see `Slam.add`."""
+    rays = slice(None, None, _every(bearings))
+    return point_cloud(ranges[rays], bearings[rays], origin, max_range)
+
+
+def _every(bearings: Floats) -> int:
+    """Which rays are matched: every first, second, ... one."""
+    if len(bearings) < 2 or bearings[0] == bearings[-1]:
+        return 1
+    step = abs(float(bearings[-1] - bearings[0])) / (len(bearings) - 1)
+    return max(1, int(RAYS_APART / step))

@@ -302,15 +302,19 @@ def with_slam(agents: Sequence[str]) -> tuple[str, ...]:
 def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scenario:
     """The scenario as an exploration: the robot has no map, makes one and returns.
 
-    A robot with a laser localizes on the map that it makes. Without one the map is as good as the
+    A mission of the scenario is left out with its agents, since it needs the rooms of a map. A
+    robot with a laser localizes on the map that it makes. Without one the map is as good as the
     odometry, so sensors are ideal.
     """
     changes = society().exploring
     by_slam = scenario.sensors != society().ideal.sensors and slams(scenario.robot)
     if not by_slam:
         scenario = ideal(scenario)
-    others = (name for name in scenario.agents if name not in changes.without + changes.besides)
-    agents = (*others, *changes.besides)
+    gone = changes.without + changes.besides
+    if scenario.mission is not None:
+        gone += society().missions.besides
+        scenario = replace(scenario, mission=None, alarms=())
+    agents = (*(name for name in scenario.agents if name not in gone), *changes.besides)
     if by_slam:
         agents = with_slam(agents)
     title = f"{scenario.name}: exploration and return"

@@ -11,7 +11,14 @@ from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED, cells_of
 from armadico.core.agent import ERROR, Answer, Identity, Publish, Question
 from armadico.core.messages import Cycle, Log, Message, RobotState, encode
-from armadico.mobile.messages import Correction, MapRequest, OccupancyGrid, Pose, Scan
+from armadico.mobile.messages import (
+    Correction,
+    MapGraph,
+    MapRequest,
+    OccupancyGrid,
+    Pose,
+    Scan,
+)
 from armadico.mobile.scans import message_of, ranges_of
 from tests.framework.robots import described
 from tests.mapping.worlds import BEARINGS, cast, drifted, ring, square
@@ -98,7 +105,13 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
         for grid in grids:
             assert isinstance(grid, OccupancyGrid)
             assert grid.revision == revision
+        for graph in of(MapGraph, said):
+            assert isinstance(graph, MapGraph)
+            assert grids, "it is published with its map"
+            assert graph.revision == revision
     assert leaps > 2
+    assert graph.key_scans > 50
+    assert graph.loops_found > 3
     (last,) = corrections
     off = place(last, odometry[-1]) - PATH[-1]
     assert np.hypot(*off[:2]) < 0.1
@@ -127,6 +140,14 @@ def test_the_same_messages_give_the_same_bytes_in_either_order_of_a_cycle() -> N
     first = published()
     assert first == published()
     assert len(first) > 90
+
+
+def test_a_graph_that_does_not_change_is_published_each_ten_seconds() -> None:
+    path = np.repeat(PATH[:1], 305, axis=0)
+    said = Robot().drive(path, own_odometry(path, 0.0))
+    at = [n for n, cycle in enumerate(said) if of(MapGraph, cycle)]
+    assert [n // 100 for n in at] == [0, 1, 2, 3]
+    assert sum(len(of(OccupancyGrid, cycle)) for cycle in said) > 25
 
 
 def test_a_scan_may_come_before_its_odometry() -> None:

@@ -17,9 +17,9 @@ from armadico.agents.mapping.scan_matching import (
     branch_and_bound,
     correlate,
     in_world,
+    looked_at,
     point_cloud,
     point_to_line,
-    seen_through,
     voxel_filtered,
 )
 from tests.mapping.worlds import BEARINGS, cast, ring
@@ -121,8 +121,11 @@ def test_rays_through_known_walls_are_counted() -> None:
     cloud = scan(HERE)
     back = relative(HERE, ZERO)
     known = transformed(back, transformed(HERE, cloud.points))
-    assert seen_through(cloud, known, (0.0, 0.0)) < 0.05
-    assert seen_through(cloud, 0.4 * known, (0.0, 0.0)) > 0.5
+    visible, through = looked_at(cloud, known, (0.0, 0.0))
+    assert visible.mean() > 0.9
+    assert through.mean() < 0.05
+    assert looked_at(cloud, 0.4 * known, (0.0, 0.0))[1].mean() > 0.5
+    assert looked_at(cloud, 2.0 * known, (0.0, 0.0))[0].mean() < 0.1
 
 
 def test_no_points_at_all() -> None:

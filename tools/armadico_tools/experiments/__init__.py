@@ -41,6 +41,16 @@ EXPERIMENTS: Final = {
     "floors": Entry(
         "Floors: generated floor plans with people, real sensors", "foreign_worlds:FLOORS"
     ),
+    "exploration": Entry(
+        "Explorations by SLAM: shipped worlds and generated floor plans, real sensors",
+        "exploration:EXPLORATION",
+        True,
+    ),
+    "sonar-exploration": Entry(
+        "Explorations by sonars at the pose of the odometry, real sensors",
+        "exploration:SONAR_EXPLORATION",
+        True,
+    ),
     "other-maps": Entry(
         "Maps of other formats: goals between free places", "foreign_worlds:OTHER_MAPS"
     ),
