@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from armadico.agents.mapping.loop_closure import LoopParameters
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.scan_matching import MatcherParameters, PointCloud
-from armadico.agents.mapping.slam import UNKNOWN, Slam, SlamParameters, Update, cloud_of
+from armadico.agents.mapping.slam import UNKNOWN, Slam, SlamParameters, Update, matched_points
 from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.config import graph_file, grid_map
 from armadico.config.errors import ConfigError
@@ -57,6 +57,9 @@ MOVED_M, MOVED_RAD = 0.025, 0.01
 STANDING = 0.02
 """Within so many m and rad it is the same place."""
 
+REPEATED_S = 10.0
+"""A graph that has not changed is published again after so many s, for observers that join late."""
+
 LOADED_PER_CYCLE = 20
 """Key scans of a loaded map whose points are computed in a cycle: 6 ms."""
 
@@ -65,9 +68,6 @@ UNJOINED = 0.5
 still moves the pose, which is right on the map as it is published."""
 
 LONGEST_REFUSAL = 500
-
-REPEATED_S = 10.0
-"""A graph that has not changed is published again after so many s, for observers that join late."""
 
 INSTEAD_OF = ("localization", "mapping")
 """Agents that publish the same messages."""
@@ -137,7 +137,7 @@ class SlamAgent(Agent):
         self._weak = 0  # newest scans that fitted badly
         self._update: Update | None = None
         self._published_at = self._graph_at = float("-inf")
-        self._graph: MapGraph | None = None  # as published
+        self._shown: MapGraph | None = None  # as published
         self._warned: set[str] = set()
         self._carried, self._relocations, self._uncertain = 0, 0, False  # as reported
         self._outgoing = Outgoing()
@@ -186,7 +186,7 @@ class SlamAgent(Agent):
         """A part of the graph."""
         request = question.request
         assert isinstance(request, MapGraphRequest)
-        return self._outgoing.part(request, self._saved)
+        return self._outgoing.part(request, self._graph)
 
     def on_map_load_request(self, question: Question) -> MapLoadReply:
         """Take a part of a graph; with the last one the own map is dropped."""
@@ -314,8 +314,8 @@ class SlamAgent(Agent):
             slam.switched_off[on],
             self._doubts,
         )
-        if graph != self._graph or self.now - self._graph_at >= REPEATED_S:
-            self._graph, self._graph_at = graph, self.now
+        if graph != self._shown or self.now - self._graph_at >= REPEATED_S:
+            self._shown, self._graph_at = graph, self.now
             self.publish(graph)
 
     # Beside the cycles ----------------------------------------------------------------------------
@@ -379,7 +379,7 @@ class SlamAgent(Agent):
 
     # Saving and loading ---------------------------------------------------------------------------
 
-    def _saved(self) -> bytes:
+    def _graph(self) -> bytes:
         """The file of the graph; empty if there is none yet."""
         graph = self._slam.saved(self._drawn, self._footprint)
         return graph_file.encode(graph, compressed=False) if len(graph.poses) else b""
@@ -388,7 +388,7 @@ class SlamAgent(Agent):
         """Replace the map: the points of its scans are computed in slices, then it is drawn."""
         slam, clouds = Slam(_parameters(self.p)), []
         for number, one in enumerate(one for one in graph.scans if one.is_key):
-            clouds.append(_cloud(one.scan, self.p.max_range))
+            clouds.append(_points(one.scan, self.p.max_range))
             if number % LOADED_PER_CYCLE == LOADED_PER_CYCLE - 1:
                 yield
         mapper = new_mapper()
@@ -472,9 +472,9 @@ def _without_dropouts(scan: Scan) -> Scan:
     return replace(scan, packed=seen.tobytes())
 
 
-def _cloud(scan: Scan, max_range: float) -> PointCloud:
+def _points(scan: Scan, max_range: float) -> PointCloud:
     """The points of a scan as `Slam` keeps them."""
-    return cloud_of(ranges_of(scan), bearings_of(scan), (scan.x, scan.y), max_range)
+    return matched_points(ranges_of(scan), bearings_of(scan), (scan.x, scan.y), max_range)
 
 
 def _odometry(state: RobotState) -> Floats:

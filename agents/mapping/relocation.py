@@ -36,10 +36,9 @@ from armadico.agents.mapping.scan_matching import (
     correlate,
     dive,
     in_world,
-    looked_at,
     point_to_line,
     scored,
-    share_of,
+    seen_through,
     split,
     voxel_filtered,
 )
@@ -287,11 +286,12 @@ class Relocator:
         around = Window(0.3, 0.06)
         fine, score = correlate(field, sample, pose, around, Prior(1.0, 1.0))
         match = point_to_line(field, points, fine)
-        looks = []
-        for at, scan in parts:
-            walls = transformed(relative(compose(match.pose, at), np.zeros(3)), cloud.points)
-            seen, through = looked_at(scan, walls, origin)
-            looks.append(share_of(through, seen))
+        looks = [
+            seen_through(
+                scan, transformed(relative(compose(match.pose, at), _ZERO), cloud.points), origin
+            )
+            for at, scan in parts
+        ]
         turn = np.abs(wrapped(known.poses[near, 2] - match.pose[2]))
         start = near[int(np.argmin(away[near] + 0.3 * turn))]
         return Recognised(
@@ -321,6 +321,9 @@ class Relocator:
         if len(agree) < p.support - 1 or effort - agree[0][2] < p.support_way:
             return []
         return [one for one, _, _ in self._found]
+
+
+_ZERO: Final = np.zeros(3)
 
 
 def _agree(a: tuple[Recognised, Floats, float], b: tuple[Recognised, Floats, float]) -> bool:

@@ -34,9 +34,6 @@ corridor would seem to fix the pose along it."""
 LEAST_POINTS: Final = 10
 """With fewer corresponding points there is no match."""
 
-LEAST_LOOKED_AT: Final = 20
-"""With fewer points in view no share of them is told."""
-
 CHUNK: Final = 1024
 """Candidates that are scored together: bounds the memory."""
 
@@ -165,10 +162,11 @@ def looked_at(
     return visible, visible & through
 
 
-def share_of(some: NDArray[np.bool_], every: NDArray[np.bool_]) -> float:
-    """The share of flags, 0 if there are too few to tell."""
-    count = np.count_nonzero(every)
-    return float(np.count_nonzero(some) / count) if count >= LEAST_LOOKED_AT else 0.0
+def seen_through(cloud: PointCloud, known: Floats, origin: tuple[float, float]) -> float:
+    """The share of points (n, 2) that a scan passes through, of those that it reaches."""
+    visible, through = looked_at(cloud, known, origin)
+    count = np.count_nonzero(visible)
+    return float(np.count_nonzero(through) / count) if count >= LEAST_POINTS else 0.0
 
 
 def voxel_filtered(points: Floats, size: float, most: int) -> Floats:

@@ -50,7 +50,6 @@ from armadico.agents.mapping.scan_matching import (
     looked_at,
     point_cloud,
     point_to_line,
-    share_of,
     voxel_filtered,
 )
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
@@ -290,7 +289,7 @@ class Slam:
             near = hypot(step[0], step[1]) < p.minimum_travel_distance
             if self.full or (near and abs(step[2]) < p.minimum_travel_heading):
                 return self._update(here, key=False, matched=False)
-        cloud = cloud_of(ranges, bearings, origin, p.max_range)
+        cloud = matched_points(ranges, bearings, origin, p.max_range)
         if len(cloud.points) < LEAST_POINTS:
             self.rejected += 1
             return None
@@ -476,7 +475,7 @@ class Slam:
             passed += free
             met += visible & ~free
         known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
-        share = max(share_of(through, seen), share_of(empty, known))
+        share = max(_share(through, seen), _share(empty, known))
         return True if share > max(p.lost_share, match.inliers) else None
 
     def _begin_part(self, pose: Floats, cloud: PointCloud, number: int, *, temporary: bool) -> None:
@@ -694,19 +693,21 @@ class Slam:
         self._loop_way = self.way[loop.end]
         turn = rotation(self.poses[loop.start, 2])
         self._covariance = turn @ np.linalg.inv(loop.information) @ turn.T
+        self._apart = np.zeros((3, 3))
 
 
-def cloud_of(
+def matched_points(
     ranges: Floats, bearings: Floats, origin: tuple[float, float], max_range: float
 ) -> PointCloud:
-    """The points of a scan that are matched; see `Slam.add`."""
-    rays = slice(None, None, _every(bearings))
-    return point_cloud(ranges[rays], bearings[rays], origin, max_range)
+    """The points of a scan that are matched: of dense rays every second, third, ... one."""
+    every = 1
+    if len(bearings) > 1 and bearings[0] != bearings[-1]:
+        step = abs(float(bearings[-1] - bearings[0])) / (len(bearings) - 1)
+        every = max(1, int(RAYS_APART / step))
+    return point_cloud(ranges[::every], bearings[::every], origin, max_range)
 
 
-def _every(bearings: Floats) -> int:
-    """Which rays are matched: every first, second, ... one."""
-    if len(bearings) < 2 or bearings[0] == bearings[-1]:
-        return 1
-    step = abs(float(bearings[-1] - bearings[0])) / (len(bearings) - 1)
-    return max(1, int(RAYS_APART / step))
+def _share(some: NDArray[np.bool_], every: NDArray[np.bool_]) -> float:
+    """The share of flags, 0 if there are too few to tell."""
+    count = np.count_nonzero(every)
+    return float(np.count_nonzero(some) / count) if count >= LEAST_POINTS else 0.0

@@ -244,6 +244,35 @@ class OccupancyGrid(Message, frozen=True):
     appended: ClassVar[int] = 1
 
 
+class MapGraph(Message, frozen=True):
+    """The pose graph of the map made by SLAM, for observers.
+
+    `packed` has six bytes per key scan, in the order of time, as in `Particles`. `loops` and `off`
+    have four bytes per loop: the indices in `packed` of the key scans that it joins, as unsigned
+    little-endian integers of two bytes. Loops in `off` are switched off, since others contradict
+    them. A message of a large graph has a part of its key scans and loops; the counts are of all.
+    """
+
+    revision: Counter  # of the map that the poses belong to
+    x: Real  # of the lower left corner of all of them, m
+    y: Real
+    step: Annotated[float, Meta(gt=0, le=100)]  # m
+    packed: Encoded
+    loops: Encoded
+    off: Encoded
+    key_scans: Counter
+    loops_found: Counter  # with those that are switched off
+    loops_off: Counter
+    uncertain: Text = ""  # why the map may be wrong; empty: nothing speaks against it
+
+    @property
+    def summary(self) -> str:
+        """The numbers as text."""
+        off = f" ({self.loops_off} off)" if self.loops_off else ""
+        text = f"revision {self.revision}, {self.key_scans} key scans, {self.loops_found} loops"
+        return text + off
+
+
 class MapGraphRequest(Message, frozen=True):
     """Requests a part of the SLAM graph; part 0 begins with the present one.
 
@@ -280,35 +309,6 @@ class MapLoadReply(Message, frozen=True):
     """Whether the part was accepted."""
 
     refusal: Text = ""
-
-
-class MapGraph(Message, frozen=True):
-    """The pose graph of the map made by SLAM, for observers.
-
-    `packed` has six bytes per key scan, in the order of time, as in `Particles`. `loops` and `off`
-    have four bytes per loop: the indices in `packed` of the key scans that it joins, as unsigned
-    little-endian integers of two bytes. Loops in `off` are switched off, since others contradict
-    them. A message of a large graph has a part of its key scans and loops; the counts are of all.
-    """
-
-    revision: Counter  # of the map that the poses belong to
-    x: Real  # of the lower left corner of all of them, m
-    y: Real
-    step: Annotated[float, Meta(gt=0, le=100)]  # m
-    packed: Encoded
-    loops: Encoded
-    off: Encoded
-    key_scans: Counter
-    loops_found: Counter  # with those that are switched off
-    loops_off: Counter
-    uncertain: Text = ""  # why the map may be wrong; empty: nothing speaks against it
-
-    @property
-    def summary(self) -> str:
-        """The numbers as text."""
-        off = f" ({self.loops_off} off)" if self.loops_off else ""
-        text = f"revision {self.revision}, {self.key_scans} key scans, {self.loops_found} loops"
-        return text + off
 
 
 # Missions and plans -------------------------------------------------------------------------------
@@ -502,7 +502,7 @@ state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for observers")
 state(OccupancyGrid, "mapping/grid", 1, None, "the map made by driving")
 state(MapGraph, "mapping/graph", 0.1, None, "the map's pose graph; 1 Hz while it changes")
 query(MapRequest, "mapping/request", OccupancyGrid, "the present map")
-query(MapGraphRequest, "mapping/graph/part", MapGraphPart, "the SLAM graph, in parts")
+query(MapGraphRequest, "mapping/graph/parts", MapGraphPart, "the SLAM graph, in parts")
 query(MapLoadRequest, "mapping/load", MapLoadReply, "a SLAM graph to continue with, in parts")
 latch(Trajectory, "trajectory", "the mission's waypoints", rate_hz=1)
 query(PlanRequest, "path/plan", Plan, "a path to a goal")
