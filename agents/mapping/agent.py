@@ -302,10 +302,17 @@ class SlamAgent(Agent):
 
     def _publish_graph(self) -> None:
         """Publish the graph for observers, if it has changed or was published long ago."""
-        slam = self._slam
-        loops = [(loop.start, loop.end) for loop in slam.loops]
+        slam, mine = self._slam, self._slam.part == self._part  # of the map as it is published
+        number = np.cumsum(mine) - 1
+        pairs = [(loop.start, loop.end) for loop in slam.loops]
+        loops = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+        on = mine[loops].all(axis=1)
         graph = map_graphs.message_of(
-            self._revision, slam.poses, loops, slam.switched_off, self._doubts
+            self._revision,
+            slam.poses[mine],
+            number[loops[on]],
+            slam.switched_off[on],
+            self._doubts,
         )
         if graph != self._shown or self.now - self._graph_at >= REPEATED_S:
             self._shown, self._graph_at = graph, self.now

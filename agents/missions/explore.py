@@ -26,6 +26,7 @@ from armadico.core.messages import Message, line
 from armadico.mobile.driven import Event, Ordered
 from armadico.mobile.messages import (
     BatteryLevel,
+    Correction,
     MissionReply,
     MissionRequest,
     MissionStatus,
@@ -45,6 +46,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # share from which it leaves the dock
 
 
+# With less confidence the robot has not found its place on the map that it continues. It maps a
+# part of its own, in which neither the rectangle nor home have their places.
+PLACED = 0.75
+
 # A frontier is this much farther away than the turning circle: beyond it nothing is known yet.
 TURNING_M = 0.05
 
@@ -62,7 +67,7 @@ class Explore(Agent):
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, OccupancyGrid, MissionStatus),
-        *(ChargeStatus, BatteryLevel),
+        *(ChargeStatus, BatteryLevel, Correction),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ExploreStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (ExploreRequest,)
@@ -108,7 +113,7 @@ class Explore(Agent):
             return self._refuse("nobody makes a map: no mapping/grid")
         within = (request.x1, request.y1, request.x2, request.y2)
         width, height = within[2] - within[0], within[3] - within[1]
-        if not (width > 0 < height and self._in(within, pose)):
+        if not (width > 0 < height and (self._in(within, pose) or not self._is_placed)):
             return self._refuse("the robot is not in the rectangle that is to be explored")
         self._exploration = self.rng.getrandbits(63)
         self._within = within
@@ -134,7 +139,7 @@ class Explore(Agent):
         self._known = self._cells.area(FREE)
         if not self._at_work or self._order.pending or self._paused:
             return
-        chart = Chart(self._cells, self._within)
+        chart = self._chart(self._cells)
         if moved or self._target is None or not self._worth(chart, self._target):
             self._go_on(chart)
 
@@ -187,6 +192,15 @@ class Explore(Agent):
         docked = status is not None and status.state is ChargeState.CHARGING
         return docked and level is not None and level.share >= self.p.charged
 
+    @property
+    def _is_placed(self) -> bool:
+        """Whether the place of the robot on the map is known."""
+        correction = self.latest(Correction)
+        return correction is None or not 0.0 < correction.confidence < PLACED
+
+    def _chart(self, cells: Cells) -> Chart:
+        return Chart(cells, self._within if self._is_placed else cells.bounds)
+
     def _pause(self) -> None:
         """Wait for the charger; the next target is chosen afterwards."""
         self.log("the robot is charged first")
@@ -231,6 +245,9 @@ class Explore(Agent):
                 self._avoided = []
                 self._go_on(chart)
                 return
+            if not self._is_placed:
+                self._fail("all around is known, but not its place on the map before")
+                return
             self._became(ExploreState.RETURNING)
         home = Placed(self._home.x, self._home.y)
         way = chart.way(here, home, self._tries)
@@ -264,7 +281,7 @@ class Explore(Agent):
                 self._became(ExploreState.DONE)
             return
         if self._cells is not None and self._target is not None:
-            chart = Chart(self._cells, self._within)
+            chart = self._chart(self._cells)
             if chart.unknown_at(self._target, self._tries[0]):
                 self._give_up("still unknown from there")
         self._target = None

@@ -56,7 +56,13 @@ def test_a_map_a_path_and_a_picture_byte_for_byte_the_same(
         words = [log, "-o", folder / "map.yaml", "--picture", folder / "map.png", "--seed", 3]
         found = done(capsys, *words)
         files = sorted(folder.iterdir())
-        assert [file.name for file in files] == ["map.pgm", "map.png", "map.tum", "map.yaml"]
+        assert [file.name for file in files] == [
+            "map.graph.npz",
+            "map.pgm",
+            "map.png",
+            "map.tum",
+            "map.yaml",
+        ]
         kept.append(([file.read_bytes() for file in files], found["digest"]))
     assert kept[0] == kept[1]
     assert found["error_rmse_m"] < 0.1

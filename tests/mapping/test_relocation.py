@@ -25,10 +25,7 @@ THERE = drive([(33.0, -4.0), (42.0, -4.0)])
 def kept(slam: Slam) -> Slam:
     """Another SLAM that continues a map."""
     again = Slam(slam.parameters)
-    graph = slam.graph
-    again.restore(
-        slam.poses, slam.way, slam.clouds, slam.part, graph.edges, graph.weights, slam.weak
-    )
+    again.restore(slam.saved([]), slam.clouds)
     return again
 
 
