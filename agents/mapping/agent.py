@@ -11,6 +11,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.mapping.loop_closure import LoopParameters
+from armadico.agents.mapping.moved import map_moved
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.scan_matching import MatcherParameters
 from armadico.agents.mapping.slam import Slam, SlamParameters, Update
@@ -25,6 +26,7 @@ from armadico.core.messages import Description, Message, RobotState
 from armadico.mobile.messages import (
     Correction,
     InitialPose,
+    MapMoved,
     MapRequest,
     OccupancyGrid,
     Pose,
@@ -97,7 +99,7 @@ class SlamAgent(Agent):
     name = "slam"
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
-    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid, MapMoved)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest,)
     parameters = Parameters
     launched_with = ("profile",)
@@ -117,7 +119,8 @@ class SlamAgent(Agent):
         self._standing = 0  # scans that were drawn from the present place
         self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
         self._work: Iterator[None] | None = None  # under way, a slice a cycle
-        self._revision = 1
+        self._revision = 0  # of the map; 0: not begun
+        self._change: MapMoved | None = None  # to publish with the revision
         self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
         self._odometry: Floats | None = None
         self._epoch: int | None = None
@@ -139,6 +142,8 @@ class SlamAgent(Agent):
         if self._start is None and state is not None and state.cycle == pose.cycle:
             here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
             self._start = compose(here, relative(odometry, np.zeros(3)))
+            self._revision = pose.revision + 1  # another slam agent may have made a map before
+            self._change = MapMoved(self._revision)
 
     def on_initial_pose(self, _pose: InitialPose) -> None:
         """The map has its own origin."""
@@ -231,6 +236,9 @@ class SlamAgent(Agent):
         at = compose(pose, relative(self._odometry, np.zeros(3)))
         c = np.clip(self._update.near_covariance, -WIDEST, WIDEST)
         x, y, theta = at.tolist()
+        if self._change is not None:
+            self.publish(self._change)
+            self._change = None
         self.publish(
             Correction(
                 scan.cycle,
@@ -273,8 +281,9 @@ class SlamAgent(Agent):
         self._slam.adopt(poses)
         for one in self._drawn[drawn:]:
             self._draw(mapper, one, self._slam.poses)
-        self._map, self._drawn_at = mapper, self._slam.poses.copy()
         self._revision += 1
+        self._change = map_moved(self._revision, self._drawn_at, self._slam.poses)
+        self._map, self._drawn_at = mapper, self._slam.poses.copy()
         self._published_at = float("-inf")
 
     def _later(self, poses: Floats) -> Floats:

@@ -309,7 +309,8 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     by_slam = scenario.sensors != society().ideal.sensors and slams(scenario.robot)
     if not by_slam:
         scenario = ideal(scenario)
-    others = (name for name in scenario.agents if name not in changes.without + changes.besides)
+    without = changes.besides if by_slam else changes.without + changes.besides
+    others = (name for name in scenario.agents if name not in without)
     agents = (*others, *changes.besides)
     if by_slam:
         agents = with_slam(agents)
