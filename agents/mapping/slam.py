@@ -7,7 +7,7 @@ the `revision` of the map grows. Both are deterministic and hold no clock and no
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import hypot, pi
 from typing import Final, NamedTuple
@@ -39,6 +39,7 @@ from armadico.agents.mapping.scan_matching import (
     seen_through,
     voxel_filtered,
 )
+from armadico.agents.mapping.slices import Sliced, finished
 
 LEAST_POINTS: Final = 20
 """A scan with fewer points is not used."""
@@ -324,27 +325,25 @@ class Slam:
 
     def close_loops(self) -> bool:
         """Search loops of the newest key scan; whether poses moved and the revision grew."""
-        poses = [*self.closing_loops()][-1:]
-        if not poses or poses[0] is None:
+        poses = finished(self.closing_loops())
+        if poses is None:
             return False
-        self.adopt(poses[0])
+        self.adopt(poses)
         return True
 
-    def closing_loops(self) -> Iterator[Floats | None]:
-        """Do the work of `close_loops` in slices, for a cycle each; scans may be added meanwhile.
+    def closing_loops(self) -> Sliced[Floats | None]:
+        """Do the work of `close_loops` in slices; scans may be added meanwhile.
 
-        If the last slice yields poses, they fit the graph, and `adopt` takes them over.
+        Poses in the end fit the graph, and `adopt` takes them over.
         """
         p, count = self.parameters, len(self.poses)
         if not p.do_loop_closing or count < 2 or self._searched == count:
-            return
+            return None
         self._searched = count
         deviation = float(np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1]))
         radius = self.closer.radius(deviation, self.way[-1] - self._loop_way)
-        found: list[Loop] = []
-        for loops in self.closer.finding(_Track(self.poses, self.way, self.clouds), radius):
-            found += loops
-            yield None
+        track = _Track(self.poses, self.way, self.clouds)
+        found = yield from self.closer.finding(track, radius)
         for loop in found:
             self.loops.append(loop)
             self.graph.add(Edge(loop.start, loop.end, loop.pose, loop.information, loop=True))
@@ -353,13 +352,11 @@ class Slam:
             self._recognised(found[-1])
         self._moving |= any(loop.moved >= p.loops.loop_near for loop in found)
         due = self._moving and count - self._optimised >= p.optimize_at_least
-        if self._new_loops and (due or count % p.optimize_every_n_nodes == 0):
-            poses = self.poses
-            self._new_loops, self._moving, self._optimised = 0, False, len(poses)
-            for optimised in self.graph.optimising(poses):
-                poses = optimised
-                yield None
-            yield poses
+        if not (self._new_loops and (due or count % p.optimize_every_n_nodes == 0)):
+            return None
+        poses = self.poses
+        self._new_loops, self._moving, self._optimised = 0, False, len(poses)
+        return (yield from self.graph.optimising(poses))
 
     def adopt(self, poses: Floats) -> None:
         """Take over optimised poses; later key scans keep their place beside the newest of them."""
