@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import hypot
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -15,6 +14,7 @@ from armadico.agents.mapping.moved import map_moved
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.scan_matching import MatcherParameters
 from armadico.agents.mapping.slam import Slam, SlamParameters, Update
+from armadico.agents.mapping.slices import Sliced
 from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.config import grid_map
 from armadico.config.errors import ConfigError
@@ -37,6 +37,13 @@ from armadico.mobile.scans import FREE, INVALID, bearings_of, ranges_of
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
+
+CYCLE_WORK, KEY_WORK = 2_400_000, 600_000
+"""Work beside a cycle without a key scan and with one, in look-ups (`slices`): 12 and 3 ms. One
+step may exceed it by 6 ms. Matching a key scan takes 6 to 14 ms."""
+
+DRAW_WORK = 550
+"""Work of a metre of a ray that is drawn."""
 
 STANDING_SCANS = 4
 """Scans that are drawn from one place: a cell counts as free after three rays through it."""
@@ -76,7 +83,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     drawn_distance: Metres = 0.2  # a scan is drawn after so far,
     drawn_heading: Radians = 0.2  # or after this turn
     drawn_scans: Count = 50_000  # that are kept, which bounds the memory
-    drawn_per_cycle: Count = 12  # while the map is drawn anew
     weak_scans: Count = 3  # key scans in a row that fit badly, and the pose corrects no longer
 
 
@@ -86,6 +92,7 @@ class _Drawn(NamedTuple):
     key: int  # the newest key scan at its time,
     offset: Floats  # the robot's pose in the frame of that,
     scan: Scan
+    metres: int  # of its rays: the work of drawing it
 
 
 class SlamAgent(Agent):
@@ -118,7 +125,8 @@ class SlamAgent(Agent):
         self._drawn: list[_Drawn] = []
         self._standing = 0  # scans that were drawn from the present place
         self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
-        self._work: Iterator[None] | None = None  # under way, a slice a cycle
+        self._work: Sliced[None] | None = None  # under way, in slices
+        self._key = False  # whether the newest scan was a key scan
         self._revision = 0  # of the map; 0: not begun
         self._change: MapMoved | None = None  # to publish with the revision
         self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
@@ -176,6 +184,7 @@ class SlamAgent(Agent):
         if scan is None or state is None or scan.cycle != state.cycle or self._start is None:
             return
         odometry = compose(self._start, _odometry(state))
+        self._key = False
         if scan.number != self._number:
             self._number = scan.number
             self._place(scan, odometry)
@@ -194,7 +203,7 @@ class SlamAgent(Agent):
         update = self._slam.add(self.now, odometry, ranges[rays], bearings[rays], origin=origin)
         if update is None:
             return
-        self._update = update
+        self._update, self._key = update, update.key
         if update.key:
             good = update.inliers >= self._slam.parameters.match_weak
             self._weak = 0 if good else self._weak + 1
@@ -208,7 +217,9 @@ class SlamAgent(Agent):
             self._warn("the map takes no more scans (drawn_scans)")
             return
         key = len(self._slam.poses) - 1
-        drawn = _Drawn(key, relative(self._slam.poses[key], pose), _without_dropouts(scan))
+        offset = relative(self._slam.poses[key], pose)
+        metres = int(np.nan_to_num(ranges, posinf=scan.reach).sum())
+        drawn = _Drawn(key, offset, _without_dropouts(scan), metres)
         self._drawn.append(drawn)
         self._draw(self._map, drawn, self._slam.poses)
         if self._map.full:
@@ -255,32 +266,32 @@ class SlamAgent(Agent):
     # Beside the cycles ----------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Do one slice of what takes longer than a cycle."""
-        if self._work is None:
-            self._work = self._closing()
-        if next(self._work, self) is self:
-            self._work = None
+        """Do a slice of what takes longer than a cycle."""
+        left = KEY_WORK if self._key else CYCLE_WORK
+        while left > 0:
+            if self._work is None:
+                self._work = self._closing()
+            done = next(self._work, None)
+            if done is None:
+                self._work = None
+                return
+            left -= done
 
-    def _closing(self) -> Iterator[None]:
+    def _closing(self) -> Sliced[None]:
         """Search loops of the newest key scan; optimise and draw the map anew if they move it."""
-        poses: Floats | None = None
-        for found in self._slam.closing_loops():
-            poses = found
-            yield
+        poses = yield from self._slam.closing_loops()
         if poses is None:
             return
         if not self._moved(poses):
             self._slam.adopt(poses)
             return
         drawn, mapper = 0, new_mapper()
-        while len(self._drawn) - drawn > self.p.drawn_per_cycle:
-            for one in self._drawn[drawn : drawn + self.p.drawn_per_cycle]:
-                self._draw(mapper, one, self._later(poses))
-            drawn += self.p.drawn_per_cycle
-            yield
+        while drawn < len(self._drawn):
+            one = self._drawn[drawn]
+            self._draw(mapper, one, self._later(poses))
+            drawn += 1
+            yield DRAW_WORK * one.metres
         self._slam.adopt(poses)
-        for one in self._drawn[drawn:]:
-            self._draw(mapper, one, self._slam.poses)
         self._revision += 1
         self._change = map_moved(self._revision, self._drawn_at, self._slam.poses)
         self._map, self._drawn_at = mapper, self._slam.poses.copy()

@@ -123,6 +123,7 @@ class Slam:
         self._loop_way = 0.0
         self._new_loops = 0
         self._moving = False  # whether a new loop moves the pose
+        self._in_world: dict[int, PointCloud] = {}  # clouds of the local map, at the present poses
         self._optimised = 0  # key scans at the newest optimisation
         self._searched = 0  # key scans for which loops were searched
 
@@ -254,8 +255,7 @@ class Slam:
         """The match on some key scans: in a small window, then in the full one if it fits badly."""
         p = self.parameters
         reach = float(np.hypot(*cloud.points.T).max()) + 1.5
-        near = in_world([(self.poses[k], self.clouds[k]) for k in chain])
-        likelihood = LikelihoodField(near, guess[:2], reach, p.matcher)
+        likelihood = LikelihoodField(self._local_map(chain), guess[:2], reach, p.matcher)
         found = self._search(likelihood, cloud, guess, prior)
         wide = self.model.prior(step, factors=(1.0, 1.0))
         if found.inliers < p.match_good and wide != prior:
@@ -263,6 +263,15 @@ class Slam:
             if other.inliers > found.inliers + 0.05:
                 return other, wide
         return found, prior
+
+    def _local_map(self, chain: Sequence[int]) -> PointCloud:
+        """The clouds of some key scans in the world; most are known from the scan before."""
+        known = self._in_world
+        self._in_world = {
+            k: known.get(k) or in_world([(self.poses[k], self.clouds[k])]) for k in chain
+        }
+        points, normals = zip(*self._in_world.values(), strict=True)
+        return PointCloud(np.concatenate(points), np.concatenate(normals))
 
     def _search(
         self, likelihood: LikelihoodField, cloud: PointCloud, guess: Floats, prior: Prior
@@ -363,6 +372,7 @@ class Slam:
         count = len(poses)
         step = relative(self.poses[count - 1], self.poses[count:])
         self.poses = np.vstack([poses, compose(poses[-1], step)])
+        self._in_world = {}
         self.revision += 1
 
     def finish(self) -> bool:
