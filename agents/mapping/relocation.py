@@ -10,7 +10,7 @@ One search is not trusted. Several must agree with each other while the robot dr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, pi
 from typing import Final, NamedTuple
@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armadico.agents.mapping.loop_closure import FIELD_WORK, ICP_WORK
 from armadico.agents.mapping.poses import (
     Floats,
     compose,
@@ -32,22 +33,22 @@ from armadico.agents.mapping.scan_matching import (
     MatcherParameters,
     PointCloud,
     Prior,
+    Tree,
     Window,
     correlate,
-    dive,
     in_world,
     point_to_line,
-    scored,
     seen_through,
     split,
     voxel_filtered,
 )
-
-SLICE_NODES: Final = 4096
-"""Poses that are scored in one slice: about 10 ms."""
+from armadico.agents.mapping.slices import Sliced
 
 SLICE_SCANS: Final = 50
 """Key scans whose points are added to the field in one slice."""
+
+FILTER_WORK: Final = 40
+"""Work of a point that is filtered, in look-ups (`slices`)."""
 
 MOST_NODES: Final = 300_000
 """With more candidates at one level the place is ambiguous: the search ends without a result."""
@@ -122,7 +123,7 @@ class WholeMap:
         self.levels: list[NDArray[np.float32]] = []
         self.allowed: list[NDArray[np.bool_]] = []
 
-    def drawing(self, reach: float) -> Iterator[None]:
+    def drawing(self, reach: float) -> Sliced[None]:
         """Draw the field so that scans of a reach (m) at all poses are inside, in slices."""
         p, scans = self.parameters, self.scans
         parts: list[Floats] = []
@@ -131,7 +132,7 @@ class WholeMap:
             pairs = list(zip(scans.poses[part], scans.clouds[part], strict=True))
             points = in_world(pairs).points
             parts.append(voxel_filtered(points, p.resolution, len(points)))
-            yield
+            yield FILTER_WORK * len(points)
         points = np.concatenate(parts)
         low, high = scans.poses[:, :2].min(axis=0), scans.poses[:, :2].max(axis=0)
         half = 0.5 * float((high - low).max()) + p.distance + reach + 1.0
@@ -144,9 +145,8 @@ class WholeMap:
         )
         cloud = PointCloud(points, np.zeros_like(points))
         self.field = field = LikelihoodField(cloud, 0.5 * (low + high), half, matcher)
-        yield
-        self.levels = field.pyramid(p.depth)
-        yield
+        yield FIELD_WORK * len(points)
+        self.levels = yield from field.pyramid(p.depth)
         near = np.zeros((field.size, field.size), dtype=np.bool_)
         at = field.cells(scans.poses[:, :2])
         near[at[:, 1], at[:, 0]] = True
@@ -156,7 +156,7 @@ class WholeMap:
         self.allowed = [near]
         for height in range(p.depth):
             self.allowed.append(_paired(self.allowed[-1], 1 << height))
-        yield
+            yield field.size**2
 
     def covers(self, reach: float) -> bool:
         """Whether scans of a reach, m, are inside at all poses."""
@@ -167,7 +167,7 @@ class WholeMap:
         spare = 0.5 * field.size * field.resolution - 0.5 * float((high - low).max())
         return spare >= p.distance + reach + 0.5
 
-    def searching(self, points: Floats) -> Generator[None, None, list[tuple[Floats, float]] | None]:
+    def searching(self, points: Floats) -> Sliced[list[tuple[Floats, float]] | None]:
         """Return the best poses of a scan's points with their scores; None: too ambiguous."""
         p, field = self.parameters, self.field
         assert field is not None, "it is drawn"
@@ -178,8 +178,7 @@ class WholeMap:
             [field.cells(transformed(np.array([*centre, h]), points)) for h in headings]
         )
 
-        def score(height: int, at: Indices) -> Floats:
-            return scored(field, self.levels[height], cells, at, exact=height == 0)
+        tree = Tree(field, self.levels, cells)
 
         def possible(height: int, at: Indices) -> Indices:
             allowed = self.allowed[height]
@@ -190,16 +189,15 @@ class WholeMap:
         offsets = np.arange(-(middle // step) * step, field.size - middle, step)
         grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
         nodes = possible(p.depth, np.stack([axis.ravel() for axis in grid]))
-        scores = yield from _sliced(score, p.depth, nodes)
-        best = dive(score, nodes, scores, p.depth)
-        yield
+        scores = yield from tree.score(p.depth, nodes)
+        best = yield from tree.dive(nodes, scores, p.depth)
         bound = max(p.minimum_score, p.similar * best)
         for height in range(p.depth - 1, -1, -1):
             nodes = nodes[:, scores >= bound]
             if nodes.shape[1] > MOST_NODES // 4:
                 return None
             nodes = possible(height, split(nodes, height))
-            scores = yield from _sliced(score, height, nodes)
+            scores = yield from tree.score(height, nodes)
         kept = scores >= bound
         nodes, scores = nodes[:, kept], scores[kept]
         found: list[tuple[Floats, float]] = []
@@ -235,7 +233,7 @@ class Relocator:
 
     def searching(
         self, mine: Scans, way: Sequence[float], origin: tuple[float, float]
-    ) -> Generator[None, None, list[Recognised]]:
+    ) -> Sliced[list[Recognised]]:
         """Search once; return what agrees, if that is enough.
 
         Args:
@@ -260,7 +258,7 @@ class Relocator:
         judged: list[Recognised] = []
         for pose, _ in places:
             judged.append(self._judged(mine.numbers[-1], pose, points, parts, origin))
-            yield
+            yield ICP_WORK * len(points)
         found = self._clear(judged)
         if found is None:
             return []
@@ -331,18 +329,6 @@ def _agree(a: tuple[Recognised, Floats, float], b: tuple[Recognised, Floats, flo
     off = relative(relative(a[0].pose, b[0].pose), relative(a[1], b[1]))
     tolerance = 0.2 + 0.02 * abs(a[2] - b[2])
     return hypot(off[0], off[1]) < tolerance and abs(float(off[2])) < 0.08
-
-
-def _sliced(
-    score: Callable[[int, Indices], Floats], height: int, nodes: Indices
-) -> Generator[None, None, Floats]:
-    """Return the scores of many nodes, some in each slice."""
-    found = np.empty(nodes.shape[1])
-    for begin in range(0, nodes.shape[1], SLICE_NODES):
-        part = slice(begin, begin + SLICE_NODES)
-        found[part] = score(height, nodes[:, part])
-        yield
-    return found
 
 
 def _dilated(cells: NDArray[np.bool_], by: int, axis: int) -> NDArray[np.bool_]:
