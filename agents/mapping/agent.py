@@ -23,6 +23,7 @@ from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
 from armadico.core.messages import Description, Message, RobotState
 from armadico.mobile.messages import (
+    COVARIANCE,
     Correction,
     InitialPose,
     MapRequest,
@@ -117,8 +118,9 @@ class SlamAgent(Agent):
         self._standing = 0  # scans that were drawn from the present place
         self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
         self._work: Iterator[None] | None = None  # under way, a slice a cycle
-        self._revision = 1
+        self._revision, self._map_id = 1, self.rng.getrandbits(63)
         self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
+        self._start_covariance: Floats = np.zeros(COVARIANCE)  # of the robot's pose at that time
         self._odometry: Floats | None = None
         self._epoch: int | None = None
         self._number: int | None = None  # of the newest scan
@@ -139,6 +141,13 @@ class SlamAgent(Agent):
         if self._start is None and state is not None and state.cycle == pose.cycle:
             here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
             self._start = compose(here, relative(odometry, np.zeros(3)))
+            if len(pose.covariance) == COVARIANCE:  # it was corrected, so there was another map
+                self._start_covariance = np.array(pose.covariance)
+                self.log(
+                    f"a new map begins, at a pose that is known to +-{pose.deviation:.2f} m; what was"
+                    " mapped before is lost",
+                    WARNING,
+                )
 
     def on_initial_pose(self, _pose: InitialPose) -> None:
         """The map has its own origin."""
@@ -161,7 +170,7 @@ class SlamAgent(Agent):
 
     def on_map_request(self, _question: Question) -> OccupancyGrid:
         """The map as it is now."""
-        return grid_map.message_of(self._map.cells(), self._revision)
+        return self._grid()
 
     # A cycle --------------------------------------------------------------------------------------
 
@@ -229,20 +238,20 @@ class SlamAgent(Agent):
             return
         pose = self._slam.pose_at(odometry)
         at = compose(pose, relative(self._odometry, np.zeros(3)))
-        c = np.clip(self._update.near_covariance, -WIDEST, WIDEST)
+        upper = self._start_covariance + self._update.near_covariance[np.triu_indices(3)]
         x, y, theta = at.tolist()
         self.publish(
             Correction(
                 scan.cycle,
                 *(x, y, theta),
-                covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
+                covariance=tuple(np.clip(upper, -WIDEST, WIDEST).tolist()),
                 confidence=0.0 if self._weak >= self.p.weak_scans else 1.0,
                 revision=self._revision,
             )
         )
         if self.now - self._published_at >= self.p.every_s:
             self._published_at = self.now
-            self.publish(grid_map.message_of(self._map.cells(), self._revision))
+            self.publish(self._grid())
 
     # Beside the cycles ----------------------------------------------------------------------------
 
@@ -291,6 +300,9 @@ class SlamAgent(Agent):
         return bool((far | (np.abs(wrapped(off[:, 2])) > MOVED_RAD)).any())
 
     # The map --------------------------------------------------------------------------------------
+
+    def _grid(self) -> OccupancyGrid:
+        return grid_map.message_of(self._map.cells(), self._revision, self._map_id)
 
     def _at(self, drawn: _Drawn, poses: Floats) -> Floats:
         return compose(poses[drawn.key], drawn.offset)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import pi
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
@@ -45,6 +45,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # share from which it leaves the dock
 
 
+LOST_MAP: Final = "the map was lost: its agent began another one; explore again"
+
 # A frontier is this much farther away than the turning circle: beyond it nothing is known yet.
 TURNING_M = 0.05
 
@@ -81,13 +83,14 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
-        self._revision = 0  # of the map
+        self._revision = self._map_id = 0  # of the map
         self._within = (0.0, 0.0, 0.0, 0.0)
         self._home = Waypoint(0.0, 0.0, 0.0)
         self._places = self._failures = 0
         self._avoided: list[Placed] = []  # places given up
         self._second_look = False
         self._order = Ordered()
+        self._mission = 0  # the newest that was accepted
         self._target: Placed | None = None  # the place of the current order
         self._way: list[Placed] = []
         self._paused = False  # while the robot is charging
@@ -117,6 +120,7 @@ class Explore(Agent):
         self._avoided = []
         self._second_look = False
         self._order.own.clear()
+        self._mission = 0
         self._paused = False
         self._became(ExploreState.EXPLORING)
         self._drop()
@@ -131,7 +135,10 @@ class Explore(Agent):
             return
         self._map_at = self.now
         moved, self._revision = grid.revision != self._revision, grid.revision
+        another, self._map_id = grid.map_id != self._map_id, grid.map_id
         self._known = self._cells.area(FREE)
+        if another and self._at_work:
+            self._abort(LOST_MAP)
         if not self._at_work or self._order.pending or self._paused:
             return
         chart = Chart(self._cells, self._within)
@@ -163,7 +170,7 @@ class Explore(Agent):
             if self.stopped is not None:
                 self._order.nearer_at = self.now
             if self.now - self._map_at > self.p.map_s:
-                self._fail(f"no map for {self.p.map_s:g} s")
+                self._abort(f"no map for {self.p.map_s:g} s")
             elif self.now - self._order.nearer_at > self.p.stuck_s:
                 self._give_up("no nearer")
         self._publish()
@@ -250,7 +257,10 @@ class Explore(Agent):
 
         def on_reply(reply: MissionReply | None) -> None:
             refusal = self._order.answered(reply, self.now)
-            if refusal and self._at_work:
+            self._mission = reply.mission if reply is not None and reply.mission else self._mission
+            if not self._at_work:  # it ended meanwhile
+                self._hold()
+            elif refusal:
                 self._failed(f"a mission was refused: {refusal}")
 
         self.query(MissionRequest(goal, through, planned=False), on_reply)
@@ -283,7 +293,21 @@ class Explore(Agent):
         self._drop()
         self._failures += 1
         if self._failures >= self.p.tries:
-            self._fail(why)
+            self._abort(why)
+
+    def _abort(self, why: str) -> None:
+        """End the exploration while the robot is under way, and have it stop where it is."""
+        self._fail(why)
+        self._drop()
+        self._hold()
+
+    def _hold(self) -> None:
+        """Replace the newest mission of this agent by one to the present pose."""
+        pose = self.latest(Pose)
+        if pose is not None and self._mission:
+            here = Waypoint(pose.x, pose.y, pose.theta)
+            request = MissionRequest(here, planned=False, replaces=self._mission)
+            self.query(request, lambda _reply: None)
 
     def _fail(self, why: str) -> None:
         self._note = line(why)
