@@ -144,8 +144,8 @@ class SlamAgent(Agent):
             if len(pose.covariance) == COVARIANCE:  # it was corrected, so there was another map
                 self._start_covariance = np.array(pose.covariance)
                 self.log(
-                    f"a new map begins, at a pose that is known to +-{pose.deviation:.2f} m; what was"
-                    " mapped before is lost",
+                    f"a new map begins, at a pose that is known to +-{pose.deviation:.2f} m; what"
+                    " was mapped before is lost",
                     WARNING,
                 )
 
