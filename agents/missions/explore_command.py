@@ -22,6 +22,7 @@ EXAMPLES: Final = """\
   armadico explore rooms-a --profile turtlebot3-burger --dashboard
   armadico explore --world plan.map --profile jackal --start 1 1 0 --within 0 0 8 6
   armadico explore house --sensors ideal --virtual      by sonars, without errors
+  armadico explore --profile turtlebot4 --robot ros2:// --map flat.yaml    around a real robot
   armadico explore my.toml --attach --hosts lab.toml    in a running society
 """
 
@@ -32,10 +33,16 @@ FARTHEST: Final = 1e6  # m; messages have no coordinates beyond that
 @dataclass(frozen=True, kw_only=True)
 class Options(Drive):
     within: tuple[float, float, float, float] | None = option(
-        "the rectangle to explore, m (default: the world's)", metavar=("X1", "Y1", "X2", "Y2")
+        "the rectangle to explore, m (default: the world's; without one 10 m around 0 0)",
+        metavar=("X1", "Y1", "X2", "Y2"),
     )
     map: Path | None = option("write the map to FILE (.yaml or .map)", metavar="FILE")
     resume: str | None = option("extend the saved map FILE (.yaml)", metavar="FILE")
+
+    @property
+    def anywhere(self) -> bool:
+        """See `Drive`. A robot's surroundings are its own."""
+        return super().anywhere or self.robot is not None or self.attach
 
 
 def run(args: Options) -> int:

@@ -136,6 +136,11 @@ class Drive:
     resume: str | None = None
     mesh: Mesh = group(Mesh, "the mesh")
 
+    @property
+    def anywhere(self) -> bool:
+        """Whether it may drive without a scenario or a world, in the empty world."""
+        return self.limit is not None or self.goal is not None
+
     def of_run(self, path: Path, seed: int) -> Path:
         """The file of one run; with several runs its name ends with the seed."""
         return path if self.runs is None else path.with_stem(f"{path.stem}-{seed}")
@@ -214,7 +219,7 @@ def _world(args: Drive) -> str | None:
 
     named: str | None = args.world
     if args.scenario is None and named is None:
-        if args.limit is None and args.goal is None:
+        if not args.anywhere:
             raise UsageError("name a scenario (armadico run sc4), a map, or a time (--for 60)")
         return "empty"
     if args.scenario is None or Path(args.scenario).suffix not in {*READERS, *PICTURES}:
