@@ -32,6 +32,7 @@ from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import (
     COVARIANCE,
     BatteryLevel,
+    Correction,
     LocalMap,
     MissionRequest,
     MissionStatus,
@@ -129,6 +130,9 @@ class Society:
         self._near: dict[str, Obstacles] = {}  # by key, for each sensor
         self._local: dict[str, LocalMap] = {}
         self._grid: OccupancyGrid | None = None
+        self._correction: Correction | None = None  # the first of its revision
+        self._revision = 0  # of the map that the newest pose is on
+        self._held: OccupancyGrid | None = None  # a map that no pose is on yet
         self._path: tuple[object, ...] | None = None
         self._health = Health(self._prefix)
         self._receivers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Output]]] = {
@@ -138,6 +142,7 @@ class Society:
             Scan: self._on_scan,
             Obstacles: self._on_obstacles,
             LocalMap: self._on_local_map,
+            Correction: self._on_correction,
             OccupancyGrid: self._on_grid,
             Trajectory: self._on_trajectory,
             m.Ack: self._on_ack,
@@ -194,6 +199,18 @@ class Society:
         header = self._on_map(stamp)
         known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
         yield _POSE, types.PoseWithCovarianceStamped(header, known)
+        to = self._correction
+        if to is not None and to.cycle.epoch == pose.cycle.epoch and to.cycle < pose.cycle:
+            self._revision, held, self._held = to.revision, self._held, None
+            if held is not None:
+                yield from self._on_grid("", held, at)
+
+    def _on_correction(self, _: str, correction: Correction, _at: int) -> Iterator[_Output]:
+        known = self._correction
+        begins = known is None or known.cycle.epoch != correction.cycle.epoch
+        if correction.confidence and (begins or known.revision != correction.revision):
+            self._correction = correction  # without confidence the pose follows the odometry
+        yield from ()
 
     def _corrected(self, pose: Pose, state: _State) -> _Output:
         """The odometry's origin in the map, from the pose and the odometry of one cycle."""
@@ -228,9 +245,12 @@ class Society:
             yield _SONAR, types.Range(header, ULTRASOUND, *limits, sonar.reach, measured)
 
     def _on_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Output]:
+        if grid.revision != self._revision:
+            self._held = grid  # the pose moves with it in the next cycle
+            return
         if grid == self._grid:
             return  # agents repeat it each second
-        self._grid = grid
+        self._grid, self._held = grid, None
         try:
             cells = cells_of(grid)
         except ValueError:  # a malformed grid is ignored

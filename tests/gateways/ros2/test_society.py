@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
@@ -19,6 +20,7 @@ from armadico.mobile.geometry import compose
 from armadico.mobile.messages import (
     BatteryLevel,
     Cell,
+    Correction,
     Echo,
     LocalMap,
     MissionState,
@@ -296,6 +298,18 @@ def test_the_map_is_published_if_it_has_changed() -> None:
     assert list(sample.data) == [-1, 0, 100, 100, 100, 0]
     assert (sample.info.origin.position.x, sample.info.origin.position.y) == (-1.0, 0.5)
     assert "/map" not in samples_of(society, grid)
+
+
+def test_a_map_of_another_revision_waits_for_a_pose_on_it() -> None:
+    grid = message_of(Cells(-1.0, 0.5, 0.05, np.ones((2, 3), dtype=np.uint8)), revision=2)
+    society, certain = Society(), (0.0,) * 6
+    moved = Correction(cycle(7), 1.0, 0.0, 0.0, certain, 1.0, revision=2)
+    said = samples_of(society, state(7), moved, grid, Pose(cycle(7), 4.0, 3.0, 0.0))
+    assert "/map" not in said
+    said = samples_of(society, state(8), Pose(cycle(8), 5.0, 3.0, 0.0))
+    assert len(said["/map"]) == 1
+    said = samples_of(society, replace(moved, cycle=cycle(8)), grid, state(9))
+    assert "/map" not in said
 
 
 def test_a_malformed_grid_is_ignored() -> None:
