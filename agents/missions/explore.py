@@ -106,9 +106,9 @@ class Explore(Agent):
         assert isinstance(request, ExploreRequest)
         pose = self.fresh(Pose)
         if pose is None:
-            return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
+            return self._refuse("the robot's pose is not known: no fresh encoder/pose")
         if self._cells is None:
-            return self._refuse("nobody makes a map: no mapping/grid")
+            return self._refuse("there is no map yet: no mapping/grid")
         within = (request.x1, request.y1, request.x2, request.y2)
         width, height = within[2] - within[0], within[3] - within[1]
         if not (width > 0 < height and self._in(within, pose)):
@@ -156,7 +156,7 @@ class Explore(Agent):
             if self._charges:
                 self._pause()
             else:
-                self._fail("somebody has sent the robot elsewhere")
+                self._fail("the robot was sent elsewhere")
 
     def on_wakeup(self) -> None:
         """Publish the status; give up targets that are not reached."""

@@ -53,9 +53,13 @@ def run(args: Options) -> int:
         _check(args)
         if args.resume is not None:
             args = replace(args, resume=str(Path(args.resume).resolve()))
-        scenario, chosen = choose(args, somewhere=False)
-        _check_sensors(args, scenario)
-        return drive(args, exploring(scenario, args.within), chosen)
+
+        def explored(scenario: Scenario) -> Scenario:
+            _check_sensors(args, scenario)
+            return exploring(scenario, args.within)
+
+        scenario, chosen = choose(args, somewhere=False, change=explored)
+        return drive(args, scenario, chosen)
 
 
 def _check(args: Options) -> None:

@@ -179,6 +179,20 @@ def test_a_goal_reached_by_the_pose_alone_is_astray_by_the_poses_error() -> None
     assert run.watch.astray == pytest.approx((0.5, 0.0))
 
 
+def test_an_unplaced_robot_is_measured_from_where_it_began_in_truth() -> None:
+    run = Run()
+    run.watch.unplaced = True
+    run.show(Pose(Cycle(1, 1), 0.0, 0.0, 0.0))
+    run.begin()
+    for y in (7.0, 8.0, 9.0):  # it begins at (5, 7), facing along y
+        run.number += 1
+        run.show(Truth(0.1 * run.number, 5.0, y, pi / 2, 0, 0, 0, None, "sim"))
+    result = run.end()
+    assert result.reached, "2 m ahead of where it began"
+    assert result.td_m == pytest.approx(2.0)
+    assert run.watch.start == pytest.approx((0.0, 0.0, 0.0))
+
+
 def test_an_exploration_that_failed_is_not_astray() -> None:
     run = Run().begin()
     run.cycle(0.0)
