@@ -379,7 +379,7 @@ class RunWatch:
             self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
             self.failed = status.note if status.state is MissionState.FAILED else ""
             self.waits = "" if self.done else status.note
-        elif self._reported and status.state in UNDER_WAY:
+        elif self.mission and self._reported and status.state in UNDER_WAY:
             self.done = self.replaced = True
             self.failed, self.waits = "another mission has replaced it", ""
 

@@ -328,7 +328,10 @@ def test_without_a_goal_the_rest_is_measured() -> None:
     run = Run(goal=None)
     run.watch.begin()
     run.cycle(0.0)
+    run.show(MissionStatus(0, MissionState.NONE, 0.0))
+    run.show(MissionStatus(5, MissionState.DRIVING, 2.0))
     run.cycle(1.5)
+    assert not run.watch.done, "a person may send it"
     result = run.watch.result()
     assert (result.reached, result.fo_deg, result.p_percent) == (None, None, None)
     assert result.td_m == 1.5
