@@ -28,6 +28,7 @@ from armadico.core.agent import ERROR, WARNING, Agent, Question
 from armadico.core.messages import Description, Message, RobotState, line
 from armadico.mobile import map_graphs
 from armadico.mobile.messages import (
+    COVARIANCE,
     Correction,
     InitialPose,
     MapGraph,
@@ -141,8 +142,10 @@ class SlamAgent(Agent):
         self._work: Sliced[None] | None = None  # under way, in slices
         self._matched = False  # whether the newest scan was matched
         self._revision = 0  # of the map; 0: not begun
+        self._map_id = self.rng.getrandbits(63)
         self._map_change: MapMoved | None = None  # to publish with the revision
         self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
+        self._start_covariance: Floats = np.zeros(COVARIANCE)  # of the robot's pose at that time
         self._odometry: Floats | None = None
         self._epoch: int | None = None
         self._number: int | None = None  # of the newest scan
@@ -171,6 +174,14 @@ class SlamAgent(Agent):
             self._start = compose(here, relative(odometry, np.zeros(3)))
             self._revision = pose.revision + 1  # another slam agent may have made a map before
             self._map_change = MapMoved(self._revision)
+            if len(pose.covariance) == COVARIANCE and not len(self._slam.poses):
+                # It was corrected, so there was another map.
+                self._start_covariance = np.array(pose.covariance)
+                self.log(
+                    f"a new map begins, at a pose that is known to +-{pose.deviation:.2f} m; what"
+                    " was mapped before is lost",
+                    WARNING,
+                )
 
     def on_initial_pose(self, _pose: InitialPose) -> None:
         """The map has its own origin."""
@@ -193,7 +204,7 @@ class SlamAgent(Agent):
 
     def on_map_request(self, _question: Question) -> OccupancyGrid:
         """The map as it is now."""
-        return grid_map.message_of(self._map.cells(), self._revision)
+        return self._grid()
 
     def on_map_graph_request(self, question: Question) -> MapGraphPart:
         """A part of the graph."""
@@ -297,7 +308,7 @@ class SlamAgent(Agent):
         at = compose(pose, relative(self._odometry, np.zeros(3)))
         lost = self._slam.lost
         c = np.linalg.inv(UNKNOWN) if lost else self._update.near_covariance
-        c = np.clip(c, -WIDEST, WIDEST)
+        upper = self._start_covariance + c[np.triu_indices(3)]
         sure = UNJOINED if not self._slam.located else 1.0
         x, y, theta = at.tolist()
         if self._map_change is not None:
@@ -307,14 +318,14 @@ class SlamAgent(Agent):
             Correction(
                 scan.cycle,
                 *(x, y, theta),
-                covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
+                covariance=tuple(np.clip(upper, -WIDEST, WIDEST).tolist()),
                 confidence=0.0 if lost or self._weak >= self.p.weak_scans else sure,
                 revision=self._revision,
             )
         )
         if self.now - self._published_at >= self.p.every_s:
             self._published_at = self.now
-            self.publish(grid_map.message_of(self._map.cells(), self._revision))
+            self.publish(self._grid())
             self._publish_graph()
 
     def _publish_graph(self) -> None:
@@ -427,6 +438,7 @@ class SlamAgent(Agent):
         self._slam, self._drawn, self._update = slam, list(graph.scans), None
         self._standing = self._weak = self._carried = self._relocations = 0
         self._uncertain = False
+        self._map_id, self._start_covariance = self.rng.getrandbits(63), np.zeros(COVARIANCE)
         self._begin(mapper, 0)
         self.log(f"map of {len(clouds)} key scans: the robot's place on it is sought")
 
@@ -444,6 +456,9 @@ class SlamAgent(Agent):
         return bool((far | (np.abs(wrapped(off[:, 2])) > MOVED_RAD)).any())
 
     # The map --------------------------------------------------------------------------------------
+
+    def _grid(self) -> OccupancyGrid:
+        return grid_map.message_of(self._map.cells(), self._revision, self._map_id)
 
     @property
     def _footprint(self) -> Footprint | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import pi
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
@@ -48,6 +48,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # share from which it leaves the dock
 
 
+LOST_MAP: Final = "the map was lost: its agent began another one; explore again"
+
 # With less confidence the robot has not found its place on the map that it continues. It maps a
 # part of its own, in which neither the rectangle nor home have their places.
 PLACED = 0.75
@@ -88,6 +90,7 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
+        self._map_id = 0
         self._revision = 0  # of the map,
         self._placed = 0  # and of that on which the places below lie
         self._anew = False  # the map has moved: choose another target
@@ -97,6 +100,7 @@ class Explore(Agent):
         self._avoided: list[Placed] = []  # places given up
         self._second_look = False
         self._order = Ordered()
+        self._mission = 0  # the newest that was accepted
         self._target: Placed | None = None  # the place of the current order
         self._way: list[Placed] = []
         self._paused = False  # while the robot is charging
@@ -112,9 +116,9 @@ class Explore(Agent):
         assert isinstance(request, ExploreRequest)
         pose = self.fresh(Pose)
         if pose is None:
-            return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
+            return self._refuse("the robot's pose is not known: no fresh encoder/pose")
         if self._cells is None:
-            return self._refuse("nobody makes a map: no mapping/grid")
+            return self._refuse("there is no map yet: no mapping/grid")
         within = (request.x1, request.y1, request.x2, request.y2)
         width, height = within[2] - within[0], within[3] - within[1]
         if not (width > 0 < height and (self._in(within, pose) or not self._is_placed)):
@@ -128,6 +132,7 @@ class Explore(Agent):
         self._avoided = []
         self._second_look = False
         self._order.own.clear()
+        self._mission = 0
         self._paused = False
         self._became(ExploreState.EXPLORING)
         self._drop()
@@ -145,7 +150,10 @@ class Explore(Agent):
             self._placed = grid.revision  # `MapMoved` was lost if it did not come in a period
         else:
             self._revision, self._anew = grid.revision, True
+        another, self._map_id = grid.map_id != self._map_id, grid.map_id
         self._known = self._cells.area(FREE)
+        if another and self._at_work:
+            self._abort(LOST_MAP)
         self._choose()
 
     def on_map_moved(self, change: MapMoved) -> None:
@@ -192,7 +200,7 @@ class Explore(Agent):
             if self._charges:
                 self._pause()
             else:
-                self._fail("somebody has sent the robot elsewhere")
+                self._fail("the robot was sent elsewhere")
 
     def on_wakeup(self) -> None:
         """Publish the status; give up targets that are not reached."""
@@ -206,7 +214,7 @@ class Explore(Agent):
             if self.stopped is not None:
                 self._order.nearer_at = self.now
             if self.now - self._map_at > self.p.map_s:
-                self._fail(f"no map for {self.p.map_s:g} s")
+                self._abort(f"no map for {self.p.map_s:g} s")
             elif self.now - self._order.nearer_at > self.p.stuck_s:
                 self._give_up("no nearer")
         self._publish()
@@ -305,7 +313,10 @@ class Explore(Agent):
 
         def on_reply(reply: MissionReply | None) -> None:
             refusal = self._order.answered(reply, self.now)
-            if refusal and self._at_work:
+            self._mission = reply.mission if reply is not None and reply.mission else self._mission
+            if not self._at_work:  # it ended meanwhile
+                self._hold()
+            elif refusal:
                 self._failed(f"a mission was refused: {refusal}")
 
         request = MissionRequest(goal, through, planned=False, revision=self._revision)
@@ -339,7 +350,21 @@ class Explore(Agent):
         self._drop()
         self._failures += 1
         if self._failures >= self.p.tries:
-            self._fail(why)
+            self._abort(why)
+
+    def _abort(self, why: str) -> None:
+        """End the exploration while the robot is under way, and have it stop where it is."""
+        self._fail(why)
+        self._drop()
+        self._hold()
+
+    def _hold(self) -> None:
+        """Replace the newest mission of this agent by one to the present pose."""
+        pose = self.latest(Pose)
+        if pose is not None and self._mission:
+            here = Waypoint(pose.x, pose.y, pose.theta)
+            request = MissionRequest(here, planned=False, replaces=self._mission)
+            self.query(request, lambda _reply: None)
 
     def _fail(self, why: str) -> None:
         self._note = line(why)
