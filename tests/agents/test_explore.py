@@ -319,18 +319,18 @@ def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:
 
 def test_a_map_that_begins_anew_ends_it_and_the_robot_stops() -> None:
     desk = Desk()
-    desk.give(message_of(hall(), 7, map_id=1))
+    desk.give(message_of(hall(), map_id=1))
     desk.begin()
-    desk.give(message_of(hall(), 8, map_id=1))
+    desk.give(message_of(hall(), map_id=1))
     desk.status(MissionState.DRIVING)
     desk.moved(2.0, 1.0)
     under_way = desk.mission
-    desk.give(message_of(hall(), 1, map_id=2))
+    desk.give(message_of(hall(), map_id=2))
     assert desk.exploring.state is ExploreState.FAILED
     assert "the map was lost" in desk.exploring.note
     assert desk.sent[-1].goal == Waypoint(2.0, 1.0, 0.0)
     assert desk.sent[-1].replaces == under_way, "a mission of a person goes on"
-    desk.give(message_of(hall(6.0), 2, map_id=2))
+    desk.give(message_of(hall(6.0), map_id=2))
     assert desk.sent[-1].replaces == under_way, "nothing is driven to any more"
 
 
