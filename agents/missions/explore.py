@@ -85,6 +85,7 @@ class Explore(Agent):
         super().__init__(identity, parameters)
         body = load_profile(self.p.profile).body
         self._tries = [Margins(r) for r in (body.circle_m + TURNING_M, *radii(body))]
+        self._narrow = Margins(body.width_m / 2)  # out of a gap that the map has closed behind it
         self._exploration = 0
         self._state = ExploreState.NONE
         self._note = ""
@@ -278,9 +279,9 @@ class Explore(Agent):
         pose = self.fresh(Pose)
         if pose is None:
             return
-        here = Placed(pose.x, pose.y, pose.theta)
+        here, home = Placed(pose.x, pose.y, pose.theta), Placed(self._home.x, self._home.y)
         if self._state is ExploreState.EXPLORING:
-            places = chart.to_frontier(here, self._tries, self._avoided)
+            places = self._to_frontier(chart, here, home)
             if places is not None:
                 self._places += 1
                 before = places[-2] if len(places) > 1 else here
@@ -295,12 +296,18 @@ class Explore(Agent):
                 self._fail("all around is known, but not its place on the map before")
                 return
             self._became(ExploreState.RETURNING)
-        home = Placed(self._home.x, self._home.y)
-        way = chart.way(here, home, self._tries)
+        way = chart.way(here, home, [*self._tries, self._narrow])
         if way is None:
             self._failed("there is no way back")
         else:
             self._drive(way, self._home.theta)
+
+    def _to_frontier(self, chart: Chart, here: Placed, home: Placed) -> list[Placed] | None:
+        """Return the path to the next frontier, or None."""
+        places = chart.to_frontier(here, self._tries, self._avoided)
+        if places is not None or chart.way(here, home, self._tries) is not None:
+            return places
+        return chart.to_frontier(here, [*self._tries, self._narrow], self._avoided)
 
     def _drive(self, places: list[Placed], theta: float) -> None:
         """Request the drive from the interface agent."""

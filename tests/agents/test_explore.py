@@ -208,6 +208,26 @@ def test_when_nothing_is_left_it_goes_home_and_is_done() -> None:
     assert not desk.exploring.given_up
 
 
+@pytest.mark.parametrize(
+    ("end", "state", "x"),
+    [(OCCUPIED, ExploreState.RETURNING, 1.0), (UNKNOWN, ExploreState.EXPLORING, 3.95)],
+)
+def test_it_gets_out_of_a_gap_that_the_map_has_closed_behind_it(
+    end: int, state: ExploreState, x: float
+) -> None:
+    """The gap is as wide as the robot, but has none of the clearances of a path."""
+    cells = hall(end=end)
+    for low, high in (0.0, 0.75), (1.25, 2.0):
+        cells = box(cells, 2.0, low, 2.1, high, OCCUPIED)
+    home = 1.0 if end == OCCUPIED else 3.0
+    desk = Desk(cells)
+    desk.moved(4.0 - home, 1.0)
+    desk.begin(home=Waypoint(home, 1.0, 0.5))
+    desk.map(cells)
+    assert desk.exploring.state is state
+    assert desk.sent[-1].goal.x == pytest.approx(x, abs=0.15)
+
+
 def test_a_way_that_turns_out_to_be_shut_is_planned_anew() -> None:
     desk = Desk(hall())
     desk.begin()
