@@ -109,7 +109,7 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
             assert isinstance(graph, MapGraph)
             assert grids, "it is published with its map"
             assert graph.revision == revision
-    assert leaps > 2
+    assert leaps > 1, "a loop has moved the map"
     assert graph.key_scans > 50
     assert graph.loops_found > 3
     (last,) = corrections

@@ -161,7 +161,9 @@ class GlobalMap:
         dots = rr.Points2D(places, radii=pixels(1.2), colors=ink, draw_order=25)
         self._canvas.draw(f"{SLAM}/key_scans", t, path, dots)
         for name, pairs, ink in (("loops", loops, palette.LOOP), ("off", off, palette.LOOP_OFF)):
-            lines = rr.LineStrips2D(places[pairs], radii=pixels(1.0), colors=ink, draw_order=22)
+            lines = rr.LineStrips2D(
+                places[pairs].tolist(), radii=pixels(1.0), colors=ink, draw_order=22
+            )
             self._canvas.draw(f"{SLAM}/{name}", t, lines)
         top = grid.y + grid.rows * grid.cell
         place = grid.x + grid.columns * grid.cell / 2, top + STATUS * grid.rows * grid.cell
