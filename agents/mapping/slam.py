@@ -699,7 +699,6 @@ class Slam:
         self._loop_way = self.way[loop.end]
         turn = rotation(self.poses[loop.start, 2])
         self._covariance = turn @ np.linalg.inv(loop.information) @ turn.T
-        self._apart = np.zeros((3, 3))
 
 
 def matched_points(

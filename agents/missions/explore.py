@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import inf, pi
 from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
@@ -246,7 +246,7 @@ class Explore(Agent):
         return correction is None or not 0.0 < correction.confidence < PLACED
 
     def _chart(self, cells: Cells) -> Chart:
-        return Chart(cells, self._within if self._is_placed else cells.bounds)
+        return Chart(cells, self._within if self._is_placed else (-inf, -inf, inf, inf))
 
     def _pause(self) -> None:
         """Wait for the charger; the next target is chosen afterwards."""
