@@ -22,7 +22,7 @@ from armadico.config.grid_map import Mapper, new_mapper
 from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
-from armadico.core.messages import Description, Message, RobotState
+from armadico.core.messages import Card, Description, Message, RobotState
 from armadico.mobile.messages import (
     Correction,
     InitialPose,
@@ -38,12 +38,13 @@ Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 
-CYCLE_WORK, KEY_WORK = 2_400_000, 600_000
-"""Work beside a cycle without a key scan and with one, in look-ups (`slices`): 12 and 3 ms. One
-step may exceed it by 6 ms. Matching a key scan takes 6 to 14 ms."""
+CYCLE_WORK, KEY_WORK = 4_000_000, 1_000_000
+"""Work beside a cycle without a key scan and with one, in look-ups (`slices`): 20 and 5 ms. One
+step may exceed it by 6 ms. Matching and drawing a key scan takes 6 to 15 ms."""
 
-DRAW_WORK = 550
-"""Work of a metre of a ray that is drawn."""
+DRAW_WORK, DRAWN_M = 450, 8.0
+"""Work of a metre of a ray that is drawn (more than most, since long scans take more than their share),
+and the farthest range that the map takes from a ray."""
 
 STANDING_SCANS = 4
 """Scans that are drawn from one place: a cell counts as free after three rays through it."""
@@ -60,9 +61,6 @@ fitted to neighbours, and the noise of the ranges must be small beside their dis
 
 STANDING = 0.02
 """Within so many m and rad it is the same place."""
-
-INSTEAD_OF = ("localization", "mapping")
-"""Agents that publish the same messages."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -139,10 +137,11 @@ class SlamAgent(Agent):
         self._warned: set[str] = set()
         self._carried, self._uncertain = 0, False  # as reported
 
-    def on_appeared(self, name: str, instance: str) -> None:
+    def on_card(self, card: Card) -> None:
         """Report an agent that publishes the same messages."""
-        if name in INSTEAD_OF:
-            self.log(f"{instance} publishes the same as slam: stop one of the two", ERROR)
+        mine = {self.key_of(message) for message in self.provides}
+        if card.name != self.name and mine & {*card.provides}:
+            self.log(f"{card.instance} publishes the same as slam: stop one of the two", ERROR)
 
     def on_pose(self, pose: Pose) -> None:
         """Begin at the first pose."""
@@ -218,7 +217,7 @@ class SlamAgent(Agent):
             return
         key = len(self._slam.poses) - 1
         offset = relative(self._slam.poses[key], pose)
-        metres = int(np.nan_to_num(ranges, posinf=scan.reach).sum())
+        metres = int(np.nansum(np.minimum(ranges, DRAWN_M)))
         drawn = _Drawn(key, offset, _without_dropouts(scan), metres)
         self._drawn.append(drawn)
         self._draw(self._map, drawn, self._slam.poses)
