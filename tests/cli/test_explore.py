@@ -86,7 +86,11 @@ def test_a_virtual_one_that_is_interrupted_keeps_the_map_so_far(
         (("explore", *EXACT, "--virtual", "--within", "5", "0", "6", "2"), 1, "not in the rect"),
         (("map",), 2, "what"),
         (("map", "load", "a.yaml"), 2, "a.graph.npz: there is no such file"),
-        (("explore", "house", "--profile", "jackal", "--virtual", "--resume", "a.yaml"), 2, "a.yaml"),
+        (
+            ("explore", "house", "--profile", "jackal", "--virtual", "--resume", "a.yaml"),
+            2,
+            "a.yaml",
+        ),
         (("map", "save", "a.png"), 2, "expected .yaml"),
     ],
 )
