@@ -289,7 +289,8 @@ class Slam:
         if not self._doubtful and match.inliers >= p.match_good:
             return
         chain = range(max(self._begin, first - p.scan_buffer_size), first)
-        contradicts = self._contradicts(chain, cloud, origin) if chain else False
+        since = range(first, newest)
+        contradicts = self._contradicts(chain, since, cloud, origin) if chain else False
         if contradicts:
             self._doubtful.append(newest)
         elif contradicts is False or newest - first >= 2 * p.lost_scans:
@@ -306,13 +307,18 @@ class Slam:
         self.closer.pending = []
 
     def _contradicts(
-        self, chain: Sequence[int], cloud: PointCloud, origin: tuple[float, float]
+        self,
+        chain: Sequence[int],
+        since: Sequence[int],
+        cloud: PointCloud,
+        origin: tuple[float, float],
     ) -> bool | None:
         """Whether the newest scan contradicts some key scans, False if it fits, None if neither.
 
         It is placed where it fits best. Then it contradicts by the walls of the map that it looks
-        through, or by its points where the map is free. It must contradict more than it fits:
-        people and moved furniture change only a part of a scan.
+        through, or by its points where the map is free, if those stand where the doubtful scans
+        before it have seen them: people move. It must contradict more than it fits, since moved
+        furniture changes only a part of a scan.
         """
         p, pose = self.parameters, self.poses[-1]
         near = in_world([(self.poses[k], self.clouds[k]) for k in chain])
@@ -330,6 +336,10 @@ class Slam:
             passed += free
             met += visible & ~free
         known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
+        if since:
+            before = in_world([(self.poses[k], self.clouds[k]) for k in since])
+            there = LikelihoodField(before, pose[:2], reach, p.matcher)
+            empty &= there.near(transformed(pose, cloud.points))
         share = max(_share(through, seen), _share(empty, known))
         return True if share > max(p.lost_share, match.inliers) else None
 
