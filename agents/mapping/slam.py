@@ -48,6 +48,9 @@ RAYS_APART: Final = 0.0132
 """Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
 fitted to neighbours, and the noise of the ranges must be small beside their distance."""
 
+WALLS: Final = 200
+"""Points of the map, at about, that are checked to be walls: bounds the time."""
+
 UNKNOWN: Final = np.diag([10.0**-2, 10.0**-2, pi**-2])
 """Information of a step over which the robot was carried."""
 
@@ -329,19 +332,30 @@ class Slam:
             return False
         back = relative(match.pose, np.zeros(3))
         seen, through = looked_at(cloud, transformed(back, near.points), origin)
-        passed, met = np.zeros((2, len(cloud.points)), dtype=np.intp)
-        for k in chain:
-            points = transformed(relative(self.poses[k], match.pose), cloud.points)
-            visible, free = looked_at(self.clouds[k], points, origin)
-            passed += free
-            met += visible & ~free
+        # Of people in the map nothing is left: only what other scans saw there is a wall.
+        walls = near.points[through][:: 1 + np.count_nonzero(through) // WALLS]
+        passed, met = self._seen(chain, walls, origin)
+        share = _share(through, seen) * float((met > passed).mean()) if len(walls) else 0.0
+        passed, met = self._seen(chain, transformed(match.pose, cloud.points), origin)
         known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
         if since:
             before = in_world([(self.poses[k], self.clouds[k]) for k in since])
             there = LikelihoodField(before, pose[:2], reach, p.matcher)
             empty &= there.near(transformed(pose, cloud.points))
-        share = max(_share(through, seen), _share(empty, known))
+        share = max(share, _share(empty, known))
         return True if share > max(p.lost_share, match.inliers) else None
+
+    def _seen(
+        self, chain: Sequence[int], points: Floats, origin: tuple[float, float]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(n,) how many scans passed through points in the world, and how many ended there."""
+        passed, met = np.zeros((2, len(points)), dtype=np.intp)
+        for k in chain:
+            there = transformed(relative(self.poses[k], np.zeros(3)), points)
+            visible, free = looked_at(self.clouds[k], there, origin)
+            passed += free
+            met += visible & ~free
+        return passed, met
 
     def _keep(self, pose: Floats, way: float, cloud: PointCloud, number: int) -> None:
         self.poses = np.vstack([self.poses, pose])
