@@ -106,11 +106,14 @@ def run(args: Options) -> int:
     if drift and args.drift is None:
         say(f"note: the odometry is a corrected path; errors of {drift:g} are added, see --drift")
     log = runs.over(log, args.over)
+    if args.align and not log.known.any():
+        raise UsageError(f"--align: {args.log} has no reference")
+    given = None if args.relations is None else runs.read_relations(args.relations)
     with progress("slam", len(log)) as step:
         found = runs.mapped(log, parameters, time.process_time, step)
     if args.align:
         found = runs.on_reference(log, found)
-    related = None if args.relations is None else runs.relations(log, found, args.relations)
+    related = None if given is None else runs.relations(log, found, given)
     written = _write(args, log, found)
     figures = runs.figures(log, found)
     if args.json:

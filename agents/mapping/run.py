@@ -240,26 +240,18 @@ def figures(log: Log, found: Mapped) -> Figures:
 
 
 def on_reference(log: Log, found: Mapped) -> Mapped:
-    """The same with map and path moved as a whole onto the reference.
-
-    Raises LogError if the log has none.
-    """
+    """The same with map and path moved as a whole onto the reference, which the log must have."""
     known = log.known
-    if np.count_nonzero(known) < 2:
-        raise LogError(f"{log.name}: has no reference that the map could be moved onto")
     shift = _alignment(found.path[known], log.reference[log.rows][known])
     found.slam.poses = compose(shift, found.slam.poses)
     return replace(found, path=compose(shift, found.path), online=compose(shift, found.online))
 
 
-def relations(log: Log, found: Mapped, path: Path) -> Relations:
-    """The errors of the path on the relations of a file, plain or gzipped (Kuemmerle et al., 2009).
+def read_relations(path: Path) -> Floats:
+    """(n, 8) the lines of a file of relations, plain or gzipped (Kuemmerle et al., 2009).
 
-    A line has two stamps of the log, then the pose at the second in the frame of the first: x, y,
-    z, roll, pitch, yaw. Times between scans are not used: poses that are interpolated there would
-    measure the interpolation.
-
-    Raises LogError, OSError.
+    A line has two stamps of a log, then the pose at the second in the frame of the first: x, y, z,
+    roll, pitch, yaw. Raises LogError, OSError.
     """
     raw = path.read_bytes()
     try:
@@ -267,8 +259,16 @@ def relations(log: Log, found: Mapped, path: Path) -> Relations:
         given = np.array([line.split() for line in text.splitlines() if line.strip()], np.float64)
         if given.ndim != 2 or given.shape[1] != 8:
             raise ValueError("no such lines")
-    except (ValueError, EOFError, zlib.error, OSError):
+    except (ValueError, EOFError, zlib.error, gzip.BadGzipFile):
         raise LogError("expected lines of 8 numbers: t1 t2 x y z roll pitch yaw", path) from None
+    return given
+
+
+def relations(log: Log, found: Mapped, given: Floats) -> Relations:
+    """The errors of the path on relations (n, 8) whose both times are times of scans.
+
+    Poses that are interpolated between scans would measure the interpolation.
+    """
     stamps = log.begin + found.times
     at = np.clip(np.searchsorted(stamps, given[:, :2]), 1, len(stamps) - 1)
     at -= given[:, :2] - stamps[at - 1] < stamps[at] - given[:, :2]

@@ -243,6 +243,13 @@ class LikelihoodField:
         within = (columns >= 0) & (columns < self.size) & (rows >= 0) & (rows < self.size)
         return np.asarray(within)
 
+    def near(self, points: Floats) -> NDArray[np.bool_]:
+        """(n,) which points in the world are as near to a point as the smear reaches."""
+        columns, rows = self.cells(points).T
+        there = self.inside(columns, rows)
+        there[there] = self.nearest[rows[there] * self.size + columns[there]] >= 0
+        return there
+
     def score(self, cells: Indices, columns: Indices, rows: Indices) -> Floats:
         """(c,) the mean value at cells (n, 2) that are shifted by each of c offsets."""
         low = cells.min(axis=0) + np.array([columns.min(), rows.min()])

@@ -62,6 +62,9 @@ RAYS_APART: Final = 0.0132
 """Of a scanner whose rays are closer than half of this, rad, only some are matched: normals are
 fitted to neighbours, and the noise of the ranges must be small beside their distance."""
 
+WALLS: Final = 200
+"""Points of the map, at about, that are checked to be walls: bounds the time."""
+
 UNKNOWN: Final = np.diag([10.0**-2, 10.0**-2, pi**-2])
 """Information of a step between two parts of the map."""
 
@@ -443,7 +446,8 @@ class Slam:
         if not self._doubtful and match.inliers >= p.match_good:
             return
         chain = range(max(self._begin, first - p.scan_buffer_size), first)
-        contradicts = self._contradicts(chain, cloud, origin) if chain else False
+        since = range(first, newest)
+        contradicts = self._contradicts(chain, since, cloud, origin) if chain else False
         if contradicts:
             self._doubtful.append(newest)
         elif contradicts is False or newest - first >= 2 * p.lost_scans:
@@ -461,13 +465,18 @@ class Slam:
         self.closer.pending = []
 
     def _contradicts(
-        self, chain: Sequence[int], cloud: PointCloud, origin: tuple[float, float]
+        self,
+        chain: Sequence[int],
+        since: Sequence[int],
+        cloud: PointCloud,
+        origin: tuple[float, float],
     ) -> bool | None:
         """Whether the newest scan contradicts some key scans, False if it fits, None if neither.
 
         It is placed where it fits best. Then it contradicts by the walls of the map that it looks
-        through, or by its points where the map is free. It must contradict more than it fits:
-        people and moved furniture change only a part of a scan.
+        through, or by its points where the map is free, if those stand where the doubtful scans
+        before it have seen them: people move. It must contradict more than it fits, since moved
+        furniture changes only a part of a scan.
         """
         p, pose = self.parameters, self.poses[-1]
         near = in_world([(self.poses[k], self.clouds[k]) for k in chain])
@@ -478,15 +487,30 @@ class Slam:
             return False
         back = relative(match.pose, np.zeros(3))
         seen, through = looked_at(cloud, transformed(back, near.points), origin)
-        passed, met = np.zeros((2, len(cloud.points)), dtype=np.intp)
+        # Of people in the map nothing is left: only what other scans saw there is a wall.
+        walls = near.points[through][:: 1 + np.count_nonzero(through) // WALLS]
+        passed, met = self._seen(chain, walls, origin)
+        share = _share(through, seen) * float((met > passed).mean()) if len(walls) else 0.0
+        passed, met = self._seen(chain, transformed(match.pose, cloud.points), origin)
+        known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
+        if since:
+            before = in_world([(self.poses[k], self.clouds[k]) for k in since])
+            there = LikelihoodField(before, pose[:2], reach, p.matcher)
+            empty &= there.near(transformed(pose, cloud.points))
+        share = max(share, _share(empty, known))
+        return True if share > max(p.lost_share, match.inliers) else None
+
+    def _seen(
+        self, chain: Sequence[int], points: Floats, origin: tuple[float, float]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(n,) how many scans passed through points in the world, and how many ended there."""
+        passed, met = np.zeros((2, len(points)), dtype=np.intp)
         for k in chain:
-            points = transformed(relative(self.poses[k], match.pose), cloud.points)
-            visible, free = looked_at(self.clouds[k], points, origin)
+            there = transformed(relative(self.poses[k], np.zeros(3)), points)
+            visible, free = looked_at(self.clouds[k], there, origin)
             passed += free
             met += visible & ~free
-        known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
-        share = max(_share(through, seen), _share(empty, known))
-        return True if share > max(p.lost_share, match.inliers) else None
+        return passed, met
 
     def _begin_part(self, pose: Floats, cloud: PointCloud, number: int, *, temporary: bool) -> None:
         """Begin a part of the map at a pose whose place on the others is unknown."""

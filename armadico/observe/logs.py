@@ -379,9 +379,8 @@ def _scanned(
     except ValueError as error:
         raise LogError(f"no scans: {error}", path) from None
     rows = np.arange(len(table.times), dtype=np.intp)
-    parts = (table.times, table.odometry, table.reference)
-    notes, begin = table.notes, table.begin
-    return Log(path.name, *parts, rows, readings, real=real, notes=notes, begin=begin)
+    parts = (table.times, table.odometry, table.reference, rows, readings)
+    return Log(path.name, *parts, real=real, notes=table.notes, begin=table.begin)
 
 
 def of_scans(
