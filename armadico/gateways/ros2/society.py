@@ -207,8 +207,8 @@ class Society:
 
     def _on_correction(self, _: str, correction: Correction, _at: int) -> Iterator[_Output]:
         known = self._correction
-        begins = known is None or known.cycle.epoch != correction.cycle.epoch
-        if correction.confidence and (begins or known.revision != correction.revision):
+        before = None if known is None else (known.cycle.epoch, known.revision)
+        if correction.confidence and before != (correction.cycle.epoch, correction.revision):
             self._correction = correction  # without confidence the pose follows the odometry
         yield from ()
 
