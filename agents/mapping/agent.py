@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -12,9 +11,11 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.mapping.loop_closure import LoopParameters
+from armadico.agents.mapping.moved import map_moved
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.scan_matching import MatcherParameters, PointCloud
 from armadico.agents.mapping.slam import UNKNOWN, Slam, SlamParameters, Update, matched_points
+from armadico.agents.mapping.slices import Sliced
 from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.config import graph_file, grid_map
 from armadico.config.errors import ConfigError
@@ -34,16 +35,24 @@ from armadico.mobile.messages import (
     MapGraphRequest,
     MapLoadReply,
     MapLoadRequest,
+    MapMoved,
     MapRequest,
     OccupancyGrid,
     Pose,
     Scan,
 )
-from armadico.mobile.scans import FREE, INVALID, bearings_of, ranges_of
+from armadico.mobile.scans import FREE, INVALID, MM, bearings_of, ranges_of
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
+
+CYCLE_WORK, KEY_WORK = 2_400_000, 600_000
+"""Work beside a cycle without a key scan and with one, in look-ups (`slices`): 12 and 3 ms. One
+step may exceed it by 6 ms. Matching a key scan takes 6 to 14 ms."""
+
+DRAW_WORK = 550
+"""Work of a metre of a ray that is drawn."""
 
 STANDING_SCANS = 4
 """Scans that are drawn from one place: a cell counts as free after three rays through it."""
@@ -60,8 +69,8 @@ STANDING = 0.02
 REPEATED_S = 10.0
 """A graph that has not changed is published again after so many s, for observers that join late."""
 
-LOADED_PER_CYCLE = 20
-"""Key scans of a loaded map whose points are computed in a cycle: 6 ms."""
+POINTS_WORK = 60_000
+"""Work of computing the points of a loaded scan."""
 
 UNJOINED = 0.5
 """Confidence of a pose on a part of the map whose place on the rest is unknown: the least that
@@ -91,7 +100,6 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     drawn_distance: Metres = 0.2  # a scan is drawn after so far,
     drawn_heading: Radians = 0.2  # or after this turn
     drawn_scans: Count = 50_000  # that are kept, which bounds the memory
-    drawn_per_cycle: Count = 12  # while the map is drawn anew
     weak_scans: Count = 3  # scans in a row that fit badly, and the pose corrects no longer
     mapping: bool = True  # false: localize on the map and add nothing to it
     resume: str = ""  # .yaml of a saved map with its graph; empty: start with an unknown map
@@ -108,7 +116,7 @@ class SlamAgent(Agent):
     name = "slam"
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (Scan, Pose, Description, InitialPose)
-    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid, MapGraph)
+    provides: ClassVar[tuple[type[Message], ...]] = (Correction, OccupancyGrid, MapGraph, MapMoved)
     answers: ClassVar[tuple[type[Message], ...]] = (MapRequest, MapGraphRequest, MapLoadRequest)
     parameters = Parameters
     launched_with = ("profile", "resume")
@@ -128,8 +136,10 @@ class SlamAgent(Agent):
         self._drawn: list[DrawnScan] = []
         self._standing = 0  # scans that were drawn from the present place
         self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
-        self._work: Iterator[None] | None = None  # under way, a slice a cycle
-        self._revision = 1
+        self._work: Sliced[None] | None = None  # under way, in slices
+        self._key = False  # whether the newest scan was a key scan
+        self._revision = 0  # of the map; 0: not begun
+        self._change_of_map: MapMoved | None = None  # to publish with the revision
         self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
         self._odometry: Floats | None = None
         self._epoch: int | None = None
@@ -158,6 +168,8 @@ class SlamAgent(Agent):
         if self._start is None and state is not None and state.cycle == pose.cycle:
             here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
             self._start = compose(here, relative(odometry, np.zeros(3)))
+            self._revision = pose.revision + 1  # another slam agent may have made a map before
+            self._change_of_map = MapMoved(self._revision)
 
     def on_initial_pose(self, _pose: InitialPose) -> None:
         """The map has its own origin."""
@@ -209,6 +221,7 @@ class SlamAgent(Agent):
         if scan is None or state is None or scan.cycle != state.cycle or self._start is None:
             return
         odometry = compose(self._start, _odometry(state))
+        self._key = False
         if scan.number != self._number:
             self._number = scan.number
             self._place(scan, odometry)
@@ -231,7 +244,7 @@ class SlamAgent(Agent):
         )
         if update is None:
             return
-        self._update = update
+        self._update, self._key = update, update.matched
         if update.matched:
             good = update.inliers >= self._slam.parameters.match_weak
             self._weak = 0 if good else self._weak + 1
@@ -286,6 +299,9 @@ class SlamAgent(Agent):
         c = np.clip(c, -WIDEST, WIDEST)
         sure = UNJOINED if not self._slam.located else 1.0
         x, y, theta = at.tolist()
+        if self._change_of_map is not None:
+            self.publish(self._change_of_map)
+            self._change_of_map = None
         self.publish(
             Correction(
                 scan.cycle,
@@ -321,46 +337,51 @@ class SlamAgent(Agent):
     # Beside the cycles ----------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Do one slice of what takes longer than a cycle."""
-        if self._work is None:
-            self._work = self._closing()
-        if next(self._work, self) is self:
-            self._work = None
+        """Do a slice of what takes longer than a cycle."""
+        left = KEY_WORK if self._key else CYCLE_WORK
+        while left > 0:
+            if self._work is None:
+                self._work = self._closing()
+            done = next(self._work, None)
+            if done is None:
+                self._work = None
+                return
+            left -= done
 
-    def _closing(self) -> Iterator[None]:
+    def _closing(self) -> Sliced[None]:
         """Search loops of the newest key scan; optimise and draw the map anew if they move it."""
-        poses: Floats | None = None
-        for found in self._slam.closing_loops():
-            poses = found
-            yield
+        poses = yield from self._slam.closing_loops()
         if poses is None:
             return
         slam, (of, part) = self._slam, self._slam.joining
         if part == self._part and (slam.lost or not self._moved(poses)):
-            self._revision += slam.lost  # the pose moves, the map does not
+            if slam.lost:  # the pose moves, the map does not
+                self._revision += 1
+                self._change_of_map = MapMoved(self._revision)
             slam.adopt(poses)
             self._forget()
             self._report()
             return
         drawn, mapper = 0, new_mapper()
-        while len(self._drawn) - drawn > self.p.drawn_per_cycle:
-            for one in self._drawn[drawn : drawn + self.p.drawn_per_cycle]:
-                if slam.part[one.key] in of:
-                    self._draw(mapper, one, self._later(poses))
-            drawn += self.p.drawn_per_cycle
-            yield
+        while drawn < len(self._drawn):
+            one = self._drawn[drawn]
+            drawn += 1
+            if slam.part[one.key] in of:
+                self._draw(mapper, one, self._later(poses))
+                yield DRAW_WORK * _metres(one.scan)
+        was = slam.part == self._part  # what was published before
         slam.adopt(poses)
         self._forget()
-        for one in self._drawn[drawn:]:
-            if slam.part[one.key] == part:
-                self._draw(mapper, one, slam.poses)
-        self._begin(mapper, part)
+        was = was[: len(slam.poses)]
+        before, after = self._drawn_at[: len(was)][was], slam.poses[: len(was)][was]
+        self._begin(mapper, part, map_moved(self._revision + 1, before, after))
         self._report()
 
-    def _begin(self, mapper: Mapper, part: int) -> None:
+    def _begin(self, mapper: Mapper, part: int, change: MapMoved | None = None) -> None:
         """Go on with another picture of the map, which is published at once."""
         self._map, self._part, self._drawn_at = mapper, part, self._slam.poses.copy()
         self._revision += 1
+        self._change_of_map = change or MapMoved(self._revision)
         self._published_at = float("-inf")
 
     def _begin_part(self) -> None:
@@ -384,19 +405,18 @@ class SlamAgent(Agent):
         graph = self._slam.saved(self._drawn, self._footprint)
         return graph_file.encode(graph, compressed=False) if len(graph.poses) else b""
 
-    def _loading(self, graph: SavedGraph) -> Iterator[None]:
+    def _loading(self, graph: SavedGraph) -> Sliced[None]:
         """Replace the map: the points of its scans are computed in slices, then it is drawn."""
         slam, clouds = Slam(_parameters(self.p)), []
-        for number, one in enumerate(one for one in graph.scans if one.is_key):
-            clouds.append(_points(one.scan, self.p.max_range))
-            if number % LOADED_PER_CYCLE == LOADED_PER_CYCLE - 1:
-                yield
+        for one in graph.scans:
+            if one.is_key:
+                clouds.append(_points(one.scan, self.p.max_range))
+                yield POINTS_WORK
         mapper = new_mapper()
-        for number, one in enumerate(graph.scans):
+        for one in graph.scans:
             if graph.part[one.key] == 0:
                 self._draw(mapper, one, graph.poses, graph.body)
-            if number % self.p.drawn_per_cycle == self.p.drawn_per_cycle - 1:
-                yield
+                yield DRAW_WORK * _metres(one.scan)
         slam.restore(graph, clouds)
         self._slam, self._drawn, self._update = slam, list(graph.scans), None
         self._standing = self._weak = self._carried = self._relocations = 0
@@ -470,6 +490,12 @@ def _without_dropouts(scan: Scan) -> Scan:
     alone[1:-1] = (seen[1:-1] == FREE) & met[:-2] & met[2:]
     seen[alone] = INVALID
     return replace(scan, packed=seen.tobytes())
+
+
+def _metres(scan: Scan) -> int:
+    """The length of all rays: the work of drawing them."""
+    ranges = np.frombuffer(scan.packed, dtype="<u2").astype(np.float64) / MM
+    return int(np.minimum(ranges, scan.reach).sum())
 
 
 def _points(scan: Scan, max_range: float) -> PointCloud:

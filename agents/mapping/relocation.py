@@ -10,7 +10,7 @@ One search is not trusted. Several must agree with each other while the robot dr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, pi
 from typing import Final, NamedTuple
@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armadico.agents.mapping.loop_closure import FIELD_WORK, ICP_WORK
 from armadico.agents.mapping.poses import (
     Floats,
     compose,
@@ -32,22 +33,22 @@ from armadico.agents.mapping.scan_matching import (
     MatcherParameters,
     PointCloud,
     Prior,
+    Tree,
     Window,
     correlate,
-    dive,
     in_world,
     point_to_line,
-    scored,
     seen_through,
     split,
     voxel_filtered,
 )
+from armadico.agents.mapping.slices import Sliced
 
-SLICE_NODES: Final = 4096
-"""Poses that are scored in one slice: about 10 ms."""
-
-SLICE_SCANS: Final = 50
+SLICE_SCANS: Final = 20
 """Key scans whose points are added to the field in one slice."""
+
+GATHER_WORK, LOOK_WORK = 40, 60
+"""Work (`slices`) of a point that is added to the field, and of one that a scan looks at."""
 
 MOST_NODES: Final = 300_000
 """With more candidates at one level the place is ambiguous: the search ends without a result."""
@@ -122,7 +123,7 @@ class WholeMap:
         self.levels: list[NDArray[np.float32]] = []
         self.allowed: list[NDArray[np.bool_]] = []
 
-    def drawing(self, reach: float) -> Iterator[None]:
+    def drawing(self, reach: float) -> Sliced[None]:
         """Draw the field so that scans of a reach (m) at all poses are inside, in slices."""
         p, scans = self.parameters, self.scans
         parts: list[Floats] = []
@@ -131,7 +132,7 @@ class WholeMap:
             pairs = list(zip(scans.poses[part], scans.clouds[part], strict=True))
             points = in_world(pairs).points
             parts.append(voxel_filtered(points, p.resolution, len(points)))
-            yield
+            yield GATHER_WORK * len(points)
         points = np.concatenate(parts)
         low, high = scans.poses[:, :2].min(axis=0), scans.poses[:, :2].max(axis=0)
         half = 0.5 * float((high - low).max()) + p.distance + reach + 1.0
@@ -144,9 +145,8 @@ class WholeMap:
         )
         cloud = PointCloud(points, np.zeros_like(points))
         self.field = field = LikelihoodField(cloud, 0.5 * (low + high), half, matcher)
-        yield
-        self.levels = field.pyramid(p.depth)
-        yield
+        yield FIELD_WORK * len(points)
+        self.levels = yield from field.pyramid(p.depth)
         near = np.zeros((field.size, field.size), dtype=np.bool_)
         at = field.cells(scans.poses[:, :2])
         near[at[:, 1], at[:, 0]] = True
@@ -156,7 +156,7 @@ class WholeMap:
         self.allowed = [near]
         for height in range(p.depth):
             self.allowed.append(_paired(self.allowed[-1], 1 << height))
-        yield
+            yield field.size**2
 
     def covers(self, reach: float) -> bool:
         """Whether scans of a reach, m, are inside at all poses."""
@@ -167,7 +167,7 @@ class WholeMap:
         spare = 0.5 * field.size * field.resolution - 0.5 * float((high - low).max())
         return spare >= p.distance + reach + 0.5
 
-    def searching(self, points: Floats) -> Generator[None, None, list[tuple[Floats, float]] | None]:
+    def searching(self, points: Floats) -> Sliced[list[tuple[Floats, float]] | None]:
         """Return the best poses of a scan's points with their scores; None: too ambiguous."""
         p, field = self.parameters, self.field
         assert field is not None, "it is drawn"
@@ -178,8 +178,7 @@ class WholeMap:
             [field.cells(transformed(np.array([*centre, h]), points)) for h in headings]
         )
 
-        def score(height: int, at: Indices) -> Floats:
-            return scored(field, self.levels[height], cells, at, exact=height == 0)
+        tree = Tree(field, self.levels, cells)
 
         def possible(height: int, at: Indices) -> Indices:
             allowed = self.allowed[height]
@@ -190,16 +189,17 @@ class WholeMap:
         offsets = np.arange(-(middle // step) * step, field.size - middle, step)
         grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
         nodes = possible(p.depth, np.stack([axis.ravel() for axis in grid]))
-        scores = yield from _sliced(score, p.depth, nodes)
-        best = dive(score, nodes, scores, p.depth)
-        yield
+        scores = yield from tree.score(p.depth, nodes)
+        best = yield from tree.dive(nodes, scores, p.depth)
         bound = max(p.minimum_score, p.similar * best)
         for height in range(p.depth - 1, -1, -1):
             nodes = nodes[:, scores >= bound]
             if nodes.shape[1] > MOST_NODES // 4:
                 return None
             nodes = possible(height, split(nodes, height))
-            scores = yield from _sliced(score, height, nodes)
+            if not nodes.shape[1]:
+                return []
+            scores = yield from tree.score(height, nodes)
         kept = scores >= bound
         nodes, scores = nodes[:, kept], scores[kept]
         found: list[tuple[Floats, float]] = []
@@ -235,7 +235,7 @@ class Relocator:
 
     def searching(
         self, mine: Scans, way: Sequence[float], origin: tuple[float, float]
-    ) -> Generator[None, None, list[Recognised]]:
+    ) -> Sliced[list[Recognised]]:
         """Search once; return what agrees, if that is enough.
 
         Args:
@@ -259,8 +259,8 @@ class Relocator:
             return []
         judged: list[Recognised] = []
         for pose, _ in places:
-            judged.append(self._judged(mine.numbers[-1], pose, points, parts, origin))
-            yield
+            place = yield from self._judged(mine.numbers[-1], pose, points, parts, origin)
+            judged.append(place)
         found = self._clear(judged)
         if found is None:
             return []
@@ -274,7 +274,7 @@ class Relocator:
         points: Floats,
         parts: list[tuple[Floats, PointCloud]],
         origin: tuple[float, float],
-    ) -> Recognised:
+    ) -> Sliced[Recognised]:
         """A place, refined on the key scans near it."""
         p, known = self.parameters, self.map.scans
         away = np.hypot(*(known.poses[:, :2] - pose[:2]).T)
@@ -282,16 +282,17 @@ class Relocator:
         cloud = in_world([(known.poses[k], known.clouds[k]) for k in near])
         reach = float(np.hypot(*points.T).max()) + 1.5
         field = LikelihoodField(cloud, pose[:2], reach, self.matcher)
+        yield FIELD_WORK * len(cloud.points)
         sample = voxel_filtered(points, 0.15, p.points)
         around = Window(0.3, 0.06)
         fine, score = correlate(field, sample, pose, around, Prior(1.0, 1.0))
         match = point_to_line(field, points, fine)
-        looks = [
-            seen_through(
-                scan, transformed(relative(compose(match.pose, at), _ZERO), cloud.points), origin
-            )
-            for at, scan in parts
-        ]
+        yield ICP_WORK * len(points)
+        looks = []
+        for at, scan in parts:
+            walls = transformed(relative(compose(match.pose, at), np.zeros(3)), cloud.points)
+            looks.append(seen_through(scan, walls, origin))
+            yield LOOK_WORK * len(walls)
         turn = np.abs(wrapped(known.poses[near, 2] - match.pose[2]))
         start = near[int(np.argmin(away[near] + 0.3 * turn))]
         return Recognised(
@@ -323,26 +324,11 @@ class Relocator:
         return [one for one, _, _ in self._found]
 
 
-_ZERO: Final = np.zeros(3)
-
-
 def _agree(a: tuple[Recognised, Floats, float], b: tuple[Recognised, Floats, float]) -> bool:
     """Whether two places lie to each other on the map as in the robot's part."""
     off = relative(relative(a[0].pose, b[0].pose), relative(a[1], b[1]))
     tolerance = 0.2 + 0.02 * abs(a[2] - b[2])
     return hypot(off[0], off[1]) < tolerance and abs(float(off[2])) < 0.08
-
-
-def _sliced(
-    score: Callable[[int, Indices], Floats], height: int, nodes: Indices
-) -> Generator[None, None, Floats]:
-    """Return the scores of many nodes, some in each slice."""
-    found = np.empty(nodes.shape[1])
-    for begin in range(0, nodes.shape[1], SLICE_NODES):
-        part = slice(begin, begin + SLICE_NODES)
-        found[part] = score(height, nodes[:, part])
-        yield
-    return found
 
 
 def _dilated(cells: NDArray[np.bool_], by: int, axis: int) -> NDArray[np.bool_]:

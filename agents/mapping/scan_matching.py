@@ -8,7 +8,6 @@ nearest points and returns its information (Censi, 2008).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from math import ceil
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.mapping.poses import Floats, transformed, turned, wrapped
+from armadico.agents.mapping.slices import Sliced
 
 Indices = NDArray[np.intp]
 Field = NDArray[np.float32]
@@ -36,6 +36,9 @@ LEAST_POINTS: Final = 10
 
 CHUNK: Final = 1024
 """Candidates that are scored together: bounds the memory."""
+
+LEVEL_WORK: Final = 1
+"""Work of a cell of a level of the pyramid, in look-ups (`slices`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,10 +220,11 @@ class LikelihoodField:
         self.corner = np.asarray(centre, dtype=np.float64) - half
         cells = np.floor((self.points - self.corner) / p.resolution).astype(np.intp)
         flat = cells[:, 1] * size + cells[:, 0]
-        # The last point of a cell stays in it: one with a normal is worth more.
-        order = np.argsort(~np.isnan(self.normals[:, 0]), kind="stable")
         nearest = np.full(size * size, -1, dtype=np.int32)
-        nearest[flat[order]] = order
+        # The last point of a cell stays in it: one with a normal is worth more.
+        normal = ~np.isnan(self.normals[:, 0])
+        for points in (np.flatnonzero(~normal), np.flatnonzero(normal)):
+            nearest[flat[points]] = points
         taken = np.flatnonzero(nearest >= 0)
         of = nearest[taken]
         self.values: Field = np.zeros(size * size, dtype=np.float32)
@@ -254,16 +258,18 @@ class LikelihoodField:
         found = np.where(there, self.values[np.where(there, y * size + x, 0)], 0.0)
         return np.asarray(found.mean(axis=1), dtype=np.float64)
 
-    def pyramid(self, depth: int) -> list[Field]:
+    def pyramid(self, depth: int) -> Sliced[list[Field]]:
         """The field, and upper bounds of it: level h has the largest value of 2^h x 2^h cells."""
         levels = [self.values.reshape(self.size, self.size)]
         for height in range(depth):
-            step = 1 << height
-            wide = levels[-1].copy()
-            np.maximum(wide[:-step], levels[-1][step:], out=wide[:-step])
-            high = wide.copy()
-            np.maximum(high[:, :-step], wide[:, step:], out=high[:, :-step])
+            step, below = 1 << height, levels[-1]
+            wide, high = np.empty_like(below), np.empty_like(below)
+            np.maximum(below[:-step], below[step:], out=wide[:-step])
+            wide[-step:] = below[-step:]
+            np.maximum(wide[:, :-step], wide[:, step:], out=high[:, :-step])
+            high[:, -step:] = wide[:, -step:]
             levels.append(high)
+            yield LEVEL_WORK * below.size
         return levels
 
 
@@ -401,7 +407,7 @@ def _correspondences(
 
 def branch_and_bound(
     field: LikelihoodField, points: Floats, guess: Floats, window: Window, min_score: float
-) -> Candidate | None:
+) -> Sliced[Candidate | None]:
     """The best pose of a large window with at least a score; None if there is none.
 
     Args:
@@ -412,28 +418,25 @@ def branch_and_bound(
         min_score: Poses below are not considered.
     """
     p, cell, depth = field.parameters, field.resolution, field.parameters.branch_and_bound_depth
-    levels = field.pyramid(depth)
+    levels = yield from field.pyramid(depth)
     turns = int(window.half_angle / p.coarse_angle_resolution)
     headings = guess[2] + np.arange(-turns, turns + 1) * p.coarse_angle_resolution
     cells = np.stack(
         [field.cells(transformed(np.array([*guess[:2], h]), points)) for h in headings]
     )
+    tree = Tree(field, levels, cells)
     reach = int(window.half / cell)
     offsets = np.arange(-reach, reach + 1, 1 << depth)
     grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
     nodes = np.stack([axis.ravel() for axis in grid])  # (3, c): heading, column, row
-
-    def score(height: int, at: Indices) -> Floats:
-        return scored(field, levels[height], cells, at, exact=height == 0)
-
-    scores = score(depth, nodes)
-    bound = max(min_score, p.ambiguity_share * dive(score, nodes, scores, depth))
+    scores = yield from tree.score(depth, nodes)
+    bound = max(min_score, p.ambiguity_share * (yield from tree.dive(nodes, scores, depth)))
     for height in range(depth - 1, -1, -1):
         nodes = nodes[:, scores >= bound]
         if not nodes.shape[1]:
             return None
         nodes = split(nodes, height)
-        scores = score(height, nodes)
+        scores = yield from tree.score(height, nodes)
     kept = scores >= bound
     if not kept.any():
         return None
@@ -452,43 +455,44 @@ def split(nodes: Indices, height: int) -> Indices:
     return np.concatenate([nodes + np.array([[0], [dx], [dy]]) for dx, dy in shifts], axis=1)
 
 
-def dive(
-    score: Callable[[int, Indices], Floats], nodes: Indices, scores: Floats, depth: int
-) -> float:
-    """A lower bound of the best score: that of the best descendants of the best nodes."""
-    for height in range(depth - 1, -1, -1):
-        best = np.argsort(-scores, kind="stable")[:24]
-        nodes = split(nodes[:, best], height)
-        scores = score(height, nodes)
-    return float(scores.max())
+class Tree:
+    """Scores nodes: the mean of a level of the pyramid at a scan's cells, turned and shifted."""
 
+    def __init__(self, field: LikelihoodField, levels: list[Field], cells: Indices) -> None:
+        """Prepare for the cells (h, n, 2) of n points at each of h headings."""
+        self._size, self._levels, self._cells = field.size, levels, cells
+        self._flat = (cells[:, :, 1] * field.size + cells[:, :, 0]).astype(np.int32)
+        self._low, self._high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
 
-def scored(
-    field: LikelihoodField, level: Field, cells: Indices, nodes: Indices, *, exact: bool
-) -> Floats:
-    """(c,) the mean of a level of the pyramid at the cells of each node's heading, shifted."""
-    size, found = field.size, np.empty(nodes.shape[1])
-    flat = level.ravel()
-    shifts = nodes[1:]
-    low = cells.min(axis=(0, 1)) + shifts.min(axis=1)
-    high = cells.max(axis=(0, 1)) + shifts.max(axis=1)
-    inside = low.min() >= 0 and high.max() < size
-    rows = (cells[:, :, 1] * size + cells[:, :, 0]).astype(np.int32)
-    offsets = (shifts[1] * size + shifts[0]).astype(np.int32)
-    for begin in range(0, nodes.shape[1], CHUNK):
-        part = slice(begin, begin + CHUNK)
-        if inside:
-            values = flat.take(rows[nodes[0, part]] + offsets[part, None])
+    def score(self, height: int, nodes: Indices) -> Sliced[Floats]:
+        """(c,) the scores of nodes of a level."""
+        size, found = self._size, np.empty(nodes.shape[1])
+        level, shifts = self._levels[height].ravel(), nodes[1:]
+        low, high = self._low + shifts.min(axis=1), self._high + shifts.max(axis=1)
+        inside = low.min() >= 0 and high.max() < size
+        offsets = (shifts[1] * size + shifts[0]).astype(np.int32)
+        for begin in range(0, nodes.shape[1], CHUNK):
+            part = slice(begin, begin + CHUNK)
+            if inside:
+                values = level.take(self._flat[nodes[0, part]] + offsets[part, None])
+            else:
+                # What is outside scores 0; above level 0 the border's value is an upper bound.
+                at = self._cells[nodes[0, part]] + shifts[:, part].T[:, None, :]
+                near = np.clip(at, 0, size - 1)
+                values = level.take(near[:, :, 1] * size + near[:, :, 0])
+                if height == 0:
+                    values = np.where((near == at).all(axis=2), values, 0.0)
             found[part] = values.mean(axis=1)
-            continue
-        # What is outside scores 0; above level 0 the border's value is still an upper bound.
-        at = cells[nodes[0, part]] + shifts[:, part].T[:, None, :]
-        near = np.clip(at, 0, size - 1)
-        values = flat.take(near[:, :, 1] * size + near[:, :, 0])
-        if exact:
-            values = np.where((near == at).all(axis=2), values, 0.0)
-        found[part] = values.mean(axis=1)
-    return found
+            yield values.size
+        return found
+
+    def dive(self, nodes: Indices, scores: Floats, depth: int) -> Sliced[float]:
+        """A lower bound of the best score: that of the best descendants of the best nodes."""
+        for height in range(depth - 1, -1, -1):
+            best = np.argsort(-scores, kind="stable")[:24]
+            nodes = split(nodes[:, best], height)
+            scores = yield from self.score(height, nodes)
+        return float(scores.max())
 
 
 def in_world(clouds: list[tuple[Floats, PointCloud]]) -> PointCloud:

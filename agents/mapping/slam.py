@@ -11,7 +11,7 @@ its place on it is found (`relocation`).
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import hypot, pi
 from typing import Final, NamedTuple
@@ -52,6 +52,7 @@ from armadico.agents.mapping.scan_matching import (
     point_to_line,
     voxel_filtered,
 )
+from armadico.agents.mapping.slices import Sliced, finished
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
 
 LEAST_POINTS: Final = 20
@@ -164,6 +165,7 @@ class Slam:
         self._loop_way = 0.0
         self._new_loops = 0
         self._moving = False  # whether a new loop moves the pose
+        self._in_world: dict[int, PointCloud] = {}  # clouds of the local map, at the present poses
         self._optimised = 0  # key scans at the newest optimisation
         self._searched = 0  # key scans for which loops were searched
         self._relocator: Relocator | None = None  # while the newest part has no known place
@@ -403,8 +405,7 @@ class Slam:
         """The match on some key scans: in a small window, then in the full one if it fits badly."""
         p = self.parameters
         reach = float(np.hypot(*cloud.points.T).max()) + 1.5
-        near = in_world([(self.poses[k], self.clouds[k]) for k in chain])
-        likelihood = LikelihoodField(near, guess[:2], reach, p.matcher)
+        likelihood = LikelihoodField(self._local_map(chain), guess[:2], reach, p.matcher)
         found = self._search(likelihood, cloud, guess, prior)
         wide = self.model.prior(step, factors=(1.0, 1.0))
         if found.inliers < p.match_good and wide != prior:
@@ -412,6 +413,15 @@ class Slam:
             if other.inliers > found.inliers + 0.05:
                 return other, wide
         return found, prior
+
+    def _local_map(self, chain: Sequence[int]) -> PointCloud:
+        """The clouds of some key scans in the world; most are known from the scan before."""
+        known = self._in_world
+        self._in_world = {
+            k: known.get(k) or in_world([(self.poses[k], self.clouds[k])]) for k in chain
+        }
+        points, normals = zip(*self._in_world.values(), strict=True)
+        return PointCloud(np.concatenate(points), np.concatenate(normals))
 
     def _search(
         self, likelihood: LikelihoodField, cloud: PointCloud, guess: Floats, prior: Prior
@@ -511,6 +521,7 @@ class Slam:
         self.graph.weights = weights[[k for k in kept if k < len(weights)]]
         self.loops = [loop for loop in self.loops if loop.end < count]
         self._new_loops, self._searched, self._lost, self._relocator = 0, count, None, None
+        self._in_world = {}
         self._optimised = min(self._optimised, count)
 
     # Continuing a map -----------------------------------------------------------------------------
@@ -557,20 +568,20 @@ class Slam:
 
     def close_loops(self) -> bool:
         """Search loops of the newest key scan; whether poses moved and the revision grew."""
-        poses = [*self.closing_loops()][-1:]
-        if not poses or poses[0] is None:
+        poses = finished(self.closing_loops())
+        if poses is None:
             return False
-        self.adopt(poses[0])
+        self.adopt(poses)
         return True
 
-    def closing_loops(self) -> Iterator[Floats | None]:
-        """Do the work of `close_loops` in slices, for a cycle each; scans may be added meanwhile.
+    def closing_loops(self) -> Sliced[Floats | None]:
+        """Do the work of `close_loops` in slices; scans may be added meanwhile.
 
-        If the last slice yields poses, they fit the graph, and `adopt` takes them over.
+        Poses in the end fit the graph, and `adopt` takes them over.
         """
         p, count = self.parameters, len(self.poses)
         if count < 2 or self._searched == count:
-            return
+            return None
         self._searched = count
         if p.do_loop_closing and not self.lost:
             yield from self._finding()
@@ -580,28 +591,22 @@ class Slam:
             if found:
                 poses, joined = self._joined(found), True
                 if self._joins is not None and self._joins.temporary:
-                    yield poses
-                    return
+                    return poses
         due = self._moving and count - self._optimised >= p.optimize_at_least
         due = due or count % p.optimize_every_n_nodes == 0
-        if joined or (self._new_loops and due and not self.lost):
-            poses = poses if joined else self.poses
-            self._new_loops, self._moving, self._optimised = 0, False, len(poses)
-            for optimised in self.graph.optimising(poses):
-                poses = optimised
-                yield None
-            yield poses
+        if not joined and not (self._new_loops and due and not self.lost):
+            return None
+        poses = poses if joined else self.poses
+        self._new_loops, self._moving, self._optimised = 0, False, len(poses)
+        return (yield from self.graph.optimising(poses))
 
-    def _finding(self) -> Iterator[None]:
+    def _finding(self) -> Sliced[None]:
         """Search loops of the newest key scan on its own part of the map."""
         p = self.parameters
         deviation = float(np.sqrt(np.linalg.eigvalsh(self._covariance[:2, :2])[-1]))
         radius = self.closer.radius(deviation, self.way[-1] - self._loop_way)
-        found: list[Loop] = []
         track = _Track(self.poses, self.way, self.clouds, self.part)
-        for loops in self.closer.finding(track, radius):
-            found += loops
-            yield None
+        found = yield from self.closer.finding(track, radius)
         self._add(found)
         self._moving |= any(loop.moved >= p.loops.loop_near for loop in found)
 
@@ -613,7 +618,7 @@ class Slam:
         if found:
             self._recognised(found[-1])
 
-    def _relocating(self) -> Generator[None, None, list[Recognised]]:
+    def _relocating(self) -> Sliced[list[Recognised]]:
         """Search the place of the newest part on the older ones; return what agrees."""
         p, mine = self.parameters, np.flatnonzero(self.present)
         if self._relocator is None:
@@ -665,6 +670,7 @@ class Slam:
         count = len(poses)
         step = relative(self.poses[count - 1], self.poses[count:])
         self.poses = np.vstack([poses, compose(poses[-1], step)])
+        self._in_world = {}
         self.revision += 1
         if self._joins is not None:
             label, to, newest, temporary = self._joins

@@ -27,6 +27,7 @@ from armadico.mobile.driven import Event, Ordered
 from armadico.mobile.messages import (
     BatteryLevel,
     Correction,
+    MapMoved,
     MissionReply,
     MissionRequest,
     MissionStatus,
@@ -34,6 +35,7 @@ from armadico.mobile.messages import (
     Pose,
     Waypoint,
 )
+from armadico.mobile.moving import moved
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -67,7 +69,7 @@ class Explore(Agent):
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, OccupancyGrid, MissionStatus),
-        *(ChargeStatus, BatteryLevel, Correction),
+        *(ChargeStatus, BatteryLevel, Correction, MapMoved),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ExploreStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (ExploreRequest,)
@@ -86,7 +88,9 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
-        self._revision = 0  # of the map
+        self._revision = 0  # of the map,
+        self._placed = 0  # and of that on which the places below lie
+        self._anew = False  # the map has moved: choose another target
         self._within = (0.0, 0.0, 0.0, 0.0)
         self._home = Waypoint(0.0, 0.0, 0.0)
         self._places = self._failures = 0
@@ -116,6 +120,7 @@ class Explore(Agent):
         if not (width > 0 < height and (self._in(within, pose) or not self._is_placed)):
             return self._refuse("the robot is not in the rectangle that is to be explored")
         self._exploration = self.rng.getrandbits(63)
+        self._placed = self._revision
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
         self._places = self._failures = 0
@@ -135,12 +140,43 @@ class Explore(Agent):
             self.log(f"mapping/grid: {error}", WARNING)
             return
         self._map_at = self.now
-        moved, self._revision = grid.revision != self._revision, grid.revision
+        if grid.revision == self._revision:
+            self._placed = grid.revision  # `MapMoved` was lost if it did not come in a period
+        else:
+            self._revision, self._anew = grid.revision, True
         self._known = self._cells.area(FREE)
+        self._choose()
+
+    def on_map_moved(self, change: MapMoved) -> None:
+        """Move the places with the map."""
+        if change.revision <= self._placed:
+            return
+        self._placed = change.revision
+        home = self._home
+        self._home = Waypoint(*moved(change, home.x, home.y, home.theta))
+        self._avoided = [Placed(*moved(change, *place)) for place in self._avoided]
+        self._way = [Placed(*moved(change, *place)) for place in self._way]
+        self._target = self._way[-1] if self._way else None
+
+    def on_pose(self, _pose: Pose) -> None:
+        """Choose another target as soon as map, places and pose are of the same revision."""
+        if self._anew:
+            self._choose()
+
+    def _choose(self) -> None:
+        """Choose another target if there is none or the present one has become pointless."""
+        pose = self.latest(Pose)
         if not self._at_work or self._order.pending or self._paused:
             return
+        if (
+            self._cells is None
+            or pose is None
+            or not (pose.revision == self._placed == self._revision)
+        ):
+            return
         chart = self._chart(self._cells)
-        if moved or self._target is None or not self._worth(chart, self._target):
+        if self._anew or self._target is None or not self._worth(chart, self._target):
+            self._anew = False
             self._go_on(chart)
 
     def on_mission_status(self, status: MissionStatus) -> None:
@@ -270,7 +306,8 @@ class Explore(Agent):
             if refusal and self._at_work:
                 self._failed(f"a mission was refused: {refusal}")
 
-        self.query(MissionRequest(goal, through, planned=False), on_reply)
+        request = MissionRequest(goal, through, planned=False, revision=self._revision)
+        self.query(request, on_reply)
 
     def _arrived(self) -> None:
         if self._state is ExploreState.RETURNING:

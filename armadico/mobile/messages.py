@@ -36,6 +36,7 @@ from armadico.mobile.errand import Order
 RAYS: Final = 2048  # most rays of a scan
 REACH_M: Final = 65.534  # the largest range of a scan, whose two bytes per ray are in mm
 WAYPOINTS: Final = 1024  # most waypoints of a mission, with its goal
+MOVED: Final = 500  # most places of a map that has moved: 23 kB
 Joules = Annotated[float, Meta(ge=0, le=1e12)]
 Passed = Annotated[float, Meta(ge=-1e5, le=1e5)]  # m, of an odometry
 Based = Annotated[float, Meta(ge=-5e5, le=5e5)]  # m, of an odometry's origin
@@ -151,6 +152,9 @@ class Pose(Message, frozen=True):
     y: Real
     theta: Real
     covariance: Covariance = ()
+    revision: Counter = 0  # of the map that it lies on, as in `Correction`
+
+    appended: ClassVar[int] = 1
 
     @property
     def deviation(self) -> float:
@@ -311,6 +315,27 @@ class MapLoadReply(Message, frozen=True):
     refusal: Text = ""
 
 
+class Moved(Message, frozen=True):
+    """A place of the map before and after it was optimised: m in the world, and the turn in rad."""
+
+    x: Real
+    y: Real
+    to_x: Real
+    to_y: Real
+    turn: Real
+
+
+class MapMoved(Message, frozen=True):
+    """How the map has moved with a new revision, by places along the way that made it.
+
+    It is published in the cycle of the first correction and grid of that revision. A place that was
+    set on an older revision moves with the nearest of `places`; without any nothing moves.
+    """
+
+    revision: Counter
+    places: Annotated[tuple[Moved, ...], Meta(max_length=MOVED)] = ()
+
+
 # Missions and plans -------------------------------------------------------------------------------
 
 
@@ -336,6 +361,9 @@ class Trajectory(Latched, frozen=True):
     leg: Counter = 0
     planned: bool = False  # the path is the planner's, and replanned where it is blocked
     waits: bool = False
+    revision: Counter = 0  # of the map that the waypoints lie on, as in `Pose`
+
+    appended: ClassVar[int] = 1
 
     @property
     def order(self) -> tuple[int, int]:
@@ -358,6 +386,9 @@ class Plan(Message, frozen=True):
     length: Real = 0.0  # m
     energy: Real = 0.0  # J
     refusal: Text = ""
+    revision: Counter = 0  # of the map that it was planned on; 0: the map is fixed
+
+    appended: ClassVar[int] = 1
 
 
 class PlanTask(Message, frozen=True):
@@ -402,6 +433,11 @@ class MissionRequest(Order, frozen=True):
     planned: bool = True
     replaces: Bits64 | None = None  # the only mission that it may replace; None: any
     start: Waypoint | None = None  # the robot's pose, if a person knows it better than the robot
+    revision: Counter = (
+        0  # of the map that the waypoints were chosen on; 0: the robot's present one
+    )
+
+    appended: ClassVar[int] = 1
 
 
 class MissionReply(Message, frozen=True):
@@ -501,6 +537,7 @@ state(Particles, "localization/particles", 2, 3, "possible poses of the robot")
 state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for observers")
 state(OccupancyGrid, "mapping/grid", 1, None, "the map made by driving")
 state(MapGraph, "mapping/graph", 0.1, None, "the map's pose graph; 1 Hz while it changes")
+event(MapMoved, "mapping/moved", "how the map has moved with a new revision")
 query(MapRequest, "mapping/request", OccupancyGrid, "the present map")
 query(MapGraphRequest, "mapping/graph/parts", MapGraphPart, "the SLAM graph, in parts")
 query(MapLoadRequest, "mapping/load", MapLoadReply, "a SLAM graph to continue with, in parts")
