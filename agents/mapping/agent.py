@@ -13,9 +13,9 @@ from msgspec.structs import replace
 from armadico.agents.mapping.loop_closure import LoopParameters
 from armadico.agents.mapping.moved import map_moved
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
-from armadico.agents.mapping.scan_matching import MatcherParameters, PointCloud
+from armadico.agents.mapping.scan_matching import Indices, MatcherParameters, PointCloud
 from armadico.agents.mapping.slam import UNKNOWN, Slam, SlamParameters, Update, matched_points
-from armadico.agents.mapping.slices import Sliced
+from armadico.agents.mapping.slices import Sliced, finished
 from armadico.agents.methods.odometry import WIDEST, was_reset
 from armadico.config import graph_file, grid_map
 from armadico.config.errors import ConfigError
@@ -28,6 +28,7 @@ from armadico.core.agent import ERROR, WARNING, Agent, Question
 from armadico.core.messages import Description, Message, RobotState, line
 from armadico.mobile import map_graphs
 from armadico.mobile.messages import (
+    COVARIANCE,
     Correction,
     InitialPose,
     MapGraph,
@@ -47,9 +48,11 @@ Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 
-CYCLE_WORK, KEY_WORK = 2_400_000, 600_000
-"""Work beside a cycle without a key scan and with one, in look-ups (`slices`): 12 and 3 ms. One
-step may exceed it by 6 ms. Matching a key scan takes 6 to 14 ms."""
+CYCLE_WORK, MATCH_WORK = 2_400_000, 600_000
+"""Work beside a cycle without a matched scan and with one, in look-ups (`slices`): 12 and 3 ms.
+
+One step may exceed it by 6 ms. Matching a scan takes 6 to 14 ms.
+"""
 
 DRAW_WORK = 550
 """Work of a metre of a ray that is drawn."""
@@ -70,7 +73,7 @@ REPEATED_S = 10.0
 """A graph that has not changed is published again after so many s, for observers that join late."""
 
 POINTS_WORK = 60_000
-"""Work of computing the points of a loaded scan."""
+"""Work of computing the points of a key scan of a loaded map: 0.3 ms."""
 
 UNJOINED = 0.5
 """Confidence of a pose on a part of the map whose place on the rest is unknown: the least that
@@ -137,10 +140,12 @@ class SlamAgent(Agent):
         self._standing = 0  # scans that were drawn from the present place
         self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
         self._work: Sliced[None] | None = None  # under way, in slices
-        self._key = False  # whether the newest scan was a key scan
+        self._matched = False  # whether the newest scan was matched
         self._revision = 0  # of the map; 0: not begun
-        self._change_of_map: MapMoved | None = None  # to publish with the revision
+        self._map_id = self.rng.getrandbits(63)
+        self._map_change: MapMoved | None = None  # to publish with the revision
         self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
+        self._start_covariance: Floats = np.zeros(COVARIANCE)  # of the robot's pose at that time
         self._odometry: Floats | None = None
         self._epoch: int | None = None
         self._number: int | None = None  # of the newest scan
@@ -154,8 +159,7 @@ class SlamAgent(Agent):
         self._incoming = Incoming()
         if self.p.resume:
             graph = graph_file.read(graph_file.beside(Path(self.p.resume)))
-            for _ in self._loading(graph):
-                pass  # nothing is due yet
+            finished(self._loading(graph))  # nothing is due yet
 
     def on_appeared(self, name: str, instance: str) -> None:
         """Report an agent that publishes the same messages."""
@@ -169,7 +173,15 @@ class SlamAgent(Agent):
             here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
             self._start = compose(here, relative(odometry, np.zeros(3)))
             self._revision = pose.revision + 1  # another slam agent may have made a map before
-            self._change_of_map = MapMoved(self._revision)
+            self._map_change = MapMoved(self._revision)
+            if len(pose.covariance) == COVARIANCE and not len(self._slam.poses):
+                # It was corrected, so there was another map.
+                self._start_covariance = np.array(pose.covariance)
+                self.log(
+                    f"a new map begins, at a pose that is known to +-{pose.deviation:.2f} m; what"
+                    " was mapped before is lost",
+                    WARNING,
+                )
 
     def on_initial_pose(self, _pose: InitialPose) -> None:
         """The map has its own origin."""
@@ -192,7 +204,7 @@ class SlamAgent(Agent):
 
     def on_map_request(self, _question: Question) -> OccupancyGrid:
         """The map as it is now."""
-        return grid_map.message_of(self._map.cells(), self._revision)
+        return self._grid()
 
     def on_map_graph_request(self, question: Question) -> MapGraphPart:
         """A part of the graph."""
@@ -221,7 +233,7 @@ class SlamAgent(Agent):
         if scan is None or state is None or scan.cycle != state.cycle or self._start is None:
             return
         odometry = compose(self._start, _odometry(state))
-        self._key = False
+        self._matched = False
         if scan.number != self._number:
             self._number = scan.number
             self._place(scan, odometry)
@@ -244,7 +256,7 @@ class SlamAgent(Agent):
         )
         if update is None:
             return
-        self._update, self._key = update, update.matched
+        self._update, self._matched = update, update.matched
         if update.matched:
             good = update.inliers >= self._slam.parameters.match_weak
             self._weak = 0 if good else self._weak + 1
@@ -296,24 +308,24 @@ class SlamAgent(Agent):
         at = compose(pose, relative(self._odometry, np.zeros(3)))
         lost = self._slam.lost
         c = np.linalg.inv(UNKNOWN) if lost else self._update.near_covariance
-        c = np.clip(c, -WIDEST, WIDEST)
+        upper = self._start_covariance + c[np.triu_indices(3)]
         sure = UNJOINED if not self._slam.located else 1.0
         x, y, theta = at.tolist()
-        if self._change_of_map is not None:
-            self.publish(self._change_of_map)
-            self._change_of_map = None
+        if self._map_change is not None:
+            self.publish(self._map_change)
+            self._map_change = None
         self.publish(
             Correction(
                 scan.cycle,
                 *(x, y, theta),
-                covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
+                covariance=tuple(np.clip(upper, -WIDEST, WIDEST).tolist()),
                 confidence=0.0 if lost or self._weak >= self.p.weak_scans else sure,
                 revision=self._revision,
             )
         )
         if self.now - self._published_at >= self.p.every_s:
             self._published_at = self.now
-            self.publish(grid_map.message_of(self._map.cells(), self._revision))
+            self.publish(self._grid())
             self._publish_graph()
 
     def _publish_graph(self) -> None:
@@ -338,7 +350,7 @@ class SlamAgent(Agent):
 
     def _go_on(self) -> None:
         """Do a slice of what takes longer than a cycle."""
-        left = KEY_WORK if self._key else CYCLE_WORK
+        left = MATCH_WORK if self._matched else CYCLE_WORK
         while left > 0:
             if self._work is None:
                 self._work = self._closing()
@@ -357,31 +369,36 @@ class SlamAgent(Agent):
         if part == self._part and (slam.lost or not self._moved(poses)):
             if slam.lost:  # the pose moves, the map does not
                 self._revision += 1
-                self._change_of_map = MapMoved(self._revision)
+                self._map_change = MapMoved(self._revision)
             slam.adopt(poses)
             self._forget()
             self._report()
             return
-        drawn, mapper = 0, new_mapper()
-        while drawn < len(self._drawn):
-            one = self._drawn[drawn]
-            drawn += 1
+        mapper = new_mapper()
+        for one in self._drawn:  # with those that are added meanwhile
             if slam.part[one.key] in of:
                 self._draw(mapper, one, self._later(poses))
                 yield DRAW_WORK * _metres(one.scan)
-        was = slam.part == self._part  # what was published before
+        shown = np.flatnonzero(slam.part == self._part)
         slam.adopt(poses)
         self._forget()
-        was = was[: len(slam.poses)]
-        before, after = self._drawn_at[: len(was)][was], slam.poses[: len(was)][was]
-        self._begin(mapper, part, map_moved(self._revision + 1, before, after))
+        self._begin(mapper, part, shown)
         self._report()
 
-    def _begin(self, mapper: Mapper, part: int, change: MapMoved | None = None) -> None:
-        """Go on with another picture of the map, which is published at once."""
-        self._map, self._part, self._drawn_at = mapper, part, self._slam.poses.copy()
+    def _begin(self, mapper: Mapper, part: int, shown: Indices | None = None) -> None:
+        """Go on with another picture of the map, which is published at once.
+
+        Args:
+            mapper: The picture.
+            part: Of the graph that it shows.
+            shown: The key scans of the picture before, which have moved.
+        """
+        before, after = self._drawn_at, self._slam.poses
+        shown = np.zeros(0, dtype=np.intp) if shown is None else shown
+        kept = shown[shown < min(len(before), len(after))]
         self._revision += 1
-        self._change_of_map = change or MapMoved(self._revision)
+        self._map_change = map_moved(self._revision, before[kept], after[kept])
+        self._map, self._part, self._drawn_at = mapper, part, after.copy()
         self._published_at = float("-inf")
 
     def _begin_part(self) -> None:
@@ -421,6 +438,7 @@ class SlamAgent(Agent):
         self._slam, self._drawn, self._update = slam, list(graph.scans), None
         self._standing = self._weak = self._carried = self._relocations = 0
         self._uncertain = False
+        self._map_id, self._start_covariance = self.rng.getrandbits(63), np.zeros(COVARIANCE)
         self._begin(mapper, 0)
         self.log(f"map of {len(clouds)} key scans: the robot's place on it is sought")
 
@@ -438,6 +456,9 @@ class SlamAgent(Agent):
         return bool((far | (np.abs(wrapped(off[:, 2])) > MOVED_RAD)).any())
 
     # The map --------------------------------------------------------------------------------------
+
+    def _grid(self) -> OccupancyGrid:
+        return grid_map.message_of(self._map.cells(), self._revision, self._map_id)
 
     @property
     def _footprint(self) -> Footprint | None:

@@ -16,6 +16,8 @@ an optimisation moves neighbours alike."""
 
 def map_moved(revision: int, before: Floats, after: Floats) -> MapMoved:
     """The message of a new revision, by the key scans' poses (n, 3) before and after it."""
+    if not len(before):
+        return MapMoved(revision)
     apart = APART_M
     while len(kept := _thinned(before, apart)) > MOVED:
         apart *= 2.0

@@ -467,6 +467,8 @@ class Tree:
     def score(self, height: int, nodes: Indices) -> Sliced[Floats]:
         """(c,) the scores of nodes of a level."""
         size, found = self._size, np.empty(nodes.shape[1])
+        if not len(found):
+            return found
         level, shifts = self._levels[height].ravel(), nodes[1:]
         low, high = self._low + shifts.min(axis=1), self._high + shifts.max(axis=1)
         inside = low.min() >= 0 and high.max() < size

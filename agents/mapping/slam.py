@@ -513,6 +513,7 @@ class Slam:
 
     def _truncate(self, count: int) -> None:
         """Drop the key scans from a number on."""
+        self._in_world = {}
         self.poses, self.part = self.poses[:count], self.part[:count]
         del self.way[count:], self.clouds[count:], self.numbers[count:]
         edges, weights = self.graph.edges, self.graph.weights
@@ -594,7 +595,7 @@ class Slam:
                     return poses
         due = self._moving and count - self._optimised >= p.optimize_at_least
         due = due or count % p.optimize_every_n_nodes == 0
-        if not joined and not (self._new_loops and due and not self.lost):
+        if not (joined or (self._new_loops and due and not self.lost)):
             return None
         poses = poses if joined else self.poses
         self._new_loops, self._moving, self._optimised = 0, False, len(poses)

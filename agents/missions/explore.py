@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf, pi
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
@@ -48,6 +48,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # share from which it leaves the dock
 
 
+LOST_MAP: Final = "the map was lost: its agent began another one; explore again"
+
 # With less confidence the robot has not found its place on the map that it continues. It maps a
 # part of its own, in which neither the rectangle nor home have their places.
 PLACED = 0.75
@@ -83,20 +85,23 @@ class Explore(Agent):
         super().__init__(identity, parameters)
         body = load_profile(self.p.profile).body
         self._tries = [Margins(r) for r in (body.circle_m + TURNING_M, *radii(body))]
+        self._narrow = Margins(body.width_m / 2)  # out of a gap that the map has closed behind it
         self._exploration = 0
         self._state = ExploreState.NONE
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
+        self._map_id = 0
         self._revision = 0  # of the map,
         self._placed = 0  # and of that on which the places below lie
         self._anew = False  # the map has moved: choose another target
         self._within = (0.0, 0.0, 0.0, 0.0)
-        self._home = Waypoint(0.0, 0.0, 0.0)
+        self._home, self._home_moves = Waypoint(0.0, 0.0, 0.0), True
         self._places = self._failures = 0
         self._avoided: list[Placed] = []  # places given up
         self._second_look = False
         self._order = Ordered()
+        self._mission = 0  # the newest that was accepted
         self._target: Placed | None = None  # the place of the current order
         self._way: list[Placed] = []
         self._paused = False  # while the robot is charging
@@ -112,21 +117,23 @@ class Explore(Agent):
         assert isinstance(request, ExploreRequest)
         pose = self.fresh(Pose)
         if pose is None:
-            return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
+            return self._refuse("the robot's pose is not known: no fresh encoder/pose")
         if self._cells is None:
-            return self._refuse("nobody makes a map: no mapping/grid")
+            return self._refuse("there is no map yet: no mapping/grid")
         within = (request.x1, request.y1, request.x2, request.y2)
         width, height = within[2] - within[0], within[3] - within[1]
         if not (width > 0 < height and (self._in(within, pose) or not self._is_placed)):
             return self._refuse("the robot is not in the rectangle that is to be explored")
         self._exploration = self.rng.getrandbits(63)
         self._placed = self._revision
+        self._home_moves = self._is_placed  # else it lies on the map before, which stays
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
         self._places = self._failures = 0
         self._avoided = []
         self._second_look = False
         self._order.own.clear()
+        self._mission = 0
         self._paused = False
         self._became(ExploreState.EXPLORING)
         self._drop()
@@ -144,7 +151,10 @@ class Explore(Agent):
             self._placed = grid.revision  # `MapMoved` was lost if it did not come in a period
         else:
             self._revision, self._anew = grid.revision, True
+        another, self._map_id = grid.map_id != self._map_id, grid.map_id
         self._known = self._cells.area(FREE)
+        if another and self._at_work:
+            self._abort(LOST_MAP)
         self._choose()
 
     def on_map_moved(self, change: MapMoved) -> None:
@@ -152,8 +162,9 @@ class Explore(Agent):
         if change.revision <= self._placed:
             return
         self._placed = change.revision
-        home = self._home
-        self._home = Waypoint(*moved(change, home.x, home.y, home.theta))
+        if self._home_moves:
+            home = self._home
+            self._home = Waypoint(*moved(change, home.x, home.y, home.theta))
         self._avoided = [Placed(*moved(change, *place)) for place in self._avoided]
         self._way = [Placed(*moved(change, *place)) for place in self._way]
         self._target = self._way[-1] if self._way else None
@@ -190,7 +201,7 @@ class Explore(Agent):
             if self._charges:
                 self._pause()
             else:
-                self._fail("somebody has sent the robot elsewhere")
+                self._fail("the robot was sent elsewhere")
 
     def on_wakeup(self) -> None:
         """Publish the status; give up targets that are not reached."""
@@ -204,7 +215,7 @@ class Explore(Agent):
             if self.stopped is not None:
                 self._order.nearer_at = self.now
             if self.now - self._map_at > self.p.map_s:
-                self._fail(f"no map for {self.p.map_s:g} s")
+                self._abort(f"no map for {self.p.map_s:g} s")
             elif self.now - self._order.nearer_at > self.p.stuck_s:
                 self._give_up("no nearer")
         self._publish()
@@ -268,9 +279,9 @@ class Explore(Agent):
         pose = self.fresh(Pose)
         if pose is None:
             return
-        here = Placed(pose.x, pose.y, pose.theta)
+        here, home = Placed(pose.x, pose.y, pose.theta), Placed(self._home.x, self._home.y)
         if self._state is ExploreState.EXPLORING:
-            places = chart.to_frontier(here, self._tries, self._avoided)
+            places = self._to_frontier(chart, here, home)
             if places is not None:
                 self._places += 1
                 before = places[-2] if len(places) > 1 else here
@@ -285,12 +296,18 @@ class Explore(Agent):
                 self._fail("all around is known, but not its place on the map before")
                 return
             self._became(ExploreState.RETURNING)
-        home = Placed(self._home.x, self._home.y)
-        way = chart.way(here, home, self._tries)
+        way = chart.way(here, home, [*self._tries, self._narrow])
         if way is None:
             self._failed("there is no way back")
         else:
             self._drive(way, self._home.theta)
+
+    def _to_frontier(self, chart: Chart, here: Placed, home: Placed) -> list[Placed] | None:
+        """Return the path to the next frontier, or None."""
+        places = chart.to_frontier(here, self._tries, self._avoided)
+        if places is not None or chart.way(here, home, self._tries) is not None:
+            return places
+        return chart.to_frontier(here, [*self._tries, self._narrow], self._avoided)
 
     def _drive(self, places: list[Placed], theta: float) -> None:
         """Request the drive from the interface agent."""
@@ -303,7 +320,10 @@ class Explore(Agent):
 
         def on_reply(reply: MissionReply | None) -> None:
             refusal = self._order.answered(reply, self.now)
-            if refusal and self._at_work:
+            self._mission = reply.mission if reply is not None and reply.mission else self._mission
+            if not self._at_work:  # it ended meanwhile
+                self._hold()
+            elif refusal:
                 self._failed(f"a mission was refused: {refusal}")
 
         request = MissionRequest(goal, through, planned=False, revision=self._revision)
@@ -337,7 +357,21 @@ class Explore(Agent):
         self._drop()
         self._failures += 1
         if self._failures >= self.p.tries:
-            self._fail(why)
+            self._abort(why)
+
+    def _abort(self, why: str) -> None:
+        """End the exploration while the robot is under way, and have it stop where it is."""
+        self._fail(why)
+        self._drop()
+        self._hold()
+
+    def _hold(self) -> None:
+        """Replace the newest mission of this agent by one to the present pose."""
+        pose = self.latest(Pose)
+        if pose is not None and self._mission:
+            here = Waypoint(pose.x, pose.y, pose.theta)
+            request = MissionRequest(here, planned=False, replaces=self._mission)
+            self.query(request, lambda _reply: None)
 
     def _fail(self, why: str) -> None:
         self._note = line(why)

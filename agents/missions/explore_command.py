@@ -23,6 +23,7 @@ EXAMPLES: Final = """\
   armadico explore house --profile jackal --resume house.yaml --map house.yaml
   armadico explore --world plan.map --profile jackal --start 1 1 0 --within 0 0 8 6
   armadico explore house --sensors ideal --virtual      by sonars, without errors
+  armadico explore --profile turtlebot4 --robot ros2:// --map flat.yaml    around a real robot
   armadico explore my.toml --attach --hosts lab.toml    in a running society
 """
 
@@ -33,7 +34,8 @@ FARTHEST: Final = 1e6  # m; messages have no coordinates beyond that
 @dataclass(frozen=True, kw_only=True)
 class Options(Drive):
     within: tuple[float, float, float, float] | None = option(
-        "the rectangle to explore, m (default: the world's)", metavar=("X1", "Y1", "X2", "Y2")
+        "the rectangle to explore, m (default: the world's; without one 10 m around 0 0)",
+        metavar=("X1", "Y1", "X2", "Y2"),
     )
     map: Path | None = option(
         "write the map to FILE (.yaml, with its graph, or .map)", metavar="FILE"
@@ -41,6 +43,11 @@ class Options(Drive):
     resume: str | None = option(
         "extend the saved map FILE (.yaml); the robot finds its place on it", metavar="FILE"
     )
+
+    @property
+    def anywhere(self) -> bool:
+        """See `Drive`. A robot's surroundings are its own."""
+        return super().anywhere or self.robot is not None or self.attach
 
 
 def run(args: Options) -> int:
@@ -51,9 +58,13 @@ def run(args: Options) -> int:
         _check(args)
         if args.resume is not None:
             args = replace(args, resume=str(Path(args.resume).resolve()))
-        scenario, chosen = choose(args, somewhere=False)
-        _check_sensors(args, scenario)
-        return drive(args, exploring(scenario, args.within), chosen)
+
+        def explored(scenario: Scenario) -> Scenario:
+            _check_sensors(args, scenario)
+            return exploring(scenario, args.within)
+
+        scenario, chosen = choose(args, somewhere=False, change=explored)
+        return drive(args, scenario, chosen)
 
 
 def _check(args: Options) -> None:

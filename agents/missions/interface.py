@@ -59,11 +59,11 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.resources import TRAJECTORY
 from armadico.mobile.route import Route
 
-NO_POSE: Final = "nobody knows where the robot is: no fresh encoder/pose"
+NO_POSE: Final = "the robot's pose is not known: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
 BY_HAND: Final = "the robot was driven by hand"
-UNDER_WAY: Final = "the robot is under way for somebody else"
-NO_MISSION_PLANNING: Final = "nobody plans missions: no mission planning agent answered"
+UNDER_WAY: Final = "the robot is under way on another mission"
+NO_MISSION_PLANNING: Final = "no mission planning agent answered"
 OBSTRUCTED: Final = "something stands across the way"
 OFF_PATH: Final = "the way begins elsewhere"
 
@@ -175,7 +175,7 @@ class Interface(Agent):
         self._state = MissionState.NONE
         self._route = Route()
         self._revision = 0  # of the map that the route lies on
-        self._change: MapMoved | None = None  # the newest one
+        self._map_change: MapMoved | None = None  # the newest one
         self._moved_at = -inf
         self._to_go = 0.0
         self._note = ""
@@ -254,7 +254,9 @@ class Interface(Agent):
             return self._refuse(NO_POSE)
         if self._held:
             holder = self.owner(TRAJECTORY).obeyed
-            return self._refuse(f"{holder.instance if holder else 'somebody'} has the robot driven")
+            return self._refuse(
+                f"{holder.instance if holder else 'another agent'} has the robot driven"
+            )
         if self._may_not_replace(request):
             return self._refuse(UNDER_WAY)
         if not request.planned:
@@ -391,7 +393,7 @@ class Interface(Agent):
 
     def on_map_moved(self, change: MapMoved) -> None:
         """Move the goal and the path to it with the map; plan anew on the new one."""
-        self._change, self._moved_at = change, self.now
+        self._map_change, self._moved_at = change, self.now
         if self._state is not MissionState.DRIVING or change.revision <= self._revision:
             return
         route = self._route
@@ -406,7 +408,7 @@ class Interface(Agent):
         self, waypoints: tuple[Waypoint, ...], revision: int
     ) -> tuple[tuple[Waypoint, ...], int]:
         """Waypoints of a revision of the map on the newest one, and which one that is."""
-        change = self._change
+        change = self._map_change
         if change is None or revision >= change.revision:
             return waypoints, revision
         places = (moved(change, at.x, at.y, at.theta) for at in waypoints)
@@ -541,7 +543,9 @@ class Interface(Agent):
                 self._replans = why  # the planner has not received the new map yet
                 return
             if plan is None or plan.refusal or not plan.waypoints:
-                self._no_way(why, "nobody plans" if plan is None else plan.refusal)
+                self._no_way(
+                    why, "no path planning agent answered" if plan is None else plan.refusal
+                )
             elif why != OBSTRUCTED or self._waits is not None or self._leads_elsewhere(plan, here):
                 self._take_way(plan, here, why)
 
@@ -611,7 +615,7 @@ class Interface(Agent):
 
     def _planned(self, plan: Plan | None) -> MissionReply:
         if plan is None:
-            return self._refuse("nobody plans: no path planning agent answered path/plan")
+            return self._refuse("no path planning agent answered path/plan")
         if plan.refusal:
             return self._refuse(plan.refusal)
         return self._begin(plan.waypoints, plan.length, plan.revision, planned=True)
@@ -642,7 +646,7 @@ class Interface(Agent):
             for message in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
                 encode(message)
         except MessageError as error:
-            return self._refuse(f"nobody could be told of it: {error}")
+            return self._refuse(f"it cannot be published: {error}")
         self._take_on(mission, route, pose, planned=planned)
         self._revision = revision
         self.publish(begun)

@@ -117,7 +117,7 @@ def new_mapper(half_cone: float = 0.0) -> Mapper:
     return mapper
 
 
-def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:
+def message_of(cells: Cells, revision: int = 0, map_id: int = 0) -> OccupancyGrid:
     """The grid as a message, with larger cells if needed."""
     while (
         cells.states.size > CELLS_MOST
@@ -125,7 +125,8 @@ def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:
     ):
         cells = coarser(cells)
     rows, columns = cells.states.shape
-    return OccupancyGrid(cells.x, cells.y, cells.cell_m, rows, columns, packed, revision)
+    shape = cells.cell_m, rows, columns
+    return OccupancyGrid(cells.x, cells.y, *shape, packed, revision, map_id)
 
 
 def cells_of(message: OccupancyGrid) -> Cells:

@@ -244,8 +244,9 @@ class OccupancyGrid(Message, frozen=True):
     columns: Annotated[int, Meta(ge=0, le=65536)]
     packed: Encoded
     revision: Counter = 0  # grows when what was mapped moves; corrections carry it, too
+    map_id: Bits64 = 0  # drawn at random when a map begins; 0: the map is at the odometry's pose
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 2
 
 
 class MapGraph(Message, frozen=True):

@@ -380,8 +380,8 @@ def _scanned(
         raise LogError(f"no scans: {error}", path) from None
     rows = np.arange(len(table.times), dtype=np.intp)
     parts = (table.times, table.odometry, table.reference)
-    about = {"notes": table.notes, "begin": table.begin}
-    return Log(path.name, *parts, rows, readings, real=real, **about)
+    notes, begin = table.notes, table.begin
+    return Log(path.name, *parts, rows, readings, real=real, notes=notes, begin=begin)
 
 
 def of_scans(

@@ -208,6 +208,26 @@ def test_when_nothing_is_left_it_goes_home_and_is_done() -> None:
     assert not desk.exploring.given_up
 
 
+@pytest.mark.parametrize(
+    ("end", "state", "x"),
+    [(OCCUPIED, ExploreState.RETURNING, 1.0), (UNKNOWN, ExploreState.EXPLORING, 3.95)],
+)
+def test_it_gets_out_of_a_gap_that_the_map_has_closed_behind_it(
+    end: int, state: ExploreState, x: float
+) -> None:
+    """The gap is as wide as the robot, but has none of the clearances of a path."""
+    cells = hall(end=end)
+    for low, high in (0.0, 0.75), (1.25, 2.0):
+        cells = box(cells, 2.0, low, 2.1, high, OCCUPIED)
+    home = 1.0 if end == OCCUPIED else 3.0
+    desk = Desk(cells)
+    desk.moved(4.0 - home, 1.0)
+    desk.begin(home=Waypoint(home, 1.0, 0.5))
+    desk.map(cells)
+    assert desk.exploring.state is state
+    assert desk.sent[-1].goal.x == pytest.approx(x, abs=0.15)
+
+
 def test_a_way_that_turns_out_to_be_shut_is_planned_anew() -> None:
     desk = Desk(hall())
     desk.begin()
@@ -315,6 +335,23 @@ def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:
     desk.moved(1.0, 1.0, 20.0)
     desk.tick()
     assert "no map for 15 s" in desk.exploring.note
+
+
+def test_a_map_that_begins_anew_ends_it_and_the_robot_stops() -> None:
+    desk = Desk()
+    desk.give(message_of(hall(), map_id=1))
+    desk.begin()
+    desk.give(message_of(hall(), map_id=1))
+    desk.status(MissionState.DRIVING)
+    desk.moved(2.0, 1.0)
+    under_way = desk.mission
+    desk.give(message_of(hall(), map_id=2))
+    assert desk.exploring.state is ExploreState.FAILED
+    assert "the map was lost" in desk.exploring.note
+    assert desk.sent[-1].goal == Waypoint(2.0, 1.0, 0.0)
+    assert desk.sent[-1].replaces == under_way, "a mission of a person goes on"
+    desk.give(message_of(hall(6.0), map_id=2))
+    assert desk.sent[-1].replaces == under_way, "nothing is driven to any more"
 
 
 def test_what_is_no_map_is_left_out() -> None:

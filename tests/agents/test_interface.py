@@ -131,7 +131,7 @@ def test_a_planned_mission_begins_with_the_plan(desk: Desk) -> None:
     ("plan", "why"),
     [
         (Plan((), refusal="the goal is inside a wall"), "the goal is inside a wall"),
-        (None, "nobody plans"),
+        (None, "no path planning agent answered"),
     ],
 )
 def test_a_refusal_is_passed_on_and_nothing_moves(desk: Desk, plan: Plan | None, why: str) -> None:
@@ -366,7 +366,7 @@ def test_one_more_is_refused_and_not_driven_by_nobody(desk: Desk) -> None:
     [
         (Plan((*LONG, GOAL, GOAL), 20.0), "it has 1,025 points"),
         (Plan((), 0.0), "the plan leads nowhere"),
-        (Plan((Waypoint(1e6, 0.0, 0.0), Waypoint(-1e6, 0.0, 0.0))), "nobody could be told of it"),
+        (Plan((Waypoint(1e6, 0.0, 0.0), Waypoint(-1e6, 0.0, 0.0))), "it cannot be published"),
     ],
     ids=["long", "empty", "far"],
 )
@@ -771,7 +771,7 @@ def test_a_request_may_say_that_it_takes_nobody_elses_place(
     assert (desk.replies[number].refusal == "") == taken
     assert len({trajectory.mission for trajectory in desk.all(Trajectory)}) == 1 + taken
     if not taken:
-        assert "under way for somebody else" in desk.replies[number].refusal
+        assert "under way on another mission" in desk.replies[number].refusal
         again = desk.request(MissionRequest(DOOR, planned=False, replaces=mission))
         assert not desk.replies[again].refusal
 
@@ -782,7 +782,7 @@ def test_nor_does_it_once_somebody_else_was_faster_than_its_plan() -> None:
     number = desk.request(MissionRequest(GOAL, replaces=0))
     desk.request(MissionRequest(DOOR, planned=False))
     desk.reply(PLAN)
-    assert "under way for somebody else" in desk.replies[number].refusal
+    assert "under way on another mission" in desk.replies[number].refusal
     assert len(desk.all(Trajectory)) == 1
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import numpy as np
 import pytest
 
@@ -34,8 +36,10 @@ HALL = np.array(
 class Robot:
     """A slam agent on a robot that drives through the ring."""
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.agent = SlamAgent(Identity("slam-1"), parameters)
+    def __init__(self, parameters: Parameters | None = None, seed: int = 0) -> None:
+        self.agent = SlamAgent(Identity("slam-1", rng=Random(seed)), parameters)
+        self.known: tuple[float, ...] = ()  # the covariance of the first pose
+        self.logged = ""
         self.agent.receive(described("jackal"), 0.0)
         self.number, self.epoch = 0, 1
         self._noise = np.random.default_rng(1)
@@ -63,10 +67,12 @@ class Robot:
             place = 0.0, 0.0, 0.0
             messages.append(message_of(cycle, ranges, angles, limits, place, number=self.number))
         if self.number == 1:
-            messages.insert(1, Pose(cycle, *pose.tolist()))
+            messages.insert(1, Pose(cycle, *pose.tolist(), self.known))
         for message in messages[::-1] if scan_first else messages:
             self.agent.receive(message, now)
         out, self.agent.outbox = self.agent.outbox, []
+        logs = [one.message for one in out if isinstance(one, Publish)]
+        self.logged += "".join(each.text for each in logs if isinstance(each, Log))
         return [one.message for one in out if isinstance(one, Publish | Answer)]
 
     def drive(self, path: Floats, odometry: Floats, **how: bool) -> list[list[Message]]:
@@ -165,6 +171,24 @@ def test_without_a_scan_nothing_is_corrected() -> None:
     robot = Robot()
     robot.drive(PATH[:3], own_odometry(PATH[:3]))
     assert not robot.cycle(PATH[3], own_odometry(PATH[:4])[3], scan=False)
+
+
+def test_a_restarted_agent_begins_another_map_as_uncertain_as_the_pose() -> None:
+    first, again = Robot(), Robot(seed=1)
+    again.known = (0.04, 0.0, 0.0, 0.05, 0.0, 0.01)
+    for robot in (first, again):
+        robot.drive(PATH[:20], own_odometry(PATH[:20]))
+    grids, corrections = [], []
+    for robot in (first, again):
+        said = robot.cycle(PATH[20], own_odometry(PATH[:21])[20])
+        corrections += of(Correction, said)
+        robot.agent.on_query(Question(1, MapRequest()), 100.0)
+        grids += [one.message for one in robot.agent.outbox if isinstance(one, Answer)]
+    assert grids[0].map_id != grids[1].map_id
+    more = np.subtract(corrections[1].covariance, corrections[0].covariance)
+    assert more == pytest.approx(again.known, abs=1e-9)
+    assert "a new map begins" in again.logged
+    assert "a new map begins" not in first.logged
 
 
 def test_a_controller_that_begins_anew_does_not_move_the_robot() -> None:

@@ -134,6 +134,8 @@ class Society:
         self._near: dict[str, Obstacles] = {}  # by key, for each sensor
         self._local: dict[str, LocalMap] = {}
         self._grid: OccupancyGrid | None = None
+        self._revision = 0  # of the map that the newest pose is on
+        self._held: OccupancyGrid | None = None  # a map that no pose is on yet
         self._path: tuple[object, ...] | None = None
         self._health = Health(self._prefix)
         self._receivers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Output]]] = {
@@ -200,6 +202,10 @@ class Society:
         header = self._on_map(stamp)
         known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
         yield _POSE, types.PoseWithCovarianceStamped(header, known)
+        if pose.revision != self._revision:
+            self._revision, held, self._held = pose.revision, self._held, None
+            if held is not None:
+                yield from self._on_grid("", held, at)
 
     def _corrected(self, pose: Pose, state: _State) -> _Output:
         """The odometry's origin in the map, from the pose and the odometry of one cycle."""
@@ -234,9 +240,12 @@ class Society:
             yield _SONAR, types.Range(header, ULTRASOUND, *limits, sonar.reach, measured)
 
     def _on_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Output]:
+        if grid.revision != self._revision:
+            self._held = grid  # the pose moves with it in this cycle or the next one
+            return
         if grid == self._grid:
             return  # agents repeat it each second
-        self._grid = grid
+        self._grid, self._held = grid, None
         try:
             cells = cells_of(grid)
         except ValueError:  # a malformed grid is ignored

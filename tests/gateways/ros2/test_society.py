@@ -300,6 +300,16 @@ def test_the_map_is_published_if_it_has_changed() -> None:
     assert "/map" not in samples_of(society, grid)
 
 
+def test_a_map_of_another_revision_waits_for_a_pose_on_it() -> None:
+    grid = message_of(Cells(-1.0, 0.5, 0.05, np.ones((2, 3), dtype=np.uint8)), revision=2)
+    society = Society()
+    said = samples_of(society, state(7), grid, Pose(cycle(7), 4.0, 3.0, 0.0))
+    assert "/map" not in said
+    said = samples_of(society, state(8), Pose(cycle(8), 5.0, 3.0, 0.0, revision=2))
+    assert len(said["/map"]) == 1
+    assert "/map" not in samples_of(society, grid, state(9))
+
+
 def test_a_malformed_grid_is_ignored() -> None:
     lies = OccupancyGrid(0, 0, 0.05, 60_000, 60_000, b"not deflated")
     assert "/map" not in samples_of(Society(), lies)
