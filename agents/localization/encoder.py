@@ -153,10 +153,10 @@ class Encoder(Agent):
         here = compose(origin, odometry)
         there = compose((to.x, to.y, to.theta), odometry)
         off, turned = hypot(there[0] - here[0], there[1] - here[1]), wrap(there[2] - here[2])
-        if off > LEAP_M or abs(turned) > LEAP_RAD:
-            self.log(f"the pose was {off:.2f} m and {abs(turned):.2f} rad off", WARNING)
+        if to.revision != self._revision:  # the pose must lie on the map of its time
             share, self._unpublished = 1.0, True
-        elif to.revision != self._revision:  # the pose must lie on the map of its time
+        elif off > LEAP_M or abs(turned) > LEAP_RAD:
+            self.log(f"the pose was {off:.2f} m and {abs(turned):.2f} rad off", WARNING)
             share, self._unpublished = 1.0, True
         else:
             share = min(1.0, CREEP_M / max(off, 1e-9), CREEP_RAD / max(abs(turned), 1e-9))

@@ -25,7 +25,7 @@ from armadico.config.grid_map import Mapper, new_mapper
 from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
-from armadico.core.messages import Description, Message, RobotState, line
+from armadico.core.messages import Card, Description, Message, RobotState, line
 from armadico.mobile import map_graphs
 from armadico.mobile.messages import (
     COVARIANCE,
@@ -42,20 +42,21 @@ from armadico.mobile.messages import (
     Pose,
     Scan,
 )
-from armadico.mobile.scans import FREE, INVALID, MM, bearings_of, ranges_of
+from armadico.mobile.scans import FREE, INVALID, bearings_of, ranges_of
 
 Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 
-CYCLE_WORK, MATCH_WORK = 2_400_000, 600_000
-"""Work beside a cycle without a matched scan and with one, in look-ups (`slices`): 12 and 3 ms.
+CYCLE_WORK, MATCH_WORK = 4_000_000, 1_000_000
+"""Work beside a cycle without a matched scan and with one, in look-ups (`slices`): 20 and 5 ms.
 
-One step may exceed it by 6 ms. Matching a scan takes 6 to 14 ms.
+One step may exceed it by 6 ms. Matching and drawing a scan takes 6 to 15 ms.
 """
 
-DRAW_WORK = 550
-"""Work of a metre of a ray that is drawn."""
+DRAW_WORK, DRAWN_M = 450, 8.0
+"""Work of a metre of a ray that is drawn, rather too much since far ends cost more, and the
+farthest range that the map takes from a ray."""
 
 STANDING_SCANS = 4
 """Scans that are drawn from one place: a cell counts as free after three rays through it."""
@@ -80,9 +81,6 @@ UNJOINED = 0.5
 still moves the pose, which is right on the map as it is published."""
 
 LONGEST_REFUSAL = 500
-
-INSTEAD_OF = ("localization", "mapping")
-"""Agents that publish the same messages."""
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -161,10 +159,11 @@ class SlamAgent(Agent):
             graph = graph_file.read(graph_file.beside(Path(self.p.resume)))
             finished(self._loading(graph))  # nothing is due yet
 
-    def on_appeared(self, name: str, instance: str) -> None:
+    def on_card(self, card: Card) -> None:
         """Report an agent that publishes the same messages."""
-        if name in INSTEAD_OF:
-            self.log(f"{instance} publishes the same as slam: stop one of the two", ERROR)
+        mine = {self.key_of(message) for message in self.provides}
+        if card.name != self.name and mine & {*card.provides}:
+            self.log(f"{card.instance} publishes the same as slam: stop one of the two", ERROR)
 
     def on_pose(self, pose: Pose) -> None:
         """Begin at the first pose."""
@@ -513,15 +512,14 @@ def _without_dropouts(scan: Scan) -> Scan:
     return replace(scan, packed=seen.tobytes())
 
 
-def _metres(scan: Scan) -> int:
-    """The length of all rays: the work of drawing them."""
-    ranges = np.frombuffer(scan.packed, dtype="<u2").astype(np.float64) / MM
-    return int(np.minimum(ranges, scan.reach).sum())
-
-
 def _points(scan: Scan, max_range: float) -> PointCloud:
     """The points of a scan as `Slam` keeps them."""
     return matched_points(ranges_of(scan), bearings_of(scan), (scan.x, scan.y), max_range)
+
+
+def _metres(scan: Scan) -> int:
+    """The length of all rays of a scan, m: the work of drawing it."""
+    return int(np.nansum(np.minimum(ranges_of(scan), DRAWN_M)))
 
 
 def _odometry(state: RobotState) -> Floats:

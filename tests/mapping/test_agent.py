@@ -7,6 +7,9 @@ from random import Random
 import numpy as np
 import pytest
 
+from armadico.agents.driving.goto import Goto
+from armadico.agents.localization.localization import Localization
+from armadico.agents.localization.localization import Parameters as OnMap
 from armadico.agents.mapping.agent import INVALID, Parameters, SlamAgent
 from armadico.agents.mapping.poses import Floats, compose, relative
 from armadico.config.errors import ConfigError
@@ -16,6 +19,7 @@ from armadico.core.messages import Cycle, Log, Message, RobotState, encode
 from armadico.mobile.messages import (
     Correction,
     MapGraph,
+    MapMoved,
     MapRequest,
     OccupancyGrid,
     Pose,
@@ -25,6 +29,7 @@ from armadico.mobile.scans import message_of, ranges_of
 from tests.framework.robots import described
 from tests.mapping.worlds import BEARINGS, cast, drifted, ring, square
 
+MAPPED = OnMap(world="sc1")
 PATH = square()
 RING = ring()
 HALL = np.array(
@@ -102,12 +107,16 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
     for pose, here in zip(PATH, odometry, strict=True):
         said = robot.cycle(pose, here)
         corrections, grids = of(Correction, said), of(OccupancyGrid, said)
+        changes = of(MapMoved, said)
         for correction in corrections:
             assert isinstance(correction, Correction)
             if correction.revision != revision:
                 assert correction.revision == revision + 1
                 assert grids, "the map is published in the same cycle"
+                assert [change.revision for change in changes] == [correction.revision]
+                changes = []
                 revision, leaps = correction.revision, leaps + 1
+        assert not changes, "only with a new revision"
         for grid in grids:
             assert isinstance(grid, OccupancyGrid)
             assert grid.revision == revision
@@ -211,8 +220,8 @@ def test_a_robot_without_a_laser_is_refused() -> None:
 
 def test_a_second_agent_that_publishes_the_same_is_reported() -> None:
     robot = Robot()
-    robot.agent.on_appeared("localization", "localization-1")
-    robot.agent.on_appeared("goto", "goto-1")
+    for other in (Localization(Identity("localization-1"), MAPPED), Goto(Identity("goto-1"))):
+        robot.agent.met(other.card(), 1.0)
     logs = [one.message for one in robot.agent.outbox if isinstance(one, Publish)]
     assert [(log.level, "localization-1" in log.text) for log in logs if isinstance(log, Log)] == [
         (ERROR, True)
