@@ -47,7 +47,7 @@ from armadico.agents.mapping.slices import Sliced
 SLICE_SCANS: Final = 20
 """Key scans whose points are added to the field in one slice."""
 
-GATHER_WORK, LOOK_WORK = 40, 60
+GATHER_WORK, LOOK_WORK = 40, 30
 """Work (`slices`) of a point that is added to the field, and of one that a scan looks at."""
 
 MOST_NODES: Final = 300_000
@@ -288,10 +288,11 @@ class Relocator:
         fine, score = correlate(field, sample, pose, around, Prior(1.0, 1.0))
         match = point_to_line(field, points, fine)
         yield ICP_WORK * len(points)
-        looks = []
+        looks, walls = [], voxel_filtered(cloud.points, p.resolution, len(cloud.points))
+        yield GATHER_WORK * len(cloud.points)
         for at, scan in parts:
-            walls = transformed(relative(compose(match.pose, at), np.zeros(3)), cloud.points)
-            looks.append(seen_through(scan, walls, origin))
+            known_there = transformed(relative(compose(match.pose, at), np.zeros(3)), walls)
+            looks.append(seen_through(scan, known_there, origin))
             yield LOOK_WORK * len(walls)
         turn = np.abs(wrapped(known.poses[near, 2] - match.pose[2]))
         start = near[int(np.argmin(away[near] + 0.3 * turn))]
