@@ -44,11 +44,11 @@ from armadico.agents.mapping.scan_matching import (
 )
 from armadico.agents.mapping.slices import Sliced
 
-SLICE_SCANS: Final = 50
+SLICE_SCANS: Final = 20
 """Key scans whose points are added to the field in one slice."""
 
-FILTER_WORK: Final = 40
-"""Work of a point that is filtered, in look-ups (`slices`)."""
+GATHER_WORK, LOOK_WORK = 40, 30
+"""Work (`slices`) of a point that is added to the field, and of one that a scan looks at."""
 
 MOST_NODES: Final = 300_000
 """With more candidates at one level the place is ambiguous: the search ends without a result."""
@@ -132,7 +132,7 @@ class WholeMap:
             pairs = list(zip(scans.poses[part], scans.clouds[part], strict=True))
             points = in_world(pairs).points
             parts.append(voxel_filtered(points, p.resolution, len(points)))
-            yield FILTER_WORK * len(points)
+            yield GATHER_WORK * len(points)
         points = np.concatenate(parts)
         low, high = scans.poses[:, :2].min(axis=0), scans.poses[:, :2].max(axis=0)
         half = 0.5 * float((high - low).max()) + p.distance + reach + 1.0
@@ -197,6 +197,8 @@ class WholeMap:
             if nodes.shape[1] > MOST_NODES // 4:
                 return None
             nodes = possible(height, split(nodes, height))
+            if not nodes.shape[1]:
+                return []
             scores = yield from tree.score(height, nodes)
         kept = scores >= bound
         nodes, scores = nodes[:, kept], scores[kept]
@@ -257,8 +259,8 @@ class Relocator:
             return []
         judged: list[Recognised] = []
         for pose, _ in places:
-            judged.append(self._judged(mine.numbers[-1], pose, points, parts, origin))
-            yield ICP_WORK * len(points)
+            place = yield from self._judged(mine.numbers[-1], pose, points, parts, origin)
+            judged.append(place)
         found = self._clear(judged)
         if found is None:
             return []
@@ -272,7 +274,7 @@ class Relocator:
         points: Floats,
         parts: list[tuple[Floats, PointCloud]],
         origin: tuple[float, float],
-    ) -> Recognised:
+    ) -> Sliced[Recognised]:
         """A place, refined on the key scans near it."""
         p, known = self.parameters, self.map.scans
         away = np.hypot(*(known.poses[:, :2] - pose[:2]).T)
@@ -280,16 +282,18 @@ class Relocator:
         cloud = in_world([(known.poses[k], known.clouds[k]) for k in near])
         reach = float(np.hypot(*points.T).max()) + 1.5
         field = LikelihoodField(cloud, pose[:2], reach, self.matcher)
+        yield FIELD_WORK * len(cloud.points)
         sample = voxel_filtered(points, 0.15, p.points)
         around = Window(0.3, 0.06)
         fine, score = correlate(field, sample, pose, around, Prior(1.0, 1.0))
         match = point_to_line(field, points, fine)
-        looks = [
-            seen_through(
-                scan, transformed(relative(compose(match.pose, at), _ZERO), cloud.points), origin
-            )
-            for at, scan in parts
-        ]
+        yield ICP_WORK * len(points)
+        looks, walls = [], voxel_filtered(cloud.points, p.resolution, len(cloud.points))
+        yield GATHER_WORK * len(cloud.points)
+        for at, scan in parts:
+            known_there = transformed(relative(compose(match.pose, at), np.zeros(3)), walls)
+            looks.append(seen_through(scan, known_there, origin))
+            yield LOOK_WORK * len(walls)
         turn = np.abs(wrapped(known.poses[near, 2] - match.pose[2]))
         start = near[int(np.argmin(away[near] + 0.3 * turn))]
         return Recognised(
@@ -319,9 +323,6 @@ class Relocator:
         if len(agree) < p.support - 1 or effort - agree[0][2] < p.support_way:
             return []
         return [one for one, _, _ in self._found]
-
-
-_ZERO: Final = np.zeros(3)
 
 
 def _agree(a: tuple[Recognised, Floats, float], b: tuple[Recognised, Floats, float]) -> bool:

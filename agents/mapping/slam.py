@@ -546,6 +546,7 @@ class Slam:
         self.graph.weights = weights[[k for k in kept if k < len(weights)]]
         self.loops = [loop for loop in self.loops if loop.end < count]
         self._new_loops, self._searched, self._lost, self._relocator = 0, count, None, None
+        self._in_world = {}
         self._optimised = min(self._optimised, count)
 
     # Continuing a map -----------------------------------------------------------------------------

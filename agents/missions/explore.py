@@ -126,7 +126,8 @@ class Explore(Agent):
             return self._refuse("the robot is not in the rectangle that is to be explored")
         self._exploration = self.rng.getrandbits(63)
         self._placed = self._revision
-        self._home_moves = self._is_placed  # else it lies on the map before, which stays
+        # A given home of a robot without a place lies on the map that it continues, which stays.
+        self._home_moves = self._is_placed or request.home is None
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
         self._places = self._failures = 0

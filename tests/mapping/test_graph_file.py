@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from functools import cache
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -62,33 +63,46 @@ def graph_of(agent: SlamAgent) -> bytes:
     return data
 
 
-ROBOT = driven()
-GRAPH = graph_file.decode(graph_of(ROBOT.agent), "the graph")
-FILE = graph_file.encode(GRAPH)
+@cache
+def mapped_by() -> Robot:
+    """A robot whose map is saved."""
+    return driven()
+
+
+@cache
+def saved_graph() -> SavedGraph:
+    """Its graph."""
+    return graph_file.decode(graph_of(mapped_by().agent), "the graph")
+
+
+@cache
+def saved_file() -> bytes:
+    """The file of that."""
+    return graph_file.encode(saved_graph())
 
 
 def test_what_is_read_is_what_was_saved_and_small() -> None:
-    again = graph_file.decode(FILE, "a.graph.npz")
-    assert graph_file.encode(again) == FILE == graph_file.encode(GRAPH)
-    slam = ROBOT.agent._slam
+    again = graph_file.decode(saved_file(), "a.graph.npz")
+    assert graph_file.encode(again) == saved_file() == graph_file.encode(saved_graph())
+    slam = mapped_by().agent._slam
     assert np.array_equal(again.poses, slam.poses)
     assert len(again.ends) == len(slam.graph.edges)
     assert np.array_equal(again.ends[again.loops, 1], [loop.end for loop in slam.loops])
-    kept, drawn = ROBOT.agent._drawn[5].scan, again.scans[5].scan
+    kept, drawn = mapped_by().agent._drawn[5].scan, again.scans[5].scan
     off = np.abs(ranges_of(kept) - ranges_of(drawn))
     assert np.nanmax(off) <= 0.0025 + 1e-9
-    assert len(FILE) < 1000 * len(slam.poses)
+    assert len(saved_file()) < 1000 * len(slam.poses)
 
 
 def test_the_map_is_drawn_of_it() -> None:
-    cells, own = GRAPH.drawn(), ROBOT.agent._map.cells()
+    cells, own = saved_graph().drawn(), mapped_by().agent._map.cells()
     assert cells.area(FREE) == pytest.approx(own.area(FREE), rel=0.03)
     assert cells.area(OCCUPIED) == pytest.approx(own.area(OCCUPIED), rel=0.1)
 
 
 def changed(**arrays: Any) -> bytes:
     """The file with other arrays; None: without it."""
-    with np.load(BytesIO(FILE)) as archive:
+    with np.load(BytesIO(saved_file())) as archive:
         found = {name: archive[name] for name in archive} | arrays
     file = BytesIO()
     np.savez(file, **{name: value for name, value in found.items() if value is not None})
@@ -97,7 +111,7 @@ def changed(**arrays: Any) -> bytes:
 
 def nan(array: str) -> Callable[[], bytes]:
     def data() -> bytes:
-        with np.load(BytesIO(FILE)) as archive:
+        with np.load(BytesIO(saved_file())) as archive:
             bad = archive[array].copy()
         bad.flat[-1] = np.nan
         return changed(**{array: bad})
@@ -109,16 +123,16 @@ def nan(array: str) -> Callable[[], bytes]:
     ("data", "says"),
     [
         (lambda: b"P5\n2 2\n255\n", "not the graph of a map"),
-        (lambda: FILE[: len(FILE) // 2], "not the graph of a map, or damaged"),
-        (lambda: FILE.replace(b"poses", b"roses"), "not the graph of a map"),
+        (lambda: saved_file()[: len(saved_file()) // 2], "not the graph of a map, or damaged"),
+        (lambda: saved_file().replace(b"poses", b"roses"), "not the graph of a map"),
         (lambda: changed(version=np.uint32(2)), "version 2; this release reads version 1"),
         (lambda: changed(way=None), "no array 'way'"),
         (lambda: changed(part=np.array([object()])), "damaged"),
-        (lambda: changed(poses=GRAPH.poses[:, :2]), "array 'poses' is float64"),
-        (lambda: changed(poses=GRAPH.poses[:-1]), "way: expected"),
-        (lambda: changed(edge_ends=GRAPH.ends.astype("<u4") * 0), "to itself"),
-        (lambda: changed(edge_ends=GRAPH.ends.astype("<u4") + 1), "below"),
-        (lambda: changed(scan_rays=np.full(len(GRAPH.scans), 3000, "<u2")), "at most 2048"),
+        (lambda: changed(poses=saved_graph().poses[:, :2]), "array 'poses' is float64"),
+        (lambda: changed(poses=saved_graph().poses[:-1]), "way: expected"),
+        (lambda: changed(edge_ends=saved_graph().ends.astype("<u4") * 0), "to itself"),
+        (lambda: changed(edge_ends=saved_graph().ends.astype("<u4") + 1), "below"),
+        (lambda: changed(scan_rays=np.full(len(saved_graph().scans), 3000, "<u2")), "at most 2048"),
         (lambda: changed(ranges_low=np.zeros(3, "u1")), "ranges: expected"),
         (nan("poses"), "not finite"),
         (nan("edge_information"), "not finite"),
@@ -175,18 +189,18 @@ def test_a_running_agent_continues_a_loaded_map(mapping: bool) -> None:
     robot, path = Robot(Parameters(mapping=mapping)), slowly(PATH[100:125])
     odometry = own_odometry(path, 0.05)
     robot.drive(path[:4], odometry[:4])
-    loaded(robot, GRAPH)
+    loaded(robot, saved_graph())
     *_, said = robot.drive(path[4:], odometry[4:])
     (last,) = (one for one in said if isinstance(one, Correction))
     assert robot.agent._slam.located
     assert np.hypot(*(place(last, odometry[-1]) - path[-1])[:2]) < 0.1
-    count = len(GRAPH.poses)
+    count = len(saved_graph().poses)
     assert (len(robot.agent._slam.poses) > count) is mapping
     assert len(robot.agent._slam.poses) >= count
     grid = asked(robot.agent, MapRequest())
     assert isinstance(grid, OccupancyGrid)
     cells = grid_map.cells_of(grid)
-    assert cells.area(FREE) > 0.95 * GRAPH.drawn().area(FREE), "the whole map"
+    assert cells.area(FREE) > 0.95 * saved_graph().drawn().area(FREE), "the whole map"
     saved = graph_file.decode(graph_of(robot.agent), "it")
     assert saved.part.max() == 0
 
