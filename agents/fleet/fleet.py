@@ -322,7 +322,7 @@ class Fleet(Agent):
         # A pose stays fresh while no newer cycle follows: the fleet's cycles go on without them.
         silent = self.now - self._pose_at > SILENT_S
         if pose is None or silent or pose.deviation > LOST_M:
-            return "nobody knows where the robot is"  # published by a reference run
+            return "the robot's pose is not known"
         if self.now - self._status_at > SILENT_S:
             return "the state of a mission is not known: no mission/status"
         if self._elsewhere:

@@ -458,7 +458,7 @@ class MissionPlanning(DeliberativeAgent):
     def _doing_note(self) -> str:
         """Return what the current request waits for."""
         if self.errand.interrupted:
-            return "somebody more urgent has the robot driven"  # published by a reference run
+            return "a more urgent agent has the robot driven"
         if self.errand.under_way:
             return line(self.errand.note)
         return "" if self._wanted is None else self._wanted.note
