@@ -42,9 +42,8 @@ CYCLE_WORK, KEY_WORK = 4_000_000, 1_000_000
 """Work beside a cycle without a key scan and with one, in look-ups (`slices`): 20 and 5 ms. One
 step may exceed it by 6 ms. Matching and drawing a key scan takes 6 to 15 ms."""
 
-DRAW_WORK, DRAWN_M = 450, 8.0
-"""Work of a metre of a ray that is drawn, rather too much since far ends cost more, and the
-farthest range that the map takes from a ray."""
+DRAW_WORK, DRAWN_M = 200, 8.0
+"""Work of a metre of a ray that is drawn, and the farthest range that the map takes from a ray."""
 
 STANDING_SCANS = 4
 """Scans that are drawn from one place: a cell counts as free after three rays through it."""
