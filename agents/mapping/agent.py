@@ -125,7 +125,7 @@ class SlamAgent(Agent):
         self._work: Sliced[None] | None = None  # under way, in slices
         self._key = False  # whether the newest scan was a key scan
         self._revision = 0  # of the map; 0: not begun
-        self._change: MapMoved | None = None  # to publish with the revision
+        self._map_change: MapMoved | None = None  # to publish with the revision
         self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
         self._odometry: Floats | None = None
         self._epoch: int | None = None
@@ -149,7 +149,7 @@ class SlamAgent(Agent):
             here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
             self._start = compose(here, relative(odometry, np.zeros(3)))
             self._revision = pose.revision + 1  # another slam agent may have made a map before
-            self._change = MapMoved(self._revision)
+            self._map_change = MapMoved(self._revision)
 
     def on_initial_pose(self, _pose: InitialPose) -> None:
         """The map has its own origin."""
@@ -245,9 +245,9 @@ class SlamAgent(Agent):
         at = compose(pose, relative(self._odometry, np.zeros(3)))
         c = np.clip(self._update.near_covariance, -WIDEST, WIDEST)
         x, y, theta = at.tolist()
-        if self._change is not None:
-            self.publish(self._change)
-            self._change = None
+        if self._map_change is not None:
+            self.publish(self._map_change)
+            self._map_change = None
         self.publish(
             Correction(
                 scan.cycle,
@@ -291,7 +291,7 @@ class SlamAgent(Agent):
             yield DRAW_WORK * one.metres
         self._slam.adopt(poses)
         self._revision += 1
-        self._change = map_moved(self._revision, self._drawn_at, self._slam.poses)
+        self._map_change = map_moved(self._revision, self._drawn_at, self._slam.poses)
         self._map, self._drawn_at = mapper, self._slam.poses.copy()
         self._published_at = float("-inf")
 

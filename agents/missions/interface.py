@@ -175,7 +175,7 @@ class Interface(Agent):
         self._state = MissionState.NONE
         self._route = Route()
         self._revision = 0  # of the map that the route lies on
-        self._change: MapMoved | None = None  # the newest one
+        self._map_change: MapMoved | None = None  # the newest one
         self._moved_at = -inf
         self._to_go = 0.0
         self._note = ""
@@ -391,7 +391,7 @@ class Interface(Agent):
 
     def on_map_moved(self, change: MapMoved) -> None:
         """Move the goal and the path to it with the map; plan anew on the new one."""
-        self._change, self._moved_at = change, self.now
+        self._map_change, self._moved_at = change, self.now
         if self._state is not MissionState.DRIVING or change.revision <= self._revision:
             return
         route = self._route
@@ -406,7 +406,7 @@ class Interface(Agent):
         self, waypoints: tuple[Waypoint, ...], revision: int
     ) -> tuple[tuple[Waypoint, ...], int]:
         """Waypoints of a revision of the map on the newest one, and which one that is."""
-        change = self._change
+        change = self._map_change
         if change is None or revision >= change.revision:
             return waypoints, revision
         places = (moved(change, at.x, at.y, at.theta) for at in waypoints)
