@@ -115,7 +115,7 @@ class Explore(Agent):
         if not (width > 0 < height and self._in(within, pose)):
             return self._refuse("the robot is not in the rectangle that is to be explored")
         self._exploration = self.rng.getrandbits(63)
-        self._placed = self._revision
+        self._placed, self._anew = self._revision, False  # the first target waits for the next map
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
         self._places = self._failures = 0
