@@ -38,8 +38,8 @@ Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 
-CYCLE_WORK, KEY_WORK = 4_000_000, 1_000_000
-"""Work beside a cycle without a key scan and with one, in look-ups (`slices`): 20 and 5 ms. One
+CYCLE_WORK, KEY_WORK = 3_200_000, 1_000_000
+"""Work beside a cycle without a key scan and with one, in look-ups (`slices`): 16 and 5 ms. One
 step may exceed it by 6 ms. Matching and drawing a key scan takes 6 to 15 ms."""
 
 DRAW_WORK, DRAWN_M = 200, 8.0
