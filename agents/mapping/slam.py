@@ -180,9 +180,7 @@ class Slam:
         self._optimised = 0  # key scans at the newest optimisation
         self._searched = 0  # key scans for which loops were searched
         self._relocator: Relocator | None = None  # while the newest part has no known place
-        self._proof: tuple[int, int] | None = (
-            None  # first key scan of the part that was joined; end
-        )
+        self._proof: tuple[int, int] | None = None  # first of a joined part, and how far to check
         self._against = 0  # newest key scans that look through walls of the map
         self._joins: _Joins | None = None  # of the poses that are to be adopted
 
