@@ -482,7 +482,7 @@ class SlamAgent(Agent):
         """Log once if the map may be wrong."""
         slam = self._slam
         if slam.relocations > self._relocations:
-            self._relocations = slam.relocations
+            self._relocations, self._uncertain = slam.relocations, False
             x, y, _ = slam.matched_pose.tolist()
             self.log(f"the robot's place on the map is found: ({x:.2f}, {y:.2f})")
         if len(slam.carried) > self._carried:

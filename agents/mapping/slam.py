@@ -32,6 +32,8 @@ from armadico.agents.mapping.poses import (
     wrapped,
 )
 from armadico.agents.mapping.relocation import (
+    GATHER_WORK,
+    LOOK_WORK,
     Recognised,
     RelocationParameters,
     Relocator,
@@ -50,6 +52,7 @@ from armadico.agents.mapping.scan_matching import (
     looked_at,
     point_cloud,
     point_to_line,
+    seen_through,
     voxel_filtered,
 )
 from armadico.agents.mapping.slices import Sliced, finished
@@ -70,6 +73,10 @@ UNKNOWN: Final = np.diag([10.0**-2, 10.0**-2, pi**-2])
 
 LEAVES: Final = 5
 """Scans in a row that fit badly on a map that takes no more scans, and the robot is lost on it."""
+
+PROVED_SCANS, PROVED_M, PROVED_NEAR = 200, 6.0, 15
+"""After a part has been joined, so many of its key scans are compared with the nearest earlier ones
+within so many m, at most so many."""
 
 LOST_SCANS: Final = 100
 """Key scans of a robot that is lost on such a map, at most: then it begins anew."""
@@ -151,6 +158,7 @@ class Slam:
         self.weak = 0  # key scans that fitted badly
         self.part: Indices = np.zeros(0, dtype=np.intp)  # of the map, that each key scan is of
         self.relocations = 0  # times that the place of a part was found
+        self.contradicted = False  # later scans looked through walls of the map at such a place
         self.carried: list[int] = []  # key scans before which the robot was carried elsewhere
         self.rejected = 0  # scans that could not be used
         self._covariance = np.zeros((3, 3))
@@ -172,6 +180,8 @@ class Slam:
         self._optimised = 0  # key scans at the newest optimisation
         self._searched = 0  # key scans for which loops were searched
         self._relocator: Relocator | None = None  # while the newest part has no known place
+        self._proof: tuple[int, int] | None = None  # first of a joined part, and how far to check
+        self._against = 0  # newest key scans that look through walls of the map
         self._joins: _Joins | None = None  # of the poses that are to be adopted
 
     @property
@@ -208,6 +218,8 @@ class Slam:
             reasons.append(
                 f"the places of its {self.parts} parts to each other are unknown{carried}"
             )
+        if self.contradicted:
+            reasons.append("what is seen contradicts the place that was found on the map")
         if (off := self.loops_off) * 2 > len(self.loops):
             reasons.append(f"{off} of {len(self.loops)} loops contradict the others")
         if self.weak * 10 > len(self.poses):
@@ -612,6 +624,8 @@ class Slam:
         self._searched = count
         if p.do_loop_closing and not self.lost:
             yield from self._finding()
+        if self._proof is not None and count <= self._proof[1] and not self.lost:
+            yield from self._proving(self._proof[0])
         poses, joined = self.poses, False
         if not self.located:
             found = yield from self._relocating()
@@ -654,6 +668,24 @@ class Slam:
         relocator, way = self._relocator, [self.way[k] for k in mine]
         found = yield from relocator.searching(self._scans(mine), way, self._origin)
         return found if self._relocator is relocator else []  # another part has begun
+
+    def _proving(self, first: int) -> Sliced[None]:
+        """Compare the newest key scan with the walls of the map that its part was joined to."""
+        p, pose = self.parameters, self.poses[-1]
+        old = np.flatnonzero(self.present[:first])
+        away = np.hypot(*(self.poses[old, :2] - pose[:2]).T)
+        near = old[np.argsort(away, kind="stable")[:PROVED_NEAR]]
+        near = near[np.hypot(*(self.poses[near, :2] - pose[:2]).T) < PROVED_M]
+        if not len(near):
+            return
+        points = in_world([(self.poses[k], self.clouds[k]) for k in near.tolist()]).points
+        walls = voxel_filtered(points, p.relocation.resolution, len(points))
+        yield GATHER_WORK * len(points)
+        walls = transformed(relative(pose, np.zeros(3)), walls)
+        through = seen_through(self.clouds[-1], walls, self._origin)
+        self._against = self._against + 1 if through > p.lost_share else 0
+        self.contradicted |= self._against >= p.lost_scans
+        yield LOOK_WORK * len(walls)
 
     def _scans(self, which: Indices) -> Scans:
         numbers = [int(k) for k in which]
@@ -703,11 +735,13 @@ class Slam:
             label, to, newest, temporary = self._joins
             self._joins, self._relocator = None, None
             self.relocations += 1
+            self._against = 0
             if temporary:
                 here = self.poses[-1]
                 self._truncate(int(np.argmax(self.part == label)))
                 self._on = newest.start, relative(self.poses[newest.start], here)
             else:
+                self._proof = int(np.argmax(self.part == label)), count + PROVED_SCANS
                 self.part[self.part == label] = to
             scans = self.parameters.relocation.scans
             near = np.linalg.inv(newest.match.information / scans)

@@ -9,7 +9,7 @@ import pytest
 
 from armadico.agents.mapping.poses import Floats, compose, relative
 from armadico.agents.mapping.slam import Slam
-from tests.mapping.worlds import BEARINGS, cast, drifted, drive, mapped, ring, square
+from tests.mapping.worlds import BEARINGS, cast, drifted, drive, mapped, ring, square, twins
 
 PATH = square()
 BLOCK = ring(4.0, 2.0) + np.array([38.0, 0.0, 38.0, 0.0])
@@ -29,11 +29,18 @@ def kept(slam: Slam) -> Slam:
     return again
 
 
-def taken(slam: Slam, path: Floats, odometry: Floats, begun: float = 0.0, **how: bool) -> Floats:
+def taken(
+    slam: Slam,
+    path: Floats,
+    odometry: Floats,
+    begun: float = 0.0,
+    walls: Floats = WALLS,
+    **how: bool,
+) -> Floats:
     """The poses by SLAM along a path."""
     rng, found = np.random.default_rng(2), []
     for number, (pose, here) in enumerate(zip(path, odometry, strict=True)):
-        ranges = cast(WALLS, pose) + 0.01 * rng.standard_normal(len(BEARINGS))
+        ranges = cast(walls, pose) + 0.01 * rng.standard_normal(len(BEARINGS))
         slam.add(begun + 0.1 * number, here, ranges, BEARINGS, **how)
         slam.close_loops()
         found.append(slam.pose_at(here))
@@ -117,3 +124,13 @@ def test_a_robot_that_does_not_find_itself_on_a_fixed_map_takes_bounded_memory()
     taken(again, turn, turn, mapping=False)
     assert not again.located
     assert len(again.poses) <= len(slam.poses) + 101
+
+
+@pytest.mark.long
+def test_a_twin_that_is_not_on_the_map_is_reported_once_the_map_contradicts() -> None:
+    there = drive([(-1.0, 0.0), (19.0, 0.0), (-1.0, 0.0)], step=0.4)
+    slam, _ = mapped(twins(3.0), there, there)
+    again = kept(slam)
+    path = drive([(2.0, 3.0), (19.0, 3.0), (-1.0, 3.0), (-1.0, 0.0), (10.0, 0.0)], step=0.4)
+    taken(again, path, relative(path[0], path), walls=twins(3.0))
+    assert "contradicts the place" in again.uncertain
