@@ -27,7 +27,7 @@ Indices = NDArray[np.intp]
 BLOCK: Final = 12
 """Neighbouring levels are merged until a block has so many poses: small blocks cost calls."""
 
-LARGEST: Final = 48
+LARGEST: Final = 24
 """A level of more poses is split into blocks of so many, since a block is solved in one slice."""
 
 EDGE_WORK, POSE_WORK, FLOPS = 500, 1500, 40

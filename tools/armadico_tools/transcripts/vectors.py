@@ -95,7 +95,7 @@ READ: Final = (
     ("a pose of integers", Pose, POSE + _hex("01 21 00")),
     ("integers that are longer than they need be", Pose, POSE + _hex("1801 390001 1a00000000")),
     ("a pose of a program that knows no covariance", Pose, _hex("84 82 07 03 01 02 03")),
-    ("a field more than there is", Pose, _hex("86 82 07 03 01 02 03 80 63 6e6577")),
+    ("a field more than there is", Pose, _hex("87 82 07 03 01 02 03 80 00 63 6e6577")),
     ("bytes after the array", Pose, POSE + _hex("01 02 03 ff")),
     ("a stop of nothing but defaults", Stop, _hex("80")),
     ("a stop without its last fields", Stop, _plain(5, True)),
