@@ -48,15 +48,14 @@ Metres = Annotated[float, Meta(gt=0, le=100)]
 Radians = Annotated[float, Meta(gt=0, le=6.2832)]
 Count = Annotated[int, Meta(ge=1, le=100_000)]
 
-CYCLE_WORK, MATCH_WORK = 4_000_000, 1_000_000
-"""Work beside a cycle without a matched scan and with one, in look-ups (`slices`): 20 and 5 ms.
+CYCLE_WORK, MATCH_WORK = 3_200_000, 1_000_000
+"""Work beside a cycle without a matched scan and with one, in look-ups (`slices`): 16 and 5 ms.
 
 One step may exceed it by 6 ms. Matching and drawing a scan takes 6 to 15 ms.
 """
 
-DRAW_WORK, DRAWN_M = 450, 8.0
-"""Work of a metre of a ray that is drawn, rather too much since far ends cost more, and the
-farthest range that the map takes from a ray."""
+DRAW_WORK, DRAWN_M = 200, 8.0
+"""Work of a metre of a ray that is drawn, and the farthest range that the map takes from a ray."""
 
 STANDING_SCANS = 4
 """Scans that are drawn from one place: a cell counts as free after three rays through it."""

@@ -340,6 +340,6 @@ def _banded(
     solved: list[Floats] = [np.zeros(0)] * len(diagonal)
     for k in range(len(diagonal) - 1, -1, -1):
         others, to_next, own = eliminated[k]
-        found = [solved[other] for other in others]
-        solved[k] = own - to_next @ np.concatenate(found) if found else own
+        later = [solved[other] for other in others]
+        solved[k] = own - to_next @ np.concatenate(later) if later else own
     return solved

@@ -497,6 +497,8 @@ class Slam:
         match = self._search(likelihood, cloud, pose, Prior(0.3, 0.3))
         if match.inliers >= p.match_good:
             return False
+        if match.inliers < p.match_weak and len(self._doubtful) == p.lost_scans - 1:
+            return True  # by now the robot may have left what the map shows
         back = relative(match.pose, np.zeros(3))
         seen, through = looked_at(cloud, transformed(back, near.points), origin)
         # Of people in the map nothing is left: only what other scans saw there is a wall.

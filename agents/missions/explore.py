@@ -126,7 +126,7 @@ class Explore(Agent):
         if not (width > 0 < height and (self._in(within, pose) or not self._is_placed)):
             return self._refuse("the robot is not in the rectangle that is to be explored")
         self._exploration = self.rng.getrandbits(63)
-        self._placed = self._revision
+        self._placed, self._anew = self._revision, False  # the first target waits for the next map
         # A given home of a robot without a place lies on the map that it continues, which stays.
         self._home_moves = self._is_placed or request.home is None
         self._was_placed = self._is_placed

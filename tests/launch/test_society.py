@@ -8,6 +8,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.missions.messages import ExploreRequest
 from armadico.config.discovery import AGENTS, agent_class, load
 from armadico.config.errors import ConfigError
 from armadico.config.hosts import Host, HostTable, load_hosts
@@ -17,6 +18,7 @@ from armadico.core.agent import Agent
 from armadico.launch.society import (
     Member,
     Options,
+    errand,
     least,
     members,
     mission,
@@ -196,6 +198,12 @@ def test_a_robot_with_a_laser_and_real_sensors_explores_by_slam() -> None:
     exact = exploring(with_sensors(JACKAL, "ideal"))
     assert "mapping" in exact.agents
     assert not {"slam", "path-planning"} & set(exact.agents)
+
+
+def test_an_exploration_leaves_out_the_mission() -> None:
+    found = exploring(prepared(load_scenario("surveillance"), Options(), profile="jackal"))
+    assert isinstance(errand(found, Options()), ExploreRequest)
+    assert not {"mission-planning", "battery-charger", "dock"} & set(found.agents)
 
 
 def test_what_an_exploration_by_slam_needs() -> None:

@@ -31,7 +31,8 @@ EXAMPLES: Final = """\
   armadico experiment table-5.2 --runs 100 --jobs 8 --json
   armadico experiment barn --worlds 1 --worlds 2 --robot pioneer-2dx --v-max 1
   armadico experiment logs FOLDER              on logs of real robots
-  armadico experiment all                      all except logs
+  armadico experiment exploration --runs 1     one seed of each world, five floor plans
+  armadico experiment all                      all except those marked in --list
 """
 
 
