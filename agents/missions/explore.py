@@ -97,6 +97,7 @@ class Explore(Agent):
         self._anew = False  # the map has moved: choose another target
         self._within = (0.0, 0.0, 0.0, 0.0)
         self._home, self._home_moves = Waypoint(0.0, 0.0, 0.0), True
+        self._was_placed = True
         self._places = self._failures = 0
         self._avoided: list[Placed] = []  # places given up
         self._second_look = False
@@ -128,6 +129,7 @@ class Explore(Agent):
         self._placed, self._anew = self._revision, False  # the first target waits for the next map
         # A given home of a robot without a place lies on the map that it continues, which stays.
         self._home_moves = self._is_placed or request.home is None
+        self._was_placed = self._is_placed
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
         self._places = self._failures = 0
@@ -169,6 +171,14 @@ class Explore(Agent):
         self._avoided = [Placed(*moved(change, *place)) for place in self._avoided]
         self._way = [Placed(*moved(change, *place)) for place in self._way]
         self._target = self._way[-1] if self._way else None
+
+    def on_correction(self, correction: Correction) -> None:
+        """Keep home where it lies while the robot maps a part of its own: it was carried."""
+        if self._was_placed and not self._is_placed:
+            self._home_moves = False
+        elif self._is_placed and self._placed >= correction.revision:
+            self._home_moves = True  # the part has been joined, and its change is done
+        self._was_placed = self._is_placed
 
     def on_pose(self, _pose: Pose) -> None:
         """Choose another target as soon as map, places and pose are of the same revision."""

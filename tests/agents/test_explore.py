@@ -22,7 +22,9 @@ from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
 from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, Message
 from armadico.mobile.messages import (
+    COVARIANCE,
     BatteryLevel,
+    Correction,
     MapMoved,
     MissionReply,
     MissionRequest,
@@ -393,3 +395,25 @@ def test_a_map_that_moves_takes_its_places_along_and_another_target_is_chosen(
     assert 1.3 <= desk.sent[-1].goal.y <= 2.7
     desk.give(message_of(box(higher, 3.5, 1.0, 4.2, 3.0, OCCUPIED), 2))
     assert desk.sent[-1].goal == Waypoint(1.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize("correction_first", [True, False])
+def test_home_stays_while_a_carried_robot_maps_a_part_of_its_own(correction_first: bool) -> None:
+    desk = Desk(hall())
+    home = Waypoint(1.0, 1.0, 0.0)
+    desk.begin(home=home)
+
+    def corrected(confidence: float, revision: int) -> Correction:
+        desk.state()
+        zero = (0.0,) * COVARIANCE
+        return Correction(desk.at, 0.0, 0.0, 0.0, zero, confidence, revision=revision)
+
+    desk.give(MapMoved(2))
+    desk.give(corrected(0.5, 2))
+    joins = [corrected(1.0, 3), MapMoved(3, (Moved(1.0, 1.0, 9.0, 9.0, 0.0),))]
+    for news in joins if correction_first else joins[::-1]:
+        desk.give(news)
+    assert desk.agent._home == home
+    desk.give(corrected(1.0, 3))  # one comes in each cycle
+    desk.give(MapMoved(4, (Moved(1.0, 1.0, 1.5, 1.0, 0.0),)))
+    assert desk.agent._home == Waypoint(1.5, 1.0, 0.0)
