@@ -98,7 +98,7 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
         for grid in grids:
             assert isinstance(grid, OccupancyGrid)
             assert grid.revision == revision
-    assert leaps > 2
+    assert leaps > 1, "a loop has moved the map"
     (last,) = corrections
     off = place(last, odometry[-1]) - PATH[-1]
     assert np.hypot(*off[:2]) < 0.1
