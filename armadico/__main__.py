@@ -66,7 +66,9 @@ def run(command: Callable[[], int]) -> int:
     except KeyboardInterrupt:  # while an error was being printed
         code = INTERRUPTED
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        # After Ctrl-C a further one does not change the exit code.
+        after = signal.SIG_IGN if code == INTERRUPTED else signal.SIG_DFL
+        signal.signal(signal.SIGINT, after)
     return code
 
 

@@ -6,12 +6,9 @@ once.
 
 from __future__ import annotations
 
-from math import cos, sin
-
 from armadico.bridge.session import Reported, Swept
 from armadico.config.profile import RobotProfile, SonarRing
 from armadico.core.messages import Cycle, Message
-from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan, Sonar
 from armadico.mobile.scans import message_of
 
@@ -58,7 +55,7 @@ class Readings:
         if self._has_laser:
             wrong = f"{self._awaited} for {SILENT} cycles"
             try:
-                self.scan = _scan(cycle, report, report.scan)
+                self.scan = _scan(cycle, report.scan)
             except ValueError as error:
                 self.scan, wrong = None, str(error)
             self._no_scan = 0 if self.scan is not None else self._no_scan + 1
@@ -69,7 +66,7 @@ class Readings:
         self.complaints += (f"{what}: no agent drives blind",)
 
 
-def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
+def _scan(cycle: Cycle, swept: Swept | None) -> Scan | None:
     """The scan as a message. Raises ValueError if it is invalid."""
     if swept is None:
         return None
@@ -80,15 +77,9 @@ def _scan(cycle: Cycle, report: Reported, swept: Swept | None) -> Scan | None:
         (swept.least, swept.most),
         swept.mount,
         upside_down=swept.upside_down,
-        since=_before(report, swept.age_s),
+        since=swept.since,
         number=swept.number,
     )
-
-
-def _before(report: Reported, age_s: float) -> Pose2:
-    """The body's pose `age_s` ago, in its present frame: m, m, rad."""
-    turned, way = -report.w * age_s, -report.v * age_s
-    return way * cos(0.5 * turned), way * sin(0.5 * turned), turned
 
 
 def _echoes(ring: SonarRing, report: Reported) -> tuple[Echo, ...]:

@@ -19,7 +19,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.core.messages import Line
-from armadico.mobile.geometry import Pose2
+from armadico.mobile.geometry import STOOD, Pose2
 
 
 class Pose(Struct, frozen=True):
@@ -44,7 +44,7 @@ class Swept(Struct, frozen=True):
     number: int  # counts scans
     mount: Pose2  # of the laser on the body: m, m, rad
     upside_down: bool = False
-    age_s: float = 0.0  # from the scan to the odometry reported with it, by the robot's clock
+    since: Pose2 = STOOD  # the body's pose at the scan, in its frame at the odometry with it
 
 
 class Reported(Struct, frozen=True, kw_only=True):

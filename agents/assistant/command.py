@@ -66,7 +66,7 @@ main: Final = Command(
     run,
     "Serve a society to one program on standard input and output: where, map, who, why,"
     " history, missions, goto, stop. What is asked for goes through the assistant agent, which"
-    " is started if there is none: it takes everything down for people to see, drives nobody"
-    " off, and releases no stop.",
+    " is started if there is none: it publishes every request for people to see, replaces no"
+    " mission, and releases no stop.",
     EXAMPLES,
 )

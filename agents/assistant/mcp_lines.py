@@ -35,8 +35,8 @@ BAD_VERSION: Final = -32022
 
 INSTRUCTIONS: Final = (
     "A wheeled robot that is driven by a society of agents; nobody is in charge, and you are not."
-    " Look with where, map, who, why and history. What you ask for is taken down for people to see."
-    " goto and mission are refused while the robot is stopped or under way for somebody else. You"
+    " Look with where, map, who, why and history. Your requests are published for people to see."
+    " goto and mission are refused while the robot is stopped or under way on another mission. You"
     " may stop it; only a person releases a stop. Poses are metres, and degrees counter-clockwise."
 )
 

@@ -10,8 +10,10 @@ from msgspec import Meta
 from armadico.agents.driving.seen import Seen
 from armadico.agents.methods.energy import Pace, energy
 from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
+from armadico.agents.methods.known_grid import KnownGrid
 from armadico.agents.methods.planning import Plan as Way
-from armadico.agents.methods.planning import PlanError, plan, unknown
+from armadico.agents.methods.planning import PlanError, plan, plan_on_map, unknown
+from armadico.config.grid_map import cells_of
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
@@ -21,6 +23,7 @@ from armadico.core.resources import Resource
 from armadico.mobile.behaviour import UNSURE_M
 from armadico.mobile.messages import (
     WAYPOINTS,
+    OccupancyGrid,
     Plan,
     Planned,
     PlanRequest,
@@ -36,7 +39,8 @@ from armadico.mobile.resources import PLANNER
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
     """The world and the robot to plan for, and the robot's pace.
 
-    Without a world it plans over what the sensors saw; everything else is free.
+    Without a world it plans on the map that slam makes. Without slam it plans over what the sensors
+    saw, and everything else is free.
     """
 
     world: Annotated[str, Meta(min_length=1)] | None = None
@@ -58,11 +62,14 @@ class PathPlanning(Agent):
 
     Without a map it remembers all obstacles. If no path is left, some of them were wrong: then it
     drops all but the latest.
+
+    On a map that slam makes, unknown cells are closed. The map remembers the obstacles; those of
+    the newest scan are added.
     """
 
     name = "path-planning"
     alone = True
-    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan)
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Sonar, Scan, OccupancyGrid)
     provides: ClassVar[tuple[type[Message], ...]] = (Planned,)
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     owns = (PLANNER,)
@@ -77,6 +84,9 @@ class PathPlanning(Agent):
             check_extent(self._world, CELL_M)
         self._profile = load_profile(self.p.profile)
         self._seen: Seen | None = None
+        self._grid: OccupancyGrid | None = None  # the newest map of slam
+        self._chart: KnownGrid | None = None  # the same for planning, once it is needed
+        self._newest: tuple[Pose, Scan] | None = None  # scan, and the pose of its cycle
         self._task: int | None = None  # the holder's
         self._planned: Planned | None = None  # the result of that task, or of one before
 
@@ -103,6 +113,11 @@ class PathPlanning(Agent):
 
     def on_scan(self, scan: Scan) -> None:
         self._match(self.latest(Pose), scan)
+
+    def on_occupancy_grid(self, grid: OccupancyGrid) -> None:
+        """Plan on it from now on, if no world is known and slam makes it."""
+        if self._world is None and grid.revision and grid.rows and grid.columns:
+            self._grid, self._chart, self._seen = grid, None, None
 
     def on_plan_request(self, question: Question) -> Plan:
         """The waypoints, or the reason why there is no path."""
@@ -135,10 +150,13 @@ class PathPlanning(Agent):
         doors = f" through {', '.join(way.doors)}" if way.doors else ""
         why = f": {request.why}" if request.why else ""
         self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J{why}")
-        return Plan(waypoints, way.length_m, cost.joules)
+        revision = 0 if self._grid is None else self._grid.revision
+        return Plan(waypoints, way.length_m, cost.joules, revision=revision)
 
     def _way(self, request: PlanRequest) -> Way:
         """Plan by the map and the obstacles seen. Raises PlanError."""
+        if self._grid is not None:
+            return self._on_map(self._grid, request)
         seen = () if self._seen is None else self._seen.points(self.now)
         world = self._world
         if world is None:
@@ -153,6 +171,28 @@ class PathPlanning(Agent):
             under_way=bool(request.why) or self._world is None,
         )
 
+    def _on_map(self, grid: OccupancyGrid, request: PlanRequest) -> Way:
+        """Plan on the map that slam makes, and the newest scan. Raises PlanError."""
+        if self._chart is None:
+            try:
+                self._chart = KnownGrid(cells_of(grid))
+            except ValueError as error:
+                raise PlanError(f"mapping/grid: {error}") from None
+        seen = Seen(self._chart)
+        if self._newest is not None:
+            pose, scan = self._newest
+            if self.cycles.fresh(scan.cycle) and pose.revision == grid.revision:
+                with suppress(ValueError):  # the laser agent reports invalid scans
+                    seen.add_scan(pose, scan, pose.deviation, self.now)
+        return plan_on_map(
+            self._chart,
+            request.start,
+            request.goal,
+            self._profile.body,
+            round_corners=self.p.round_corners,
+            seen=seen.points(self.now),
+        )
+
     def _match(self, pose: Pose | None, reading: Sonar | Scan | None) -> None:
         """Add a cycle's pings or scan once both messages have arrived, in any order."""
         if (
@@ -161,6 +201,10 @@ class PathPlanning(Agent):
             or pose.cycle != reading.cycle
             or pose.deviation > UNSURE_M
         ):
+            return
+        if self._grid is not None:
+            if isinstance(reading, Scan):
+                self._newest = pose, reading
             return
         if self._seen is None:
             world = self._world

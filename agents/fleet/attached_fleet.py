@@ -182,7 +182,9 @@ class AttachedFleet(FleetRun):
                 self._warn(f"{name}: has come")
 
     def _lacking(self) -> str:
-        there = ", ".join(f"{self.fleet}/{robot}" for robot in sorted(self._claimed_at)) or "nobody"
+        there = (
+            ", ".join(f"{self.fleet}/{robot}" for robot in sorted(self._claimed_at)) or "no robot"
+        )
         return (
             f"{there} of the fleet {self.fleet!r} is there after {self.come_s:g} s, and"
             f" {self._wanted} or more are waited for; `armadico up fleet --namespace"

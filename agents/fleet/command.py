@@ -49,8 +49,8 @@ def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
     for option, words in STARTING.items() if args.attach else ():
         if getattr(args, option):
             raise UsageError(
-                f"--{words} is for whoever starts the societies (armadico up); --attach starts"
-                " nobody"
+                f"--{words} is for the command that starts the societies (armadico up);"
+                " --attach starts none"
             )
     if args.replace and not args.attach:
         raise UsageError("--replace is for a fleet that is up: --attach")

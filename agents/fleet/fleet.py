@@ -255,7 +255,7 @@ class Fleet(Agent):
         under_way = status.state in (MissionState.DRIVING, MissionState.PLANNING)
         self._elsewhere = under_way and status.mission not in self._drive.own
         if self._elsewhere and not self._drive.pending:
-            self._drop("somebody has sent the robot elsewhere")
+            self._drop("the robot was sent elsewhere")
         work, doing, mission = self.work, self._doing, self._drive.mission
         if work is None or doing is None or not mission or status.mission != mission:
             return
@@ -322,11 +322,11 @@ class Fleet(Agent):
         # A pose stays fresh while no newer cycle follows: the fleet's cycles go on without them.
         silent = self.now - self._pose_at > SILENT_S
         if pose is None or silent or pose.deviation > LOST_M:
-            return "nobody knows where the robot is"
+            return "the robot's pose is not known"
         if self.now - self._status_at > SILENT_S:
-            return "nobody says what becomes of a mission"
+            return "the state of a mission is not known: no mission/status"
         if self._elsewhere:
-            return "somebody has sent the robot elsewhere"
+            return "the robot was sent elsewhere"
         return ""
 
     def _go_on(self) -> None:
@@ -457,7 +457,7 @@ class Fleet(Agent):
         self._over.add(work.list.id)
         left = ", ".join(map(str, work.sharing.open))
         if left:
-            self.log(line(f"the list is over: nobody gets to {left}"), WARNING)
+            self.log(line(f"the list is over: no robot reaches {left}"), WARNING)
         else:
             self.log(f"all {len(work.list.tasks)} tasks are done")
 

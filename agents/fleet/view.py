@@ -52,13 +52,14 @@ class FleetResult(Struct, frozen=True):
     def verdict(self) -> str:
         took = "" if self.makespan_s is None else f" in {self.makespan_s:.1f} s"
         left = ", ".join(map(str, self.unreachable))
-        nobody = f"; nobody gets to {left}" if left else ""
+        unreached = f"; no robot reaches {left}" if left else ""
         limit = "" if self.limit_s is None else f"; time limit of {self.limit_s:.0f} s"
         known = [row.collisions for row in self.robots if row.collisions is not None]
         touched = f", {sum(known)} collisions" if known else ""
         return (
             f"{self.done} of {self.tasks} tasks done{took} by {len(self.robots)} robots,"
-            f" {len(self.twice)} twice; {self.messages:.0f} messages a task{touched}{nobody}{limit}"
+            f" {len(self.twice)} twice; {self.messages:.0f} messages a task{touched}"
+            f"{unreached}{limit}"
         )
 
 

@@ -109,7 +109,7 @@ class Encoder(Agent):
         if min(xx, yy, tt) < 0.0 or out_of_range(correction.x, correction.y):
             return  # invalid: a negative variance, or a position out of range
         self._covariance = correction.covariance
-        sure = correction.confidence >= SURE
+        sure = correction.confidence >= SURE or correction.revision != self._revision
         self._unpublished |= not sure and self._correction is not None
         self._correction = correction if sure else None
 
@@ -139,7 +139,8 @@ class Encoder(Agent):
             origin = self._continue(self._origin, odometry, epoch)
         self._origin = origin = self._corrected(origin, odometry, epoch)
         self._known = epoch, odometry
-        self.publish(Pose(state.cycle, *compose(origin, odometry), self._covariance))
+        place = compose(origin, odometry)
+        self.publish(Pose(state.cycle, *place, self._covariance, self._revision))
         self._published += 1
         if begins or self._unpublished or self._published % ORIGIN_CYCLES == 0:
             self._publish_origin(origin, odometry, epoch)
@@ -152,10 +153,10 @@ class Encoder(Agent):
         here = compose(origin, odometry)
         there = compose((to.x, to.y, to.theta), odometry)
         off, turned = hypot(there[0] - here[0], there[1] - here[1]), wrap(there[2] - here[2])
-        if off > LEAP_M or abs(turned) > LEAP_RAD:
-            self.log(f"the pose was {off:.2f} m and {abs(turned):.2f} rad off", WARNING)
+        if to.revision != self._revision:  # the pose must lie on the map of its time
             share, self._unpublished = 1.0, True
-        elif to.revision != self._revision:  # the pose must lie on the map of its time
+        elif off > LEAP_M or abs(turned) > LEAP_RAD:
+            self.log(f"the pose was {off:.2f} m and {abs(turned):.2f} rad off", WARNING)
             share, self._unpublished = 1.0, True
         else:
             share = min(1.0, CREEP_M / max(off, 1e-9), CREEP_RAD / max(abs(turned), 1e-9))

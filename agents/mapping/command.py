@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import log_file, options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import Command, Must, argument, between, flag, option, several
+from armadico.cli.parsing import FILE, Command, Must, argument, between, flag, option, several
 from armadico.core.errors import advice
 
 if TYPE_CHECKING:
-    from armadico.agents.mapping.run import Figures, Mapped
+    from armadico.agents.mapping.run import Figures, Mapped, Relations
     from armadico.agents.mapping.slam import SlamParameters
     from armadico.observe.logs import Log
 
@@ -31,17 +31,23 @@ EXAMPLES: Final = """\
   armadico slam bag/ -o flat.yaml --scan /scan --odom /odom  a ROS 2 bag; needs armadico[bags]
   armadico slam freiburg.npz -o map.yaml --drift 0.15 --json errors added to a corrected path
   armadico slam hall.npz -o hall.yaml --set max_range=30
+  armadico slam intel.npz --over first --align -o half.yaml  to localize the other half on it
 """
 
 MOST: Final = 1e6  # of a parameter that is a number
+
+RELATED: Final = (
+    "Only relations whose both times are times of scans are used. Published figures are of all"
+    " relations: they cannot be compared with these."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
     log: Path = argument("the log: .npz, CARMEN, recording, or ROS bag", metavar="LOG", must=THERE)
     output: Path | None = option(
-        "write the map: .yaml (with .pgm) or .map; the path goes to FILE with .tum (default:"
-        " write nothing)",
+        "write the map: .yaml (with .pgm, and .graph.npz to go on with it) or .map; the path goes"
+        " to FILE with .tum (default: write nothing)",
         "-o",
         "--output",
         metavar="FILE",
@@ -54,6 +60,15 @@ class Options:
         must=between(0, 1),
     )
     seed: int = option("seed of these errors (default: 0)", default=0, metavar="N")
+    over: str = option(
+        "use this part of the log (default: all)", default="all", choices=log_file.PARTS
+    )
+    align: bool = flag("write map and path in the frame of the log's reference, moved as a whole")
+    relations: Path | None = option(
+        "measure the path on the relative poses of a file: t1 t2 x y z roll pitch yaw",
+        metavar="FILE",
+        must=FILE,
+    )
     no_loops: bool = flag("close no loops: scan matching alone")
     sets: tuple[str, ...] = several(
         "set a parameter of SLAM, such as max_range=30 or graph.loss=none; may be repeated",
@@ -90,14 +105,21 @@ def run(args: Options) -> int:
         say(f"note: {note}")
     if drift and args.drift is None:
         say(f"note: the odometry is a corrected path; errors of {drift:g} are added, see --drift")
+    log = runs.over(log, args.over)
+    if args.align and not log.known.any():
+        raise UsageError(f"--align: {args.log} has no reference")
+    given = None if args.relations is None else runs.read_relations(args.relations)
     with progress("slam", len(log)) as step:
         found = runs.mapped(log, parameters, time.process_time, step)
+    if args.align:
+        found = runs.on_reference(log, found)
+    related = None if given is None else runs.relations(log, found, given)
     written = _write(args, log, found)
     figures = runs.figures(log, found)
     if args.json:
-        print(json.dumps(_about(args, log, drift, figures)))
+        print(json.dumps(_about(args, log, drift, figures, related)))
     else:
-        _show(log, drift, figures)
+        _show(log, drift, figures, related)
     for line in written:
         say(line)
     if figures.uncertain:
@@ -166,7 +188,7 @@ def _expected(old: Any) -> str:
     if isinstance(old, Enum):
         return ", ".join(one.value for one in old.__class__)
     kind = type(old).__name__
-    return kind if isinstance(old, bool) else f"{kind}, at least 0 and less than {MOST:g}"
+    return kind if isinstance(old, bool) else f"{kind}, more than 0 and less than {MOST:g}"
 
 
 def _valued(old: Any, value: str) -> Any:
@@ -176,7 +198,7 @@ def _valued(old: Any, value: str) -> Any:
             raise ValueError(value)
         return value == "true"
     new = type(old)(value)
-    if isinstance(new, int | float) and not 0 <= new < MOST:
+    if isinstance(new, int | float) and not 0 < new < MOST:
         raise ValueError(value)
     return new
 
@@ -184,19 +206,20 @@ def _valued(old: Any, value: str) -> Any:
 def _write(args: Options, log: Log, found: Mapped) -> list[str]:
     """Write what was asked for; a line about each. Raises FailedError, LogError, ConfigError."""
     from armadico.agents.mapping import run as runs
-    from armadico.config import grid_map
-    from armadico.config.writing import write_files
+    from armadico.config import graph_file, grid_map
 
     if args.output is None and args.picture is None:
         return []
-    cells = runs.drawn(log, found.slam)
+    graph = runs.graph_of(log, found.slam)
+    cells = runs.drawn(log, graph)
     lines, at = [], args.output
     try:
         if args.output is not None:
-            path = at = args.output.with_suffix(".tum")
-            write_files({path: runs.trajectory(found)})
             at = args.output
-            written = [*grid_map.save(cells, args.output), path]
+            files = {args.output.with_suffix(".tum"): runs.trajectory(found)}
+            if args.output.suffix != ".map":
+                files[graph_file.beside(args.output)] = graph_file.encode(graph)
+            written = grid_map.save(cells, args.output, files)
             lines.append("map and path: " + ", ".join(map(str, written)))
         if args.picture is not None:
             from armadico.agents.mapping import view
@@ -219,7 +242,9 @@ def _memory_mib() -> float:
     return getrusage(RUSAGE_SELF).ru_maxrss / 1024.0  # Linux counts in KiB
 
 
-def _about(args: Options, log: Log, drift: float, figures: Figures) -> dict[str, Any]:
+def _about(
+    args: Options, log: Log, drift: float, figures: Figures, related: Relations | None
+) -> dict[str, Any]:
     import msgspec
 
     from armadico.observe.conditions import software
@@ -231,13 +256,15 @@ def _about(args: Options, log: Log, drift: float, figures: Figures) -> dict[str,
         "drift": drift,
         "seed": args.seed,
         "sets": args.sets,
+        "over": args.over,
         **msgspec.to_builtins(figures),
+        "relations": msgspec.to_builtins(related),
         "memory_most_mib": _memory_mib(),
         "software": msgspec.to_builtins(software()),
     }
 
 
-def _show(log: Log, drift: float, figures: Figures) -> None:
+def _show(log: Log, drift: float, figures: Figures, related: Relations | None) -> None:
     """Print a row for each measure."""
     from rich.console import Console
     from rich.markup import escape
@@ -251,7 +278,20 @@ def _show(log: Log, drift: float, figures: Figures) -> None:
     table.add_column(justify="right")
     for name, value in _rows(figures):
         table.add_row(name, value)
+    if related is not None:
+        for name, value in _related(related):
+            table.add_row(name, value)
     Console().print(table)
+    if related is not None:
+        print(RELATED)
+
+
+def _related(r: Relations) -> Iterator[tuple[str, str]]:
+    yield "relations used, given", f"{r.used}  {r.given}"
+    if r.used:
+        three = (r.error_mean_m, r.error_deviation_m, r.error_most_m)
+        yield "  error: mean, deviation, most, m", "  ".join(f"{v or 0.0:.3f}" for v in three)
+        yield "  heading: mean, degrees", f"{r.heading_mean_deg or 0.0:.2f}"
 
 
 def _rows(figures: Figures) -> Iterator[tuple[str, str]]:

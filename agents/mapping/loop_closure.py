@@ -11,11 +11,11 @@ kernel of the pose graph switches it off.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import hypot
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from armadico.agents.mapping.poses import (
     wrapped,
 )
 from armadico.agents.mapping.scan_matching import (
+    Indices,
     LikelihoodField,
     MatcherParameters,
     PointCloud,
@@ -37,6 +38,13 @@ from armadico.agents.mapping.scan_matching import (
     point_to_line,
     voxel_filtered,
 )
+from armadico.agents.mapping.slices import Sliced, finished
+
+FIELD_WORK: Final = 80
+"""Work of a point of a new field, in look-ups (`slices`)."""
+
+ICP_WORK: Final = 350
+"""Work of a point that is moved towards its line, in all rounds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,6 +110,10 @@ class Trajectory(Protocol):
     def clouds(self) -> Sequence[PointCloud]:
         """The points of each."""
 
+    @property
+    def part(self) -> Indices:
+        """The part of the map that each is of; loops are within one."""
+
 
 class LoopCloser:
     """Finds loops of the newest scan, and waits for those that need support."""
@@ -125,23 +137,25 @@ class LoopCloser:
 
     def find(self, track: Trajectory, radius: float) -> list[Loop]:
         """The loops of the newest scan that are accepted now, with those that they support."""
-        return [loop for found in self.finding(track, radius) for loop in found]
+        return finished(self.finding(track, radius))
 
-    def finding(self, track: Trajectory, radius: float) -> Iterator[list[Loop]]:
-        """Yield the loops of `find` place by place."""
+    def finding(self, track: Trajectory, radius: float) -> Sliced[list[Loop]]:
+        """Do `find` in slices."""
+        found: list[Loop] = []
         for near in self._places(track, radius):
-            loop = self._matched(track, near, radius)
+            loop = yield from self._matched(track, near, radius)
             if isinstance(loop, Refusal):
                 self.refused[loop] += 1
-                yield []
             else:
-                yield self._supported(track, loop)
+                found += self._supported(track, loop)
+        return found
 
     def _places(self, track: Trajectory, radius: float) -> list[int]:
         """The nearest earlier scan of each visit, by place and a little by heading."""
         p, newest = self.parameters, len(track.poses) - 1
         way, here = np.asarray(track.way[: newest + 1]), track.poses[newest]
-        old = np.flatnonzero(way[newest] - way > p.loop_minimum_way)
+        mine = track.part[: newest + 1] == track.part[newest]
+        old = np.flatnonzero(mine & (way[newest] - way > p.loop_minimum_way))
         away = np.hypot(*(track.poses[old, :2] - here[:2]).T)
         old, away = old[away < radius], away[away < radius]
         turn = np.abs(wrapped(track.poses[old, 2] - here[2]))
@@ -153,7 +167,7 @@ class LoopCloser:
                 found.append(scan)
         return found
 
-    def _matched(self, track: Trajectory, near: int, radius: float) -> Loop | Refusal:
+    def _matched(self, track: Trajectory, near: int, radius: float) -> Sliced[Loop | Refusal]:
         """The newest scans on the chain about an earlier one."""
         p, newest = self.parameters, len(track.poses) - 1
         way, here = track.way, track.poses[newest]
@@ -161,6 +175,7 @@ class LoopCloser:
             scan
             for scan in range(max(0, near - p.loop_chain), min(near + p.loop_chain, newest - 1) + 1)
             if way[newest] - way[scan] > 0.6 * p.loop_minimum_way
+            and track.part[scan] == track.part[newest]
         ]
         mine = range(max(0, newest - p.loop_scans + 1), newest + 1)
         points = np.concatenate(
@@ -169,16 +184,19 @@ class LoopCloser:
         reach = float(np.hypot(*points.T).max())
         old = in_world([(track.poses[k], track.clouds[k]) for k in chain])
         field = LikelihoodField(old, here[:2], reach + radius + 1.0, self.matcher)
+        yield FIELD_WORK * len(old.points)
         sure = radius < 2.0
         angle = p.loop_search_angle_sure if sure else p.loop_search_angle
         sample = voxel_filtered(points, 0.15, 250)
         score = p.loop_match_minimum_response_fine
-        candidate = branch_and_bound(field, sample, here, Window(radius, angle), score)
+        window = Window(radius, angle)
+        candidate = yield from branch_and_bound(field, sample, here, window, score)
         if candidate is None:
             return Refusal.SCORE
         if candidate.spread > p.loop_maximum_spread:
             return Refusal.RIVAL
         match = point_to_line(field, points, candidate.pose)
+        yield ICP_WORK * len(points)
         if match.inliers < p.loop_minimum_inliers:
             return Refusal.INLIERS
         shift = match.pose - candidate.pose

@@ -6,12 +6,11 @@ that keeps some pull (Cauchy) lets false loops fold the map.
 
 The normal equations are solved without a sparse library. Poses are ordered by their distance in
 edges from an end of the graph (Cuthill and McKee, 1969). An edge joins poses of the same or of
-neighbouring levels, so the matrix is block tridiagonal and is factorised block by block.
+neighbouring levels, so the matrix is banded and is factorised block by block.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
@@ -21,11 +20,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.mapping.poses import Floats, relative, wrapped
+from armadico.agents.mapping.slices import Sliced, finished
 
 Indices = NDArray[np.intp]
 
 BLOCK: Final = 12
 """Neighbouring levels are merged until a block has so many poses: small blocks cost calls."""
+
+LARGEST: Final = 48
+"""A level of more poses is split into blocks of so many, since a block is solved in one slice."""
+
+EDGE_WORK, POSE_WORK, FLOPS = 500, 1500, 40
+"""Work of an edge that is linearised and of a pose that is ordered, in look-ups (`slices`), and
+the floating-point operations of one look-up."""
 
 
 class Kernel(Enum):
@@ -89,38 +96,38 @@ class PoseGraph:
 
         Raises ValueError for an edge to a pose that there is not, or if the graph is not connected.
         """
-        *_, found = self.optimising(poses)
-        return found
+        return finished(self.optimising(poses))
 
-    def optimising(self, poses: Floats) -> Iterator[Floats]:
-        """Yield the poses after each round of `optimise`; edges may be added meanwhile."""
+    def optimising(self, poses: Floats) -> Sliced[Floats]:
+        """Do `optimise` in slices; edges may be added meanwhile."""
         p, count = self.parameters, len(poses)
         found = np.array(poses, dtype=np.float64)
         if not self.edges or count < 2:
             self.weights = np.ones(len(self.edges))
-            yield found
-            return
+            return found
         terms = _Terms.of(self.edges)
         if max(terms.start.max(), terms.end.max()) >= count:
             raise ValueError(f"an edge to a pose beyond the {count} that there are")
         order = _Order.of(count, terms)
+        yield POSE_WORK * count
         before = np.inf
         for turn in range(p.rounds):
             errors = terms.errors(found)
             chi2 = terms.chi2(errors)
             weights = np.where(terms.loop, p.loss.weight(chi2, p.loss_scale), 1.0)
             cost = float((weights * chi2).sum())
-            step = order.solve(*terms.linearised(found, errors, weights), p.damping)
+            linear = terms.linearised(found, errors, weights)
+            yield EDGE_WORK * len(terms.start)
+            step = yield from order.solve(terms, linear, p.damping)
             found[1:] += step[1:]
             found[:, 2] = wrapped(found[:, 2])
             self.rounds = turn + 1
             if np.abs(step).max() < p.step or abs(before - cost) < p.gain * max(1.0, cost):
                 break
             before = cost
-            yield found
         chi2 = terms.chi2(terms.errors(found))
         self.weights = np.where(terms.loop, p.loss.weight(chi2, p.loss_scale), 1.0)
-        yield found
+        return found
 
     def chi2(self, poses: Floats) -> Floats:
         """The squared error of each edge, in standard deviations."""
@@ -166,7 +173,7 @@ class _Terms(NamedTuple):
         found: Floats = np.einsum("ni,nij,nj->n", errors, self.information, errors)
         return found
 
-    def linearised(self, poses: Floats, errors: Floats, weights: Floats) -> tuple[_Terms, _Linear]:
+    def linearised(self, poses: Floats, errors: Floats, weights: Floats) -> _Linear:
         count = len(self.start)
         step = relative(poses[self.start], poses[self.end])
         heading = poses[self.start, 2]
@@ -182,7 +189,7 @@ class _Terms(NamedTuple):
         gradient = np.zeros((len(poses), 3))
         np.add.at(gradient, self.start, np.einsum("nij,nj->ni", aw, errors))
         np.add.at(gradient, self.end, np.einsum("nij,nj->ni", bw, errors))
-        return self, _Linear(aw @ a, aw @ b, bw @ b, gradient)
+        return _Linear(aw @ a, aw @ b, bw @ b, gradient)
 
 
 @dataclass(frozen=True)
@@ -211,19 +218,22 @@ class _Order:
             levels = _levels(int(levels[-1][0]), beside, seen)
             opened = -1
             for level in levels:
-                if opened < 0 or sizes[opened] >= BLOCK:
-                    sizes.append(0)
-                    opened = len(sizes) - 1
-                block[level] = opened
-                place[level] = sizes[opened] + np.arange(len(level))
-                sizes[opened] += len(level)
+                for begin in range(0, len(level), LARGEST):
+                    part = level[begin : begin + LARGEST]
+                    if opened < 0 or sizes[opened] >= BLOCK:
+                        sizes.append(0)
+                        opened = len(sizes) - 1
+                    block[part] = opened
+                    place[part] = sizes[opened] + np.arange(len(part))
+                    sizes[opened] += len(part)
         return cls(block, place, sizes)
 
-    def solve(self, terms: _Terms, linear: _Linear, damping: float) -> Floats:
+    def solve(self, terms: _Terms, linear: _Linear, damping: float) -> Sliced[Floats]:
         """The step (n, 3) of Gauss-Newton. Raises ValueError if a pose is not determined."""
         sizes, first = self.sizes, np.concatenate([[0], np.cumsum(self.sizes)])
+        count = len(sizes)
         diagonal = [np.zeros((size, size, 3, 3)) for size in sizes]
-        beside = [np.zeros((a, b, 3, 3)) for a, b in pairwise(sizes)]
+        beside: list[dict[int, Floats]] = [{} for _ in sizes]
         i, j = self.block[terms.start], self.block[terms.end]
         p, q = self.place[terms.start], self.place[terms.end]
         for own, at, part in ((i, p, linear.start_start), (j, q, linear.end_end)):
@@ -234,17 +244,23 @@ class _Order:
         for k, edges in _grouped(np.where(free & (i == j), i, -1)):
             np.add.at(diagonal[k], (p[edges], q[edges]), linear.start_end[edges])
             np.add.at(diagonal[k], (q[edges], p[edges]), flipped[edges])
-        for k, edges in _grouped(np.where(free & (j == i + 1), i, -1)):
-            np.add.at(beside[k], (p[edges], q[edges]), linear.start_end[edges])
-        for k, edges in _grouped(np.where(free & (i == j + 1), j, -1)):
-            np.add.at(beside[k], (q[edges], p[edges]), flipped[edges])
+        for low, high, row, column, part in (
+            (i, j, p, q, linear.start_end),
+            (j, i, q, p, flipped),
+        ):
+            for pair, edges in _grouped(np.where(free & (low < high), low * count + high, -1)):
+                k, other = divmod(pair, count)
+                shape = (sizes[k], sizes[other], 3, 3)
+                into = beside[k].setdefault(other, np.zeros(shape))
+                np.add.at(into, (row[edges], column[edges]), part[edges])
+        yield EDGE_WORK * len(i)
         free_poses = np.flatnonzero(self.block >= 0)
         right = np.zeros((first[-1], 3))
         rows = first[self.block[free_poses]] + self.place[free_poses]
         right[rows] = -linear.gradient[free_poses]
-        solved = _block_tridiagonal(
+        solved = yield from _banded(
             [_flat(part) + damping * np.eye(3 * len(part)) for part in diagonal],
-            [_flat(part) for part in beside],
+            [{other: _flat(part) for other, part in row.items()} for row in beside],
             [right[a:b].ravel() for a, b in pairwise(first)],
         )
         step = np.zeros_like(linear.gradient)
@@ -288,24 +304,42 @@ def _flat(blocks: Floats) -> Floats:
     return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * a, 3 * b))
 
 
-def _block_tridiagonal(
-    diagonal: list[Floats], beside: list[Floats], right: list[Floats]
-) -> list[Floats]:
-    """Solve a symmetric block tridiagonal system. Raises ValueError if it is singular."""
-    eliminated: list[tuple[Floats, Floats]] = []  # of each block: S^-1 B and S^-1 r
-    schur, rest = diagonal[0], right[0]
-    try:
-        for k, coupling in enumerate([*beside, np.zeros((len(right[-1]), 0))]):
+def _banded(
+    diagonal: list[Floats], beside: list[dict[int, Floats]], right: list[Floats]
+) -> Sliced[list[Floats]]:
+    """Solve a symmetric system of blocks. Raises ValueError if it is singular.
+
+    `beside` has the blocks right of each one on the diagonal, by their columns. All three lists are
+    used up.
+    """
+    eliminated: list[tuple[list[int], Floats, Floats]] = []  # of each block: S^-1 B and S^-1 r
+    for k, schur in enumerate(diagonal):
+        others = sorted(beside[k])
+        coupled = [beside[k][other] for other in others]
+        try:
             both: Floats = np.asarray(
-                np.linalg.solve(schur, np.column_stack([coupling, rest])), dtype=np.float64
+                np.linalg.solve(schur, np.column_stack([*coupled, right[k]])), dtype=np.float64
             )
-            eliminated.append((both[:, :-1], both[:, -1]))
-            if k + 1 < len(diagonal):
-                schur = diagonal[k + 1] - coupling.T @ both[:, :-1]
-                rest = right[k + 1] - coupling.T @ both[:, -1]
-    except np.linalg.LinAlgError:
-        raise ValueError("the graph is not connected") from None
-    solved = [eliminated[-1][1]]
-    for to_next, own in reversed(eliminated[:-1]):
-        solved.append(own - to_next @ solved[-1])
-    return solved[::-1]
+        except np.linalg.LinAlgError:
+            raise ValueError("the graph is not connected") from None
+        to_next, own = both[:, :-1], both[:, -1]
+        eliminated.append((others, to_next, own))
+        yield len(schur) ** 2 * (len(schur) + 2 * both.shape[1]) // FLOPS
+        ends = np.cumsum([0, *(block.shape[1] for block in coupled)]).tolist()
+        columns = [to_next[:, a:b] for a, b in pairwise(ends)]
+        for at, (other, block) in enumerate(zip(others, coupled, strict=True)):
+            diagonal[other] = diagonal[other] - block.T @ columns[at]
+            right[other] = right[other] - block.T @ own
+            for beyond, column in zip(others[at + 1 :], columns[at + 1 :], strict=True):
+                change = block.T @ column
+                known = beside[other].get(beyond)
+                beside[other][beyond] = -change if known is None else known - change
+            if len(others) > 1:
+                yield 2 * block.size * (ends[-1] - ends[at]) // FLOPS
+        beside[k] = {}
+    solved: list[Floats] = [np.zeros(0)] * len(diagonal)
+    for k in range(len(diagonal) - 1, -1, -1):
+        others, to_next, own = eliminated[k]
+        later = [solved[other] for other in others]
+        solved[k] = own - to_next @ np.concatenate(later) if later else own
+    return solved

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import atan2, cos, degrees, sin
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -14,12 +16,14 @@ from msgspec import Struct
 
 from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.slam import Slam, SlamParameters
-from armadico.config.grid_map import Cells, new_mapper
+from armadico.config.graph_file import DrawnScan, SavedGraph
+from armadico.config.grid_map import Cells
 from armadico.core.messages import Cycle
-from armadico.mobile.geometry import STOOD
-from armadico.mobile.messages import Pose, Scan
+from armadico.mobile.geometry import STOOD, Pose2
+from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import bearings_of, ranges_of
-from armadico.observe.logs import Log, LogError
+from armadico.observe import localizing
+from armadico.observe.logs import Log, LogError, Readings
 
 FALSE_M: Final = 0.5
 FALSE_RAD: Final = 0.15
@@ -27,6 +31,21 @@ FALSE_RAD: Final = 0.15
 
 ON: Final = 0.5
 """A loop with more than this share of its weight is on."""
+
+
+EXACT_S: Final = 0.001
+"""A relation counts if both of its times are so near to the time of a scan, s."""
+
+
+class Relations(Struct, frozen=True):
+    """Errors of the path on given relative poses whose both times are times of scans."""
+
+    used: int
+    given: int
+    error_mean_m: float | None
+    error_deviation_m: float | None
+    error_most_m: float | None
+    heading_mean_deg: float | None
 
 
 class Figures(Struct, frozen=True):
@@ -68,6 +87,26 @@ class Mapped:
     path: Floats  # (n, 3) poses after all loops
     times: Floats  # (n,) of the readings, s
     spent: Floats  # (n,) processor time, s
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some of the readings of a log."""
+
+    readings: Readings
+    of: Sequence[int]
+
+    def kind(self, index: int) -> type[Scan | Sonar]:
+        return self.readings.kind(self.of[index])
+
+    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
+        return self.readings.message(self.of[index], cycle, since, number)
+
+
+def over(log: Log, part: str) -> Log:
+    """A log with one of `localizing.PARTS` of its readings."""
+    chosen = localizing.part(log, part)
+    return replace(log, rows=log.rows[chosen], readings=_Part(log.readings, chosen))
 
 
 def mapped(
@@ -131,16 +170,18 @@ def _path(log: Log, slam: Slam) -> Floats:
     return found
 
 
-def drawn(log: Log, slam: Slam, step: Callable[[], None] = lambda: None) -> Cells:
-    """The grid of all key scans at their final poses, by the installed mapper.
+def graph_of(log: Log, slam: Slam) -> SavedGraph:
+    """The map with its key scans, to draw it or to go on with it."""
+    scans = [
+        DrawnScan(key, np.zeros(3), _scan(log, number), is_key=True)
+        for key, number in enumerate(slam.numbers)
+    ]
+    return slam.saved(scans)
 
-    Raises LogError if it has no occupied cell.
-    """
-    mapper = new_mapper()
-    for number, pose in zip(slam.numbers, slam.poses.tolist(), strict=True):
-        mapper.see(Pose(Cycle(1, number), *pose), _scan(log, number))
-        step()
-    cells = mapper.cells()
+
+def drawn(log: Log, graph: SavedGraph) -> Cells:
+    """The grid of its largest part. Raises LogError if it has no occupied cell."""
+    cells = graph.drawn()
     if not cells.states.size:
         raise LogError(f"{log.name}: no wall is seen from the path: the map is empty")
     return cells
@@ -198,15 +239,68 @@ def figures(log: Log, found: Mapped) -> Figures:
     )
 
 
+def on_reference(log: Log, found: Mapped) -> Mapped:
+    """The same with map and path moved as a whole onto the reference, which the log must have."""
+    known = log.known
+    shift = _alignment(found.path[known], log.reference[log.rows][known])
+    found.slam.poses = compose(shift, found.slam.poses)
+    return replace(found, path=compose(shift, found.path), online=compose(shift, found.online))
+
+
+def read_relations(path: Path) -> Floats:
+    """(n, 8) the lines of a file of relations, plain or gzipped (Kuemmerle et al., 2009).
+
+    A line has two stamps of a log, then the pose at the second in the frame of the first: x, y, z,
+    roll, pitch, yaw. Raises LogError, OSError.
+    """
+    raw = path.read_bytes()
+    try:
+        text = gzip.decompress(raw) if raw.startswith(b"\x1f\x8b") else raw
+        given = np.array([line.split() for line in text.splitlines() if line.strip()], np.float64)
+        if given.ndim != 2 or given.shape[1] != 8:
+            raise ValueError("no such lines")
+    except (ValueError, EOFError, zlib.error, gzip.BadGzipFile):
+        raise LogError("expected lines of 8 numbers: t1 t2 x y z roll pitch yaw", path) from None
+    return given
+
+
+def relations(log: Log, found: Mapped, given: Floats) -> Relations:
+    """The errors of the path on relations (n, 8) whose both times are times of scans.
+
+    Poses that are interpolated between scans would measure the interpolation.
+    """
+    stamps = log.begin + found.times
+    at = np.clip(np.searchsorted(stamps, given[:, :2]), 1, len(stamps) - 1)
+    at -= given[:, :2] - stamps[at - 1] < stamps[at] - given[:, :2]
+    exact = (np.abs(stamps[at] - given[:, :2]) < EXACT_S).all(axis=1) & (at[:, 0] != at[:, 1])
+    if not exact.any():
+        return Relations(0, len(given), None, None, None, None)
+    (start, end), measured = at[exact].T, given[exact][:, [2, 3, 7]]
+    off = relative(measured, relative(found.path[start], found.path[end]))
+    away = np.hypot(off[:, 0], off[:, 1])
+    return Relations(
+        used=len(away),
+        given=len(given),
+        error_mean_m=float(away.mean()),
+        error_deviation_m=float(away.std()),
+        error_most_m=float(away.max()),
+        heading_mean_deg=degrees(float(np.abs(off[:, 2]).mean())),
+    )
+
+
 def aligned(path: Floats, reference: Floats) -> Floats:
     """A path turned and shifted as a whole so that its positions fit the reference best."""
+    return compose(_alignment(path, reference), path)
+
+
+def _alignment(path: Floats, reference: Floats) -> Floats:
+    """The pose in the reference's frame of the path's frame."""
     middle, there = path[:, :2].mean(axis=0), reference[:, :2].mean(axis=0)
     spread = (path[:, :2] - middle).T @ (reference[:, :2] - there)
     turn = atan2(spread[0, 1] - spread[1, 0], spread[0, 0] + spread[1, 1])
     c, s = cos(turn), sin(turn)
     x, y = middle
-    shift = np.array([there[0] - c * x + s * y, there[1] - s * x - c * y, turn])
-    return compose(shift, path)
+    return np.array([there[0] - c * x + s * y, there[1] - s * x - c * y, turn])
 
 
 def _rmse(path: Floats, reference: Floats) -> float:

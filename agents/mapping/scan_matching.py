@@ -8,7 +8,6 @@ nearest points and returns its information (Censi, 2008).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from math import ceil
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.mapping.poses import Floats, transformed, turned, wrapped
+from armadico.agents.mapping.slices import Sliced
 
 Indices = NDArray[np.intp]
 Field = NDArray[np.float32]
@@ -36,6 +36,9 @@ LEAST_POINTS: Final = 10
 
 CHUNK: Final = 1024
 """Candidates that are scored together: bounds the memory."""
+
+LEVEL_WORK: Final = 1
+"""Work of a cell of a level of the pyramid, in look-ups (`slices`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,30 +138,38 @@ def _normals(points: Floats, valid: NDArray[np.bool_], ranges: Floats, apart: Fl
     return normals
 
 
-def seen_through(
-    cloud: PointCloud, known: Floats, origin: tuple[float, float], margin: float = 0.4
-) -> float:
-    """The share of known points that the rays of a scan passed through, of those they look at.
+def looked_at(
+    cloud: PointCloud, points: Floats, origin: tuple[float, float], margin: float = 0.4
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(n,) which points the rays of a scan reach, and which of these they pass through.
 
     Args:
         cloud: Of the scan.
-        known: (n, 2) points of the map in the robot's frame, m.
+        points: (n, 2) in the robot's frame of the scan, m.
         origin: The scanner in the robot's frame, m.
         margin: A ray that ends nearer behind a point has not passed through it, m.
     """
-    rays, old = cloud.points - np.asarray(origin), known - np.asarray(origin)
+    none = np.zeros(len(points), dtype=np.bool_)
+    if len(cloud.points) < LEAST_POINTS:
+        return none, none
+    rays, there = cloud.points - np.asarray(origin), points - np.asarray(origin)
     bearings, reach = np.arctan2(rays[:, 1], rays[:, 0]), np.hypot(rays[:, 0], rays[:, 1])
     order = np.argsort(bearings, kind="stable")
     bearings, reach = bearings[order], reach[order]
-    looks, away = np.arctan2(old[:, 1], old[:, 0]), np.hypot(old[:, 0], old[:, 1])
+    looks, away = np.arctan2(there[:, 1], there[:, 0]), np.hypot(there[:, 0], there[:, 1])
     at = np.clip(np.searchsorted(bearings, looks), 1, len(bearings) - 1)
     low, high = bearings[at - 1], bearings[at]
     between = (low <= looks) & (looks <= high) & (high - low < 0.05)
-    farthest = np.minimum(reach[at - 1], reach[at])
     visible = between & (np.maximum(reach[at - 1], reach[at]) > away - margin)
-    if np.count_nonzero(visible) < LEAST_POINTS:
-        return 0.0
-    return float(np.count_nonzero(visible & (farthest > away + margin)) / np.count_nonzero(visible))
+    through = np.minimum(reach[at - 1], reach[at]) > away + margin
+    return visible, visible & through
+
+
+def seen_through(cloud: PointCloud, known: Floats, origin: tuple[float, float]) -> float:
+    """The share of points (n, 2) that a scan passes through, of those that it reaches."""
+    visible, through = looked_at(cloud, known, origin)
+    count = np.count_nonzero(visible)
+    return float(np.count_nonzero(through) / count) if count >= LEAST_POINTS else 0.0
 
 
 def voxel_filtered(points: Floats, size: float, most: int) -> Floats:
@@ -209,10 +220,11 @@ class LikelihoodField:
         self.corner = np.asarray(centre, dtype=np.float64) - half
         cells = np.floor((self.points - self.corner) / p.resolution).astype(np.intp)
         flat = cells[:, 1] * size + cells[:, 0]
-        # The last point of a cell stays in it: one with a normal is worth more.
-        order = np.argsort(~np.isnan(self.normals[:, 0]), kind="stable")
         nearest = np.full(size * size, -1, dtype=np.int32)
-        nearest[flat[order]] = order
+        # The last point of a cell stays in it: one with a normal is worth more.
+        normal = ~np.isnan(self.normals[:, 0])
+        for points in (np.flatnonzero(~normal), np.flatnonzero(normal)):
+            nearest[flat[points]] = points
         taken = np.flatnonzero(nearest >= 0)
         of = nearest[taken]
         self.values: Field = np.zeros(size * size, dtype=np.float32)
@@ -231,6 +243,13 @@ class LikelihoodField:
         within = (columns >= 0) & (columns < self.size) & (rows >= 0) & (rows < self.size)
         return np.asarray(within)
 
+    def near(self, points: Floats) -> NDArray[np.bool_]:
+        """(n,) which points in the world are as near to a point as the smear reaches."""
+        columns, rows = self.cells(points).T
+        there = self.inside(columns, rows)
+        there[there] = self.nearest[rows[there] * self.size + columns[there]] >= 0
+        return there
+
     def score(self, cells: Indices, columns: Indices, rows: Indices) -> Floats:
         """(c,) the mean value at cells (n, 2) that are shifted by each of c offsets."""
         low = cells.min(axis=0) + np.array([columns.min(), rows.min()])
@@ -246,16 +265,18 @@ class LikelihoodField:
         found = np.where(there, self.values[np.where(there, y * size + x, 0)], 0.0)
         return np.asarray(found.mean(axis=1), dtype=np.float64)
 
-    def pyramid(self, depth: int) -> list[Field]:
+    def pyramid(self, depth: int) -> Sliced[list[Field]]:
         """The field, and upper bounds of it: level h has the largest value of 2^h x 2^h cells."""
         levels = [self.values.reshape(self.size, self.size)]
         for height in range(depth):
-            step = 1 << height
-            wide = levels[-1].copy()
-            np.maximum(wide[:-step], levels[-1][step:], out=wide[:-step])
-            high = wide.copy()
-            np.maximum(high[:, :-step], wide[:, step:], out=high[:, :-step])
+            step, below = 1 << height, levels[-1]
+            wide, high = np.empty_like(below), np.empty_like(below)
+            np.maximum(below[:-step], below[step:], out=wide[:-step])
+            wide[-step:] = below[-step:]
+            np.maximum(wide[:, :-step], wide[:, step:], out=high[:, :-step])
+            high[:, -step:] = wide[:, -step:]
             levels.append(high)
+            yield LEVEL_WORK * below.size
         return levels
 
 
@@ -393,7 +414,7 @@ def _correspondences(
 
 def branch_and_bound(
     field: LikelihoodField, points: Floats, guess: Floats, window: Window, min_score: float
-) -> Candidate | None:
+) -> Sliced[Candidate | None]:
     """The best pose of a large window with at least a score; None if there is none.
 
     Args:
@@ -404,28 +425,25 @@ def branch_and_bound(
         min_score: Poses below are not considered.
     """
     p, cell, depth = field.parameters, field.resolution, field.parameters.branch_and_bound_depth
-    levels = field.pyramid(depth)
+    levels = yield from field.pyramid(depth)
     turns = int(window.half_angle / p.coarse_angle_resolution)
     headings = guess[2] + np.arange(-turns, turns + 1) * p.coarse_angle_resolution
     cells = np.stack(
         [field.cells(transformed(np.array([*guess[:2], h]), points)) for h in headings]
     )
+    tree = Tree(field, levels, cells)
     reach = int(window.half / cell)
     offsets = np.arange(-reach, reach + 1, 1 << depth)
     grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
     nodes = np.stack([axis.ravel() for axis in grid])  # (3, c): heading, column, row
-
-    def score(height: int, at: Indices) -> Floats:
-        return _scored(field, levels[height], cells, at, exact=height == 0)
-
-    scores = score(depth, nodes)
-    bound = max(min_score, p.ambiguity_share * _dive(score, nodes, scores, depth))
+    scores = yield from tree.score(depth, nodes)
+    bound = max(min_score, p.ambiguity_share * (yield from tree.dive(nodes, scores, depth)))
     for height in range(depth - 1, -1, -1):
         nodes = nodes[:, scores >= bound]
         if not nodes.shape[1]:
             return None
-        nodes = _split(nodes, height)
-        scores = score(height, nodes)
+        nodes = split(nodes, height)
+        scores = yield from tree.score(height, nodes)
     kept = scores >= bound
     if not kept.any():
         return None
@@ -437,50 +455,53 @@ def branch_and_bound(
     return Candidate(pose, float(scores[best]), spread)
 
 
-def _split(nodes: Indices, height: int) -> Indices:
+def split(nodes: Indices, height: int) -> Indices:
     """The four children of each node, which are squares of 2^height cells."""
     step = 1 << height
     shifts = ((0, 0), (0, step), (step, 0), (step, step))
     return np.concatenate([nodes + np.array([[0], [dx], [dy]]) for dx, dy in shifts], axis=1)
 
 
-def _dive(
-    score: Callable[[int, Indices], Floats], nodes: Indices, scores: Floats, depth: int
-) -> float:
-    """A lower bound of the best score: that of the best descendants of the best nodes."""
-    for height in range(depth - 1, -1, -1):
-        best = np.argsort(-scores, kind="stable")[:24]
-        nodes = _split(nodes[:, best], height)
-        scores = score(height, nodes)
-    return float(scores.max())
+class Tree:
+    """Scores nodes: the mean of a level of the pyramid at a scan's cells, turned and shifted."""
 
+    def __init__(self, field: LikelihoodField, levels: list[Field], cells: Indices) -> None:
+        """Prepare for the cells (h, n, 2) of n points at each of h headings."""
+        self._size, self._levels, self._cells = field.size, levels, cells
+        self._flat = (cells[:, :, 1] * field.size + cells[:, :, 0]).astype(np.int32)
+        self._low, self._high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
 
-def _scored(
-    field: LikelihoodField, level: Field, cells: Indices, nodes: Indices, *, exact: bool
-) -> Floats:
-    """(c,) the mean of a level of the pyramid at the cells of each node's heading, shifted."""
-    size, found = field.size, np.empty(nodes.shape[1])
-    flat = level.ravel()
-    shifts = nodes[1:]
-    low = cells.min(axis=(0, 1)) + shifts.min(axis=1)
-    high = cells.max(axis=(0, 1)) + shifts.max(axis=1)
-    inside = low.min() >= 0 and high.max() < size
-    rows = (cells[:, :, 1] * size + cells[:, :, 0]).astype(np.int32)
-    offsets = (shifts[1] * size + shifts[0]).astype(np.int32)
-    for begin in range(0, nodes.shape[1], CHUNK):
-        part = slice(begin, begin + CHUNK)
-        if inside:
-            values = flat.take(rows[nodes[0, part]] + offsets[part, None])
+    def score(self, height: int, nodes: Indices) -> Sliced[Floats]:
+        """(c,) the scores of nodes of a level."""
+        size, found = self._size, np.empty(nodes.shape[1])
+        if not len(found):
+            return found
+        level, shifts = self._levels[height].ravel(), nodes[1:]
+        low, high = self._low + shifts.min(axis=1), self._high + shifts.max(axis=1)
+        inside = low.min() >= 0 and high.max() < size
+        offsets = (shifts[1] * size + shifts[0]).astype(np.int32)
+        for begin in range(0, nodes.shape[1], CHUNK):
+            part = slice(begin, begin + CHUNK)
+            if inside:
+                values = level.take(self._flat[nodes[0, part]] + offsets[part, None])
+            else:
+                # What is outside scores 0; above level 0 the border's value is an upper bound.
+                at = self._cells[nodes[0, part]] + shifts[:, part].T[:, None, :]
+                near = np.clip(at, 0, size - 1)
+                values = level.take(near[:, :, 1] * size + near[:, :, 0])
+                if height == 0:
+                    values = np.where((near == at).all(axis=2), values, 0.0)
             found[part] = values.mean(axis=1)
-            continue
-        # What is outside scores 0; above level 0 the border's value is still an upper bound.
-        at = cells[nodes[0, part]] + shifts[:, part].T[:, None, :]
-        near = np.clip(at, 0, size - 1)
-        values = flat.take(near[:, :, 1] * size + near[:, :, 0])
-        if exact:
-            values = np.where((near == at).all(axis=2), values, 0.0)
-        found[part] = values.mean(axis=1)
-    return found
+            yield values.size
+        return found
+
+    def dive(self, nodes: Indices, scores: Floats, depth: int) -> Sliced[float]:
+        """A lower bound of the best score: that of the best descendants of the best nodes."""
+        for height in range(depth - 1, -1, -1):
+            best = np.argsort(-scores, kind="stable")[:24]
+            nodes = split(nodes[:, best], height)
+            scores = yield from self.score(height, nodes)
+        return float(scores.max())
 
 
 def in_world(clouds: list[tuple[Floats, PointCloud]]) -> PointCloud:

@@ -35,9 +35,9 @@ def picture(cells: Cells, slam: Slam) -> Image.Image:
     draw = ImageDraw.Draw(image)
     if len(spots) > 1:
         draw.line(spots, fill=PATH, width=2)
-    for loop, weight in zip(slam.loops, slam.loop_weights, strict=True):
+    for loop, off in zip(slam.loops, slam.switched_off, strict=True):
         ends = [spots[loop.start], spots[loop.end]]
-        draw.line(ends, fill=LOOP if weight > 0.5 else OFF, width=1)
+        draw.line(ends, fill=OFF if off else LOOP, width=1)
     x, y = spots[0]
     draw.ellipse((x - 5, y - 5, x + 5, y + 5), fill=START)
     return image

@@ -29,7 +29,7 @@ STEP_M: Final = 0.12
 """Greatest distance between points of an outline: no robot fits through."""
 
 WIDEST_M: Final = 0.3
-"""Greatest enlargement for uncertain poses: the robot is somewhere."""
+"""Greatest enlargement for uncertain poses: the robot may be anywhere near."""
 
 
 REACTS_S: Final = 0.5

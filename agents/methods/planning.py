@@ -18,6 +18,7 @@ from msgspec import Struct
 
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
 from armadico.agents.methods.grid import CELL_M, Grid, Margins, check_extent, grid_of
+from armadico.agents.methods.known_grid import KnownGrid
 from armadico.agents.methods.path_smoothing import between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.errors import ConfigError
@@ -62,6 +63,7 @@ def plan(
     round_corners: bool = False,
     seen: Sequence[Segment] = (),
     under_way: bool = False,
+    known: Grid | None = None,
 ) -> Plan:
     """The path from one pose to another.
 
@@ -75,6 +77,7 @@ def plan(
         round_corners: Whether corners are cut off where there is clearance.
         seen: Unmapped obstacles.
         under_way: Whether the robot has driven to the start: then any clearance there is accepted.
+        known: The world's cells; None: those of its walls.
 
     Returns:
         Waypoints with headings along the path; the last one is the goal as requested.
@@ -82,7 +85,7 @@ def plan(
     Raises:
         PlanError: A pose is off the world or inside a wall, or there is no path between them.
     """
-    known = grid_of(world.barriers, world.bounds, CELL_M)
+    known = known or grid_of(world.barriers, world.bounds, CELL_M)
     _check(world, known, "start", start, 0.0 if under_way else body.width_m / 2)
     _check(
         world,
@@ -106,6 +109,31 @@ def plan(
         length_m=sum(distance(a, b) for a, b in stretches),
         clearance_m=min(grid.clearance_between(a, b) for a, b in stretches),
         doors=way.doors,
+    )
+
+
+def plan_on_map(
+    known: KnownGrid,
+    start: Posed,
+    goal: Posed,
+    body: Body,
+    *,
+    round_corners: bool = False,
+    seen: Sequence[Segment] = (),
+) -> Plan:
+    """As `plan`, on a map that is made while the robot drives: only over cells that it knows."""
+    if not known.is_known(goal):
+        raise PlanError(f"the goal {_at(goal)} is in a part of the map that is not known yet")
+    world = World("map", (), known.bounds)
+    return plan(
+        world,
+        start,
+        goal,
+        body,
+        round_corners=round_corners,
+        seen=seen,
+        under_way=True,
+        known=known,
     )
 
 
@@ -189,7 +217,8 @@ class _Planner:
         """
         also = " and of what is forbidden" if self.world.forbidden else ""
         least = f"that keeps {self.margins.radius_m:g} m clear of walls{also}"
-        why = f"no way from {_at(start)} to {_at(goal)} {least}"
+        over = " over what the map knows" if isinstance(self.grid, KnownGrid) else ""
+        why = f"no way from {_at(start)} to {_at(goal)}{over} {least}"
         if self.world.room_at(start.x, start.y) and self.world.room_at(goal.x, goal.y):
             try:
                 return self._through_rooms(start, goal)

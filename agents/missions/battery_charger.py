@@ -191,7 +191,7 @@ class BatteryCharger(DeliberativeAgent):
         self._level_at = self.now
         if not self._docks:
             self._note = "no dock on the map"
-            self.log(f"{self._note}: nobody will charge the robot", WARNING)
+            self.log(f"{self._note}: no agent will charge the robot", WARNING)
 
     def on_battery_level(self, level: BatteryLevel) -> None:  # noqa: ARG002
         self._level_at, self._dead = self.now, False
@@ -443,7 +443,10 @@ class BatteryCharger(DeliberativeAgent):
             self._desk.drop()
             if self._current is not None:
                 question, request = self._current
-                self.answer(question, self._judge(request, None, "no way known: nobody plans"))
+                self.answer(
+                    question,
+                    self._judge(request, None, "no way known: no path planning agent answered"),
+                )
         if self._desk.busy or self.errand.desk.busy:
             return
         self._current = None
@@ -516,7 +519,7 @@ class BatteryCharger(DeliberativeAgent):
         p, left = self.p, self._left
         needed = p.more * (request.energy + (to_dock or 0.0)) + p.reserve * self._full_j
         if not self._known:
-            return EnergyReply(False, 0.0, needed, "nobody knows what is left of the battery")
+            return EnergyReply(False, 0.0, needed, "the charge of the battery is not known")
         enough = left >= needed and to_dock is not None
         words = f"{left / 1e3:.0f} kJ are left, {needed / 1e3:.0f} kJ are needed"
         return EnergyReply(enough, left, needed, "; ".join(filter(None, [words, note])))

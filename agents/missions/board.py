@@ -96,7 +96,7 @@ class Missions:
         )
         going_on = [entry.listed.text for entry in self.entries.values() if entry.goes_on]
         if sum(map(len, [*going_on, order.text])) > TEXTS_MOST:
-            raise RefusedError("the board is full: nobody could be told of it; cancel one")
+            raise RefusedError("the board is full, so the mission cannot be published; cancel one")
         entry = self.entries[number] = Entry(listed, mission)
         return entry
 

@@ -61,7 +61,7 @@ class Dock(Behaviour):
         """Follow the dock's line, in or out."""
         p, status = self.p, self.fresh(ChargeStatus)
         if status is None or not status.leads or status.dock is None:
-            self.why = "nobody is to be charged"
+            self.why = "no order to dock"
             return None
         dock = (status.dock.x, status.dock.y, status.dock.theta)
         ahead, aside, turned = relative(dock, (pose.x, pose.y, pose.theta))

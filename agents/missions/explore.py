@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from math import pi
-from typing import Annotated, Any, ClassVar
+from math import inf, pi
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
@@ -26,6 +26,8 @@ from armadico.core.messages import Message, line
 from armadico.mobile.driven import Event, Ordered
 from armadico.mobile.messages import (
     BatteryLevel,
+    Correction,
+    MapMoved,
     MissionReply,
     MissionRequest,
     MissionStatus,
@@ -33,6 +35,7 @@ from armadico.mobile.messages import (
     Pose,
     Waypoint,
 )
+from armadico.mobile.moving import moved
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -44,6 +47,12 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     tries: Annotated[int, Meta(ge=1, le=100)] = 5  # to have a mission accepted, or to get home
     charged: Annotated[float, Meta(gt=0, le=1)] = 0.8  # share from which it leaves the dock
 
+
+LOST_MAP: Final = "the map was lost: its agent began another one; explore again"
+
+# With less confidence the robot has not found its place on the map that it continues. It maps a
+# part of its own, in which neither the rectangle nor home have their places.
+PLACED = 0.75
 
 # A frontier is this much farther away than the turning circle: beyond it nothing is known yet.
 TURNING_M = 0.05
@@ -62,7 +71,7 @@ class Explore(Agent):
     alone = True
     receives: ClassVar[tuple[type[Message], ...]] = (
         *(Pose, OccupancyGrid, MissionStatus),
-        *(ChargeStatus, BatteryLevel),
+        *(ChargeStatus, BatteryLevel, Correction, MapMoved),
     )
     provides: ClassVar[tuple[type[Message], ...]] = (ExploreStatus,)
     answers: ClassVar[tuple[type[Message], ...]] = (ExploreRequest,)
@@ -82,13 +91,17 @@ class Explore(Agent):
         self._note = ""
         self._cells: Cells | None = None
         self._known = 0.0
-        self._revision = 0  # of the map
+        self._map_id = 0
+        self._revision = 0  # of the map,
+        self._placed = 0  # and of that on which the places below lie
+        self._anew = False  # the map has moved: choose another target
         self._within = (0.0, 0.0, 0.0, 0.0)
-        self._home = Waypoint(0.0, 0.0, 0.0)
+        self._home, self._home_moves = Waypoint(0.0, 0.0, 0.0), True
         self._places = self._failures = 0
         self._avoided: list[Placed] = []  # places given up
         self._second_look = False
         self._order = Ordered()
+        self._mission = 0  # the newest that was accepted
         self._target: Placed | None = None  # the place of the current order
         self._way: list[Placed] = []
         self._paused = False  # while the robot is charging
@@ -104,20 +117,24 @@ class Explore(Agent):
         assert isinstance(request, ExploreRequest)
         pose = self.fresh(Pose)
         if pose is None:
-            return self._refuse("nobody knows where the robot is: no fresh encoder/pose")
+            return self._refuse("the robot's pose is not known: no fresh encoder/pose")
         if self._cells is None:
-            return self._refuse("nobody makes a map: no mapping/grid")
+            return self._refuse("there is no map yet: no mapping/grid")
         within = (request.x1, request.y1, request.x2, request.y2)
         width, height = within[2] - within[0], within[3] - within[1]
-        if not (width > 0 < height and self._in(within, pose)):
+        if not (width > 0 < height and (self._in(within, pose) or not self._is_placed)):
             return self._refuse("the robot is not in the rectangle that is to be explored")
         self._exploration = self.rng.getrandbits(63)
+        self._placed, self._anew = self._revision, False  # the first target waits for the next map
+        # A given home of a robot without a place lies on the map that it continues, which stays.
+        self._home_moves = self._is_placed or request.home is None
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
         self._places = self._failures = 0
         self._avoided = []
         self._second_look = False
         self._order.own.clear()
+        self._mission = 0
         self._paused = False
         self._became(ExploreState.EXPLORING)
         self._drop()
@@ -131,12 +148,47 @@ class Explore(Agent):
             self.log(f"mapping/grid: {error}", WARNING)
             return
         self._map_at = self.now
-        moved, self._revision = grid.revision != self._revision, grid.revision
+        if grid.revision == self._revision:
+            self._placed = grid.revision  # `MapMoved` was lost if it did not come in a period
+        else:
+            self._revision, self._anew = grid.revision, True
+        another, self._map_id = grid.map_id != self._map_id, grid.map_id
         self._known = self._cells.area(FREE)
+        if another and self._at_work:
+            self._abort(LOST_MAP)
+        self._choose()
+
+    def on_map_moved(self, change: MapMoved) -> None:
+        """Move the places with the map."""
+        if change.revision <= self._placed:
+            return
+        self._placed = change.revision
+        if self._home_moves:
+            home = self._home
+            self._home = Waypoint(*moved(change, home.x, home.y, home.theta))
+        self._avoided = [Placed(*moved(change, *place)) for place in self._avoided]
+        self._way = [Placed(*moved(change, *place)) for place in self._way]
+        self._target = self._way[-1] if self._way else None
+
+    def on_pose(self, _pose: Pose) -> None:
+        """Choose another target as soon as map, places and pose are of the same revision."""
+        if self._anew:
+            self._choose()
+
+    def _choose(self) -> None:
+        """Choose another target if there is none or the present one has become pointless."""
+        pose = self.latest(Pose)
         if not self._at_work or self._order.pending or self._paused:
             return
-        chart = Chart(self._cells, self._within)
-        if moved or self._target is None or not self._worth(chart, self._target):
+        if (
+            self._cells is None
+            or pose is None
+            or not (pose.revision == self._placed == self._revision)
+        ):
+            return
+        chart = self._chart(self._cells)
+        if self._anew or self._target is None or not self._worth(chart, self._target):
+            self._anew = False
             self._go_on(chart)
 
     def on_mission_status(self, status: MissionStatus) -> None:
@@ -150,7 +202,7 @@ class Explore(Agent):
             if self._charges:
                 self._pause()
             else:
-                self._fail("somebody has sent the robot elsewhere")
+                self._fail("the robot was sent elsewhere")
 
     def on_wakeup(self) -> None:
         """Publish the status; give up targets that are not reached."""
@@ -164,7 +216,7 @@ class Explore(Agent):
             if self.stopped is not None:
                 self._order.nearer_at = self.now
             if self.now - self._map_at > self.p.map_s:
-                self._fail(f"no map for {self.p.map_s:g} s")
+                self._abort(f"no map for {self.p.map_s:g} s")
             elif self.now - self._order.nearer_at > self.p.stuck_s:
                 self._give_up("no nearer")
         self._publish()
@@ -187,6 +239,15 @@ class Explore(Agent):
         status, level = self.latest(ChargeStatus), self.latest(BatteryLevel)
         docked = status is not None and status.state is ChargeState.CHARGING
         return docked and level is not None and level.share >= self.p.charged
+
+    @property
+    def _is_placed(self) -> bool:
+        """Whether the place of the robot on the map is known."""
+        correction = self.latest(Correction)
+        return correction is None or not 0.0 < correction.confidence < PLACED
+
+    def _chart(self, cells: Cells) -> Chart:
+        return Chart(cells, self._within if self._is_placed else (-inf, -inf, inf, inf))
 
     def _pause(self) -> None:
         """Wait for the charger; the next target is chosen afterwards."""
@@ -232,6 +293,9 @@ class Explore(Agent):
                 self._avoided = []
                 self._go_on(chart)
                 return
+            if not self._is_placed:
+                self._fail("all around is known, but not its place on the map before")
+                return
             self._became(ExploreState.RETURNING)
         way = chart.way(here, home, [*self._tries, self._narrow])
         if way is None:
@@ -257,10 +321,14 @@ class Explore(Agent):
 
         def on_reply(reply: MissionReply | None) -> None:
             refusal = self._order.answered(reply, self.now)
-            if refusal and self._at_work:
+            self._mission = reply.mission if reply is not None and reply.mission else self._mission
+            if not self._at_work:  # it ended meanwhile
+                self._hold()
+            elif refusal:
                 self._failed(f"a mission was refused: {refusal}")
 
-        self.query(MissionRequest(goal, through, planned=False), on_reply)
+        request = MissionRequest(goal, through, planned=False, revision=self._revision)
+        self.query(request, on_reply)
 
     def _arrived(self) -> None:
         if self._state is ExploreState.RETURNING:
@@ -271,7 +339,7 @@ class Explore(Agent):
                 self._became(ExploreState.DONE)
             return
         if self._cells is not None and self._target is not None:
-            chart = Chart(self._cells, self._within)
+            chart = self._chart(self._cells)
             if chart.unknown_at(self._target, self._tries[0]):
                 self._give_up("still unknown from there")
         self._target = None
@@ -290,7 +358,21 @@ class Explore(Agent):
         self._drop()
         self._failures += 1
         if self._failures >= self.p.tries:
-            self._fail(why)
+            self._abort(why)
+
+    def _abort(self, why: str) -> None:
+        """End the exploration while the robot is under way, and have it stop where it is."""
+        self._fail(why)
+        self._drop()
+        self._hold()
+
+    def _hold(self) -> None:
+        """Replace the newest mission of this agent by one to the present pose."""
+        pose = self.latest(Pose)
+        if pose is not None and self._mission:
+            here = Waypoint(pose.x, pose.y, pose.theta)
+            request = MissionRequest(here, planned=False, replaces=self._mission)
+            self.query(request, lambda _reply: None)
 
     def _fail(self, why: str) -> None:
         self._note = line(why)

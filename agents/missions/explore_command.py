@@ -20,8 +20,10 @@ EXAMPLES: Final = """\
   armadico explore house --profile jackal --virtual --seed 7    in one process, repeatable
   armadico explore house --profile jackal --virtual --map house.yaml
   armadico explore rooms-a --profile turtlebot3-burger --dashboard
+  armadico explore house --profile jackal --resume house.yaml --map house.yaml
   armadico explore --world plan.map --profile jackal --start 1 1 0 --within 0 0 8 6
   armadico explore house --sensors ideal --virtual      by sonars, without errors
+  armadico explore --profile turtlebot4 --robot ros2:// --map flat.yaml    around a real robot
   armadico explore my.toml --attach --hosts lab.toml    in a running society
 """
 
@@ -32,10 +34,20 @@ FARTHEST: Final = 1e6  # m; messages have no coordinates beyond that
 @dataclass(frozen=True, kw_only=True)
 class Options(Drive):
     within: tuple[float, float, float, float] | None = option(
-        "the rectangle to explore, m (default: the world's)", metavar=("X1", "Y1", "X2", "Y2")
+        "the rectangle to explore, m (default: the world's; without one 10 m around 0 0)",
+        metavar=("X1", "Y1", "X2", "Y2"),
     )
-    map: Path | None = option("write the map to FILE (.yaml or .map)", metavar="FILE")
-    resume: str | None = option("extend the saved map FILE (.yaml)", metavar="FILE")
+    map: Path | None = option(
+        "write the map to FILE (.yaml, with its graph, or .map)", metavar="FILE"
+    )
+    resume: str | None = option(
+        "extend the saved map FILE (.yaml); the robot finds its place on it", metavar="FILE"
+    )
+
+    @property
+    def anywhere(self) -> bool:
+        """See `Drive`. A robot's surroundings are its own."""
+        return super().anywhere or self.robot is not None or self.attach
 
 
 def run(args: Options) -> int:
@@ -46,9 +58,13 @@ def run(args: Options) -> int:
         _check(args)
         if args.resume is not None:
             args = replace(args, resume=str(Path(args.resume).resolve()))
-        scenario, chosen = choose(args, somewhere=False)
-        _check_sensors(args, scenario)
-        return drive(args, exploring(scenario, args.within), chosen)
+
+        def explored(scenario: Scenario) -> Scenario:
+            _check_sensors(args, scenario)
+            return exploring(scenario, args.within)
+
+        scenario, chosen = choose(args, somewhere=False, change=explored)
+        return drive(args, scenario, chosen)
 
 
 def _check(args: Options) -> None:
@@ -58,7 +74,9 @@ def _check(args: Options) -> None:
         if not (-FARTHEST <= x1 < x2 <= FARTHEST and -FARTHEST <= y1 < y2 <= FARTHEST):
             raise UsageError(f"--within: expected X1 < X2 and Y1 < Y2, within {FARTHEST:,.0f} m")
     if args.attach and args.resume is not None:
-        raise UsageError("--resume needs a mapping agent of this run: not with --attach")
+        raise UsageError(
+            "--resume needs a mapping agent of this run; with --attach use `armadico map load`"
+        )
     if args.map is None and args.resume is None:
         return
     from armadico.config import grid_map
@@ -84,9 +102,9 @@ def _check_sensors(args: Options, scenario: Scenario) -> None:
             " or sensors without error (--sensors ideal)"
         )
     if args.resume is not None:
-        raise UsageError(
-            "--resume continues a map at the pose of the odometry: it needs --sensors ideal"
-        )
+        from armadico.config import graph_file
+
+        graph_file.read(graph_file.beside(Path(args.resume)))
 
 
 def exploration(scenario: Scenario) -> ExploreRequest:

@@ -12,15 +12,13 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Placed, distance
-from armadico.agents.methods.grid import EVERYWHERE, Field, Grid, Margins, nearest
+from armadico.agents.methods.grid import Margins, nearest
+from armadico.agents.methods.known_grid import KnownGrid, Mask
 from armadico.agents.methods.path_smoothing import between, nearest_free, shorten, turns_of
-from armadico.config.grid_map import OCCUPIED, UNKNOWN, Cells
+from armadico.config.grid_map import OCCUPIED, Cells
 from armadico.config.worlds import Segment
-
-CELL_M: Final = 0.1  # cells of the search; walls are as fine as the map
 
 # Unknown cells among the nine around a frontier's: fewer are a seam between scans.
 FEWEST: Final = 3
@@ -29,37 +27,21 @@ BESIDE_M: Final = 0.35  # a frontier still exists while there is one within this
 
 AROUND_M: Final = 0.4  # no frontier is chosen this near to a place that was given up
 
-Mask = NDArray[np.bool_]
 
-
-class Chart(Grid):
-    """A map as a grid for planning; unknown cells are closed."""
+class Chart(KnownGrid):
+    """A map as a grid for planning, with a rectangle in which frontiers are searched."""
 
     def __init__(self, cells: Cells, within: Segment) -> None:
         """`within`: the rectangle of the world in which frontiers are searched."""
-        times = max(1, round(CELL_M / cells.cell_m))
-        cell_m = times * cells.cell_m
-        x1, y1, x2, y2 = cells.bounds
-        margin = 2 * cell_m  # of unknown around the map
-        bounds = (x1 - margin, y1 - margin, x2 + margin, y2 + margin)
-        super().__init__(cells.world("").walls, bounds, cell_m)
-        shape = self.clearance.shape
-        fine = np.full((shape[0] * times, shape[1] * times), UNKNOWN, dtype=np.uint8)
-        rows, columns = cells.states.shape
-        fine[2 * times : 2 * times + rows, 2 * times : 2 * times + columns] = cells.states
-        blocks = (fine == UNKNOWN).reshape(shape[0], times, shape[1], times)
-        self.known: Mask = 2 * blocks.sum(axis=(1, 3)) < times * times
+        super().__init__(cells)
         low, high = np.array(within[:2]), np.array(within[2:])
         self._within: Mask = ((self.ys >= low[1]) & (self.ys <= high[1]))[:, None] & (
             (self.xs >= low[0]) & (self.xs <= high[0])
         )
 
-    def _price(self, margins: Margins, part: tuple[slice, slice] = EVERYWHERE) -> Field:
-        return np.where(self.known[part], super()._price(margins, part), np.inf)
-
     def frontiers(self, margins: Margins, avoided: Sequence[Placed] = ()) -> Mask:
         """Return the reachable cells that border on unknown passable ones, without `avoided`."""
-        unknown_ = np.isfinite(super()._price(margins)) & ~self.known & self._within
+        unknown_ = self.passable(margins) & ~self.known & self._within
         around = sum(
             np.roll(unknown_, (down, right), axis=(0, 1)).astype(np.int8)
             for down in (-1, 0, 1)

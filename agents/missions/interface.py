@@ -42,6 +42,7 @@ from armadico.mobile.messages import (
     WAYPOINTS,
     ByHand,
     InitialPose,
+    MapMoved,
     MissionReply,
     MissionRequest,
     MissionState,
@@ -53,15 +54,16 @@ from armadico.mobile.messages import (
     Way,
     Waypoint,
 )
+from armadico.mobile.moving import moved
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.resources import TRAJECTORY
 from armadico.mobile.route import Route
 
-NO_POSE: Final = "nobody knows where the robot is: no fresh encoder/pose"
+NO_POSE: Final = "the robot's pose is not known: no fresh encoder/pose"
 WAS_LOST: Final = "the robot was lost"
 BY_HAND: Final = "the robot was driven by hand"
-UNDER_WAY: Final = "the robot is under way for somebody else"
-NO_MISSION_PLANNING: Final = "nobody plans missions: no mission planning agent answered"
+UNDER_WAY: Final = "the robot is under way on another mission"
+NO_MISSION_PLANNING: Final = "no mission planning agent answered"
 OBSTRUCTED: Final = "something stands across the way"
 OFF_PATH: Final = "the way begins elsewhere"
 
@@ -88,6 +90,10 @@ NOT_PLACED: Final = "no encoder agent took on where the robot stands"
 
 # A holder's path that is farther from the robot than this is replanned before it is driven.
 BESIDE_M: Final = 0.5
+
+MAP_MOVED: Final = "the map has moved"
+
+MOVES_S: Final = 1.0  # a path on a new revision of the map waits so long for the pose on it
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -146,7 +152,10 @@ class Interface(Agent):
 
     name = "interface"
     alone = True
-    receives: ClassVar[tuple[type[Message], ...]] = (Pose, Obstacles, Description, ByHand)
+    receives: ClassVar[tuple[type[Message], ...]] = (
+        *(Pose, Obstacles, Description, ByHand),
+        MapMoved,
+    )
     provides: ClassVar[tuple[type[Message], ...]] = (Trajectory, MissionStatus, InitialPose)
     answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest, MissionOrder, MissionCancel)
     queries: ClassVar[tuple[type[Message], ...]] = (PlanRequest, MissionProposal, MissionWithdrawal)
@@ -165,6 +174,9 @@ class Interface(Agent):
         self._mission = 0
         self._state = MissionState.NONE
         self._route = Route()
+        self._revision = 0  # of the map that the route lies on
+        self._map_change: MapMoved | None = None  # the newest one
+        self._moved_at = -inf
         self._to_go = 0.0
         self._note = ""
         self._refused = ""  # the reason of the last refusal
@@ -242,16 +254,20 @@ class Interface(Agent):
             return self._refuse(NO_POSE)
         if self._held:
             holder = self.owner(TRAJECTORY).obeyed
-            return self._refuse(f"{holder.instance if holder else 'somebody'} has the robot driven")
+            return self._refuse(
+                f"{holder.instance if holder else 'another agent'} has the robot driven"
+            )
         if self._may_not_replace(request):
             return self._refuse(UNDER_WAY)
         if not request.planned:
             far = self._too_far(pose, (*request.waypoints, request.goal))
             if far:
                 return self._refuse(far)
-            return self._begin((*request.waypoints, request.goal), 0.0, planned=False)
+            return self._begin(
+                (*request.waypoints, request.goal), 0.0, request.revision, planned=False
+            )
         if pose.deviation > LOST_M:  # a path from a wrong pose is useless: it is planned later
-            reply = self._begin((request.goal,), 0.0, planned=True)
+            reply = self._begin((request.goal,), 0.0, request.revision, planned=True)
             self._replans = WAS_LOST
             return reply
         if self._state is not MissionState.DRIVING:  # a mission goes on until another is accepted
@@ -366,7 +382,7 @@ class Interface(Agent):
         if trajectory.mission == self._mission and (trajectory.waypoints or ended):
             return
         self._mission, self._refused = trajectory.mission, ""
-        self._route = Route.of(trajectory)
+        self._route, self._revision = Route.of(trajectory), trajectory.revision
         self._plans, self._waits = trajectory.planned, "" if trajectory.waits else None
         self._nearing = self._nearing.anew(self.now)
         if trajectory.waypoints:
@@ -374,6 +390,29 @@ class Interface(Agent):
             self.log(f"mission {self._mission} goes on")
         else:
             self._state = MissionState.NONE
+
+    def on_map_moved(self, change: MapMoved) -> None:
+        """Move the goal and the path to it with the map; plan anew on the new one."""
+        self._map_change, self._moved_at = change, self.now
+        if self._state is not MissionState.DRIVING or change.revision <= self._revision:
+            return
+        route = self._route
+        waypoints, self._revision = self._present(route.waypoints, self._revision)
+        x, y, _ = moved(change, route.start.x, route.start.y)
+        self._route = Route(waypoints, Point(x, y), route.leg)
+        self._nearing = self._nearing.anew(self.now)
+        self._replans = self._replans or (MAP_MOVED if self._plans else "")
+        self.publish(self._next(self._mission, self._route, self._route.waypoints))
+
+    def _present(
+        self, waypoints: tuple[Waypoint, ...], revision: int
+    ) -> tuple[tuple[Waypoint, ...], int]:
+        """Waypoints of a revision of the map on the newest one, and which one that is."""
+        change = self._map_change
+        if change is None or revision >= change.revision:
+            return waypoints, revision
+        places = (moved(change, at.x, at.y, at.theta) for at in waypoints)
+        return tuple(Waypoint(*place) for place in places), change.revision
 
     def on_pose(self, pose: Pose) -> None:
         """Follow the trajectory; publish the progress and the arrival."""
@@ -383,6 +422,8 @@ class Interface(Agent):
         self._check_placed(pose)
         if self._state is not MissionState.DRIVING:
             return
+        if pose.revision < self._revision and self.now - self._moved_at < MOVES_S:
+            return  # the map has moved, and the pose follows in the next cycle
         person = driven_by(self)
         if pose.deviation > LOST_M:
             self._replans = WAS_LOST if self._plans else ""
@@ -498,8 +539,13 @@ class Interface(Agent):
                 self._go_on(why)
                 return
             self._unanswered = plan is None
+            if plan is not None and 0 < plan.revision < self._revision:
+                self._replans = why  # the planner has not received the new map yet
+                return
             if plan is None or plan.refusal or not plan.waypoints:
-                self._no_way(why, "nobody plans" if plan is None else plan.refusal)
+                self._no_way(
+                    why, "no path planning agent answered" if plan is None else plan.refusal
+                )
             elif why != OBSTRUCTED or self._waits is not None or self._leads_elsewhere(plan, here):
                 self._take_way(plan, here, why)
 
@@ -515,6 +561,7 @@ class Interface(Agent):
         self._waits = None
         self._nearing = self._nearing.on_way(self.now)
         self._route = Route(plan.waypoints, Point(here.x, here.y))
+        self._revision = max(self._revision, plan.revision)
         self.publish(self._next(self._mission, self._route, plan.waypoints))
         self.log(f"planned anew, {plan.length:.1f} m: {why}")
 
@@ -568,15 +615,18 @@ class Interface(Agent):
 
     def _planned(self, plan: Plan | None) -> MissionReply:
         if plan is None:
-            return self._refuse("nobody plans: no path planning agent answered path/plan")
+            return self._refuse("no path planning agent answered path/plan")
         if plan.refusal:
             return self._refuse(plan.refusal)
-        return self._begin(plan.waypoints, plan.length, planned=True)
+        return self._begin(plan.waypoints, plan.length, plan.revision, planned=True)
 
     def _begin(
-        self, waypoints: tuple[Waypoint, ...], length: float, *, planned: bool
+        self, waypoints: tuple[Waypoint, ...], length: float, revision: int, *, planned: bool
     ) -> MissionReply:
-        """Begin the mission, if its messages can be encoded: else no agent would drive it."""
+        """Begin the mission, if its messages can be encoded: else no agent would drive it.
+
+        `revision`: of the map that the waypoints were chosen on; 0: the one of the pose.
+        """
         pose = self.latest(Pose)
         assert pose is not None, "a mission begins somewhere"
         if not waypoints:
@@ -586,22 +636,25 @@ class Interface(Agent):
                 f"it has {len(waypoints):,} points, at most {WAYPOINTS:,} are driven"
             )
         mission = self.rng.getrandbits(63)
+        waypoints, revision = self._present(waypoints, revision or pose.revision)
         route = Route(waypoints, Point(pose.x, pose.y))
         to_go = route.to_go(pose.x, pose.y)
-        begun = replace(self._next(mission, route, waypoints), planned=planned, waits=False)
+        begun = self._next(mission, route, waypoints)
+        begun = replace(begun, planned=planned, waits=False, revision=revision)
         reply = MissionReply(mission, "", waypoints, length or to_go)
         try:
             for message in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
                 encode(message)
         except MessageError as error:
-            return self._refuse(f"nobody could be told of it: {error}")
+            return self._refuse(f"it cannot be published: {error}")
         self._take_on(mission, route, pose, planned=planned)
+        self._revision = revision
         self.publish(begun)
         return reply
 
     def _take_on(self, mission: int, route: Route, pose: Pose, *, planned: bool) -> None:
         """Drive the route from now on."""
-        self._mission, self._route = mission, route
+        self._mission, self._route, self._revision = mission, route, pose.revision
         self._to_go = route.to_go(pose.x, pose.y)
         self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
         self._waits, self._note, self._refused = None, "", ""
@@ -638,7 +691,9 @@ class Interface(Agent):
         counter = 1 if known is None else next_count(known.counter)
         waits = self._waits is not None
         planned, waits = (self._plans, waits) if waypoints else (False, False)
-        return Trajectory(counter, mission, waypoints, route.start, route.leg, planned, waits)
+        return Trajectory(
+            counter, mission, waypoints, route.start, route.leg, planned, waits, self._revision
+        )
 
     def _publish_status(self, to_go: float) -> None:
         leg = self._route.leg if self._route.waypoints else 0

@@ -102,9 +102,9 @@ WITHDRAWN_MOST: Final = 64  # numbers of withdrawn missions that are stored
 # A robot that is to stand, and is farther away than this, was driven away by another agent.
 AWAY_M: Final = 0.5
 
-UNKNOWN: Final = "nobody knows where the robot is"
+UNKNOWN: Final = "the robot's pose is not known"
 
-AWAY: Final = "the robot is not where it is to stand: somebody has it driven, or had"
+AWAY: Final = "the robot is not where it is to stand: another agent drives it, or did"
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -247,7 +247,7 @@ class MissionPlanning(DeliberativeAgent):
             if self.now - wants.ordered_at < AFRESH_S:
                 return  # published before the order
             if active:
-                wants.fail("somebody else has it explore")
+                wants.fail("another exploration was ordered")
             else:
                 wants.order = 0  # the explore agent has restarted: order again
                 wants.wait(self.now)
@@ -309,7 +309,9 @@ class MissionPlanning(DeliberativeAgent):
         """Bid by the mission's priority; for the trajectory once the energy is cleared."""
         active = self._missions.active
         if resource is TRAJECTORY and self._halt is not None and not self.errand.under_way:
-            return Bid(of_mission(1.0), self._halt.way, reason="nobody wants it explored any more")
+            return Bid(
+                of_mission(1.0), self._halt.way, reason="the exploration is no longer wanted"
+            )
         if active is None:
             self.why = "no mission"
             return None
@@ -456,7 +458,7 @@ class MissionPlanning(DeliberativeAgent):
     def _doing_note(self) -> str:
         """Return what the current request waits for."""
         if self.errand.interrupted:
-            return "somebody more urgent has the robot driven"
+            return "a more urgent agent has the robot driven"
         if self.errand.under_way:
             return line(self.errand.note)
         return "" if self._wanted is None else self._wanted.note
@@ -497,7 +499,7 @@ class MissionPlanning(DeliberativeAgent):
 
     def _ordered(self, key: Key, reply: MissionReply | None, what: str) -> None:
         """Process the reply to an order for an exploration or a charge."""
-        refusal = f"nobody {what}" if reply is None else reply.refusal
+        refusal = f"no agent {what}" if reply is None else reply.refusal
         wants = self._wanted
         if wants is None or wants.key != key:
             if reply is not None and not refusal and isinstance(key[2], Explore):
@@ -564,7 +566,7 @@ class MissionPlanning(DeliberativeAgent):
     def _charge(self, wants: Charging, request: Charge) -> None:
         """Order charging; fail without a battery level or a path to a dock."""
         if self.now - max(self._battery_at, wants.since) > self.p.battery_s:
-            wants.fail("nobody says what is left of the battery: no fresh battery/level")
+            wants.fail("the charge of the battery is not known: no fresh battery/level")
             return
         status, no_dock_at = self.latest(ChargeStatus), self._no_dock_at
         nowhere_s = 0.0 if no_dock_at is None else self.now - max(no_dock_at, wants.since)

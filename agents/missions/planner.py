@@ -147,7 +147,7 @@ class _Legs:
 
     def _planned(self, plan: Plan | None) -> None:
         if plan is None or plan.refusal:
-            why = "nobody plans" if plan is None else plan.refusal
+            why = "no path planning agent answered" if plan is None else plan.refusal
             self._planner.publish(
                 Subplan(self._request.id, self._planner.instance, (), refusal=line(why))
             )

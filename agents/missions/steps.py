@@ -72,7 +72,7 @@ class TakePhoto(Task):
     def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         at, arguments = beliefs.at, self.arguments
         if at is None:
-            return Failed("nobody knows where the robot is")
+            return Failed("the robot's pose is not known")
         if elsewhere := _elsewhere(arguments.room, beliefs):
             return elsewhere
         if progress.elapsed < arguments.seconds:

@@ -36,6 +36,9 @@ BINS: Final = 15
 GROW_M: Final = 4.0
 """Extra size by which the grid grows."""
 
+TOGETHER: Final = 90
+"""Rays of a scan that are drawn together: more do not fit into a processor's cache."""
+
 
 class Settings(Struct, frozen=True):
     """Weights of a ping and of a ray, in log-odds."""
@@ -162,11 +165,13 @@ class Mapper:
             cell += column
             return cell
 
-        steps = np.arange(0.0, far.max(), 0.5 * size)
-        ray, step = np.nonzero(steps < far[:, None] - np.where(met, size, 0.0)[:, None])
-        on_way = steps[step]
-        through = np.zeros(odds.size, dtype=np.bool_)
-        through[at(x + on_way * ahead[ray], y + on_way * left[ray])] = True
+        through, ends = np.zeros(odds.size, dtype=np.bool_), far - np.where(met, size, 0.0)
+        for begin in range(0, len(far), TOGETHER):
+            some = slice(begin, begin + TOGETHER)
+            steps = np.arange(0.0, far[some].max(), 0.5 * size)
+            ray, step = np.nonzero(steps < ends[some, None])
+            on_way = steps[step]
+            through[at(x + on_way * ahead[some][ray], y + on_way * left[some][ray])] = True
         there = np.zeros(odds.size, dtype=np.bool_)
         there[at(to_x[met], to_y[met])] = True
         through &= ~there

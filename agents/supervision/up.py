@@ -254,6 +254,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         without=args.without,
         namespace=where.namespace,
     )
+    _check_more(args, [member.name for member in share(scenario, chosen, host)])
     members = share(scenario, chosen, host, args.more)
     if not members:
         raise UsageError(f"host {own} has no agent of {args.scenario or 'the table'} to start")
@@ -304,6 +305,16 @@ def _check_names(args: Options, where: Endpoints, host: Host) -> None:
             raise wrong.at(file or None, line, f"{where.name}.agents: ") from None
     for name in (*args.more, *args.without):
         find(AGENTS, name)
+
+
+def _check_more(args: Options, here: Sequence[str]) -> None:
+    """Raises UsageError for a second agent of a kind of which one is enough on this host."""
+    from armadico.config.discovery import agent_class
+    from armadico.config.scenarios import society
+
+    for name in args.more:
+        if name in here and (agent_class(name).alone or name in society().watch):
+            raise UsageError(f"--with {name}: this host starts one already")
 
 
 def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:

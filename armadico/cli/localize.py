@@ -25,7 +25,6 @@ PROFILE: Final = "jackal"
 """The robot of a log that names none. Only its width and its laser matter; the scanner's angles and
 reach are the log's."""
 
-PARTS: Final = ("all", "even", "odd", "first", "second")
 MOST_LOST: Final = 0.5
 """Above this share of readings reported lost, the map may be of another place."""
 
@@ -54,10 +53,12 @@ class Options:
     )
     map_from: str | None = option(
         "make the map from this part of the log's scans, at the reference poses (default: all)",
-        choices=PARTS,
+        choices=log_file.PARTS,
     )
     save_map: Path | None = option("save that map as .yaml or .map", metavar="FILE")
-    over: str = option("use this part of the log (default: all)", default="all", choices=PARTS)
+    over: str = option(
+        "use this part of the log (default: all)", default="all", choices=log_file.PARTS
+    )
     begin: float | None = option(
         "begin at this time (default: the first reading)", "--from", metavar="S", must=TIME
     )
@@ -162,7 +163,7 @@ def _world(args: Options, log: Log, path: Path) -> tuple[str, str]:
     from armadico.config.profile import load_profile
     from armadico.observe import localizing
 
-    of = args.map_from or PARTS[0]
+    of = args.map_from or log_file.PARTS[0]
     count = len(localizing.mapping(log, of))
     with progress("map", count) as step:
         cells = localizing.mapped(log, of, load_profile(_profile(args, log)), step)

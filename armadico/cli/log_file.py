@@ -10,6 +10,9 @@ from armadico.cli import options
 if TYPE_CHECKING:
     from armadico.observe.logs import Log
 
+PARTS: Final = ("all", "even", "odd", "first", "second")
+"""Selections of a log's readings, as in `armadico.observe.localizing`, which loads more slowly."""
+
 ERRORS: Final = 0.05
 """Share of ways and turns by which the odometry errs, if a log's odometry is a corrected path."""
 

@@ -1,4 +1,4 @@
-"""Save the map that the robot has made by driving."""
+"""Save the map that the robot has made by driving, or have it continue a saved one."""
 
 from __future__ import annotations
 
@@ -10,66 +10,134 @@ from armadico.cli import options
 from armadico.cli.parsing import Command, argument, group
 
 if TYPE_CHECKING:
+    from armadico.config.graph_file import SavedGraph
+    from armadico.mobile.messages import MapGraphPart, MapGraphRequest
     from armadico.runtime.client import Client
 
 ANSWER_S: Final = 5.0
-"""Timeout of the mapping agent's answer."""
+"""Timeout of the agent's answer."""
 
 FIND_S: Final = 3.0
-"""Time to find a mapping agent."""
+"""Time to find an agent that makes a map."""
 
 EXAMPLES: Final = """\
   armadico map save house.yaml     as a ROS map_server's: house.yaml and house.pgm
   armadico map save house.map      as an ARIA map: the borders of what is occupied
   armadico map save house.yaml --namespace robot2
+  armadico map load house.yaml     the agent slam finds the robot on it and goes on with it
+  armadico set slam mapping=false  localize on the map and add nothing to it
 """
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    what: str = argument("the action", choices=("save",))
-    file: Path = argument("the file to write; its name ends in .yaml or .map", metavar="FILE")
+    what: str = argument("the action", choices=("save", "load"))
+    file: Path = argument("the file; its name ends in .yaml or, to save, .map", metavar="FILE")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
+    from armadico.config import graph_file
     from armadico.config.grid_map import check_suffix
 
     check_suffix(args.file)
+    if args.what == "load":
+        graph = graph_file.read(graph_file.beside(args.file))
     with args.mesh.client() as client:
-        print(save(client, args.file))
+        print(save(client, args.file) if args.what == "save" else load(client, graph, args.file))
     return 0
 
 
 def save(client: Client, file: Path) -> str:
-    """Save the map; returns a summary. Raises AbsentError, FailedError or ConfigError."""
-    from armadico.config import grid_map
+    """Save the map; returns a summary. Raises AbsentError, FailedError or ConfigError.
+
+    The agent slam also has a graph, to go on with the map. Its file is written beside the map,
+    which is drawn of it: both are of the same revision.
+    """
+    from armadico.config import graph_file, grid_map
     from armadico.mobile.messages import MapRequest, OccupancyGrid
     from armadico.runtime.errors import AbsentError
 
     grid = client.query(MapRequest(), ANSWER_S, patience=FIND_S)
     if not isinstance(grid, OccupancyGrid):
         raise AbsentError("no agent that makes a map is alive", client.mesh.namespace)
+    graph = _graph(client) if grid.revision else None
+    beside = graph_file.beside(file)
     try:
-        cells = grid_map.cells_of(grid)
+        cells = grid_map.cells_of(grid) if graph is None else graph.drawn()
         if not cells.states.size:
             raise options.FailedError("the map is empty: no sensor has measured anything yet")
-        files = grid_map.save(cells, file)
+        more = {}
+        if graph is not None and file.suffix != ".map":
+            more[beside] = graph_file.encode(graph)
+        files = grid_map.save(cells, file, more)
+        if beside not in files and file.suffix != ".map":
+            beside.unlink(missing_ok=True)  # it was of the map that is replaced
     except ValueError as error:
         raise options.FailedError(f"the mapping agent's map is invalid: {error}") from None
     except OSError as error:
         raise options.FailedError(f"cannot write {file}: {error.strerror}") from None
     rows, columns = cells.states.shape
-    written = " and ".join(map(str, files))
+    *others, last = map(str, files)
     free = cells.area(grid_map.FREE)
-    return f"{written}: {columns} x {rows} cells of {cells.cell_m:g} m, {free:.1f} m^2 of it free"
+    text = (
+        f"{', '.join(others)} and {last}: " if others else f"{last}: "
+    ) + f"{columns} x {rows} cells of {cells.cell_m:g} m, {free:.1f} m^2 of it free"
+    if graph is not None and (apart := int((~graph.main).sum())):
+        text += f"; {apart} key scans whose place on it is unknown are only in the graph"
+    return text
+
+
+def _graph(client: Client) -> SavedGraph | None:
+    """The graph of the agent slam; None if nothing is mapped. Raises FailedError, ConfigError."""
+    from armadico.config import graph_file, graph_parts
+    from armadico.mobile.messages import MapGraphPart
+
+    def ask(request: MapGraphRequest) -> MapGraphPart | None:
+        reply = client.query(request, ANSWER_S)
+        return reply if isinstance(reply, MapGraphPart) else None
+
+    data = graph_parts.read(ask)
+    if data is None:
+        raise options.FailedError(f"the agent slam did not send its graph within {ANSWER_S:g} s")
+    return graph_file.decode(data, "the graph of the agent slam") if data else None
+
+
+def load(client: Client, graph: SavedGraph, file: Path) -> str:
+    """Have the agent slam continue a map; returns a summary. Raises AbsentError, FailedError."""
+    from armadico.config import graph_file, graph_parts
+    from armadico.mobile.messages import MapLoadReply
+    from armadico.runtime.errors import AbsentError
+
+    for request in graph_parts.parts_of(graph_file.encode(graph, compressed=False)):
+        reply = client.query(request, ANSWER_S, patience=FIND_S)
+        if not isinstance(reply, MapLoadReply):
+            names = dict(sorted(client.alive))
+            if (instance := names.get("localization")) is not None:
+                raise options.FailedError(
+                    f"{instance} localizes on the world that it was started with; to drive on this"
+                    f" map, start it with --world {file}"
+                )
+            if (instance := names.get("mapping")) is not None:
+                raise options.FailedError(
+                    f"{instance} maps at the pose of the odometry and cannot find the robot on a"
+                    f" map; start it with `armadico explore --resume {file}`"
+                )
+            raise AbsentError("no agent slam is alive", client.mesh.namespace)
+        if reply.refusal:
+            raise options.FailedError(f"{file}: refused: {reply.refusal}")
+    return (
+        f"{file}: {len(graph.poses)} key scans loaded; the robot finds its place on the map while"
+        " it drives or turns"
+    )
 
 
 main: Final = Command(
     "armadico map",
     Options,
     run,
-    "Save the mapping agent's map. `armadico explore --resume` continues from a .yaml; `armadico"
-    " run --world` drives in either.",
+    "Save the map that the robot makes, or have the agent slam continue a saved one. `armadico"
+    " explore --resume` continues from a .yaml; `armadico run --world` drives in either. A map by"
+    " SLAM has a third file, FILE.graph.npz, with its scans; to continue, it must be there.",
     EXAMPLES,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -75,7 +75,7 @@ class Drive:
         "time limit (default: from the path's length; without a goal: 60 s)",
         "--for",
         metavar="S",
-        must=more_than(0, "expected more than 0 seconds"),
+        must=more_than(0, "expected a number of seconds, more than 0 and finite"),
     )
     virtual: bool = flag("run in one process under a virtual clock")
     seed: int | None = option("seed of random numbers (default: 0)", metavar="N", must=SEED)
@@ -136,6 +136,11 @@ class Drive:
     resume: str | None = None
     mesh: Mesh = group(Mesh, "the mesh")
 
+    @property
+    def anywhere(self) -> bool:
+        """Whether it may drive without a scenario or a world, in the empty world."""
+        return self.limit is not None or self.goal is not None
+
     def of_run(self, path: Path, seed: int) -> Path:
         """The file of one run; with several runs its name ends with the seed."""
         return path if self.runs is None else path.with_stem(f"{path.stem}-{seed}")
@@ -162,18 +167,31 @@ class Drive:
 
 
 def choose(
-    args: Drive, *, somewhere: bool = True, mission: str | None = None
+    args: Drive,
+    *,
+    somewhere: bool = True,
+    mission: str | None = None,
+    change: Callable[[Scenario], Scenario] | None = None,
 ) -> tuple[Scenario, Options]:
     """The scenario and the options of the command line, checked.
 
     With `somewhere`, warnings are printed if the robot will not get anywhere. A `mission` replaces
-    the scenario's goal or mission. Raises UsageError, ConfigError, UnknownNameError or FailedError.
+    the scenario's goal or mission; for `change` see `prepared`. Raises UsageError, ConfigError,
+    UnknownNameError or FailedError.
     """
     chosen = args.chosen()
-    return _scenario(args, chosen, somewhere=somewhere, mission=mission), chosen
+    scenario = _scenario(args, chosen, somewhere=somewhere, mission=mission, change=change)
+    return scenario, chosen
 
 
-def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | None) -> Scenario:
+def _scenario(
+    args: Drive,
+    chosen: Options,
+    *,
+    somewhere: bool,
+    mission: str | None,
+    change: Callable[[Scenario], Scenario] | None,
+) -> Scenario:
     """The scenario of the command line. Raises UsageError, ConfigError or UnknownNameError."""
     from armadico.config.scenarios import blind, load_scenario, scenario_from
     from armadico.launch.society import names, prepared, profile_of
@@ -185,6 +203,9 @@ def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | N
     _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot is for live runs; --virtual has its own simulator")
+    for name, given in _way(args) if args.virtual else ():
+        if given:
+            raise UsageError(f"{name}: not with --virtual, which runs in one process")
     if args.robot is not None:
         _check_robot(args.robot)
     _check_attach(args)
@@ -196,8 +217,15 @@ def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | N
     else:
         assert args.scenario is not None, "else a world is named"
         scenario = load_scenario(args.scenario)
-    poses = {"start": start, "goal": goal}
-    scenario = prepared(scenario, chosen, **poses, profile=args.profile, mission=mission)
+    scenario = prepared(
+        scenario,
+        chosen,
+        start=start,
+        goal=goal,
+        profile=args.profile,
+        mission=mission,
+        change=change,
+    )
     _check_together(args, names(scenario))
     if somewhere and blind(scenario):
         why = "a wall is between start and goal, and no path is planned"
@@ -208,13 +236,19 @@ def _scenario(args: Drive, chosen: Options, *, somewhere: bool, mission: str | N
     return scenario
 
 
+def _way(args: Drive) -> tuple[tuple[str, object], ...]:
+    """The options for the way to the robot, and what was given."""
+    mesh = args.mesh
+    return ("--host", mesh.host), ("--hosts", mesh.hosts), ("--connect", mesh.connect)
+
+
 def _world(args: Drive) -> str | None:
     """The world given instead of a scenario, or the empty one. Raises UsageError."""
     from armadico.config.worlds import READERS
 
     named: str | None = args.world
     if args.scenario is None and named is None:
-        if args.limit is None and args.goal is None:
+        if not args.anywhere:
             raise UsageError("name a scenario (armadico run sc4), a map, or a time (--for 60)")
         return "empty"
     if args.scenario is None or Path(args.scenario).suffix not in {*READERS, *PICTURES}:

@@ -94,6 +94,7 @@ class Snapshots:
             "namespace": self._namespace,
             "robot": described.robot(view),
             "pose": described.pose(view, now),
+            "slam": described.slam(view, now),
             "mission": described.mission(view),
             "standing": stands,
             "tasks": view.tasks,
@@ -222,6 +223,9 @@ def _heading(snapshot: dict[str, Any]) -> str:
     if pose is not None:
         words.append(f"at ({pose['x']:.2f}, {pose['y']:.2f})")
         words += filter(None, [pose["told"]])
+    if (slam := snapshot["slam"]) is not None:
+        words.append(f"map: {slam['told']}")
+        words += [f"the map may be wrong: {slam['uncertain']}"] * bool(slam["uncertain"])
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'an unknown client'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])

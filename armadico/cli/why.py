@@ -12,6 +12,7 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
 from armadico.config.discovery import providers
+from armadico.core.resources import WHEELS
 from armadico.mesh.topology import default_namespace
 from armadico.runtime.errors import AbsentError
 
@@ -86,9 +87,7 @@ class Options:
     at: float | None = option(
         "explain this moment, s from the recording's first message", metavar="T", must=NOT_BEFORE
     )
-    resource: str = option(
-        "the resource of --exchange (default: wheels)", default="wheels", metavar="NAME"
-    )
+    resource: str | None = option("the resource of --exchange (default: wheels)", metavar="NAME")
     for_s: float = option(
         "with --live: listen for S seconds (default: 3)",
         "--for",
@@ -117,6 +116,8 @@ def _check(args: Options) -> None:
     """Raises UsageError."""
     if args.live == (args.file is not None):
         raise UsageError("give either a recording or --live")
+    if args.resource is not None and args.exchange is None:
+        raise UsageError(f"--resource {args.resource}: it is for --exchange N")
     past = {"--collision": args.collision, "--exchange": args.exchange, "--at": args.at}
     for name, value in past.items():
         if args.live and value is not None:
@@ -247,8 +248,9 @@ def _event(args: Options, chronicle: Chronicle, ends: float) -> Answer:
     if args.stop is not None:
         return _one("stop", args.stop, chronicle.presses)
     if args.exchange is not None:
-        exchanges = [e for e in chronicle.exchanges if e.resource == args.resource]
-        return _one(f"exchange of {args.resource}", args.exchange, exchanges)
+        resource = args.resource or WHEELS.name
+        exchanges = [e for e in chronicle.exchanges if e.resource == resource]
+        return _one(f"exchange of {resource}", args.exchange, exchanges)
     return _all(chronicle, ends)
 
 

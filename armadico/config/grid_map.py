@@ -9,6 +9,7 @@ borders of the occupied cells.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -116,7 +117,7 @@ def new_mapper(half_cone: float = 0.0) -> Mapper:
     return mapper
 
 
-def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:
+def message_of(cells: Cells, revision: int = 0, map_id: int = 0) -> OccupancyGrid:
     """The grid as a message, with larger cells if needed."""
     while (
         cells.states.size > CELLS_MOST
@@ -124,7 +125,8 @@ def message_of(cells: Cells, revision: int = 0) -> OccupancyGrid:
     ):
         cells = coarser(cells)
     rows, columns = cells.states.shape
-    return OccupancyGrid(cells.x, cells.y, cells.cell_m, rows, columns, packed, revision)
+    shape = cells.cell_m, rows, columns
+    return OccupancyGrid(cells.x, cells.y, *shape, packed, revision, map_id)
 
 
 def cells_of(message: OccupancyGrid) -> Cells:
@@ -168,16 +170,17 @@ def check_suffix(path: Path) -> None:
         raise ConfigError(f"{str(path)!r}: expected a name in UTF-8, for its image") from None
 
 
-def save(cells: Cells, path: Path) -> list[Path]:
+def save(cells: Cells, path: Path, more: Mapping[Path, bytes] | None = None) -> list[Path]:
     """Save a grid in the format of the suffix; returns the files. Raises ConfigError, OSError.
 
-    Existing files are replaced only when all new ones are on the disk.
+    Existing files are replaced only when all new ones are on the disk, `more` among them.
     """
     check_suffix(path)
     if path.suffix == ".map":
         comments = ("Made by driving; the borders of occupied cells.",)
-        write_files({path: format_map(cells.world(path.stem), comments).encode()})
-        return [path]
+        files = {path: format_map(cells.world(path.stem), comments).encode(), **(more or {})}
+        write_files(files)
+        return [*files]
     image = path.with_suffix(".pgm")
     rows, columns = cells.states.shape
     pixels = PIXELS[np.flipud(cells.states)]
@@ -191,8 +194,9 @@ def save(cells: Cells, path: Path) -> list[Path]:
     }
     text = yaml.safe_dump(about, sort_keys=False, default_flow_style=None, allow_unicode=True)
     head = f"P5\n{columns} {rows}\n255\n"
-    write_files({path: text.encode(), image: head.encode() + pixels.tobytes()})
-    return [path, image]
+    files = {path: text.encode(), image: head.encode() + pixels.tobytes(), **(more or {})}
+    write_files(files)
+    return [*files]
 
 
 def check_writable(path: Path) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from math import radians
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Protocol
+from typing import Annotated, Any, ClassVar, Final, Literal, Protocol
 
 from msgspec import Meta, Struct
 
@@ -196,6 +196,10 @@ class Laser(Struct, frozen=True, forbid_unknown_fields=True):
     The rays are evenly spaced from `angle_min_deg` to `angle_max_deg` about the laser's own axis,
     counter-clockwise in the laser's frame. A laser mounted upside down has its left on the robot's
     right. If it covers the full circle, the last ray lies one step before the first.
+
+    Scans are corrected for the robot's motion by the times of their rays. Drivers of lasers that
+    turn clockwise often sort the rays, which reverses their order in time, and some stamp a scan
+    when it is complete.
     """
 
     x_m: Place
@@ -209,6 +213,8 @@ class Laser(Struct, frozen=True, forbid_unknown_fields=True):
     rate_hz: Annotated[float, Meta(ge=1, le=200)]  # a scan is valid for two periods
     noise_m: NonNegative  # standard deviation of a range
     upside_down: bool = False
+    time_order: Literal[-1, 0, 1] = 1  # -1: the last ray is measured first; 0: no correction
+    stamped: Literal["first", "last"] = "first"  # the ray that the stamp of a scan is of
 
     def __post_init__(self) -> None:
         if not self.min_m < self.max_m:
@@ -443,6 +449,7 @@ class SensorProfile(Struct, frozen=True, forbid_unknown_fields=True):
     edge_m: NonNegative  # an edge always gives an echo up to here, beyond it as 1 / range
     multipath: Share  # probability that a returning specular reflection is detected
     crosstalk: Share  # probability that the next sonar detects an unreturned ping
+    laser_sweep: Share  # 1: a laser takes the time of its turn for a scan; 0: an instant
     laser_dropout: Share  # share of a laser's rays that are lost
     black_walls: Share  # share of walls that a laser detects within `black_m` only
     black_m: NonNegative

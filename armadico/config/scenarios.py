@@ -310,7 +310,7 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     by_slam = scenario.sensors != society().ideal.sensors and slams(scenario.robot)
     if not by_slam:
         scenario = ideal(scenario)
-    gone = changes.without + changes.besides
+    gone = changes.besides if by_slam else changes.without + changes.besides
     if scenario.mission is not None:
         gone += society().missions.besides
         scenario = replace(scenario, mission=None, alarms=())

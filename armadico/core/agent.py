@@ -599,7 +599,7 @@ class Agent:
 
     def _change(self, request: m.ParametersRequest) -> None:
         """Apply a request. Raises ValueError with the fault; nothing is changed then."""
-        self._apply_settings(request.change, request.by or "somebody")
+        self._apply_settings(request.change, request.by or "an unknown program")
         self._set |= {setting.name: setting.json for setting in request.change}
         self._share_settings()
 

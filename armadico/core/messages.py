@@ -316,7 +316,7 @@ class Stop(Latched, frozen=True):
 
     @property
     def requester(self) -> str:
-        return self.by or "somebody"
+        return self.by or "an unknown program"
 
     @property
     def code(self) -> str:

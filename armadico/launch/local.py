@@ -6,6 +6,7 @@ The launcher starts them, sends the mission, watches, and ends everything, also 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -66,6 +67,7 @@ class Launcher(LiveRun):
 
         `logs` is a folder shared with other robots; None: its own.
         """
+        options = replace(options, namespace=namespace)
         super().__init__(scenario, options, mesh, silent_s=silent_s, idle_s=idle_s)
         self.members: tuple[Member, ...] = ()
         self.table = ProcessTable(

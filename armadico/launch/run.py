@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 from armadico.config.discovery import GUESTS, agent_class, installed, owners
-from armadico.config.scenarios import Scenario, mission_of
+from armadico.config.scenarios import Scenario, mission_of, unmapped
 from armadico.config.worlds import bare, load_world
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
@@ -214,8 +214,7 @@ class RobotRun(Run[RunWatch, Result]):
         """The reason why nothing corrects the pose, or ""."""
         if not any(Correction in agent_class(name).provides for name in self.names):
             return " (no agent localizes)"
-        walls = load_world(self.scenario.world).outlines
-        if walls:
+        if unmapped(self.scenario) or load_world(self.scenario.world).outlines:
             return ""
         return " (no walls to localize against; `--sensors ideal` has no drift)"
 

@@ -7,7 +7,7 @@ The same list is launched as real processes (`armadico.launch.local`) or on the 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
@@ -100,9 +100,11 @@ def prepared(
     goal: ScenarioPose | None = None,
     profile: str | None = None,
     mission: str | None = None,
+    change: Callable[[Scenario], Scenario] | None = None,
 ) -> Scenario:
     """The scenario with the options, poses (m, m, rad), profile and mission applied.
 
+    `change` comes last, such as `exploring`; agents that it removes cannot be added by `options`.
     Raises ConfigError if it cannot be driven, UnknownNameError for an agent that is not installed.
     """
     check_poses({"start": start, "goal": goal})
@@ -127,10 +129,19 @@ def prepared(
     )
     for name in (*scenario.agents, *options.without):
         find(AGENTS, name)
+    required: Sequence[str] = ()
+    if change is not None:
+        scenario = change(scenario)
+        required = sensing(_mapped(scenario, needs(tasks(scenario))), scenario.robot)
     _, *others = names(scenario)
-    for name in options.without:
-        if name not in others:
+    for name in options.besides:
+        if name not in scenario.agents:
             taking = ", ".join(others)
+            raise ConfigError(f"with {name}: it has no part in an exploration by {taking}")
+    free = [name for name in others if name not in required]
+    for name in options.without:
+        if name not in free:
+            taking = ", ".join(free)
             raise ConfigError(f"without {name}: {scenario.name} can be without {taking}")
     if options.controller or options.parameters:
         check(members(scenario, options, ""))
@@ -361,7 +372,8 @@ def watch(
     scenario: Scenario, options: Options, mode: str, namespace: str | None = None
 ) -> RunWatch:
     known = conditions(scenario, options, mode, namespace)
-    return RunWatch(scenario.name, scenario.goal, options.seed, known)
+    unplaced = scenario.plan == "frontiers" and not load_world(scenario.world).outlines
+    return RunWatch(scenario.name, scenario.goal, options.seed, known, unplaced)
 
 
 def conditions(

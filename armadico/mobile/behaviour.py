@@ -64,7 +64,8 @@ class Behaviour(Agent):
         super().__init__(identity, parameters)
         self.route = Route()
         self._waits = False
-        self._known = (0, 0)  # the trajectory that is followed, by its order
+        self._known = (0, 0)  # the newest trajectory, by its order
+        self._upcoming: Trajectory | None = None  # it waits for a pose on its revision of the map
         self._body: Body | None = None
         self._speeds: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
 
@@ -144,13 +145,27 @@ class Behaviour(Agent):
     def on_trajectory(self, trajectory: Trajectory) -> None:
         # An agent that hung, or did not receive the poses, has not seen the robot pass waypoints.
         # Without the published leg it would drive back to them, through anything between.
-        if trajectory.order != self._known:
-            self._known = trajectory.order
-            self.route = Route.of(trajectory)
-            self._waits = trajectory.waits
-            self.on_mission()
+        if trajectory.order == self._known:
+            if self._upcoming is None:
+                self.route.catch_up(trajectory.leg)
+            return
+        self._known = trajectory.order
+        if self._fits(trajectory):
+            self._take(trajectory)
         else:
-            self.route.catch_up(trajectory.leg)
+            self._upcoming = trajectory
+
+    def _fits(self, trajectory: Trajectory) -> bool:
+        """Whether the pose lies on the map of a trajectory. If the map moved, it follows soon."""
+        pose = self.latest(Pose)
+        ends = not trajectory.waypoints
+        return ends or pose is None or pose.revision >= trajectory.revision
+
+    def _take(self, trajectory: Trajectory) -> None:
+        self._upcoming = None
+        self.route = Route.of(trajectory)
+        self._waits = trajectory.waits
+        self.on_mission()
 
     def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
         """Advance on the route and propose; the bid is limited while a person drives by hand."""
@@ -160,6 +175,13 @@ class Behaviour(Agent):
         return replace(bid, utility=BY_HAND)
 
     def _proposed(self) -> Bid | None:
+        pose = self.latest(Pose)
+        if (
+            self._upcoming is not None
+            and pose is not None
+            and pose.revision >= self._upcoming.revision
+        ):
+            self._take(self._upcoming)
         if self.needs_goal and not self.route.waypoints:
             self.why = "no goal"
             return None

@@ -36,6 +36,7 @@ from armadico.mobile.errand import Order
 RAYS: Final = 2048  # most rays of a scan
 REACH_M: Final = 65.534  # the largest range of a scan, whose two bytes per ray are in mm
 WAYPOINTS: Final = 1024  # most waypoints of a mission, with its goal
+MOVED: Final = 500  # most places of a map that has moved: 23 kB
 Joules = Annotated[float, Meta(ge=0, le=1e12)]
 Passed = Annotated[float, Meta(ge=-1e5, le=1e5)]  # m, of an odometry
 Based = Annotated[float, Meta(ge=-5e5, le=5e5)]  # m, of an odometry's origin
@@ -151,6 +152,9 @@ class Pose(Message, frozen=True):
     y: Real
     theta: Real
     covariance: Covariance = ()
+    revision: Counter = 0  # of the map that it lies on, as in `Correction`
+
+    appended: ClassVar[int] = 1
 
     @property
     def deviation(self) -> float:
@@ -240,8 +244,97 @@ class OccupancyGrid(Message, frozen=True):
     columns: Annotated[int, Meta(ge=0, le=65536)]
     packed: Encoded
     revision: Counter = 0  # grows when what was mapped moves; corrections carry it, too
+    map_id: Bits64 = 0  # drawn at random when a map begins; 0: the map is at the odometry's pose
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 2
+
+
+class MapGraph(Message, frozen=True):
+    """The pose graph of the map made by SLAM, for observers.
+
+    `packed` has six bytes per key scan, in the order of time, as in `Particles`. `loops` and `off`
+    have four bytes per loop: the indices in `packed` of the key scans that it joins, as unsigned
+    little-endian integers of two bytes. Loops in `off` are switched off, since others contradict
+    them. A message of a large graph has a part of its key scans and loops; the counts are of all.
+    """
+
+    revision: Counter  # of the map that the poses belong to
+    x: Real  # of the lower left corner of all of them, m
+    y: Real
+    step: Annotated[float, Meta(gt=0, le=100)]  # m
+    packed: Encoded
+    loops: Encoded
+    off: Encoded
+    key_scans: Counter
+    loops_found: Counter  # with those that are switched off
+    loops_off: Counter
+    uncertain: Text = ""  # why the map may be wrong; empty: nothing speaks against it
+
+    @property
+    def summary(self) -> str:
+        """The numbers as text."""
+        off = f" ({self.loops_off} off)" if self.loops_off else ""
+        text = f"revision {self.revision}, {self.key_scans} key scans, {self.loops_found} loops"
+        return text + off
+
+
+class MapGraphRequest(Message, frozen=True):
+    """Requests a part of the SLAM graph; part 0 begins with the present one.
+
+    `digest` is that of part 0, for the other parts.
+    """
+
+    part: Counter = 0
+    digest: Counter = 0
+
+
+class MapGraphPart(Message, frozen=True):
+    """A part of the file of the SLAM graph, not compressed; without parts nothing is mapped yet.
+
+    If the digest differs from that of part 0, the agent has begun with a newer graph: the reader
+    begins anew.
+    """
+
+    part: Counter
+    parts: Counter
+    digest: Counter  # CRC-32 of all parts
+    data: Encoded
+
+
+class MapLoadRequest(Message, frozen=True):
+    """A part of a SLAM graph to continue with, in order; the last one replaces the map."""
+
+    part: Counter
+    parts: Counter
+    digest: Counter  # CRC-32 of all parts
+    data: Encoded
+
+
+class MapLoadReply(Message, frozen=True):
+    """Whether the part was accepted."""
+
+    refusal: Text = ""
+
+
+class Moved(Message, frozen=True):
+    """A place of the map before and after it was optimised: m in the world, and the turn in rad."""
+
+    x: Real
+    y: Real
+    to_x: Real
+    to_y: Real
+    turn: Real
+
+
+class MapMoved(Message, frozen=True):
+    """How the map has moved with a new revision, by places along the way that made it.
+
+    It is published in the cycle of the first correction and grid of that revision. A place that was
+    set on an older revision moves with the nearest of `places`; without any nothing moves.
+    """
+
+    revision: Counter
+    places: Annotated[tuple[Moved, ...], Meta(max_length=MOVED)] = ()
 
 
 # Missions and plans -------------------------------------------------------------------------------
@@ -269,6 +362,9 @@ class Trajectory(Latched, frozen=True):
     leg: Counter = 0
     planned: bool = False  # the path is the planner's, and replanned where it is blocked
     waits: bool = False
+    revision: Counter = 0  # of the map that the waypoints lie on, as in `Pose`
+
+    appended: ClassVar[int] = 1
 
     @property
     def order(self) -> tuple[int, int]:
@@ -291,6 +387,9 @@ class Plan(Message, frozen=True):
     length: Real = 0.0  # m
     energy: Real = 0.0  # J
     refusal: Text = ""
+    revision: Counter = 0  # of the map that it was planned on; 0: the map is fixed
+
+    appended: ClassVar[int] = 1
 
 
 class PlanTask(Message, frozen=True):
@@ -335,6 +434,11 @@ class MissionRequest(Order, frozen=True):
     planned: bool = True
     replaces: Bits64 | None = None  # the only mission that it may replace; None: any
     start: Waypoint | None = None  # the robot's pose, if a person knows it better than the robot
+    revision: Counter = (
+        0  # of the map that the waypoints were chosen on; 0: the robot's present one
+    )
+
+    appended: ClassVar[int] = 1
 
 
 class MissionReply(Message, frozen=True):
@@ -433,7 +537,11 @@ state(Correction, "localization/correction", 10, 3, "the odometry's origin, by m
 state(Particles, "localization/particles", 2, 3, "possible poses of the robot")
 state(LocalMap, "sonar/map", 2, 3, "the local map's cells, for observers")
 state(OccupancyGrid, "mapping/grid", 1, None, "the map made by driving")
+state(MapGraph, "mapping/graph", 0.1, None, "the map's pose graph; 1 Hz while it changes")
+event(MapMoved, "mapping/moved", "how the map has moved with a new revision")
 query(MapRequest, "mapping/request", OccupancyGrid, "the present map")
+query(MapGraphRequest, "mapping/graph/parts", MapGraphPart, "the SLAM graph, in parts")
+query(MapLoadRequest, "mapping/load", MapLoadReply, "a SLAM graph to continue with, in parts")
 latch(Trajectory, "trajectory", "the mission's waypoints", rate_hz=1)
 query(PlanRequest, "path/plan", Plan, "a path to a goal")
 event(Planned, "path/planned", "the plan that the planner's holder requested")

@@ -24,6 +24,7 @@ Flags = NDArray[np.bool_]
 INVALID: Final = 0  # value of a ray: no valid range
 FREE: Final = 65535  # value of a ray: nothing within reach
 MM: Final = 1000.0
+SURFACE: Final = 0.1  # neighbours that differ by more than this share are of two surfaces
 FINEST_RAD: Final = 1e-4  # the smallest step between two rays: 62,800 per turn
 
 
@@ -65,6 +66,50 @@ def message_of(
     turns = -1.0 if upside_down else 1.0
     x, y, bearing = compose(since, compose(mount, (0.0, 0.0, turns * first)))
     return Scan(cycle, x, y, bearing, turns * step, limits[1], packed(seen, *limits), number=number)
+
+
+def deskewed(ranges: Floats, angles: tuple[float, float], mount: Pose2, moved: Floats) -> Floats:
+    """Return the ranges (n,) as if the robot had stood at one pose while they were measured.
+
+    The measured points are moved to that pose and read off at the same angles again: between two
+    points of one surface by a line, else from the nearer one. A ray without a point beside it is
+    invalid.
+
+    Args:
+        ranges: m, (n,). Invalid and infinite ones keep their value.
+        angles: The first ray's and the step to the next one, rad, counter-clockwise on the robot.
+        mount: The laser's pose on the body: m, m, rad.
+        moved: (n, 3) the body's pose at each ray, in the body frame of that one pose: m, m, rad.
+    """
+    first, step = angles
+    rays = np.arange(len(ranges))
+    looks = np.exp(1j * (first + step * rays))
+    laser, turn = complex(mount[0], mount[1]), np.exp(1j * mount[2])
+    measured = np.isfinite(ranges) & (ranges > 0.0)
+    seen = np.where(measured, ranges, 1.0) * looks
+    body = moved[:, 0] + 1j * moved[:, 1]
+    seen = (body + np.exp(1j * moved[:, 2]) * (laser + turn * seen) - laser) / turn
+    # Without a point only the direction of a ray counts.
+    ways = np.where(measured, seen, looks * np.exp(1j * moved[:, 2]))
+    at = rays + np.angle(ways / looks) / step
+    away = np.where(measured, np.abs(seen), ranges)
+    whole = round(tau / abs(step))
+    if len(ranges) == whole:  # the rays beyond both ends of a whole turn
+        at = np.concatenate([at - whole, at, at + whole])
+        away, measured = np.tile(away, 3), np.tile(measured, 3)
+    order = np.argsort(at, kind="stable")
+    at, away, measured = at[order], away[order], measured[order]
+    high = np.clip(np.searchsorted(at, rays), 1, len(at) - 1)
+    low = high - 1
+    nearer = np.where(rays - at[low] <= at[high] - rays, low, high)
+    found = np.where(np.abs(at[nearer] - rays) <= 1.0, away[nearer], np.nan)
+    near, far = np.minimum(away[low], away[high]), np.maximum(away[low], away[high])
+    one = measured[low] & measured[high] & (at[high] - at[low] <= 2.0)
+    one &= (at[low] <= rays) & (rays <= at[high]) & (far <= (1.0 + SURFACE) * near)
+    share = (rays - at[low])[one] / np.maximum(at[high] - at[low], 1e-9)[one]
+    # A line is straight in 1 / range for small angles.
+    found[one] = 1.0 / ((1.0 - share) / away[low][one] + share / away[high][one])
+    return np.asarray(found, dtype=np.float64)
 
 
 def _nearest(ranges: Floats, together: int, least: float) -> Floats:

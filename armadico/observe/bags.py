@@ -6,7 +6,6 @@ ROS 2 wrote. The scanner's place on the robot is found in the static transforms 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import atan2, cos, hypot
@@ -193,33 +192,28 @@ def _log(
     mount: tuple[Pose2, bool] | None,
     reach: float | None,
 ) -> Log:
-    notes = []
+    notes: list[str] = []
     if mount is None:
         notes.append(
             "no transform from the robot to the scanner: it is assumed at the robot's origin"
         )
     place, hangs = mount or (STOOD, False)
-    shape = Counter((len(one.ranges), one.angles) for one in scans).most_common(1)[0][0]
-    same = [one for one in scans if (len(one.ranges), one.angles) == shape]
-    if len(same) < len(scans):
-        left = len(scans) - len(same)
-        notes.append(f"{left} of {len(scans)} scans have other angles than most")
-    times = np.array([one.t for one in same])
+    ranges, (first, step) = logs.alike([(one.ranges, one.angles) for one in scans], notes)
+    times = np.array([one.t for one in scans])
     inside = (times >= poses[0, 0] - LATE_S) & (times <= poses[-1, 0] + LATE_S)
     if not inside.any():
         raise LogError("holds no odometry of the time of a scan: are the clocks the same?", path)
     if not inside.all():
-        left = len(same) - int(inside.sum())
-        notes.append(f"{left} of {len(same)} scans are earlier or later than all odometry")
+        left = len(scans) - int(inside.sum())
+        notes.append(f"{left} of {len(scans)} scans are earlier or later than all odometry")
     kept = np.flatnonzero(inside)
     heading = np.unwrap(poses[:, 3])
     columns = [poses[:, 1], poses[:, 2], heading]
     at = np.column_stack([np.interp(times[kept], poses[:, 0], one) for one in columns])
-    ranges = np.array([same[row].ranges for row in kept], dtype=np.float64)
-    least, most = same[0].limits
+    ranges = ranges[kept]
+    least, most = scans[0].limits
     with np.errstate(invalid="ignore"):
         ranges[ranges < least] = np.nan
-    first, step = shape[1]
     angles = (-first, -step) if hangs else (first, step)
     if hypot(place[0], place[1]) > 0.0 or cos(place[2]) < 1.0:
         side = ", upside down" if hangs else ""

@@ -54,6 +54,21 @@ def pose(view: View, now: float) -> Section | None:
     }
 
 
+def slam(view: View, now: float) -> Section | None:
+    """The map that is made meanwhile, in numbers."""
+    graph = view.graph(now)
+    if graph is None:
+        return None
+    return {
+        "revision": graph.revision,
+        "key_scans": graph.key_scans,
+        "loops": graph.loops_found,
+        "loops_off": graph.loops_off,
+        "uncertain": graph.uncertain,
+        "told": graph.summary,
+    }
+
+
 def mission(view: View) -> Section | None:
     """The present or last goal."""
     status = view.mission

@@ -29,8 +29,7 @@ class Tables:
     """
 
     def __init__(self, folder: Path) -> None:
-        """Create the folder. Raises OSError."""
-        folder.mkdir(parents=True, exist_ok=True)
+        """Write into a folder, which is created with the first file."""
         self.folder = folder
         self.rows = 0
         self._first: int | None = None
@@ -63,6 +62,7 @@ class Tables:
 
     def _begin(self, row: Row) -> tuple[Any, list[str]]:
         name = row.topic.strip("/").replace("/", "_") + ".csv"
+        self.folder.mkdir(parents=True, exist_ok=True)
         stream: TextIO = self._stack.enter_context(
             (self.folder / name).open("w", newline="", encoding="utf-8")
         )

@@ -5,7 +5,8 @@
 
 The `.npz` form, for `numpy.load`: `t` (n,) in s; `odometry` and, if there is one, `reference`
 (n, 3) in m, m, rad, NaN where unknown; `ranges` (n, k) times `scale` in m; `angle_min` and
-`angle_step` in rad; `real_odometry`, false where `odometry` is a corrected path.
+`angle_step` in rad; `real_odometry`, false where `odometry` is a corrected path; `t0`, the log's
+own stamp of time 0.
 """
 
 from __future__ import annotations
@@ -134,6 +135,7 @@ class Log:
     world: str | None = None  # named in the log
     profile: str | None = None  # named in the log
     notes: tuple[str, ...] = ()  # parts left out, and assumptions
+    begin: float = 0.0  # the log's own stamp of time 0, s
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -247,7 +249,7 @@ def _npz(path: Path, reach: float | None) -> Log:
         if name not in fields:
             raise LogError(f"no field {name!r}; expected {', '.join(_SHAPES)}", path)
     count, rays = len(np.atleast_1d(fields["t"])), np.atleast_2d(fields["ranges"]).shape[1]
-    wanted = {**_SHAPES, "reference": ("n", 3), "scale": (), "real_odometry": ()}
+    wanted = {**_SHAPES, "reference": ("n", 3), "scale": (), "real_odometry": (), "t0": ()}
     for name, shape in wanted.items():
         if name not in fields:
             continue
@@ -258,7 +260,10 @@ def _npz(path: Path, reach: float | None) -> Log:
             raise LogError(f"field {name!r} is {what}", path)
     reference = fields.get("reference", np.full((count, 3), np.nan))
     table = _Table(
-        fields["t"].astype(float), fields["odometry"].astype(float), reference.astype(float)
+        fields["t"].astype(float),
+        fields["odometry"].astype(float),
+        reference.astype(float),
+        begin=float(fields.get("t0", 0.0)),
     )
     kept = table.clean(path)
     if len(kept) > 1 and not np.ptp(table.odometry, axis=0).any():
@@ -277,6 +282,7 @@ class _Table:
     odometry: Floats
     reference: Floats
     notes: tuple[str, ...] = ()
+    begin: float = 0.0  # the log's own stamp of time 0, s
 
     def clean(self, path: Path) -> Indices:
         """Remove unusable rows; returns the indices of the others. Raises LogError."""
@@ -291,6 +297,7 @@ class _Table:
             left = len(numbers) - len(finite)
             notes = (f"{left} of {len(numbers)} rows have no number for time or odometry", *notes)
         found = finite[kept]
+        self.begin += float(self.times[finite[0]])
         self.times, self.odometry = times, self.odometry[found]
         self.reference = self.reference[found].copy()
         self.reference[~_near(self.reference)] = np.nan
@@ -310,8 +317,11 @@ def _near(poses: Floats) -> NDArray[np.bool_]:
 def _in_order(times: Floats, path: Path) -> tuple[Indices, Floats, tuple[str, ...]]:
     """The rows with increasing times, these times from 0, and notes about changes.
 
-    Raises LogError if the clock jumps at more than half of the rows.
+    Raises LogError if all times are equal, or if the clock jumps at more than half of the rows.
     """
+    if len(times) > 1 and not np.ptp(times):
+        same = f"all {len(times)} rows have the time {times[0]:g}"
+        raise LogError(f"holds no usable times: {same}; expected increasing times in s", path)
     kept: list[int] = []
     found: list[float] = []
     late = jumps = 0
@@ -321,7 +331,8 @@ def _in_order(times: Floats, path: Path) -> tuple[Indices, Floats, tuple[str, ..
         newest = found[-1] if found else -STEP_S
         if t <= newest:
             following = times[row : row + LATE]
-            if len(following) < LATE or (following + shift > newest).any():
+            back = len(following) == LATE and (following + shift < newest).all()
+            if not back:
                 late += 1
                 continue
         if t <= newest or t - newest > JUMP_S:
@@ -368,8 +379,8 @@ def _scanned(
     except ValueError as error:
         raise LogError(f"no scans: {error}", path) from None
     rows = np.arange(len(table.times), dtype=np.intp)
-    parts = (table.times, table.odometry, table.reference)
-    return Log(path.name, *parts, rows, readings, real=real, notes=table.notes)
+    parts = (table.times, table.odometry, table.reference, rows, readings)
+    return Log(path.name, *parts, real=real, notes=table.notes, begin=table.begin)
 
 
 def of_scans(
@@ -386,6 +397,41 @@ def of_scans(
     table = _Table(times, odometry, np.full((len(times), 3), np.nan), notes)
     kept = table.clean(path)
     return _scanned(path, table, ranges[kept], 1.0, angles, real=True, reach=reach, mount=mount)
+
+
+def alike(
+    scans: Sequence[tuple[Sequence[float] | NDArray[Any], tuple[float, float]]], notes: list[str]
+) -> tuple[Floats, tuple[float, float]]:
+    """The ranges of all scans at the angles of most of them, (n, k), and these angles.
+
+    Some drivers send a few rays more or less in each scan. A scan with other angles gives each ray
+    its range at the nearest angle; where it has no ray within its own step, the range is NaN.
+
+    Args:
+        scans: Ranges, and the first angle and the step of each, rad.
+        notes: A line is added if angles differ.
+    """
+    shapes = Counter((len(ranges), angles) for ranges, angles in scans)
+    (count, (first, step)), _ = shapes.most_common(1)[0]
+    found = np.full((len(scans), count), np.nan)
+    wanted = first + step * np.arange(count)
+    others = 0
+    for row, (ranges, angles) in enumerate(scans):
+        if len(ranges) == count and angles == (first, step):
+            found[row] = ranges
+            continue
+        others += 1
+        if not angles[1] or not len(ranges):
+            continue
+        ray = np.rint((wanted - angles[0]) / angles[1])
+        there = (ray >= 0) & (ray < len(ranges))
+        found[row, there] = np.asarray(ranges, dtype=np.float64)[ray[there].astype(np.intp)]
+    if others:
+        notes.append(
+            f"{others} of {len(scans)} scans have other angles than most: each is taken at the"
+            f" {count} angles of most"
+        )
+    return found, (first, step)
 
 
 def _reach(ranges: NDArray[Any], scale: float) -> float:
@@ -438,13 +484,11 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
         raise LogError(f"holds no scans{unread}; expected {known}", path)
     if broken:
         notes.append(f"{len(broken)} lines could not be read, the first of them line {broken[0]}")
-    (count, angles), _ = Counter((len(one.ranges), one.angles) for one in scans).most_common(1)[0]
-    same = [one for one in scans if (len(one.ranges), one.angles) == (count, angles)]
-    if len(same) < len(scans):
-        left = len(scans) - len(same)
-        notes.append(f"{left} of {len(scans)} scans have another number of rays than {count}")
-    times = np.array([one.t for one in same])
-    laser, robot = np.array([one.laser for one in same]), np.array([one.robot for one in same])
+    ranges, angles = alike([(one.ranges, one.angles) for one in scans], notes)
+    times = np.array([one.t for one in scans])
+    laser, robot = np.array([one.laser for one in scans]), np.array([one.robot for one in scans])
+    if len(scans) < 2:
+        raise LogError("holds one usable scan; expected several, at different poses", path)
     if not np.ptp(robot, axis=0).any():  # the scans have no pose of the robot
         moves = bool(np.ptp(laser, axis=0).any())
         robot = _interpolated(times, odometry)
@@ -458,8 +502,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
         if not held.all():
             left = len(held) - int(held.sum())
             notes.append(f"{left} of {len(held)} scans are earlier or later than all ODOM lines")
-            same = [same[row] for row in np.flatnonzero(held)]
-            times, laser, robot = times[held], laser[held], robot[held]
+            times, ranges, laser, robot = times[held], ranges[held], laser[held], robot[held]
     mounts = np.array(
         [relative(a, b) for a, b in zip(map(_pose, robot), map(_pose, laser), strict=True)]
     )
@@ -471,7 +514,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
         corrected = not one_pose or any(word in path.name.lower() for word in (".gfs", "corrected"))
     if not one_pose:
         mount = (offset, 0.0, 0.0)
-    reference = np.full((len(same), 3), np.nan)
+    reference = np.full((len(times), 3), np.nan)
     if corrected and one_pose:
         reference = robot
     elif corrected:
@@ -479,10 +522,9 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
         reference = np.array([compose(at, back) for at in map(_pose, laser)])
     table = _Table(times, robot, reference, tuple(notes))
     kept = table.clean(path)
-    ranges = np.array([same[row].ranges for row in kept])
     real = not (corrected and one_pose)
-    longest = reach or same[0].reach
-    return _scanned(path, table, ranges, 1.0, angles, real=real, reach=longest, mount=mount)
+    longest = reach or scans[0].reach
+    return _scanned(path, table, ranges[kept], 1.0, angles, real=real, reach=longest, mount=mount)
 
 
 def _pose(values: Iterable[float]) -> Pose2:
@@ -632,6 +674,7 @@ def _recording(path: Path, namespace: str | None) -> Log:
         world=next((str(w) for head in heads if (w := head.parameters.get("world"))), None),
         profile=next((str(p) for head in heads if (p := head.parameters.get("profile"))), None),
         notes=table.notes,
+        begin=table.begin,
     )
 
 

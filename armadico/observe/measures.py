@@ -19,7 +19,7 @@ from armadico.core.messages import Ack, Claim, Command, Description, Message, Ro
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived
 from armadico.mobile.errand import Errands, Progress
-from armadico.mobile.geometry import Pose2, to_world, wrap
+from armadico.mobile.geometry import STOOD, Pose2, compose, relative, to_world, wrap
 from armadico.mobile.messages import (
     BatteryLevel,
     MissionState,
@@ -36,6 +36,7 @@ from armadico.observe.view import View, agent_of
 
 REACHED_M = 0.15
 REACHED_RAD = radians(5.0)
+STRAIGHT_M = 1e-3  # a goal that is nearer to the start, as after a round trip, has a P of 0
 
 UNDER_WAY = (MissionState.PLANNING, MissionState.DRIVING)
 SHOWN_RAYS = 40  # of a scan, in a picture
@@ -167,6 +168,7 @@ class RunWatch:
     goal: Pose2 | None
     seed: int | None = None
     conditions: Conditions | None = None
+    unplaced: bool = False  # a simulator's frame is another one: it is aligned at the beginning
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
@@ -188,6 +190,7 @@ class RunWatch:
     _last_holder: str | None = None
     _origin: _Origin | None = None
     _true: bool = False  # the path is ground truth
+    _frame: Pose2 | None = None  # of the ground truth, if it was aligned
     _reported: bool = False  # a status of this run's mission has been received
 
     def begin(self, mission: int = 0) -> None:
@@ -239,8 +242,17 @@ class RunWatch:
     @property
     def here(self) -> Pose2 | None:
         """The true pose, or without ground truth the estimated pose."""
-        at = self.view.truth or self.view.pose
-        return None if at is None else (at.x, at.y, at.theta)
+        at = self.view.pose
+        return self._truth or (None if at is None else (at.x, at.y, at.theta))
+
+    @property
+    def _truth(self) -> Pose2 | None:
+        """The true pose in the frame of the run."""
+        truth, frame = self.view.truth, self._frame
+        if truth is None or (self.unplaced and frame is None):
+            return None
+        at = truth.x, truth.y, truth.theta
+        return at if frame is None else compose(frame, at)
 
     @property
     def mixed(self) -> str:
@@ -251,12 +263,12 @@ class RunWatch:
     @property
     def astray(self) -> tuple[float, float] | None:
         """The pose's error, m and degrees, if it falsely reports the goal as reached; else None."""
-        pose, truth = self.view.pose, self.view.truth
+        pose, truth = self.view.pose, self._truth
         ended = self.done and not self.failed and self.goal is not None
         if not ended or pose is None or truth is None or self.result().reached:
             return None
-        turned = abs(degrees(wrap(pose.theta - truth.theta)))
-        return hypot(pose.x - truth.x, pose.y - truth.y), turned
+        turned = abs(degrees(wrap(pose.theta - truth[2])))
+        return hypot(pose.x - truth[0], pose.y - truth[1]), turned
 
     def result(self) -> Result:
         reached, off, p = self._goal_measures()
@@ -300,22 +312,28 @@ class RunWatch:
         straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
         there = error <= REACHED_M and turned <= REACHED_RAD
         reached = self.done and not self.failed and there
-        p = round(100.0 * (1.0 - error / straight), 3) if straight else 0.0
+        p = round(100.0 * (1.0 - error / straight), 3) if straight > STRAIGHT_M else 0.0
         return reached, round(degrees(turned), 3), p
 
     def _on_truth(self, truth: Truth) -> None:
         if truth is not self.view.truth:
             return  # another simulator's
+        pose, at = self.view.pose, (truth.x, truth.y, truth.theta)
+        if self.unplaced and self._frame is None and pose is not None:
+            self._frame = compose((pose.x, pose.y, pose.theta), relative(at, STOOD))
+        here = self._truth
+        if here is None:
+            return
         if not self._true:  # the path so far is an estimate, with another clock
             self._true, self._origin, self.distance = True, None, 0.0
             self.path.clear()
-        self._mark(truth.t, (truth.x, truth.y, truth.theta))
+        self._mark(truth.t, here)
         if truth.clearance is not None:
             least = truth.clearance if self.clearance is None else self.clearance
             self.clearance = min(truth.clearance, least)
 
     def _on_pose(self, pose: Pose) -> None:
-        if self.view.truth is None:
+        if self._truth is None:
             self._mark(self.now, (pose.x, pose.y, pose.theta))
 
     def _mark(self, t: float, at: Pose2) -> None:
@@ -361,7 +379,7 @@ class RunWatch:
             self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
             self.failed = status.note if status.state is MissionState.FAILED else ""
             self.waits = "" if self.done else status.note
-        elif self._reported and status.state in UNDER_WAY:
+        elif self.mission and self._reported and status.state in UNDER_WAY:
             self.done = self.replaced = True
             self.failed, self.waits = "another mission has replaced it", ""
 

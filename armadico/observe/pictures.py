@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from zlib import crc32
 
+from msgspec.structs import replace
+
 from armadico.config.grid_map import Cells
 from armadico.config.profile import Body
 from armadico.config.shipped import names
@@ -82,6 +84,8 @@ def draw_world(
 
 def draw_run(world: World, run: Run, out: Path | str | BinaryIO) -> None:
     """Draw a run as PNG: the path by holder, sensor readings, and the robot at intervals."""
+    if run.mapped is not None and not world.outlines:  # then the map is what there is to see
+        world = replace(world, bounds=run.mapped.bounds)
     canvas = Canvas(world)
     canvas.heading(run.title or world.name, *run.caption)
     if run.mapped is None:

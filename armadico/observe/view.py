@@ -36,6 +36,7 @@ from armadico.mobile.messages import (
     BatteryLevel,
     ByHand,
     Correction,
+    MapGraph,
     MissionStatus,
     Pose,
     Trajectory,
@@ -102,7 +103,7 @@ class Exchanged(NamedTuple):
 
 _LATEST: Final = (  # messages of which a view keeps the newest
     *(RobotState, Pose, Description, Correction, ByHand),
-    *(MissionStatus, BatteryLevel, Trajectory),
+    *(MissionStatus, BatteryLevel, Trajectory, MapGraph),
 )
 
 
@@ -378,6 +379,10 @@ class View:
         sure = self.confidence(now)
         words = [off, f"+-{degrees(pose.heading_deviation):.0f} deg"]
         return ", ".join([*words, *([] if sure is None else [f"confidence {sure:.2f}"])])
+
+    def graph(self, now: float) -> MapGraph | None:
+        """The graph of the map that is made meanwhile; None if there is no fresh one."""
+        return self._recent(MapGraph, now)
 
     def contenders(self, resource: str) -> list[str]:
         """The names of the live agents that compete for a resource."""

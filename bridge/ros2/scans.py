@@ -7,7 +7,7 @@ clockwise, and turn more than once around.
 
 from __future__ import annotations
 
-from math import degrees, inf
+from math import degrees, inf, isfinite, nan
 
 import numpy as np
 from msgspec.structs import replace
@@ -16,12 +16,20 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.mounts import LEVEL_RAD, Mount
 from armadico.bridge.ros2.stamps import stamp_of
+from armadico.bridge.ros2.trail import Trail
 from armadico.bridge.session import Swept
 from armadico.config.profile import Laser
 from armadico.mobile.messages import REACH_M
+from armadico.mobile.scans import deskewed
 
 SLACK_RAYS, SLACK = 2.0, 0.01
 """Tolerance of angle_max, in rays or as a share of them: in some drivers it is one ray too far."""
+
+LONGEST_TURNS = 1.5
+"""A scan that took longer than so many turns of the laser has wrong times: they are not used."""
+
+STANDING = 1e-3
+"""A robot that moves by less than this, m and rad, during a scan: it is not corrected."""
 
 
 class Scans:
@@ -32,6 +40,7 @@ class Scans:
         self.laser, self._old_s = laser, old_s
         self._payload: bytes | None = None  # received since the last cycle
         self._stamp, self._count = 0.0, 0
+        self._at = 0.0  # when the newest scan was complete
         self._swept: Swept | None = None
 
     def begin(self) -> None:
@@ -42,25 +51,25 @@ class Scans:
         """Keep a scan; only the newest of a cycle is decoded."""
         self._payload = payload
 
-    def newest(self, stamp: float) -> Swept | None:
+    def newest(self, stamp: float, trail: Trail) -> Swept | None:
         """The newest scan, if it is fresh enough for an odometry of this stamp (s)."""
-        if self._swept is None:
+        if self._swept is None or abs(stamp - self._at) > self._old_s:
             return None
-        age = stamp - self._stamp
-        return replace(self._swept, age_s=age) if abs(age) <= self._old_s else None
+        x, y, theta = trail.moved([self._at])[0].tolist()
+        return replace(self._swept, since=(x, y, theta))
 
     def decode(self, stamp: float) -> types.LaserScan | None:
         """The scan received in this cycle, or None. Raises ValueError if it is unusable."""
         payload, self._payload = self._payload, None
         if payload is None:
             return None
-        before, swept = self._stamp, self._swept
+        before, swept, at = self._stamp, self._swept, self._at
         self._swept = None
-        self._stamp = stamp_of(payload)
+        self._stamp = self._at = stamp_of(payload)
         if self._stamp == 0.0 and stamp > self._old_s:
             raise UnusableScanError("its scans have no time stamp (it is 0): set one in its driver")
         if self._stamp == before:
-            self._swept = swept
+            self._swept, self._at = swept, at
             raise UnusableScanError("it repeats the same scan")
         age = stamp - self._stamp
         if abs(age) > self._old_s:
@@ -71,12 +80,34 @@ class Scans:
         self._count += 1
         return decode(types.LaserScan, payload)
 
-    def accept(self, scan: types.LaserScan, mount: Mount) -> None:
-        """Use a scan of the laser with this mount. Raises ValueError if it is implausible."""
+    def accept(self, scan: types.LaserScan, mount: Mount, trail: Trail) -> None:
+        """Use a scan of the laser with this mount. Raises ValueError if it is implausible.
+
+        It is corrected for the robot's motion, to the time when the scan was complete.
+        """
         if mount.tilt > LEVEL_RAD:
             tilt = f"{degrees(mount.tilt):.0f} deg out of the level"
             raise ValueError(f"its frame {scan.header.frame_id} is tilted, {tilt}")
-        self._swept = swept(scan, self.laser, mount, self._count)
+        found = swept(scan, self.laser, mount, self._count)
+        lasts = float(scan.time_increment) * (len(found.ranges) - 1)
+        if isfinite(lasts) and 0.0 < lasts <= LONGEST_TURNS / self.laser.rate_hz:
+            if self.laser.stamped == "first":
+                self._at += lasts
+            if self.laser.time_order:
+                found = self._corrected(found, lasts, trail)
+        self._swept = found
+
+    def _corrected(self, found: Swept, lasts: float, trail: Trail) -> Swept:
+        """A scan that took `lasts` s, as if measured when it was complete."""
+        times = np.linspace(self._at - lasts, self._at, len(found.ranges))
+        moved = trail.moved(times[:: self.laser.time_order], self._at)
+        if np.abs(moved).max() < STANDING:
+            return found
+        ranges = np.where(found.ranges < found.most, found.ranges, inf)
+        ranges[found.ranges < found.least] = nan
+        turns = -1.0 if found.upside_down else 1.0
+        angles = turns * found.first, turns * found.step
+        return replace(found, ranges=deskewed(ranges, angles, found.mount, moved))
 
 
 class UnusableScanError(ValueError):

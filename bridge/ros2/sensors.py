@@ -17,6 +17,7 @@ from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.rangers import Rangers
 from armadico.bridge.ros2.scans import Scans, UnusableScanError
 from armadico.bridge.ros2.stamps import stamp_of
+from armadico.bridge.ros2.trail import Trail
 from armadico.bridge.session import Differs, Event, Pose, Reported, Swept
 from armadico.mobile.geometry import Pose2
 
@@ -35,6 +36,7 @@ class Sensors:
         turn_s = 0.0 if laser is None else 1.0 / laser.rate_hz
         self._old_s = max(OLD_TURNS * turn_s, OLD_CYCLES * profile.ros2.cycle_s)
         self._scans = None if laser is None else Scans(laser, self._old_s)
+        self._trail = Trail()
         self._hazards = Hazards()
         self._battery = (0.0, False)  # V, and whether it is charging
         self._rangers: Rangers | None = None
@@ -45,6 +47,7 @@ class Sensors:
         ring = self._profile.sonar
         self._rangers = None if ring is None else Rangers(ring, self._old_s, now)
         self._compared.clear()
+        self._trail.begin()
         self.mounting.begin(now)
         if self._scans is not None:
             self._scans.begin()
@@ -77,6 +80,7 @@ class Sensors:
         """The report of a cycle whose odometry has this stamp (s)."""
         hazards, (volts, charging) = self._hazards, self._battery
         hazards.collect()
+        self._trail.add(stamp, pose, here)
         for text in hazards.texts:
             self.notices.note(text, now, COMPLAIN_S)
         return Reported(
@@ -126,7 +130,8 @@ class Sensors:
             scan = scans.decode(stamp)
             if scan is not None:
                 ours = Mount(scans.laser.place, scans.laser.upside_down)
-                scans.accept(scan, self.mounting.mount(scan.header.frame_id, ours, "laser", now))
+                mount = self.mounting.mount(scan.header.frame_id, ours, "laser", now)
+                scans.accept(scan, mount, self._trail)
                 self._compare("scan", scan)
                 self.notices.report_fault("the laser is", "", now)
         except UnusableScanError as error:
@@ -134,7 +139,7 @@ class Sensors:
         except ValueError as error:
             self._counts.malformed += 1
             self.notices.report_fault("the laser is", str(error), now)
-        return scans.newest(stamp)
+        return scans.newest(stamp, self._trail)
 
     def _compare(self, topic: str, message: types.Odometry | types.LaserScan) -> None:
         """Report the differences between a topic's first valid message and the profile."""

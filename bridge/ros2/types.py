@@ -187,6 +187,80 @@ class Path(IdlStruct, typename="nav_msgs/msg/Path"):
 
 
 @dataclass
+class Duration(IdlStruct, typename="builtin_interfaces/msg/Duration"):
+    sec: i32 = 0
+    nanosec: uint32 = 0
+
+
+@dataclass
+class ColorRGBA(IdlStruct, typename="std_msgs/msg/ColorRGBA"):
+    """Shares of red, green, blue and opacity."""
+
+    r: f32 = 0.0
+    g: f32 = 0.0
+    b: f32 = 0.0
+    a: f32 = 1.0
+
+
+@dataclass
+class CompressedImage(IdlStruct, typename="sensor_msgs/msg/CompressedImage"):
+    header: Header = field(default_factory=Header)
+    format: str = ""
+    data: Bytes = field(default_factory=list)
+
+
+@dataclass
+class UVCoordinate(IdlStruct, typename="visualization_msgs/msg/UVCoordinate"):
+    u: f32 = 0.0
+    v: f32 = 0.0
+
+
+@dataclass
+class MeshFile(IdlStruct, typename="visualization_msgs/msg/MeshFile"):
+    filename: str = ""
+    data: Bytes = field(default_factory=list)
+
+
+@dataclass
+class Marker(IdlStruct, typename="visualization_msgs/msg/Marker"):
+    """A shape for RViz: `type` is one of those below; `scale.x` is the width of lines, m."""
+
+    header: Header = field(default_factory=Header)
+    ns: str = ""
+    id: i32 = 0
+    type: i32 = 0
+    action: i32 = 0
+    pose: Pose = field(default_factory=Pose)
+    scale: Vector3 = field(default_factory=Vector3)
+    color: ColorRGBA = field(default_factory=ColorRGBA)
+    lifetime: Duration = field(default_factory=Duration)
+    frame_locked: bool = False
+    points: Annotated[Sequence[Point], sequence(Point)] = field(default_factory=list)
+    colors: Annotated[Sequence[ColorRGBA], sequence(ColorRGBA)] = field(default_factory=list)
+    texture_resource: str = ""
+    texture: CompressedImage = field(default_factory=CompressedImage)
+    uv_coordinates: Annotated[Sequence[UVCoordinate], sequence(UVCoordinate)] = field(
+        default_factory=list
+    )
+    text: str = ""
+    mesh_resource: str = ""
+    mesh_file: MeshFile = field(default_factory=MeshFile)
+    mesh_use_embedded_materials: bool = False
+
+
+LINE_STRIP, LINE_LIST = 4, 5
+"""A marker's `type`: points in a row, or pairs of points."""
+
+ADD, DELETE = 0, 2
+"""A marker's `action`."""
+
+
+@dataclass
+class MarkerArray(IdlStruct, typename="visualization_msgs/msg/MarkerArray"):
+    markers: Annotated[Sequence[Marker], sequence(Marker)] = field(default_factory=list)
+
+
+@dataclass
 class LaserScan(IdlStruct, typename="sensor_msgs/msg/LaserScan"):
     """One turn of a laser: rad, s, m; a range outside `range_min`..`range_max` is invalid."""
 

@@ -1,8 +1,9 @@
 """A scanning laser range finder: the ranges of its rays among walls, columns and people.
 
 Only rays between the two edges of an obstacle can meet it. Pairs of a ray and an obstacle are made
-for those only, some thousand for 720 rays and 300 walls, and computed at once. A scan is taken in
-one instant.
+for those only, some thousand for 720 rays and 300 walls, and computed at once. Rays are measured
+one after another while the robot moves, if the sensors have a `laser_sweep`: a scan is made of
+parts, each from one place, with the robot's turning between its rays.
 
 Nearly all surfaces scatter light at any angle, so there are no mirrors. A black wall is seen only
 from near, and hides what is behind it. Glass is seen where it is perpendicular to the ray, else
@@ -14,8 +15,9 @@ place, a millionth of a millimetre.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import cos, inf, pi, radians, sin, tau
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from math import ceil, cos, inf, pi, radians, sin, tau
 from random import Random
 from typing import NamedTuple
 
@@ -27,6 +29,10 @@ from armadico.config.profile import Laser, SensorProfile
 
 SEAM_RAD = 1e-9
 """Edges are widened by this, or rays would slip through where walls are joined."""
+
+PART_M = 0.01
+PART_S = 0.04
+"""A part of a scan is measured within this distance, about the noise of a range, and this time."""
 
 Indices = npt.NDArray[np.intp]
 
@@ -57,16 +63,22 @@ class LaserScanner:
         turns = -1.0 if laser.upside_down else 1.0
         self._first = radians(laser.bearing_deg) + turns * radians(laser.angle_min_deg)
         self._step = turns * radians(laser.step_deg)
+        share = (laser.angle_max_deg - laser.angle_min_deg) / 360.0
+        self.lasts_s = sensors.laser_sweep * share * self.period_s
+        """From the first ray of a scan to the last one."""
 
-    def scan(self, pose: tuple[float, float, float]) -> Floats:
-        """The ranges at a pose (m, m, rad), m, in the order of the laser's rays.
+    def scan(self, poses: npt.ArrayLike) -> Floats:
+        """The ranges, m, in the order of the laser's rays.
 
         Infinity without an obstacle within range, 0 for one that is too near to be measured.
+
+        Args:
+            poses: Of the body at each ray, (n, 3), or at all of them, (3,): m, m, rad.
         """
         laser, sensors = self._laser, self._sensors
         noise = laser.noise_m * self._noise.standard_normal(laser.rays)
         lost = self._noise.random(laser.rays) < sensors.laser_dropout
-        ranges = self._true(pose)
+        ranges = self._true(np.atleast_2d(np.asarray(poses, dtype=np.float64)))
         beyond = lost | ~(ranges <= laser.max_m)
         ranges += noise
         np.minimum(ranges, laser.max_m, out=ranges)
@@ -74,23 +86,36 @@ class LaserScanner:
         ranges[beyond] = inf
         return ranges
 
-    def _true(self, pose: tuple[float, float, float]) -> Floats:
+    def _true(self, poses: Floats) -> Floats:
         laser = self._laser
-        c, s = cos(pose[2]), sin(pose[2])
-        eye = complex(
-            pose[0] + laser.x_m * c - laser.y_m * s, pose[1] + laser.x_m * s + laser.y_m * c
-        )
-        back = complex(cos(pose[2] + self._first), -sin(pose[2] + self._first))
         fixed, moving, columns = self._walls.all()
         self._draw(len(fixed.length))
         walls = fixed.joined(moving) if len(moving.length) else fixed
-        rays = np.exp(1j * self._step * np.arange(laser.rays))
         nearest = np.full(laser.rays, inf)
-        if len(walls.length):
-            self._meet(walls, eye, back, rays, nearest)
-        if len(columns.radius):
-            _meet_columns(columns, eye, back, rays, self._step, nearest)
+        for part in self._parts(poses):
+            x, y, heading = poses[part.start % len(poses)].tolist()
+            c, s = cos(heading), sin(heading)
+            eye = complex(x + laser.x_m * c - laser.y_m * s, y + laser.x_m * s + laser.y_m * c)
+            count, step = part.stop - part.start, self._step
+            if len(poses) > 1 and count > 1:
+                step += float(poses[part.stop - 1, 2] - heading) / (count - 1)
+            bearing = heading + self._first + self._step * part.start
+            back = complex(cos(bearing), -sin(bearing))
+            rays = np.exp(1j * step * np.arange(count))
+            if len(walls.length):
+                self._meet(walls, eye, back, rays, step, nearest[part])
+            if len(columns.radius):
+                _meet_columns(columns, eye, back, rays, step, nearest[part])
         return nearest
+
+    def _parts(self, poses: Floats) -> Iterator[slice]:
+        """The rays that are measured from nearly the same place."""
+        rays, count = self._laser.rays, 1
+        if len(poses) > 1 and np.ptp(poses, axis=0).any():
+            way = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+            count = max(1, ceil(way / PART_M), ceil(self.lasts_s / PART_S))
+        ends = [round(rays * k / count) for k in range(count + 1)]
+        return (slice(start, stop) for start, stop in pairwise(ends) if stop > start)
 
     def _meet(
         self,
@@ -98,6 +123,7 @@ class LaserScanner:
         eye: complex,
         back: complex,
         rays: npt.NDArray[np.complex128],
+        step: float,
         nearest: Floats,
     ) -> None:
         start = (walls.start - eye) * back
@@ -106,7 +132,7 @@ class LaserScanner:
         from_, to = np.angle(start), np.angle(end)
         turn = np.remainder(to - from_ + pi, tau) - pi
         lowest = np.where(turn >= 0.0, from_, to)
-        ray, wall = _pairs(lowest, np.abs(turn), self._step, len(rays))
+        ray, wall = _pairs(lowest, np.abs(turn), step, len(rays))
         to_start, by = start[wall], along[wall]
         looks = rays[ray]
         cosine = looks.real * by.imag - looks.imag * by.real

@@ -11,10 +11,13 @@ so that a new purpose does not change the noise of others.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import cos, inf, sin
 from random import Random
+
+import numpy as np
 
 from armadico.bridge.simulator.battery import Battery
 from armadico.bridge.simulator.company import Body, Company
@@ -37,6 +40,7 @@ STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)
 APART_S = 0.5  # contacts less than this apart are one collision
 FASTEST_M_S = 1e3  # faster means that the robot is too light or stiff for the steps
+WENT = 256  # of the newest moves, from which the poses during a scan are found
 STALLED_M_S = 0.02  # rims slower than this, pushing a wall, are stalled
 PUSH_OUT = 0.2  # share of a penetration that is corrected in a step
 PUSH_OUT_M = 0.005  # largest correction in a step
@@ -141,6 +145,7 @@ class Plant:
         self._sideways = 0.0  # m/s to the left, only while a wall pushes
         self._margin = 0.0  # lower bound of the distance to walls, m; 0 is unknown
         self._steps = 0
+        self._went: deque[tuple[float, ...]] = deque(maxlen=WENT)  # steps and pose, for scans
         self.add_walls(site.walls)
         self.add_columns(site.columns)
         self.body = Body(self._box, self._outline.mass_kg, STEP_S)  # for other robots
@@ -175,6 +180,7 @@ class Plant:
     def set_pose(self, x: float, y: float, theta: float) -> None:
         """Lift the robot and put it down elsewhere, at rest; its odometry does not change."""
         self.pose = (x, y, theta)
+        self._went.clear()
         self._dynamics.v = self._dynamics.w = self._sideways = 0.0
         self._margin = 0.0
         self.blocked = False
@@ -224,10 +230,22 @@ class Plant:
         """Range that sonar `index` measures now, m; None without an echo."""
         return None if self._sonars is None else self._sonars.ping(index, self.pose)
 
+    @property
+    def scan_lasts_s(self) -> float:
+        """The time from the first ray of a scan to the last one."""
+        return 0.0 if self._laser is None else self._laser.lasts_s
+
     def scan(self) -> Floats:
-        """A scan: see `LaserScanner.scan`."""
-        assert self._laser is not None, "the profile has a laser"
-        return self._laser.scan(self.pose)
+        """A scan whose last ray is measured now: see `LaserScanner.scan`."""
+        laser, shape = self._laser, self._profile.laser
+        assert laser is not None, "the profile has a laser"
+        assert shape is not None
+        if laser.lasts_s == 0.0 or len(self._went) < 2:
+            return laser.scan(self.pose)
+        steps, *places = np.array(self._went).T
+        times = self._steps - np.linspace(laser.lasts_s / STEP_S, 0.0, shape.rays)
+        poses = np.column_stack([np.interp(times, steps, each) for each in places])
+        return laser.scan(poses if shape.time_order >= 0 else poses[::-1])
 
     def clearance(self) -> float:
         """True distance from footprint to the nearest wall, m; 0: touching, inf: without walls."""
@@ -305,6 +323,8 @@ class Plant:
             rests = by_volts and pace0 == 0.0 == pace == used == one == other and margin > 0.0
             rests = rests and not walls_push and odometry.v == 0.0 == odometry.w
         self.pose, self._margin = (x, y, theta), margin
+        if self._laser is not None:
+            self._went.append((self._steps, x, y, theta))
         self.show_body()
 
     def _take_push(self) -> None:

@@ -245,11 +245,14 @@ class Base(Controller):
         laser = self._profile.laser
         assert laser is not None, "published only with a laser"
         first, step = radians(laser.angle_min_deg), radians(laser.step_deg)
+        lasts_s = self._plant.scan_lasts_s
+        late = lasts_s / self._plant.step_s if laser.stamped == "first" else 0.0
         return types.LaserScan(
-            header=types.Header(stamp=self._stamp(), frame_id=self._ros2.laser_frame),
+            header=types.Header(stamp=self._stamp(-late), frame_id=self._ros2.laser_frame),
             angle_min=first,
             angle_max=first + step * (laser.rays - 1),
             angle_increment=step,
+            time_increment=lasts_s / (laser.rays - 1),
             scan_time=1.0 / laser.rate_hz,
             range_min=laser.min_m,
             range_max=laser.max_m,

@@ -83,7 +83,7 @@ def test_it_backs_out_to_where_the_lane_begins_and_farther_while_it_is_told() ->
 def test_else_it_does_not_bid(charge: ChargeState | None) -> None:
     lane = Lane(dock(), charge)
     assert claims(lane.cycle()) == []
-    assert lane.bid.reason == "nobody is to be charged"
+    assert lane.bid.reason == "no order to dock"
 
 
 def test_a_charger_that_is_silent_has_nobody_driven_in() -> None:

@@ -23,10 +23,12 @@ from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, Message
 from armadico.mobile.messages import (
     BatteryLevel,
+    MapMoved,
     MissionReply,
     MissionRequest,
     MissionState,
     MissionStatus,
+    Moved,
     OccupancyGrid,
     Pose,
     Waypoint,
@@ -337,9 +339,57 @@ def test_missions_that_are_refused_and_a_map_that_ends_are_told() -> None:
     assert "no map for 15 s" in desk.exploring.note
 
 
+def test_a_map_that_begins_anew_ends_it_and_the_robot_stops() -> None:
+    desk = Desk()
+    desk.give(message_of(hall(), map_id=1))
+    desk.begin()
+    desk.give(message_of(hall(), map_id=1))
+    desk.status(MissionState.DRIVING)
+    desk.moved(2.0, 1.0)
+    under_way = desk.mission
+    desk.give(message_of(hall(), map_id=2))
+    assert desk.exploring.state is ExploreState.FAILED
+    assert "the map was lost" in desk.exploring.note
+    assert desk.sent[-1].goal == Waypoint(2.0, 1.0, 0.0)
+    assert desk.sent[-1].replaces == under_way, "a mission of a person goes on"
+    desk.give(message_of(hall(6.0), map_id=2))
+    assert desk.sent[-1].replaces == under_way, "nothing is driven to any more"
+
+
 def test_what_is_no_map_is_left_out() -> None:
     desk = Desk(hall())
     desk.begin()
     desk.give(OccupancyGrid(0.0, 0.0, 0.05, 9, 9, b"no"))
     desk.map(hall())
     assert len(desk.sent) == 1
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 1, 0), (2, 0, 1)])
+def test_a_map_that_moves_takes_its_places_along_and_another_target_is_chosen(
+    order: tuple[int, ...],
+) -> None:
+    """Grid, change and pose of a revision come in any order: it is chosen once, with all three."""
+    desk = Desk(hall())
+    desk.begin(home=Waypoint(1.0, 1.0, 0.0))
+    desk.map(hall())
+    count = len(desk.sent)
+    higher = hall()
+    higher = Cells(higher.x, higher.y + 1.0, higher.cell_m, higher.states)
+    desk.state()
+    news: list[Message] = [
+        message_of(higher, 2),
+        MapMoved(2, (Moved(1.0, 1.0, 1.0, 2.0, 0.0),)),
+        Pose(desk.at, 1.0, 2.0, 0.0, revision=2),
+    ]
+    for k in order[:2]:
+        desk.give(news[k])
+    assert len(desk.sent) == count
+    desk.give(news[order[2]])
+    if order[2] != 2:  # a pose comes in each cycle
+        desk.state()
+        desk.give(Pose(desk.at, 1.0, 2.0, 0.0, revision=2))
+    assert len(desk.sent) == count + 1
+    assert desk.sent[-1].revision == 2
+    assert 1.3 <= desk.sent[-1].goal.y <= 2.7
+    desk.give(message_of(box(higher, 3.5, 1.0, 4.2, 3.0, OCCUPIED), 2))
+    assert desk.sent[-1].goal == Waypoint(1.0, 2.0, 0.0)

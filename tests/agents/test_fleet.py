@@ -244,7 +244,7 @@ def test_a_list_is_over_when_all_have_given_up_what_is_left_and_another_is_taken
     assert band.reply is not None
     assert "of which 1 are not done" in band.reply.refusal, "it is tried some times"
     band.mesh.run(band.mesh.now + 200.0)
-    assert "the list is over: nobody gets to 2" in heard
+    assert "the list is over: no robot reaches 2" in heard
     assert len([text for text in heard if text.startswith("task 2 is given back")]) == TRIES
     band.give("f/r1")
     band.mesh.run(band.mesh.now + 3.0)

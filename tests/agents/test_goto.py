@@ -16,10 +16,10 @@ from armadico.agents.methods.controllers import SETTINGS
 from armadico.agents.methods.settings import Brisk
 from armadico.core.agent import Identity
 from armadico.core.messages import Description, Point
-from armadico.mobile.messages import Trajectory
+from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.motion import touches_at
 from armadico.observe.measures import speeds
-from armadico.testing.alone import Alone, commands, drive_to, wall
+from armadico.testing.alone import Alone, commands, drive_to, obstacles, wall
 from tests.framework.robots import body, described
 
 ROUND_A_CORNER = drive_to((4.0, 0.0, 0.0), (4.0, 3.0, 1.57))
@@ -218,3 +218,18 @@ def test_it_stops_before_a_wall_across_its_way_but_by_the_thesis_drives_on() -> 
         made.cycle(points=near)
     assert safe.bid.wanted[0] == 0.0
     assert thesis.bid.wanted[0] > 0.3
+
+
+def test_a_trajectory_on_a_map_that_has_moved_waits_for_the_pose_on_it() -> None:
+    made = stage(drive_to((4.0, 0.0, 0.0)))
+    assert isinstance(made.agent, Goto)
+    made.holding()
+    ahead = made.commanded
+    made.give(replace(drive_to((4.0, 2.0, 0.0)), counter=2, revision=1))
+    made.cycle()
+    assert made.agent.route.goal == Waypoint(4.0, 0.0, 0.0)
+    assert made.commanded[1] == pytest.approx(ahead[1])
+    made.state()
+    made.give(obstacles(made.at), Pose(made.at, 0.0, 2.0, 0.0, revision=1))
+    assert made.agent.route.goal == Waypoint(4.0, 2.0, 0.0)
+    assert made.commanded[1] == pytest.approx(ahead[1])

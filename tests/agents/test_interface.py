@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import cast
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.agents.missions.interface import Interface, Parameters
 from armadico.agents.teleop.messages import TeleopStatus
@@ -23,10 +24,12 @@ from armadico.core.services import service_of
 from armadico.mobile.messages import (
     WAYPOINTS,
     InitialPose,
+    MapMoved,
     MissionReply,
     MissionRequest,
     MissionState,
     MissionStatus,
+    Moved,
     Plan,
     PlanRequest,
     Pose,
@@ -131,7 +134,7 @@ def test_a_planned_mission_begins_with_the_plan(desk: Desk) -> None:
     ("plan", "why"),
     [
         (Plan((), refusal="the goal is inside a wall"), "the goal is inside a wall"),
-        (None, "nobody plans"),
+        (None, "no path planning agent answered"),
     ],
 )
 def test_a_refusal_is_passed_on_and_nothing_moves(desk: Desk, plan: Plan | None, why: str) -> None:
@@ -366,7 +369,7 @@ def test_one_more_is_refused_and_not_driven_by_nobody(desk: Desk) -> None:
     [
         (Plan((*LONG, GOAL, GOAL), 20.0), "it has 1,025 points"),
         (Plan((), 0.0), "the plan leads nowhere"),
-        (Plan((Waypoint(1e6, 0.0, 0.0), Waypoint(-1e6, 0.0, 0.0))), "nobody could be told of it"),
+        (Plan((Waypoint(1e6, 0.0, 0.0), Waypoint(-1e6, 0.0, 0.0))), "it cannot be published"),
     ],
     ids=["long", "empty", "far"],
 )
@@ -771,7 +774,7 @@ def test_a_request_may_say_that_it_takes_nobody_elses_place(
     assert (desk.replies[number].refusal == "") == taken
     assert len({trajectory.mission for trajectory in desk.all(Trajectory)}) == 1 + taken
     if not taken:
-        assert "under way for somebody else" in desk.replies[number].refusal
+        assert "under way on another mission" in desk.replies[number].refusal
         again = desk.request(MissionRequest(DOOR, planned=False, replaces=mission))
         assert not desk.replies[again].refusal
 
@@ -782,7 +785,7 @@ def test_nor_does_it_once_somebody_else_was_faster_than_its_plan() -> None:
     number = desk.request(MissionRequest(GOAL, replaces=0))
     desk.request(MissionRequest(DOOR, planned=False))
     desk.reply(PLAN)
-    assert "under way for somebody else" in desk.replies[number].refusal
+    assert "under way on another mission" in desk.replies[number].refusal
     assert len(desk.all(Trajectory)) == 1
 
 
@@ -833,3 +836,57 @@ def test_while_a_way_is_planned_the_robot_is_placed_nowhere_else() -> None:
     again = desk.request(MissionRequest(DOOR, planned=False, start=Waypoint(1.0, 1.0, 0.0)))
     assert "under way" in desk.replies[again].refusal
     assert not [said for said in desk.published if isinstance(said, InitialPose)]
+
+
+# A map that is made meanwhile ---------------------------------------------------------------------
+
+SHIFT = MapMoved(2, (Moved(2.0, 0.0, 2.0, 1.0, 0.0),))
+
+
+def on_map(desk: Desk, x: float, revision: int, y: float = 0.0) -> None:
+    desk.state()
+    desk.give(Pose(desk.at, x, y, 0.0, revision=revision))
+    desk.wake()
+
+
+def test_goal_and_path_move_with_the_map_and_a_path_is_planned_on_it() -> None:
+    desk = Desk()
+    on_map(desk, 0.0, 1)
+    desk.request(MissionRequest(GOAL))
+    desk.reply(replace(PLAN, revision=1))
+    desk.give(SHIFT)
+    trajectory = desk.last(Trajectory)
+    assert trajectory.revision == 2
+    assert trajectory.waypoints == (Waypoint(1.0, 1.0, 0.0), Waypoint(3.0, 1.0, 0.0))
+    on_map(desk, 0.1, 1)  # of the cycle before
+    assert not desk.waits
+    on_map(desk, 0.1, 2, 1.0)
+    request = desk.on_query[-1].request
+    assert isinstance(request, PlanRequest)
+    assert (request.start, request.goal) == (Waypoint(0.1, 1.0, 0.0), trajectory.waypoints[-1])
+    desk.reply(replace(PLAN, revision=1))
+    assert desk.last(Trajectory) == trajectory, "a plan on the old map is not driven"
+    on_map(desk, 0.2, 2, 1.0)
+    way = (Waypoint(2.0, 1.2, 0.0), Waypoint(3.0, 1.0, 0.0))
+    desk.reply(Plan(way, 3.0, revision=2))
+    assert desk.last(Trajectory).waypoints == way
+
+
+@pytest.mark.parametrize("first", ["map", "request"])
+def test_a_goal_of_the_old_map_moves_whichever_comes_first(first: str) -> None:
+    desk = Desk()
+    on_map(desk, 0.0, 1)
+    request = MissionRequest(GOAL, planned=False, revision=1)
+    desk.give(*([SHIFT] if first == "map" else []))
+    desk.request(request)
+    desk.give(*([] if first == "map" else [SHIFT]))
+    assert desk.last(Trajectory).waypoints == (Waypoint(3.0, 1.0, 0.0),)
+    assert desk.last(Trajectory).revision == 2
+
+
+def test_a_goal_of_the_new_map_stays_if_the_message_of_its_move_comes_later() -> None:
+    desk = Desk()
+    on_map(desk, 0.0, 1)
+    desk.request(MissionRequest(GOAL, planned=False, revision=2))
+    desk.give(SHIFT)
+    assert desk.last(Trajectory).waypoints == (GOAL,)

@@ -6,13 +6,16 @@ import re
 from math import pi
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armadico.agents.driving.path_planning import Parameters, PathPlanning
+from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
 from armadico.core.agent import Answer, Identity, Publish, Question
 from armadico.core.messages import Cycle, Log, Point, RobotState, decode, encode
 from armadico.mobile.behaviour import UNSURE_M
 from armadico.mobile.messages import Echo, MissionRequest, Plan, PlanRequest, Pose, Sonar, Waypoint
+from armadico.mobile.scans import message_of as scan_message
 from armadico.testing.alone import covariance
 
 START, GOAL = Waypoint(3.4, 0.6, pi / 2), Waypoint(7.4, 0.7, -pi / 2)
@@ -261,3 +264,57 @@ def length(planner: PathPlanning, now: float) -> float | None:
     planner.outbox = []
     assert isinstance(plan, Plan)
     return plan.length if plan.waypoints else None
+
+
+# On a map that is made meanwhile ------------------------------------------------------------------
+
+
+def made_map(*, door: bool = True) -> Cells:
+    """Two rooms of 3 m with a door; beyond x = 6 m nothing is known."""
+    states = np.full((64, 140), UNKNOWN, dtype=np.uint8)
+    states[:, :124] = OCCUPIED
+    states[2:-2, 2:122] = FREE
+    states[:, 61:63] = OCCUPIED
+    if door:
+        states[20:44, 61:63] = FREE
+    return Cells(-0.1, -0.1, 0.05, states)
+
+
+def test_on_the_map_of_slam_it_plans_over_what_is_known() -> None:
+    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="jackal"))
+    here, there = Waypoint(1.0, 0.5, 0.0), Waypoint(5.0, 2.5, 0.0)
+    planner.receive(message_of(made_map(), 3), 1.0)
+    plan = request_plan(planner, here, there)
+    assert plan.waypoints[-1] == there
+    assert plan.revision == 3
+    way = [here, *plan.waypoints]
+    assert np.interp(3.0, [at.x for at in way], [at.y for at in way]) == pytest.approx(1.5, abs=0.4)
+    for goal, why in (
+        (Waypoint(6.5, 1.0, 0.0), "the goal (6.5, 1) is in a part of the map that is not known"),
+        (Waypoint(60.0, 1.0, 0.0), "the goal (60, 1) is in a part of the map that is not known"),
+        (Waypoint(3.0, 0.5, 0.0), "the goal (3, 0.5) is inside a wall, or 0.05 m from one"),
+    ):
+        assert request_plan(planner, here, goal).refusal.startswith(why)
+    planner.receive(message_of(made_map(door=False), 4), 2.0)
+    assert "over what the map knows" in request_plan(planner, here, there).refusal
+
+
+def test_a_planner_that_knows_the_world_ignores_the_map_that_is_made(
+    planner: PathPlanning,
+) -> None:
+    planner.receive(message_of(made_map(), 3), 1.0)
+    plan = request_plan(planner, START, GOAL)
+    assert (plan.refusal, plan.revision) == ("", 0)
+
+
+def test_what_the_newest_scan_sees_is_no_way() -> None:
+    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="jackal"))
+    here, there = Waypoint(1.0, 1.6, 0.0), Waypoint(5.0, 1.6, 0.0)
+    planner.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12.0, True, False), 1.0)
+    planner.receive(message_of(made_map(), 3), 1.0)
+    planner.receive(Pose(Cycle(1, 1), 1.0, 1.6, 0.0, revision=3), 1.0)
+    ranges = np.full(41, 2.0)  # a closed door
+    scan = scan_message(Cycle(1, 1), ranges, (-0.4, 0.02), (0.1, 10.0), (0.0, 0.0, 0.0), number=1)
+    assert request_plan(planner, here, there).refusal == ""
+    planner.receive(scan, 1.0)
+    assert "over what the map knows" in request_plan(planner, here, there).refusal

@@ -15,6 +15,7 @@ from armadico.bridge.simulator.moving import CLOTHES
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Column, Wall, Walls
 from armadico.config.profile import Laser, SensorProfile
+from armadico.mobile.scans import deskewed
 from tests.bridge.kit import IDEAL
 
 Pose = tuple[float, float, float]
@@ -157,3 +158,26 @@ def test_rays_are_lost_at_the_rate_of_the_sensors() -> None:
 
 def test_nothing_at_all_is_seen_in_an_empty_world() -> None:
     assert np.isinf(lasers(FRONT, [])[0].scan(AT)).all()
+
+
+@pytest.mark.parametrize("laser", [FRONT, replace(FRONT, upside_down=True), AROUND])
+def test_a_scan_taken_while_moving_is_corrected_to_one_pose(laser: Laser) -> None:
+    walls = [(-3.0, -2.0, 4.0, -2.0), (4.0, -2.0, 4.0, 3.0), (4.0, 3.0, -3.0, 3.0)]
+    walls += [(-3.0, 3.0, -3.0, -2.0), (1.0, -2.0, 1.0, -1.0)]
+    seen, _ = lasers(laser, walls)
+    share = np.linspace(-1.0, 0.0, laser.rays)
+    moved = np.column_stack([0.06 * share, 0.02 * share**2, 0.3 * share])
+    raw, still = seen.scan(moved), seen.scan(AT)
+    turns = -1.0 if laser.upside_down else 1.0
+    angles = turns * radians(laser.angle_min_deg), turns * radians(laser.step_deg)
+    corrected = deskewed(raw, angles, laser.place, moved)
+    off = np.abs(corrected - still)
+    known = np.isfinite(off)
+    assert known.sum() > 0.9 * laser.rays
+    assert np.quantile(off[known], 0.9) < 0.02
+    assert np.quantile(np.abs(raw - still), 0.9) > 0.3
+    assert deskewed(still, angles, laser.place, 0.0 * moved) == pytest.approx(still)
+    some = np.where(np.arange(laser.rays) % 7 == 0, inf, raw)
+    some[::11] = np.nan
+    lost = deskewed(some, angles, laser.place, moved)
+    assert np.isinf(lost).sum() == pytest.approx(laser.rays / 7, rel=0.3)

@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 from rich.console import Console
@@ -18,6 +19,7 @@ from armadico.cli import main as armadico
 from armadico.cli.options import Mesh
 from armadico.core.messages import PROTOCOL, Card, Cycle, Line, MonitorReport, RobotState, Stop
 from armadico.mesh.sockets import RUNTIME_VARIABLE
+from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import BatteryLevel, Correction, MissionState, MissionStatus, Pose
 from armadico.observe.standing import standing
 from armadico.observe.view import View
@@ -162,6 +164,13 @@ def test_top_says_where_it_is_how_surely_and_for_how_long_it_has_been_lost() -> 
     view.learn(Pose(Cycle(1, 1), 1.2, 3.4, 0.5), 0.0)
     assert "at (1.20, 3.40)" in top._heading(snapshots.at(0.0))
     assert "+-" not in top._heading(snapshots.at(0.0))
+    assert "map" not in top._heading(snapshots.at(0.0))
+    graph = graph_message(7, np.zeros((9, 3)), [(0, 8), (1, 8)], [False, True], "so it is")
+    view.learn(graph, 0.0)
+    assert "map: revision 7, 9 key scans, 2 loops (1 off), the map may be wrong: so it is" in (
+        top._heading(snapshots.at(0.0))
+    )
+    assert snapshots.at(100.0)["slam"] is None, "the agent is gone"
     view.learn(Correction(Cycle(1, 1), 0, 0, 0, (0.0,) * 6, 0.97), 1.0)
     view.learn(posed(0.0025), 1.0)
     said = top._heading(snapshots.at(1.0))

@@ -15,6 +15,7 @@ from armadico.launch.virtual import Rehearsal
 from tests.programs import call, heavy, imports_nothing
 
 EXACT = ("sc3", "--sensors", "ideal")
+LASER = ("--profile", "jackal", "--sensors", "real", "--virtual")
 """A robot with sonars, whose odometry has no error."""
 
 
@@ -80,9 +81,16 @@ def test_a_virtual_one_that_is_interrupted_keeps_the_map_so_far(
         (("explore", "sc3", "--attach", "--resume", "a.yaml"), 2, "--resume"),
         (("explore", "sc3", "--virtual"), 2, "pioneer-2dx"),
         (("explore", *EXACT, "--virtual", "--without", "mapping"), 2, "without mapping"),
+        (("explore", "sc3", *LASER, "--with", "localization"), 2, "with localization"),
+        (("explore", "sc3", *LASER, "--without", "encoder"), 2, "can be without gothrough"),
         (("explore", *EXACT, "--virtual", "--within", "5", "0", "6", "2"), 1, "not in the rect"),
         (("map",), 2, "what"),
-        (("map", "load", "a.map"), 2, "load"),
+        (("map", "load", "a.yaml"), 2, "a.graph.npz: there is no such file"),
+        (
+            ("explore", "house", "--profile", "jackal", "--virtual", "--resume", "a.yaml"),
+            2,
+            "a.yaml",
+        ),
         (("map", "save", "a.png"), 2, "expected .yaml"),
     ],
 )

@@ -334,7 +334,7 @@ def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     (row,) = json.loads(run("mission", "status", "--json").stdout)
     assert (row["name"], row["doing"], row["by"]) == ("long", "wait(600.0)", "a test")
     told = run("mission", "log", "long").stdout
-    assert "take-photo failed: nobody knows where the robot is" in told
+    assert "take-photo failed: the robot's pose is not known" in told
     for words, code, says in (
         (("log", "lung"), 1, "no mission 'lung' on the board; did you mean 'long'?"),
         (("cancel", "long"), 0, "cancelled"),
@@ -406,7 +406,7 @@ def test_a_goal_given_too_early_waits_and_a_robot_that_stands_is_explained(
         assert sent.stdout is not None
         assert sent.stderr is not None
         try:
-            waits = "waiting for the society to start: nobody knows where"
+            waits = "waiting for the society to start: the robot's pose is not known"
             assert any(waits in line for line in sent.stderr)  # on a busy machine it says more
             start("encoder", program="armadico-agent")
             said = next((line for line in sent.stdout if "->" in line), "")

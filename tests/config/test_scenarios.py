@@ -55,7 +55,7 @@ def leg_clearance(world: str, a: tuple[float, float], b: tuple[float, float]) ->
 def test_the_thesis_experiments_are_all_there() -> None:
     every = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc1", "sc2", "sc3", "sc4"]
     assert sorted([*every, "fleet", "floor-people", "surveillance"]) == SHIPPED
-    assert names("worlds") == sorted(["empty", "hall", "surveillance", *every])
+    assert names("worlds") == sorted(["empty", "flat", "hall", "surveillance", *every])
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -373,7 +373,7 @@ def test_a_message_of_an_older_program_lacks_what_was_appended_since() -> None:
 
 
 def test_a_message_of_a_newer_program_may_be_longer() -> None:
-    assert decode(cbor2.dumps([[7, 3, "new"], 1.0, -2.0, 0.5, [], "new"]), Pose) == POSE
+    assert decode(cbor2.dumps([[7, 3, "new"], 1.0, -2.0, 0.5, [], 0, "new"]), Pose) == POSE
 
 
 def test_what_was_appended_is_omitted_while_it_has_its_default() -> None:
@@ -406,6 +406,7 @@ def test_plain_is_a_dictionary_for_people() -> None:
         "y": -2.0,
         "theta": 0.5,
         "covariance": (),
+        "revision": 0,
     }
 
 

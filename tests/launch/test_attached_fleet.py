@@ -156,7 +156,7 @@ def test_what_nobody_gets_to_is_named_and_the_run_is_over() -> None:
     assert result.done == result.tasks - 1
     assert not result.passed
     assert result.limit_s is None, "it did not go on until its limit"
-    assert "nobody gets to 3" in result.verdict
+    assert "no robot reaches 3" in result.verdict
     assert not attached.stopped(), "there is nothing left to do"
 
 

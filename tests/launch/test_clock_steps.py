@@ -19,7 +19,7 @@ from armadico.mesh.virtual import VirtualMesh
 
 STEP_S = 3600.0
 FLEET = load_scenario("fleet")
-BLAMED = ("no nearer", "3600", "is left: nobody knows", "is given back")
+BLAMED = ("no nearer", "3600", "the charge of the battery is not known", "is given back")
 
 
 class Stepped:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from armadico.bridge.ros2 import cdr, types
+from armadico.config import grid_map
 from armadico.config.shipped import find
 from armadico.mesh.ports import free_port
 from tests import real_ros
@@ -58,6 +59,30 @@ def test_it_is_driven_to_its_goal_and_the_truth_counts(
     result = json.loads(done.stdout)
     assert result["reached"]
     assert result["collisions"] == 0  # None: of a robot whose truth nobody tells
+
+
+@pytest.mark.long
+@pytest.mark.timeout(480)
+def test_it_maps_an_unknown_place_by_its_laser_and_comes_back(start: Start, tmp_path: Path) -> None:
+    """Nothing but the address and the profile is known, and its sensors have errors."""
+    where, map_file = address("ros2+zenoh"), tmp_path / "rooms.yaml"
+    robot = start(
+        *("sim", "turtlebot3-burger", "rooms-b", "--sensors", "real"),
+        *("--ros2", where, "--namespace", NAMESPACE),
+    )
+    assert robot.stdout is not None
+    assert where in robot.stdout.readline()
+    done = call(
+        *("explore", "--profile", "turtlebot3-burger", "--robot", where, "--namespace", NAMESPACE),
+        *("--map", str(map_file), "--json", "--no-plot"),
+        within=450,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "exploration done" in done.stderr
+    result = json.loads(done.stdout)
+    assert result["reached"], "it is back in truth, too"
+    assert result["collisions"] == 0
+    assert grid_map.read(map_file).area(grid_map.FREE) == pytest.approx(38.7, abs=1.0)
 
 
 @pytest.mark.long

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import numpy as np
 import pytest
 
+from armadico.agents.driving.goto import Goto
+from armadico.agents.localization.localization import Localization
+from armadico.agents.localization.localization import Parameters as OnMap
 from armadico.agents.mapping.agent import INVALID, Parameters, SlamAgent
 from armadico.agents.mapping.poses import Floats, compose, relative
 from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED, cells_of
 from armadico.core.agent import ERROR, Answer, Identity, Publish, Question
 from armadico.core.messages import Cycle, Log, Message, RobotState, encode
-from armadico.mobile.messages import Correction, MapRequest, OccupancyGrid, Pose, Scan
+from armadico.mobile.messages import (
+    Correction,
+    MapGraph,
+    MapMoved,
+    MapRequest,
+    OccupancyGrid,
+    Pose,
+    Scan,
+)
 from armadico.mobile.scans import message_of, ranges_of
 from tests.framework.robots import described
 from tests.mapping.worlds import BEARINGS, cast, drifted, ring, square
 
+MAPPED = OnMap(world="sc1")
 PATH = square()
 RING = ring()
 HALL = np.array(
@@ -27,8 +41,10 @@ HALL = np.array(
 class Robot:
     """A slam agent on a robot that drives through the ring."""
 
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.agent = SlamAgent(Identity("slam-1"), parameters)
+    def __init__(self, parameters: Parameters | None = None, seed: int = 0) -> None:
+        self.agent = SlamAgent(Identity("slam-1", rng=Random(seed)), parameters)
+        self.known: tuple[float, ...] = ()  # the covariance of the first pose
+        self.logged = ""
         self.agent.receive(described("jackal"), 0.0)
         self.number, self.epoch = 0, 1
         self._noise = np.random.default_rng(1)
@@ -56,10 +72,12 @@ class Robot:
             place = 0.0, 0.0, 0.0
             messages.append(message_of(cycle, ranges, angles, limits, place, number=self.number))
         if self.number == 1:
-            messages.insert(1, Pose(cycle, *pose.tolist()))
+            messages.insert(1, Pose(cycle, *pose.tolist(), self.known))
         for message in messages[::-1] if scan_first else messages:
             self.agent.receive(message, now)
         out, self.agent.outbox = self.agent.outbox, []
+        logs = [one.message for one in out if isinstance(one, Publish)]
+        self.logged += "".join(each.text for each in logs if isinstance(each, Log))
         return [one.message for one in out if isinstance(one, Publish | Answer)]
 
     def drive(self, path: Floats, odometry: Floats, **how: bool) -> list[list[Message]]:
@@ -89,16 +107,26 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
     for pose, here in zip(PATH, odometry, strict=True):
         said = robot.cycle(pose, here)
         corrections, grids = of(Correction, said), of(OccupancyGrid, said)
+        changes = of(MapMoved, said)
         for correction in corrections:
             assert isinstance(correction, Correction)
             if correction.revision != revision:
                 assert correction.revision == revision + 1
                 assert grids, "the map is published in the same cycle"
+                assert [change.revision for change in changes] == [correction.revision]
+                changes = []
                 revision, leaps = correction.revision, leaps + 1
+        assert not changes, "only with a new revision"
         for grid in grids:
             assert isinstance(grid, OccupancyGrid)
             assert grid.revision == revision
+        for graph in of(MapGraph, said):
+            assert isinstance(graph, MapGraph)
+            assert grids, "it is published with its map"
+            assert graph.revision == revision
     assert leaps > 1, "a loop has moved the map"
+    assert graph.key_scans > 50
+    assert graph.loops_found > 3
     (last,) = corrections
     off = place(last, odometry[-1]) - PATH[-1]
     assert np.hypot(*off[:2]) < 0.1
@@ -129,6 +157,14 @@ def test_the_same_messages_give_the_same_bytes_in_either_order_of_a_cycle() -> N
     assert len(first) > 90
 
 
+def test_a_graph_that_does_not_change_is_published_each_ten_seconds() -> None:
+    path = np.repeat(PATH[:1], 305, axis=0)
+    said = Robot().drive(path, own_odometry(path, 0.0))
+    at = [n for n, cycle in enumerate(said) if of(MapGraph, cycle)]
+    assert [n // 100 for n in at] == [0, 1, 2, 3]
+    assert sum(len(of(OccupancyGrid, cycle)) for cycle in said) > 25
+
+
 def test_a_scan_may_come_before_its_odometry() -> None:
     path = PATH[:30]
     odometry = own_odometry(path)
@@ -144,6 +180,24 @@ def test_without_a_scan_nothing_is_corrected() -> None:
     robot = Robot()
     robot.drive(PATH[:3], own_odometry(PATH[:3]))
     assert not robot.cycle(PATH[3], own_odometry(PATH[:4])[3], scan=False)
+
+
+def test_a_restarted_agent_begins_another_map_as_uncertain_as_the_pose() -> None:
+    first, again = Robot(), Robot(seed=1)
+    again.known = (0.04, 0.0, 0.0, 0.05, 0.0, 0.01)
+    for robot in (first, again):
+        robot.drive(PATH[:20], own_odometry(PATH[:20]))
+    grids, corrections = [], []
+    for robot in (first, again):
+        said = robot.cycle(PATH[20], own_odometry(PATH[:21])[20])
+        corrections += of(Correction, said)
+        robot.agent.on_query(Question(1, MapRequest()), 100.0)
+        grids += [one.message for one in robot.agent.outbox if isinstance(one, Answer)]
+    assert grids[0].map_id != grids[1].map_id
+    more = np.subtract(corrections[1].covariance, corrections[0].covariance)
+    assert more == pytest.approx(again.known, abs=1e-9)
+    assert "a new map begins" in again.logged
+    assert "a new map begins" not in first.logged
 
 
 def test_a_controller_that_begins_anew_does_not_move_the_robot() -> None:
@@ -166,8 +220,8 @@ def test_a_robot_without_a_laser_is_refused() -> None:
 
 def test_a_second_agent_that_publishes_the_same_is_reported() -> None:
     robot = Robot()
-    robot.agent.on_appeared("localization", "localization-1")
-    robot.agent.on_appeared("goto", "goto-1")
+    for other in (Localization(Identity("localization-1"), MAPPED), Goto(Identity("goto-1"))):
+        robot.agent.met(other.card(), 1.0)
     logs = [one.message for one in robot.agent.outbox if isinstance(one, Publish)]
     assert [(log.level, "localization-1" in log.text) for log in logs if isinstance(log, Log)] == [
         (ERROR, True)
@@ -189,7 +243,7 @@ def test_a_lost_return_frees_nothing_behind_a_wall() -> None:
     assert np.frombuffer(kept.packed, "<u2")[40] == INVALID
 
 
-def test_a_robot_that_is_carried_is_reported_once_and_its_pose_is_uncertain() -> None:
+def test_a_robot_that_is_carried_is_reported_once_and_has_a_map_of_its_own() -> None:
     path = PATH[:60]
     odometry = own_odometry(path)
     far = np.array([20.0, 0.0, 0.0])
@@ -205,4 +259,8 @@ def test_a_robot_that_is_carried_is_reported_once_and_its_pose_is_uncertain() ->
     ]
     (last,) = of(Correction, said)
     assert isinstance(last, Correction)
-    assert last.covariance[0] > 1.0
+    assert last.confidence == 0.5
+    cells = cells_of(robot.agent.on_map_request(Question(1, MapRequest())))
+    assert cells.states.shape[0] * cells.cell_m > 10.0, "only the hall"
+    x, _, _ = compose(odometry[-1], step).tolist()
+    assert cells.bounds[0] > x - 15.0

@@ -19,6 +19,7 @@ from armadico.agents.mapping.slam import SlamParameters
 from armadico.config import grid_map
 from armadico.config.writing import write_files
 from armadico.core.messages import Cycle
+from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Sonar
 from armadico.observe import logs
 from tests.observe import made_logs
@@ -56,7 +57,13 @@ def test_a_map_a_path_and_a_picture_byte_for_byte_the_same(
         words = [log, "-o", folder / "map.yaml", "--picture", folder / "map.png", "--seed", 3]
         found = done(capsys, *words)
         files = sorted(folder.iterdir())
-        assert [file.name for file in files] == ["map.pgm", "map.png", "map.tum", "map.yaml"]
+        assert [file.name for file in files] == [
+            "map.graph.npz",
+            "map.pgm",
+            "map.png",
+            "map.tum",
+            "map.yaml",
+        ]
         kept.append(([file.read_bytes() for file in files], found["digest"]))
     assert kept[0] == kept[1]
     assert found["error_rmse_m"] < 0.1
@@ -92,6 +99,8 @@ def test_parameters_and_no_loops(log: Path, capsys: pytest.CaptureFixture[str]) 
         (["--set", "max_range"], "KEY=VALUE"),
         (["--set", "max_range=far"], "expected float"),
         (["--set", "max_range=-1"], "expected float"),
+        (["--set", "max_range=0"], "more than 0"),
+        (["--set", "graph.rounds=0"], "more than 0"),
         (["--set", "graph.loss=soft"], "none, huber, cauchy, dcs"),
         (["--set", "do_loop_closing=1"], "expected bool"),
         (["--drift", "2"], "0 to 1"),
@@ -103,6 +112,45 @@ def test_what_is_refused(
     log: Path, capsys: pytest.CaptureFixture[str], words: list[str], what: str
 ) -> None:
     assert what in refused(capsys, log, *words)
+
+
+def test_half_a_log_makes_a_map_in_the_frame_of_the_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On which the other half can be localized, since the reference is given there."""
+    there = made_logs.driven(2)
+    moved = [(x + 20.0, y - 7.0, theta) for x, y, theta in there]
+    log = made_logs.npz(tmp_path / "room.npz", there, reference=np.array(moved))
+    found = done(capsys, log, "--over", "first", "--align", "-o", tmp_path / "half.yaml")
+    assert found["scans"] == len(there) // 2
+    path = np.loadtxt(tmp_path / "half.tum")[:, 1:3]
+    assert np.abs(path - np.array(moved)[: len(path), :2]).max() < 0.15
+    assert grid_map.read(tmp_path / "half.yaml").at(23.0, -5.8) == grid_map.FREE
+    none = np.full((len(there), 3), np.nan)
+    unknown = made_logs.npz(tmp_path / "unknown.npz", there, reference=none)
+    words = [unknown, "--drift", "0", "--align"]
+    assert "has no reference" in refused(capsys, *words)
+
+
+def test_relations_count_if_both_times_are_times_of_scans(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fields = made_logs.fields(POSES)
+    np.savez(log, **{**fields, "t0": 1000.0})
+    lines = []
+    for a, b, late in ((0, 9, 0.0), (20, 50, 0.0), (5, 30, 0.1)):
+        x, y, turn = relative(POSES[a], POSES[b])
+        at, to = (1000.0 + made_logs.STEP_S * k for k in (a, b))
+        lines.append(f"{at} {to + late} {x} {y} 0 0 0 {turn}")
+    file = tmp_path / "relations"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    found = done(capsys, log, "--relations", file)["relations"]
+    assert (found["used"], found["given"]) == (2, 3)
+    assert 0.0 < found["error_mean_m"] < 0.1
+    assert cli.main(["slam", str(log), "--relations", str(file)]) == 0
+    assert "cannot be compared" in capsys.readouterr().out
+    file.write_text("1 2 3\n", encoding="utf-8")
+    assert "8 numbers" in refused(capsys, log, "--drift", "0", "--relations", file)
 
 
 def test_no_log_no_odometry_no_laser(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,11 +17,12 @@ from armadico.agents.mapping.scan_matching import (
     branch_and_bound,
     correlate,
     in_world,
+    looked_at,
     point_cloud,
     point_to_line,
-    seen_through,
     voxel_filtered,
 )
+from armadico.agents.mapping.slices import finished
 from tests.mapping.worlds import BEARINGS, cast, ring
 
 P = MatcherParameters()
@@ -72,7 +73,7 @@ def test_a_small_shift_is_found(x: float, y: float, turn: float) -> None:
 def test_branch_and_bound_finds_the_best_of_a_large_window(x: float, y: float, turn: float) -> None:
     cloud, guess = scan(HERE), HERE + np.array([x, y, turn])
     points = voxel_filtered(cloud.points, 0.15, 120)
-    found = branch_and_bound(FIELD, points, guess, Window(2.0, 0.35), 0.4)
+    found = finished(branch_and_bound(FIELD, points, guess, Window(2.0, 0.35), 0.4))
     assert found is not None
     assert np.abs(relative(HERE, found.pose)).max() < 0.1
     cells = FIELD.cells(transformed(found.pose, points))
@@ -84,7 +85,7 @@ def test_branch_and_bound_is_exhaustive_search_faster() -> None:
     cloud = scan(HERE)
     points = voxel_filtered(cloud.points, 0.3, 60)
     window, guess = Window(0.5, 0.06), HERE + np.array([0.2, -0.1, 0.03])
-    found = branch_and_bound(FIELD, points, guess, window, 0.1)
+    found = finished(branch_and_bound(FIELD, points, guess, window, 0.1))
     assert found is not None
     offsets = np.arange(-10, 26)
     columns, rows = (axis.ravel() for axis in np.meshgrid(offsets, offsets))
@@ -99,7 +100,7 @@ def test_branch_and_bound_is_exhaustive_search_faster() -> None:
 def test_nothing_is_found_where_nothing_fits() -> None:
     elsewhere = np.array([1e3, 1e3, 0.0])
     points = scan(HERE).points
-    assert branch_and_bound(FIELD, points, elsewhere, Window(1.0, 0.1), 0.3) is None
+    assert finished(branch_and_bound(FIELD, points, elsewhere, Window(1.0, 0.1), 0.3)) is None
     assert point_to_line(FIELD, points, elsewhere).inliers == 0.0
 
 
@@ -121,8 +122,11 @@ def test_rays_through_known_walls_are_counted() -> None:
     cloud = scan(HERE)
     back = relative(HERE, ZERO)
     known = transformed(back, transformed(HERE, cloud.points))
-    assert seen_through(cloud, known, (0.0, 0.0)) < 0.05
-    assert seen_through(cloud, 0.4 * known, (0.0, 0.0)) > 0.5
+    visible, through = looked_at(cloud, known, (0.0, 0.0))
+    assert visible.mean() > 0.9
+    assert through.mean() < 0.05
+    assert looked_at(cloud, 0.4 * known, (0.0, 0.0))[1].mean() > 0.5
+    assert looked_at(cloud, 2.0 * known, (0.0, 0.0))[0].mean() < 0.1
 
 
 def test_no_points_at_all() -> None:

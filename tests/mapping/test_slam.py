@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from armadico.agents.mapping.loop_closure import LoopParameters
 from armadico.agents.mapping.pose_graph import GraphParameters, Kernel
-from armadico.agents.mapping.poses import compose, relative
+from armadico.agents.mapping.poses import Floats, compose, relative
 from armadico.agents.mapping.slam import Slam, SlamParameters
 from tests.mapping.worlds import (
     BEARINGS,
@@ -142,6 +144,49 @@ def test_a_robot_that_is_carried_to_another_room_is_noticed() -> None:
     found = relative(slam.poses[there], slam.poses[-1])
     truth = relative(carried[slam.numbers[there] - len(path)], carried[-1])
     assert np.abs(found - truth).max() < 0.15
+
+
+def box(x: float, y: float, half: float = 0.2) -> Floats:
+    """(4, 4) walls of something square."""
+    turns = [(-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)]
+    return np.array([(x + a, y + b, x + c, y + d) for (a, b), (c, d) in pairwise(turns)])
+
+
+def test_a_robot_that_is_carried_to_a_place_with_nearer_walls_is_noticed() -> None:
+    """Its scans look through no wall: they end where the map is free."""
+    hall = ring(16.0, 2.0)
+    narrow = np.concatenate([ring(3.0, 0.2), box(1.0, 0.5)]) + 60.0
+    slam, path = Slam(), drive([(-6.0, -4.0), (6.0, -4.0)])
+    carried = drive([(59.0, 59.0), (61.0, 59.0), (61.0, 60.5)], step=0.31)
+    odometry = [*path, *compose(path[-1], relative(carried[0], carried))]
+    walls = np.concatenate([hall, narrow])
+    for number, pose in enumerate([*path, *carried]):
+        slam.add(0.1 * number, odometry[number], cast(walls, pose), BEARINGS, number=number)
+        if number == len(path) - 1:
+            assert not slam.carried
+    assert slam.carried == [len(path)]
+
+
+def test_people_and_moved_furniture_do_not_count_as_another_place() -> None:
+    """A crowd hides a third of the walls, other people at each scan; then new boxes stand there."""
+    slam, path, rng = Slam(), PATH[:60], np.random.default_rng(4)
+    boxes = np.concatenate([box(-3.0, 3.0), box(0.0, 3.1), box(3.2, 0.5), box(3.0, -2.0)])
+    for number, pose in enumerate(path):
+        ranges = cast(ring() if number < 35 else np.concatenate([ring(), boxes]), pose)
+        if 10 <= number < 35:
+            for bearing in rng.uniform(-2.2, 2.2, 6):
+                near = rng.uniform(0.6, 1.5)
+                ranges[np.abs(BEARINGS - bearing) < 0.2 / near] = near
+        slam.add(0.1 * number, path[number], ranges, BEARINGS, number=number)
+    assert not slam.carried
+    assert off(slam, path).max() < 0.2
+
+
+def test_of_a_dense_scanner_only_some_rays_are_matched() -> None:
+    dense = np.linspace(-2.3, 2.3, 1081)
+    slam = Slam()
+    slam.add(0.0, PATH[0], cast(ring(), PATH[0], dense), dense)
+    assert 300 < len(slam.clouds[0].points) < 400
 
 
 def test_the_memory_is_bounded() -> None:

@@ -72,7 +72,7 @@ def test_what_cannot_be_done_is_refused_with_line_and_nearest_name() -> None:
 
 def test_without_mission_planning_people_are_told_so() -> None:
     building = Building(without=("mission-planning",))
-    assert building.order().refusal.startswith("nobody plans missions: no mission planning agent")
+    assert building.order().refusal.startswith("no mission planning agent answered")
 
 
 def test_what_was_refused_for_want_of_an_answer_is_not_done_later() -> None:
@@ -283,10 +283,10 @@ def test_an_exploration_is_asked_for_and_waited_for() -> None:
     building.until(lambda: building.ended(number), 10.0)
     assert building.mission(number).state is MissionEnd.DONE
     assert explorer.asked_for == ExploreRequest(0.0, 0.0, 4.0, 4.0)
-    explorer.refuses = "nobody makes a map"
+    explorer.refuses = "there is no map yet"
     number = building.taken(text('do = "explore"'))
     building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
-    assert building.mission(number).note == "explore: nobody makes a map"
+    assert building.mission(number).note == "explore: there is no map yet"
 
 
 class SlowExplorer(Agent):
@@ -436,7 +436,7 @@ def test_without_a_dock_or_a_charger_a_dock_task_fails_and_says_so() -> None:
     building = Building(battery=Battery(charge=0.5), without=("battery-charger",))
     number = building.taken(text('do = "dock"'))
     building.until(lambda: building.ended(number), 45.0)  # it is asked again for 30 s
-    assert building.mission(number).note == "dock: nobody charges"
+    assert building.mission(number).note == "dock: no agent charges"
 
 
 def test_an_alarm_in_no_room_is_ignored_however_many_there_are() -> None:
@@ -609,7 +609,7 @@ def test_what_stands_waits_while_nobody_knows_where_the_robot_is(rows: tuple[str
     building.run(2.0)
     building.node("encoder").kill()
     building.run(5.0)
-    assert building.mission(number).note == "nobody knows where the robot is"
+    assert building.mission(number).note == "the robot's pose is not known"
     building.rehearsal.enter("encoder")
     building.until(lambda: building.ended(number), 30.0)
     assert building.mission(number).state is MissionEnd.DONE
@@ -622,7 +622,7 @@ def test_a_photo_where_nobody_knows_where_the_robot_is_fails_in_the_end() -> Non
     building.run(2.0)
     building.node("encoder").kill()
     building.until(lambda: building.ended(number), 200.0)
-    assert building.mission(number).note.endswith("nobody knows where the robot is")
+    assert building.mission(number).note.endswith("the robot's pose is not known")
 
 
 @pytest.mark.long
@@ -664,7 +664,7 @@ def test_a_charge_of_which_nobody_can_say_how_far_it_is_fails() -> None:
     number = building.taken(text('do = "dock", else = [{ do = "wait", seconds = 1 }]'))
     building.until(lambda: building.ended(number), 200.0)
     (failed, _) = building.mission(number).course.results
-    assert "nobody says what is left of the battery" in failed.said
+    assert "the charge of the battery is not known" in failed.said
     assert building.steps(number) == ["wait(1.0)"]
 
 

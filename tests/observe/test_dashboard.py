@@ -22,6 +22,7 @@ from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
+from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import Cell, Echo, LocalMap, OccupancyGrid, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.particles import MOST
@@ -66,6 +67,39 @@ def test_the_map_made_by_driving_is_at_its_place_in_the_world(tmp_path: Path) ->
         assert image.getpixel((0, 0)) == palette.MAPPED[0]
         assert image.getpixel((1, 0)) == palette.MAPPED[1]  # the lowest row comes first
         assert image.getpixel((2, 0)) == palette.MAPPED[2]
+
+
+def test_a_loop_is_drawn_when_it_closes_and_one_that_is_switched_off_in_another_colour(
+    tmp_path: Path,
+) -> None:
+    grid = message_of(Cells(0.0, 0.0, 0.5, np.ones((4, 4), dtype=np.uint8)), 1)
+    poses = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(graph_message(1, poses, [(0, 2)], [False]), 0.5)  # no map is drawn yet
+        scene.update(grid, 1.0)
+        scene.update(graph_message(1, poses[:2], [], []), 1.1)
+        scene.update(graph_message(1, poses, [], []), 1.2)  # too soon, without a new loop
+        scene.update(graph_message(1, poses, [(0, 2), (1, 2)], [False, True]), 1.3)
+        scene.update(replace(graph_message(1, poses, [(0, 2)], [False]), packed=b"no"), 9.0)
+        scene.update(graph_message(2, poses, [(0, 2)], [False]), 9.0)  # of a map to come
+        scene.update(replace(grid, revision=2), 9.1)
+    kept = Kept(path)
+    slam = "/p/map/world/slam"
+    assert [(t, rows["strips"]) for t, rows in kept.rows[f"{slam}/loops"]] == [
+        (1.1, []),
+        (1.3, [[[0.0, 0.0], [1.0, 1.0]]]),
+    ]
+    assert [(t, rows["strips"]) for t, rows in kept.rows[f"{slam}/off"]] == [
+        (1.1, []),
+        (1.3, [[[1.0, 0.0], [1.0, 1.0]]]),
+    ]
+    on, off = (kept.rows[f"{slam}/{name}"][-1][1]["colors"] for name in ("loops", "off"))
+    assert on != off
+    assert kept.rows[f"{slam}/status"][-1][1]["labels"] == [
+        "map: revision 1, 3 key scans, 2 loops (1 off)"
+    ]
+    assert [t for t, _ in kept.rows[slam]] == [9.1], "cleared with the map that it belongs to"
 
 
 def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> Pose:

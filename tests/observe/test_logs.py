@@ -257,16 +257,49 @@ def test_robotlaser_lines_have_their_own_angles(tmp_path: Path) -> None:
     assert log.odometry[50] == pytest.approx(made_logs.driven()[50], abs=1e-5)
 
 
-def test_broken_lines_and_other_numbers_of_rays_are_left_out(tmp_path: Path) -> None:
+def test_broken_lines_are_left_out_and_other_angles_are_taken_at_those_of_most(
+    tmp_path: Path,
+) -> None:
     poses = made_logs.driven()
     good = lines(poses, poses)
     good[10] = good[10][:40]
     good[20] = good[20].replace("FLASER 90", "FLASER many")
-    good[30] = made_logs.flaser(30 * made_logs.STEP_S, poses[30], poses[30], np.ones(45))
+    coarse = np.linspace(1.0, 1.29, 30, dtype=np.float64)
+    good[30] = made_logs.flaser(30 * made_logs.STEP_S, poses[30], poses[30], coarse)
     log = logs.read(carmen(tmp_path / "a.log", [*good, "ODOM", "PARAM"]))
-    assert len(log) == 124
+    assert len(log) == 125
     assert any(note.startswith("4 lines") for note in log.notes)
     assert any(note.startswith("1 of 125") for note in log.notes)
+    seen = ranges_of(scan(log, 28))  # 6 degrees apart, at angles 2 degrees apart
+    assert seen[[0, 3, 87]] == pytest.approx([1.0, 1.01, 1.29])
+
+
+def test_scans_that_all_have_another_number_of_rays_are_kept(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    every = [
+        made_logs.flaser(
+            made_logs.STEP_S * k, pose, pose, np.full(60 + k, 1.0 + 0.01 * k, dtype=np.float64)
+        )
+        for k, pose in enumerate(poses)
+    ]
+    log = logs.read(carmen(tmp_path / "a.log", every))
+    assert len(log) == len(poses)
+    assert np.nanmedian(ranges_of(scan(log, 100))) == pytest.approx(2.0)
+
+
+def test_one_scan_is_no_log_and_says_so(tmp_path: Path) -> None:
+    poses = made_logs.driven()
+    with pytest.raises(LogError, match="one usable scan"):
+        logs.read(carmen(tmp_path / "a.log", [*lines(poses, poses)[:1], "FLASER 90 1.0"]))
+
+
+def test_equal_times_are_no_jumps_of_the_clock(tmp_path: Path) -> None:
+    t = made_logs.STEP_S * np.arange(127)
+    t[40:60] = t[40]
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", t=t))
+    assert log.notes == ("19 of 127 rows are not later than the row before them",)
+    with pytest.raises(LogError, match="all 127 rows have the time 5"):
+        logs.read(made_logs.npz(tmp_path / "b.npz", t=np.full(127, 5.0)))
 
 
 def test_an_incomplete_compressed_log_is_read_up_to_its_end(tmp_path: Path) -> None:

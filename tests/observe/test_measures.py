@@ -179,6 +179,20 @@ def test_a_goal_reached_by_the_pose_alone_is_astray_by_the_poses_error() -> None
     assert run.watch.astray == pytest.approx((0.5, 0.0))
 
 
+def test_an_unplaced_robot_is_measured_from_where_it_began_in_truth() -> None:
+    run = Run()
+    run.watch.unplaced = True
+    run.show(Pose(Cycle(1, 1), 0.0, 0.0, 0.0))
+    run.begin()
+    for y in (7.0, 8.0, 9.0):  # it begins at (5, 7), facing along y
+        run.number += 1
+        run.show(Truth(0.1 * run.number, 5.0, y, pi / 2, 0, 0, 0, None, "sim"))
+    result = run.end()
+    assert result.reached, "2 m ahead of where it began"
+    assert result.td_m == pytest.approx(2.0)
+    assert run.watch.start == pytest.approx((0.0, 0.0, 0.0))
+
+
 def test_an_exploration_that_failed_is_not_astray() -> None:
     run = Run().begin()
     run.cycle(0.0)
@@ -314,7 +328,10 @@ def test_without_a_goal_the_rest_is_measured() -> None:
     run = Run(goal=None)
     run.watch.begin()
     run.cycle(0.0)
+    run.show(MissionStatus(0, MissionState.NONE, 0.0))
+    run.show(MissionStatus(5, MissionState.DRIVING, 2.0))
     run.cycle(1.5)
+    assert not run.watch.done, "a person may send it"
     result = run.watch.result()
     assert (result.reached, result.fo_deg, result.p_percent) == (None, None, None)
     assert result.td_m == 1.5

@@ -21,7 +21,8 @@ from armadico.core.services import QUIET_S
 from armadico.gateways.page.own import Goals, Parameters, Starting, StopLatch
 from armadico.gateways.page.part import Desk, Out, Part
 from armadico.gateways.page.requests import Asked, Reader, Start
-from armadico.mobile.messages import OccupancyGrid, Pose
+from armadico.mobile.map_graphs import graph_of
+from armadico.mobile.messages import MapGraph, OccupancyGrid, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
 from armadico.observe.described import rounded
@@ -80,6 +81,7 @@ class Robot:
         self._installed, self._hosts = installed, hosts
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
+        self._graph: dict[str, Any] | None = None
         self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
 
     # Input ---------------------------------------------------------------------------------------
@@ -102,6 +104,8 @@ class Robot:
                 self._near[message.sensor] = (_points(message), t)
             case OccupancyGrid():
                 self._grid = _grid(message)
+            case MapGraph():
+                self._graph = _graph(message)
         for part in self._parts:
             part.receive(key, message, t)
 
@@ -150,6 +154,8 @@ class Robot:
             "agents": self._agents(),
             "near": [p for points, at in self._near.values() if t - at <= QUIET_S for p in points],
             "grid": self._grid,
+            "graph": self._graph,
+            "slam": described.slam(view, t),
             "log": self._log(),
             "standing": described.stands(view, t, self._installed, self._hosts),
         }
@@ -184,6 +190,9 @@ class Robot:
             "silent_s": None if view.state_at is None else round(t - view.state_at, 1),
         }
         found |= rounded((described.robot(view) or {}) | (described.pose(view, t) or {}))
+        if view.pose is not None and view.pose.covariance:
+            xx, xy, _, yy, _, _ = view.pose.covariance
+            found["covariance"] = rounded([xx, xy, yy], 5)
         if truth is not None:
             found["truth"] = rounded([truth.x, truth.y, truth.theta])
         return found
@@ -281,6 +290,19 @@ def _points(obstacles: Obstacles) -> list[list[float]]:
     return [[round(p.x, 3), round(p.y, 3)] for p in obstacles.points[::every]]
 
 
+def _graph(message: MapGraph) -> dict[str, Any] | None:
+    try:
+        graph = graph_of(message)
+    except ValueError:  # a malformed graph is not drawn
+        return None
+    return {
+        "revision": message.revision,
+        "places": graph.places.round(2).tolist(),
+        "loops": graph.loops.tolist(),
+        "off": graph.off.tolist(),
+    }
+
+
 def _grid(message: OccupancyGrid) -> dict[str, Any]:
     # The browser inflates the cells.
     return {
@@ -289,5 +311,6 @@ def _grid(message: OccupancyGrid) -> dict[str, Any]:
         "cell": message.cell,
         "rows": message.rows,
         "columns": message.columns,
+        "revision": message.revision,
         "packed": b64encode(message.packed).decode(),
     }

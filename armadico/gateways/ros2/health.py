@@ -9,7 +9,7 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.geometry import stamp_of
 from armadico.core import messages as m
 from armadico.mobile.behaviour import LOST_M
-from armadico.mobile.messages import BatteryLevel, MissionStatus, Pose
+from armadico.mobile.messages import BatteryLevel, MapGraph, MissionStatus, Pose
 from armadico.observe.view import agent_of, driver
 
 # Interval of battery state and diagnostics; a change of the driving agent is published immediately.
@@ -80,6 +80,10 @@ class Health:
         known = [self._holder(ack) for _, ack in sorted(self._acks.items())]
         if state is not None:
             known.append(self._robot(state))
+        if (graph := self.known(MapGraph)) is not None:
+            wrong = f"the map may be wrong: {graph.uncertain}"
+            level, text = (WARN, wrong) if graph.uncertain else (OK, "ok")
+            known.append(self._status(level, "map", text, {"map": graph.summary}))
         return types.DiagnosticArray(types.Header(stamp_of(at)), known)
 
     def _holder(self, ack: m.Ack) -> types.DiagnosticStatus:

@@ -15,6 +15,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -26,13 +27,16 @@ from armadico.config.grid_map import cells_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.gateways.ros2.goals import CDR, read_goal
+from armadico.gateways.ros2.graphs import markers
 from armadico.gateways.ros2.grids import drawn, occupancy
 from armadico.gateways.ros2.health import MOST, Health
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
+from armadico.mobile.map_graphs import graph_of
 from armadico.mobile.messages import (
     COVARIANCE,
     BatteryLevel,
     LocalMap,
+    MapGraph,
     MissionRequest,
     MissionStatus,
     OccupancyGrid,
@@ -81,13 +85,14 @@ _SONAR: Final = _Topic("sonar", types.Range, 50, own=True)
 _OBSTACLES: Final = _Topic("obstacles", types.PointCloud2)
 _LOCAL_MAP: Final = _Topic("local_map", types.OccupancyGrid, 1, latched=True)
 _MAP: Final = _Topic("map", types.OccupancyGrid, 1, latched=True)
+_GRAPH: Final = _Topic("graph", types.MarkerArray, 1, latched=True)
 _PATH: Final = _Topic("path", types.Path, 1, latched=True)
 _BATTERY: Final = _Topic("battery_state", types.BatteryState, own=True)
 _GOAL: Final = _Topic("goal_pose", types.PoseStamped, 1)
 
 _TOPICS: Final = (  # of samples
     *(_TF, _OWN_TF, _TF_STATIC, _DIAGNOSTICS, _ODOM, _POSE, _SCAN, _SONAR, _OBSTACLES),
-    *(_LOCAL_MAP, _MAP, _PATH, _BATTERY),
+    *(_LOCAL_MAP, _MAP, _GRAPH, _PATH, _BATTERY),
 )
 
 _Output = tuple[_Topic, IdlStruct]  # a topic and a sample
@@ -129,6 +134,8 @@ class Society:
         self._near: dict[str, Obstacles] = {}  # by key, for each sensor
         self._local: dict[str, LocalMap] = {}
         self._grid: OccupancyGrid | None = None
+        self._revision = 0  # of the map that the newest pose is on
+        self._held: OccupancyGrid | None = None  # a map that no pose is on yet
         self._path: tuple[object, ...] | None = None
         self._health = Health(self._prefix)
         self._receivers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Output]]] = {
@@ -139,6 +146,7 @@ class Society:
             Obstacles: self._on_obstacles,
             LocalMap: self._on_local_map,
             OccupancyGrid: self._on_grid,
+            MapGraph: self._on_graph,
             Trajectory: self._on_trajectory,
             m.Ack: self._on_ack,
             m.Description: self._keep,
@@ -194,6 +202,10 @@ class Society:
         header = self._on_map(stamp)
         known = types.PoseWithCovariance(pose_of(self._base), _covariance(pose.covariance))
         yield _POSE, types.PoseWithCovarianceStamped(header, known)
+        if pose.revision != self._revision:
+            self._revision, held, self._held = pose.revision, self._held, None
+            if held is not None:
+                yield from self._on_grid("", held, at)
 
     def _corrected(self, pose: Pose, state: _State) -> _Output:
         """The odometry's origin in the map, from the pose and the odometry of one cycle."""
@@ -228,15 +240,23 @@ class Society:
             yield _SONAR, types.Range(header, ULTRASOUND, *limits, sonar.reach, measured)
 
     def _on_grid(self, _: str, grid: OccupancyGrid, at: int) -> Iterator[_Output]:
+        if grid.revision != self._revision:
+            self._held = grid  # the pose moves with it in this cycle or the next one
+            return
         if grid == self._grid:
             return  # agents repeat it each second
-        self._grid = grid
+        self._grid, self._held = grid, None
         try:
             cells = cells_of(grid)
         except ValueError:  # a malformed grid is ignored
             return
         if cells.states.size:
             yield _MAP, occupancy(cells, self._on_map(at))
+
+    def _on_graph(self, _: str, graph: MapGraph, at: int) -> Iterator[_Output]:
+        self._health.newest[MapGraph] = graph
+        with suppress(ValueError):  # a malformed graph is ignored
+            yield _GRAPH, markers(graph_of(graph), self._on_map(at))
 
     def _on_trajectory(self, _: str, trajectory: Trajectory, at: int) -> Iterator[_Output]:
         path = (trajectory.mission, trajectory.start, trajectory.waypoints)

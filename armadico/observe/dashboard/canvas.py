@@ -16,6 +16,7 @@ FASTEST_HZ: Final = 12.0  # largest rate, also if the robot's cycle is shorter
 RATES_HZ: Final[dict[str, float]] = {
     "map/world/path": 1.0,
     "map/world/mapped": 0.5,
+    "map/world/slam": 0.5,
     "map/world/echoes": 1.0,
     "map/world/particles": 4.0,
     "map/world/unsure": 5.0,

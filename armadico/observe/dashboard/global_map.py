@@ -1,4 +1,4 @@
-"""The global map: a grid, walls, the estimated and the true pose, the path, the plan and echoes.
+"""The global map: walls, maps with their graph, poses, the path, the plan and echoes.
 
 World frame, m, REP-103. Rerun's 2D views have y down, so everything is below a transform with y up.
 """
@@ -20,7 +20,8 @@ from armadico.config.grid_map import cells_of
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import Description
 from armadico.mobile.geometry import Pose2, to_world
-from armadico.mobile.messages import OccupancyGrid, Particles, Pose, Trajectory, Truth
+from armadico.mobile.map_graphs import graph_of
+from armadico.mobile.messages import MapGraph, OccupancyGrid, Particles, Pose, Trajectory, Truth
 from armadico.mobile.particles import poses_of
 from armadico.observe.dashboard import palette
 from armadico.observe.dashboard.canvas import Canvas, Colour, pixels
@@ -30,6 +31,7 @@ ROOT: Final = "map/world"
 ROBOT: Final = f"{ROOT}/robot"
 TRUTH: Final = f"{ROOT}/truth"
 MAPPED: Final = f"{ROOT}/mapped"
+SLAM: Final = f"{ROOT}/slam"
 PARTICLES: Final = f"{ROOT}/particles"
 UNSURE: Final = f"{ROOT}/unsure"
 
@@ -41,6 +43,7 @@ SIGMAS: Final = 2.0  # of the pose's ellipse and angle: 86 % of the places, 95 %
 HEADING_M: Final = 0.6  # length of the sides of that angle
 PARTICLE_M: Final = 0.12
 DOCK_M: Final = 0.3
+STATUS: Final = 0.06  # distance of the text from the map, as a share of its height
 SILENT_S: Final = 2.0  # timeout after which particles are removed
 
 # The grid uses the first of these steps that gives at most LINES lines.
@@ -59,6 +62,8 @@ class GlobalMap:
         self._path: deque[tuple[tuple[float, float], str]] = deque(maxlen=PATH_POINTS)
         self._echoes: dict[tuple[int, int], tuple[float, float]] = {}
         self._plan: Any = None
+        self._mapped: OccupancyGrid | None = None  # as drawn
+        self._graph: tuple[int, int, int] | None = None  # revision and loops, as drawn
         self._particles_at: float | None = None  # when they were received, while drawn
         canvas.fix(ROOT, rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]))
         self._grid(UNKNOWN if world is None else world.bounds)
@@ -125,13 +130,48 @@ class GlobalMap:
             cells = cells_of(grid)
         except ValueError:
             return
-        if cells.states.size and self._canvas.due(MAPPED, t):
+        moved = self._mapped is None or grid.revision != self._mapped.revision
+        if cells.states.size and (self._canvas.due(MAPPED, t) or moved):
+            self._mapped = grid
+            if self._graph is not None and self._graph[0] != grid.revision:
+                self._graph = None  # it is that of another map
+                self._canvas.draw(SLAM, t, rr.Clear(recursive=True))
             place = rr.Transform3D(translation=[cells.x, cells.y, 0.0], scale=cells.cell_m)
             colours = np.array(palette.MAPPED, dtype=np.uint8)[cells.states]  # the lowest row first
             raw = io.BytesIO()
             Image.fromarray(colours, "RGBA").save(raw, format="PNG", compress_level=3)
             png = rr.EncodedImage(contents=raw.getvalue(), media_type="image/png", draw_order=-20)
             self._canvas.draw(MAPPED, t, place, png)
+
+    def on_graph(self, graph: MapGraph, t: float) -> None:
+        """Draw the graph of the map that is drawn, and new loops at once; ignore malformed ones."""
+        grid = self._mapped
+        if grid is None or graph.revision != grid.revision:
+            return
+        try:
+            places, loops, off = graph_of(graph)
+        except ValueError:
+            return
+        known = graph.revision, graph.loops_found, graph.loops_off
+        if not self._canvas.due(SLAM, t) and known == self._graph:
+            return
+        self._graph = known
+        ink = palette.KEY_SCAN
+        path = rr.LineStrips2D([places.tolist()], radii=pixels(1.0), colors=ink, draw_order=18)
+        dots = rr.Points2D(places, radii=pixels(1.2), colors=ink, draw_order=25)
+        self._canvas.draw(f"{SLAM}/key_scans", t, path, dots)
+        for name, pairs, ink in (("loops", loops, palette.LOOP), ("off", off, palette.LOOP_OFF)):
+            lines = rr.LineStrips2D(
+                places[pairs].tolist(), radii=pixels(1.0), colors=ink, draw_order=22
+            )
+            self._canvas.draw(f"{SLAM}/{name}", t, lines)
+        top = grid.y + grid.rows * grid.cell
+        place = grid.x + grid.columns * grid.cell / 2, top + STATUS * grid.rows * grid.cell
+        text, ink = f"map: {graph.summary}", palette.ROOM
+        if graph.uncertain:
+            why = graph.uncertain.replace("; ", "\n")  # a label is one line else
+            text, ink = f"{text}\nthe map may be wrong: {why}", palette.FORBIDDEN
+        self._canvas.draw(f"{SLAM}/status", t, _labels([place], [text], ink))
 
     def on_trajectory(self, trajectory: Trajectory, t: float) -> None:
         """Draw the mission's waypoints if they have changed."""
@@ -226,13 +266,15 @@ def _arrows(poses: Sequence[Pose2], length: float, colour: Colour, **how: Any) -
     return rr.Arrows2D(origins=origins, vectors=vectors, colors=colour, **how)
 
 
-def _labels(places: Sequence[tuple[float, float]], texts: Sequence[str]) -> rr.Points2D:
+def _labels(
+    places: Sequence[tuple[float, float]], texts: Sequence[str], ink: Colour = palette.ROOM
+) -> rr.Points2D:
     """Texts without a dot."""
     return rr.Points2D(
         places,
         labels=texts,
         show_labels=True,
-        colors=palette.ROOM,
+        colors=ink,
         radii=pixels(0.1),
         draw_order=1,
     )

@@ -29,6 +29,10 @@ PLAN: Final = rgba("#b9a7e0")
 GOAL: Final = rgba("#ff5fa8")
 DOCK: Final = rgba("#7bd389")
 
+KEY_SCAN: Final = rgba("#8fb8ff")
+LOOP: Final = rgba("#56c98b", 190)
+LOOP_OFF: Final = rgba("#ff4f55")
+
 # Cells of the map made by driving: unknown, free, occupied.
 MAPPED: Final = (rgba("#000000", 0), rgba("#233440"), rgba("#e8b04b"))
 

@@ -19,6 +19,7 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.geometry import to_world
 from armadico.mobile.messages import (
     LocalMap,
+    MapGraph,
     OccupancyGrid,
     Particles,
     Pose,
@@ -49,6 +50,7 @@ SHOWN: Final[tuple[type[Message], ...]] = (
     Obstacles,
     LocalMap,
     OccupancyGrid,
+    MapGraph,
     Trajectory,
     m.Claim,
 )
@@ -84,6 +86,7 @@ class Scene:
             Obstacles: self._near,
             LocalMap: self._local.on_map,
             OccupancyGrid: self._map.on_grid,
+            MapGraph: self._map.on_graph,
             Trajectory: self._map.on_trajectory,
             m.Claim: self._utilities.on_claim,
             m.BidHistory: lambda history, _t: self._utilities.on_history(history),

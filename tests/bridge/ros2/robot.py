@@ -68,12 +68,14 @@ def scan(
     most: float = 8.0,
     last: float | None = None,
     frame_id: str = "laser",
+    time_increment: float = 0.0,
 ) -> bytes:
     message = types.LaserScan(
         header=types.Header(stamp=time(stamp), frame_id=frame_id),
         angle_min=first,
         angle_max=first + step * (len(ranges) - 1) if last is None else last,
         angle_increment=step,
+        time_increment=time_increment,
         range_min=0.16,
         range_max=most,
         ranges=ranges,

@@ -173,6 +173,12 @@ def test_the_golden_bytes_are_those_of_rclpy() -> None:
         assert now["hash"] == GOLDEN[name]["hash"]
 
 
+def test_markers_have_the_hash_of_ros_2() -> None:
+    # As computed by rosbags 0.11 from the message of Jazzy.
+    expected = "RIHS01_86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf"
+    assert cdr.type_hash(types.MarkerArray) == expected
+
+
 def test_the_type_of_discovery_has_the_hash_of_rmw() -> None:
     # As read from a node's endpoint on `ros_discovery_info`.
     expected = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations, pairwise
 from math import inf, nan, pi, radians, tau
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -339,13 +340,37 @@ def test_the_newest_scan_comes_with_each_cycle_until_it_is_too_old() -> None:
     assert found is not None
     assert list(found.ranges) == [1.0, 2.0, inf]
     assert (found.first, found.step) == (pytest.approx(-1.0), pytest.approx(0.1))
-    assert found.age_s == pytest.approx(0.1, abs=0.051)
     line.go(0.2)
     assert line.report.scan is not None
     assert line.report.scan.number == found.number
-    assert line.report.scan.age_s > found.age_s
     line.go(0.5)  # a laser that has stopped
     assert line.report.scan is None
+
+
+@pytest.mark.parametrize("stamped", ["first", "last"])
+@pytest.mark.parametrize(("time_order", "ray"), [(1, 2), (-1, 4), (0, 5)])
+def test_a_scan_is_corrected_for_the_motion_while_it_was_taken(
+    time_order: int, ray: int, stamped: str
+) -> None:
+    assert BURGER.laser is not None
+    laser = replace(BURGER.laser, time_order=time_order, stamped=stamped)
+    line = Line(replace(BURGER, laser=laser))
+    line.open()
+    began = line.now
+    for _ in range(20):
+        line.go(0.01, odometry=False)
+        line.odometry(theta=2.0 * (line.now - began), w=2.0)
+    # The column is seen by ray 5 of 21, 0.05 s after the first or before the last one.
+    at = began if stamped == "first" else line.now
+    line.scan([1.0 if k == 5 else 3.0 for k in range(21)], at=at, time_increment=0.01)
+    line.go(0.01, odometry=False)
+    line.odometry(theta=2.0 * (line.now - began), w=2.0)
+    line.go(0.1, odometry=False)
+    line.odometry(theta=2.0 * (line.now - began), w=2.0)
+    found = line.report.scan
+    assert found is not None
+    assert int(np.argmin(np.nan_to_num(found.ranges, nan=inf))) == ray
+    assert found.since == pytest.approx((0.0, 0.0, -0.22), abs=0.021)
 
 
 def test_a_laser_that_repeats_a_scan_is_not_used() -> None:

@@ -20,6 +20,7 @@ from armadico.gateways.page.session import Session
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import Truth
 from armadico.runtime.latch import REST_M_S, REST_RAD_S
 from tests.gateways.page.stage import HOME, Shown, Stage
@@ -49,6 +50,24 @@ def driving(stage: Stage, speed: float = 0.2) -> None:
     goal = stage.request("page 1", "go", x=6.0, y=0.0)
     assert stage.answer(goal)["ok"]
     stage.until(lambda: stage.parts["motion"]["v"] > speed)
+
+
+# Maps ---------------------------------------------------------------------------------------------
+
+
+def test_loops_that_are_switched_off_are_sent_apart_from_those_that_count() -> None:
+    robot = Robot(HOME)
+    assert (robot.parts(0.0)["graph"], robot.parts(0.0)["slam"]) == (None, None)
+    poses = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]
+    graph = graph_message(2, poses, [(0, 2), (1, 2)], [False, True], "so it is")
+    robot.receive("mapping/graph", graph, 1.0)
+    parts = robot.parts(1.0)
+    assert (parts["graph"]["loops"], parts["graph"]["off"]) == ([[0, 2]], [[1, 2]])
+    assert parts["graph"]["places"] == [[x, y] for x, y, _ in poses]
+    assert (parts["graph"]["revision"], parts["slam"]["uncertain"]) == (2, "so it is")
+    robot.receive("mapping/graph", replace(graph, off=b"no"), 2.0)
+    assert robot.parts(2.0)["graph"] is None
+    assert robot.parts(60.0)["slam"] is None, "no agent publishes it any more"
 
 
 # Goals --------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
@@ -16,6 +17,7 @@ from armadico.core import messages as m
 from armadico.gateways.ros2.health import MOST
 from armadico.gateways.ros2.society import Society, ros_namespace
 from armadico.mobile.geometry import compose
+from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import (
     BatteryLevel,
     Cell,
@@ -298,9 +300,35 @@ def test_the_map_is_published_if_it_has_changed() -> None:
     assert "/map" not in samples_of(society, grid)
 
 
+def test_a_map_of_another_revision_waits_for_a_pose_on_it() -> None:
+    grid = message_of(Cells(-1.0, 0.5, 0.05, np.ones((2, 3), dtype=np.uint8)), revision=2)
+    society = Society()
+    said = samples_of(society, state(7), grid, Pose(cycle(7), 4.0, 3.0, 0.0))
+    assert "/map" not in said
+    said = samples_of(society, state(8), Pose(cycle(8), 5.0, 3.0, 0.0, revision=2))
+    assert len(said["/map"]) == 1
+    assert "/map" not in samples_of(society, grid, state(9))
+
+
 def test_a_malformed_grid_is_ignored() -> None:
     lies = OccupancyGrid(0, 0, 0.05, 60_000, 60_000, b"not deflated")
     assert "/map" not in samples_of(Society(), lies)
+
+
+def test_a_graph_is_markers_and_a_doubtful_map_a_warning() -> None:
+    poses = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
+    graph = graph_message(3, poses, [(0, 2), (1, 2)], [False, True], "so it is")
+    found = samples_of(Society(), replace(graph, packed=b"no"), graph, state())
+    (sample,) = found["/graph"]
+    lines = {each.ns: [(p.x, p.y) for p in each.points] for each in sample.markers}
+    assert lines == {
+        "key_scans": [(0, 0), (1, 0), (1, 1)],
+        "loops": [(0, 0), (1, 1)],
+        "loops_off": [(1, 0), (1, 1)],
+    }
+    assert len({(c.color.r, c.color.g, c.color.b) for c in sample.markers}) == 3
+    (status,) = (s for s in found["/diagnostics"][-1].status if s.name == "map")
+    assert (status.level, status.message) == (1, "the map may be wrong: so it is")
 
 
 def test_the_walls_of_the_world_are_the_first_map() -> None:
@@ -411,7 +439,7 @@ def test_namespaces_are_valid_in_ros(name: str, ros: str) -> None:
 
 def test_maps_paths_and_static_transforms_are_latched() -> None:
     latched = {c.topic for c in Society().channels if c.latched}
-    assert latched == {"/tf_static", "/map", "/local_map", "/path"}
+    assert latched == {"/tf_static", "/map", "/local_map", "/graph", "/path"}
 
 
 def test_topics_that_a_ros2_robot_publishes_itself_are_marked() -> None:

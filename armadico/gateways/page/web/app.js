@@ -81,7 +81,7 @@ function choose(name) {
   draw({ ...empty, ...here().parts });
 }
 
-const empty = { body: null, motion: {}, stop: {}, mission: {}, wheels: { contenders: [] }, resources: [], exchanges: [], agents: [], board: [], log: [], could: [], standing: null, hand: {}, parameters: [] };
+const empty = { body: null, motion: {}, stop: {}, mission: {}, wheels: { contenders: [] }, resources: [], exchanges: [], agents: [], board: [], log: [], could: [], standing: null, hand: {}, parameters: [], slam: null };
 
 function tabs() {
   $("robots").hidden = robots.size < 2;
@@ -95,7 +95,7 @@ function tabs() {
 
 // Drawing ----------------------------------------------------------------------------------------
 
-const drawers = { motion: vitals, stop: latch, standing: why, wheels: contest, resources: others, exchanges, agents, could: agents, board, log, hand, parameters };
+const drawers = { motion: vitals, stop: latch, standing: why, wheels: contest, resources: others, exchanges, agents, could: agents, board, log, hand, parameters, slam };
 
 function draw(parts) {
   for (const name of Object.keys(parts)) if (name !== "exchanges") drawers[name]?.();
@@ -179,6 +179,19 @@ function contest() {
     line.style.background = r.colour ?? "currentcolor";
     child.replaceChildren(line, r.name);
   });
+}
+
+function slam() {
+  const found = here().parts.slam;
+  $("slam").hidden = $("graph").hidden = !found;
+  if (!found) return;
+  const key = (kind, text) => node("span", { class: kind }, node("i"), text);
+  $("slam").replaceChildren(
+    ...(found.uncertain ? [node("b", { textContent: `The map may be wrong: ${found.uncertain}` })] : []),
+    `map revision ${found.revision}`,
+    key("scans", `${found.key_scans} key scans`), key("loops", `${found.loops} loops`),
+    ...(found.loops_off ? [key("off", `${found.loops_off} of them switched off`)] : []),
+  );
 }
 
 function others() {
@@ -400,6 +413,11 @@ $("closer").addEventListener("click", () => plan.zoom(1.3));
 $("farther").addEventListener("click", () => plan.zoom(1 / 1.3));
 $("fit").addEventListener("click", () => { plan.touched = false; plan.setFollow(false); plan.touched = false; plan.fit(); });
 $("follow").addEventListener("click", () => plan.setFollow(!plan.follow));
+$("graph").addEventListener("click", () => {
+  plan.graphs = !plan.graphs;
+  $("graph").setAttribute("aria-pressed", plan.graphs);
+  plan.dirty();
+});
 
 // Tabs, also with the arrow keys.
 const all = [...document.querySelectorAll("#tabs [role=tab]")];

@@ -12,6 +12,7 @@ export class Plan extends EventTarget {
     this.ctx = canvas.getContext("2d");
     this.view = null; // {x, y: of the middle, m; k: pixels per metre}
     this.follow = false;
+    this.graphs = true;
     this.chosen = "";
     this.robots = new Map(); // by namespace: {still, parts, trail, grid}
     this.target = null; // {x, y, theta or null, state}
@@ -32,7 +33,7 @@ export class Plan extends EventTarget {
   colours() {
     const style = getComputedStyle(document.documentElement);
     this.c = Object.fromEntries(["floor", "outside", "wall", "grid", "ink", "soft", "path", "near", "stop", "accent", "good", "warn", "card", "line"].map((n) => [n, style.getPropertyValue("--" + n).trim()]));
-    for (const robot of this.robots.values()) robot.grid = null;
+    for (const robot of this.robots.values()) this.#inflate(robot);
     this.dirty();
   }
 
@@ -245,13 +246,12 @@ export class Plan extends EventTarget {
 
   async #inflate(robot) {
     const g = robot.parts.grid;
-    robot.grid = null;
-    if (!g || !g.rows || !g.columns || g.rows * g.columns > 16e6) return;
+    if (!g || !g.rows || !g.columns || g.rows * g.columns > 16e6) return void (robot.grid = null);
     try {
       const bytes = Uint8Array.from(atob(g.packed), (c) => c.charCodeAt(0));
       const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
       const cells = new Uint8Array(await new Response(stream).arrayBuffer());
-      if (cells.length !== g.rows * g.columns) return;
+      if (cells.length !== g.rows * g.columns || robot.parts.grid !== g) return;
       const image = new ImageData(g.columns, g.rows);
       const dark = document.documentElement.dataset.theme === "dark";
       const free = dark ? [35, 47, 58] : [255, 255, 255], occupied = dark ? [220, 170, 90] : [60, 70, 80];
@@ -263,7 +263,7 @@ export class Plan extends EventTarget {
       }
       const canvas = new OffscreenCanvas(g.columns, g.rows);
       canvas.getContext("2d").putImageData(image, 0, 0);
-      robot.grid = canvas;
+      robot.grid = { canvas, ...g };
       this.dirty();
     } catch { /* cells that are none are not drawn */ }
   }
@@ -282,6 +282,7 @@ export class Plan extends EventTarget {
     this.#raster();
     if (world) this.#walls(world);
     for (const [name, robot] of this.robots) this.#way(name, robot);
+    if (this.graphs) for (const robot of this.robots.values()) this.#graph(robot);
     for (const [name, robot] of this.robots) this.#robot(name, robot);
     this.#aimed();
   }
@@ -310,11 +311,10 @@ export class Plan extends EventTarget {
     }
   }
 
-  #cells({ grid, parts }) {
-    const g = parts.grid;
+  #cells({ grid: g }) {
     const [ax, ay] = this.screen(g.x, g.y + g.rows * g.cell);
     this.ctx.imageSmoothingEnabled = false;
-    this.ctx.drawImage(grid, ax, ay, g.columns * g.cell * this.view.k, g.rows * g.cell * this.view.k);
+    this.ctx.drawImage(g.canvas, ax, ay, g.columns * g.cell * this.view.k, g.rows * g.cell * this.view.k);
   }
 
   #raster() {
@@ -357,6 +357,32 @@ export class Plan extends EventTarget {
     lines(world.forbidden);
     ctx.setLineDash([]);
     for (const [name, [x, y, a]] of Object.entries(world.docks)) this.#arrow(x, y, a, c.good, name);
+  }
+
+  // The pose graph, if it is that of the map shown: key scans, loops, and dashed those switched off.
+  #graph({ grid, parts: { graph, slam } }) {
+    if (!slam || !graph || graph.revision !== grid?.revision) return;
+    const { ctx, c } = this;
+    const at = graph.places.map(([x, y]) => this.screen(x, y));
+    const loops = (pairs, ink) => {
+      ctx.strokeStyle = ink;
+      ctx.beginPath();
+      for (const [a, b] of pairs) { ctx.moveTo(...at[a]); ctx.lineTo(...at[b]); }
+      ctx.stroke();
+    };
+    ctx.lineWidth = 1;
+    loops(graph.loops, c.good);
+    ctx.setLineDash([4, 3]);
+    ctx.lineWidth = 1.5;
+    loops(graph.off, c.stop);
+    ctx.setLineDash([]);
+    ctx.lineWidth = 1;
+    ctx.strokeStyle = ctx.fillStyle = c.ink;
+    ctx.beginPath();
+    for (const place of at) ctx.lineTo(...place);
+    ctx.stroke();
+    const half = Math.min(1.5, this.view.k / 40); // on a small map they would hide the path
+    for (const [px, py] of at) ctx.fillRect(px - half, py - half, 2 * half, 2 * half);
   }
 
   #way(name, { parts, trail }) {
@@ -410,14 +436,6 @@ export class Plan extends EventTarget {
         ctx.fillRect(px - 1.5, py - 1.5, 3, 3);
       }
     }
-    if (m.deviation_m > 0.1) {
-      ctx.fillStyle = m.lost_s != null ? c.stop : c.accent;
-      ctx.globalAlpha = 0.14;
-      ctx.beginPath();
-      ctx.arc(...this.screen(m.x, m.y), 2 * m.deviation_m * this.view.k, 0, 7);
-      ctx.fill();
-      ctx.globalAlpha = 1;
-    }
     const place = ([x, y, a]) => (u, v) => this.screen(x + Math.cos(a) * u - Math.sin(a) * v, y + Math.sin(a) * u + Math.cos(a) * v);
     const outline = (at) => {
       ctx.beginPath();
@@ -446,6 +464,7 @@ export class Plan extends EventTarget {
     ctx.fillStyle = "#fff";
     ctx.fill();
     ctx.globalAlpha = 1;
+    if (m.covariance) this.#unsure(m);
     if (this.robots.size > 1) {
       ctx.font = `${chosen ? 700 : 500} 12px system-ui, sans-serif`;
       ctx.fillStyle = c.ink;
@@ -453,6 +472,21 @@ export class Plan extends EventTarget {
       const [px, py] = this.screen(m.x, m.y);
       ctx.fillText(this.label?.(name) ?? name, px + 12, py - 10);
     }
+  }
+
+  // Two standard deviations of the pose.
+  #unsure({ x, y, covariance: [xx, xy, yy], lost_s }) {
+    const { ctx, c } = this;
+    const mean = (xx + yy) / 2, apart = Math.hypot((xx - yy) / 2, xy);
+    const [long, short] = [mean + apart, mean - apart].map((v) => 2 * Math.sqrt(Math.max(v, 0)) * this.view.k);
+    ctx.beginPath();
+    ctx.ellipse(...this.screen(x, y), long, short, -Math.atan2(2 * xy, xx - yy) / 2, 0, 7);
+    ctx.fillStyle = ctx.strokeStyle = lost_s != null ? c.stop : c.accent;
+    ctx.lineWidth = 1;
+    ctx.stroke();
+    ctx.globalAlpha = 0.14;
+    ctx.fill();
+    ctx.globalAlpha = 1;
   }
 
   #arrow(x, y, a, ink, name) {
