@@ -11,6 +11,7 @@ neighbouring levels, so the matrix is banded and is factorised block by block.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
@@ -33,6 +34,10 @@ LARGEST: Final = 24
 EDGE_WORK, POSE_WORK, FLOPS = 500, 1500, 40
 """Work of an edge that is linearised and of a pose that is ordered, in look-ups (`slices`), and
 the floating-point operations of one look-up."""
+
+
+EXPECTED_ROUNDS: Final = 4
+"""Rounds in which loops that are expected count fully."""
 
 
 class Kernel(Enum):
@@ -91,15 +96,22 @@ class PoseGraph:
         """Add an edge."""
         self.edges.append(edge)
 
-    def optimise(self, poses: Floats) -> Floats:
+    def optimise(self, poses: Floats, expected: Collection[int] = ()) -> Floats:
         """The poses (n, 3) that fit the edges best; the first one stays.
 
         Raises ValueError for an edge to a pose that there is not, or if the graph is not connected.
         """
-        return finished(self.optimising(poses))
+        return finished(self.optimising(poses, expected))
 
-    def optimising(self, poses: Floats) -> Sliced[Floats]:
-        """Do `optimise` in slices; edges may be added meanwhile."""
+    def optimising(self, poses: Floats, expected: Collection[int] = ()) -> Sliced[Floats]:
+        """Do `optimise` in slices; edges may be added meanwhile.
+
+        Args:
+            poses: (n, 3) to begin with.
+            expected: Loop edges, by number, whose error the chain between their ends explains.
+                They count fully in the first rounds. Else the kernel would switch them off before
+                the chain gives way.
+        """
         p, count = self.parameters, len(poses)
         found = np.array(poses, dtype=np.float64)
         if not self.edges or count < 2:
@@ -111,10 +123,13 @@ class PoseGraph:
         order = _Order.of(count, terms)
         yield POSE_WORK * count
         before = np.inf
+        robust, trusting = terms.loop.copy(), EXPECTED_ROUNDS if expected else 0
+        robust[list(expected)] = False
         for turn in range(p.rounds):
             errors = terms.errors(found)
             chi2 = terms.chi2(errors)
-            weights = np.where(terms.loop, p.loss.weight(chi2, p.loss_scale), 1.0)
+            doubtful = robust if turn < trusting else terms.loop
+            weights = np.where(doubtful, p.loss.weight(chi2, p.loss_scale), 1.0)
             cost = float((weights * chi2).sum())
             linear = terms.linearised(found, errors, weights)
             yield EDGE_WORK * len(terms.start)
@@ -122,7 +137,8 @@ class PoseGraph:
             found[1:] += step[1:]
             found[:, 2] = wrapped(found[:, 2])
             self.rounds = turn + 1
-            if np.abs(step).max() < p.step or abs(before - cost) < p.gain * max(1.0, cost):
+            small = np.abs(step).max() < p.step or abs(before - cost) < p.gain * max(1.0, cost)
+            if small and turn >= trusting:
                 break
             before = cost
         chi2 = terms.chi2(terms.errors(found))

@@ -68,6 +68,9 @@ fitted to neighbours, and the noise of the ranges must be small beside their dis
 WALLS: Final = 200
 """Points of the map, at about, that are checked to be walls: bounds the time."""
 
+EXPLAINED: Final = 11.3
+"""Squared standard deviations of three coordinates that 99 of 100 errors stay within."""
+
 UNKNOWN: Final = np.diag([10.0**-2, 10.0**-2, pi**-2])
 """Information of a step between two parts of the map."""
 
@@ -175,6 +178,7 @@ class Slam:
         self._doubtful: list[int] = []  # newest key scans without a match on the map before
         self._loop_way = 0.0
         self._new_loops = 0
+        self._expected: list[int] = []  # edges of new loops that the chain explains
         self._moving = False  # whether a new loop moves the pose
         self._in_world: dict[int, PointCloud] = {}  # clouds of the local map, at the present poses
         self._optimised = 0  # key scans at the newest optimisation
@@ -560,7 +564,7 @@ class Slam:
         self.graph.weights = weights[[k for k in kept if k < len(weights)]]
         self.loops = [loop for loop in self.loops if loop.end < count]
         self._new_loops, self._searched, self._lost, self._relocator = 0, count, None, None
-        self._in_world = {}
+        self._expected = []
         self._optimised = min(self._optimised, count)
 
     # Continuing a map -----------------------------------------------------------------------------
@@ -639,7 +643,8 @@ class Slam:
             return None
         poses = poses if joined else self.poses
         self._new_loops, self._moving, self._optimised = 0, False, len(poses)
-        return (yield from self.graph.optimising(poses))
+        expected, self._expected = self._expected, []
+        return (yield from self.graph.optimising(poses, expected))
 
     def _finding(self) -> Sliced[None]:
         """Search loops of the newest key scan on its own part of the map."""
@@ -654,10 +659,21 @@ class Slam:
     def _add(self, found: Sequence[Loop]) -> None:
         for loop in found:
             self.loops.append(loop)
+            if self._explains(loop):
+                self._expected.append(len(self.graph.edges))
             self.graph.add(Edge(loop.start, loop.end, loop.pose, loop.information, loop=True))
         self._new_loops += len(found)
         if found:
             self._recognised(found[-1])
+
+    def _explains(self, loop: Loop) -> bool:
+        """Whether the uncertainty of the pose since the last loop explains what a loop corrects."""
+        start = self.poses[loop.start]
+        off = compose(start, loop.pose) - self.poses[loop.end]
+        off[2] = wrapped(off[2])
+        turn = rotation(start[2])
+        covariance = self._covariance + turn @ np.linalg.inv(loop.information) @ turn.T
+        return float(off @ np.linalg.solve(covariance, off)) < EXPLAINED
 
     def _relocating(self) -> Sliced[list[Recognised]]:
         """Search the place of the newest part on the older ones; return what agrees."""
@@ -751,7 +767,8 @@ class Slam:
         """Optimise once more if there are new loops; whether the revision grew."""
         if self._new_loops:
             self._new_loops, self._moving, self._optimised = 0, False, len(self.poses)
-            self.adopt(self.graph.optimise(self.poses))
+            expected, self._expected = self._expected, []
+            self.adopt(self.graph.optimise(self.poses, expected))
             return True
         return False
 
