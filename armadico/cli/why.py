@@ -12,7 +12,6 @@ from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
 from armadico.config.discovery import providers
-from armadico.core.resources import WHEELS
 from armadico.mesh.topology import default_namespace
 from armadico.runtime.errors import AbsentError
 
@@ -25,6 +24,9 @@ if TYPE_CHECKING:
 
 Bids = dict[tuple[str, str], list["BidRecord"]]
 """By instance and resource."""
+
+WHEELS: Final = "wheels"
+"""The default resource; its module would make `--help` slow."""
 
 ABOUT_S: Final = 10.0
 """Missing bids are recomputed for so long before and after an event."""
@@ -248,7 +250,7 @@ def _event(args: Options, chronicle: Chronicle, ends: float) -> Answer:
     if args.stop is not None:
         return _one("stop", args.stop, chronicle.presses)
     if args.exchange is not None:
-        resource = args.resource or WHEELS.name
+        resource = args.resource or WHEELS
         exchanges = [e for e in chronicle.exchanges if e.resource == resource]
         return _one(f"exchange of {resource}", args.exchange, exchanges)
     return _all(chronicle, ends)

@@ -112,7 +112,7 @@ def test_who_comes_late_takes_part_and_is_in_the_table() -> None:
 
 def test_nobody_there_is_said_with_what_brings_a_robot_up() -> None:
     attached = Attached(robots=0)
-    with pytest.raises(RunFailedError, match=r"nobody of the fleet 'f' .*`armadico up fleet"):
+    with pytest.raises(RunFailedError, match=r"no robot of the fleet 'f' .*`armadico up fleet"):
         attached.run()
 
 

@@ -74,7 +74,7 @@ def test_all_topics_have_the_quality_that_viewers_request() -> None:
     assert wanted.keys() == {c.topic for c in Society().channels} | {GOAL}
     assert all(want.writes and want.reliable for topic, want in wanted.items() if topic != GOAL)
     assert {topic for topic, want in wanted.items() if want.latched} == {
-        *("/tf_static", "/map", "/local_map", "/path")
+        *("/tf_static", "/map", "/local_map", "/path", "/graph")
     }
     assert (wanted["/tf"].depth, wanted["/map"].depth) == (100, 1)
     assert wanted[GOAL] == Wanted(GOAL, "geometry_msgs/msg/PoseStamped", False, depth=1)
