@@ -12,8 +12,6 @@ from typing import NamedTuple
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.mapping.pose_graph import GraphParameters, Kernel
-from armadico.agents.mapping.slam import Slam
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import exploring, load_scenario, scenario_from, with_slam
@@ -64,11 +62,7 @@ def ring(folder: Path) -> Path:
 
 @pytest.fixture
 def slippery(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wheels that slip by 6 % on the first two sides, and by 12 % at random everywhere.
-
-    The kernel of the graph is off: it gives up loops that correct a metre, since the edges between
-    key scans in a bare corridor are too sure.
-    """
+    """Wheels that slip by 6 % on the first two sides, and by 12 % at random everywhere."""
     rng, rolls = Random(1), Odometry.move
     patch = {"left": 0.0, "scale": 1.0}
 
@@ -82,13 +76,6 @@ def slippery(monkeypatch: pytest.MonkeyPatch) -> None:
         rolls(self, left_m * scale, right_m * scale)
 
     monkeypatch.setattr(Odometry, "move", move)
-    begin = Slam.__init__
-
-    def without_kernel(self: Slam, parameters: object = None) -> None:
-        begin(self, parameters)  # type: ignore[arg-type]
-        self.graph.parameters = GraphParameters(loss=Kernel.NONE)
-
-    monkeypatch.setattr(Slam, "__init__", without_kernel)
 
 
 class Round(NamedTuple):

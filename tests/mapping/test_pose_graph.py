@@ -130,3 +130,28 @@ def test_an_empty_graph_and_an_edge_to_nowhere() -> None:
         PoseGraph(GraphParameters(damping=0.0), [graph.edges[0]._replace(end=1)]).optimise(
             np.zeros((3, 3))
         )
+
+
+def test_a_loop_that_an_uncertain_chain_explains_counts_and_a_false_one_is_still_switched_off() -> (
+    None
+):
+    truth, unsure = circle(81, rounds=1), np.diag([10.0**2, 10.0**2, 100.0**2])
+    graph, poses = PoseGraph(), [truth[0]]
+    for k in range(1, 81):
+        step = relative(truth[k - 1], truth[k]) + np.array([0.05 if k < 40 else 0.0, 0.0, 0.0])
+        graph.add(Edge(k - 1, k, step, unsure))
+        poses.append(compose(poses[-1], step))
+    graph.add(Edge(0, 80, relative(truth[0], truth[80]), SURE, loop=True))
+    start = np.array(poses)
+    graph.optimise(start)
+    assert graph.weights[80] < 0.01
+    found = graph.optimise(start, expected=[80])
+    assert graph.weights[80] > 0.99
+    for k in range(5, 35):  # every place is recognised, and one is taken for another
+        graph.add(Edge(k, k + 40, relative(truth[k], truth[k + 40]), SURE, loop=True))
+    graph.add(
+        Edge(20, 70, relative(truth[20], truth[70] + np.array([1.0, 0.0, 0.0])), SURE, loop=True)
+    )
+    graph.optimise(found, expected=[len(graph.edges) - 1])
+    assert graph.weights[-1] < 0.01
+    assert graph.weights[80:-1].min() > 0.9
