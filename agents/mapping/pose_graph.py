@@ -109,8 +109,8 @@ class PoseGraph:
         Args:
             poses: (n, 3) to begin with.
             expected: Loop edges, by number, whose error the chain between their ends explains.
-                They count fully in the first rounds. Else the kernel would switch them off before
-                the chain gives way.
+                They count fully in the first rounds, as do those that were on before. Else the
+                kernel would switch them off before the chain gives way.
         """
         p, count = self.parameters, len(poses)
         found = np.array(poses, dtype=np.float64)
@@ -125,6 +125,7 @@ class PoseGraph:
         before = np.inf
         robust, trusting = terms.loop.copy(), EXPECTED_ROUNDS if expected else 0
         robust[list(expected)] = False
+        robust[np.flatnonzero(self.weights > 0.5)] = False  # or a false loop would win over these
         for turn in range(p.rounds):
             errors = terms.errors(found)
             chi2 = terms.chi2(errors)
