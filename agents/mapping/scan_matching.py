@@ -26,10 +26,10 @@ LEAST_RANGE_M: Final = 0.1
 NEIGHBOURS: Final = 3
 """Points on each side from which a normal is estimated."""
 
-APART_M: Final = 0.02
-"""Least distance of these points from each other: noise of 0.01 m in their ranges turns the normal
-by 0.1 rad. Neighbouring rays on a near wall are closer. Their normals would be random, and a bare
-corridor would seem to fix the pose along it."""
+APART_M: Final = 0.01
+"""Least distance of these points from each other, about the noise of a range. Neighbouring rays on
+a near wall are closer. Their normals would be random, and a bare corridor would seem to fix the
+pose along it. 0, 0.01 and 0.02 m were compared on acapulco and intel, and on floor by a Jackal."""
 
 LEAST_POINTS: Final = 10
 """With fewer corresponding points there is no match."""
