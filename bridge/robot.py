@@ -82,6 +82,9 @@ LINE_LOG_S = 10.0
 
 _SIDES = {1: "ahead", -1: "behind", 0: "on turning"}
 
+ROUNDING = 1e-9
+"""m/s and rad/s by which a command may exceed the top speeds: sums of floats round."""
+
 DESCRIBE_CYCLES = 10
 """Cycles between two publications of the description, for agents that start later."""
 
@@ -531,7 +534,7 @@ class Robot(DeviceAgent):
     def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
         """The refusal of speeds beyond the profile's limits."""
         limits, (v, w) = self.profile.limits, action
-        if abs(v) <= limits.v_max and abs(w) <= limits.w_max:
+        if abs(v) <= limits.v_max + ROUNDING and abs(w) <= limits.w_max + ROUNDING:
             return ""
         return f"{v:g} m/s, {w:g} rad/s is beyond {limits.v_max:g} m/s, {limits.w_max:g} rad/s"
 

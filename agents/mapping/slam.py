@@ -183,7 +183,7 @@ class Slam:
         self._in_world: dict[int, PointCloud] = {}  # clouds of the local map, at the present poses
         self._optimised = 0  # key scans at the newest optimisation
         self._searched = 0  # key scans for which loops were searched
-        self._relocator: Relocator | None = None  # while the newest part has no known place
+        self._relocators: dict[int, Relocator] = {}  # by part, while the newest has no known place
         self._proof: tuple[int, int] | None = None  # first of a joined part, and how far to check
         self._against = 0  # newest key scans that look through walls of the map
         self._joins: _Joins | None = None  # of the poses that are to be adopted
@@ -308,6 +308,7 @@ class Slam:
         if self._at is not None:
             step = relative(self._at, here)
             near = hypot(step[0], step[1]) < p.minimum_travel_distance
+            near &= not (mapping and self._lost is not None)  # it maps again: at once
             if self.full or (near and abs(step[2]) < p.minimum_travel_heading):
                 return self._update(here, key=False, matched=False)
         cloud = matched_points(ranges, bearings, origin, p.max_range)
@@ -474,7 +475,7 @@ class Slam:
         self.carried.append(first)
         self._begin, self._continues = first, False
         self.part[first:] = self.part.max() + 1
-        self._relocator = None
+        self._relocators = {}
         at = next(k for k, edge in enumerate(self.graph.edges) if edge.end == first)
         self.graph.edges[at] = self.graph.edges[at]._replace(information=UNKNOWN)
         self._covariance = self._covariance + np.linalg.inv(UNKNOWN)
@@ -543,7 +544,7 @@ class Slam:
         self._begin, self._continues = count, False
         self._covariance, self._near = np.zeros((3, 3)), np.zeros((3, 3))
         self._loop_way, self._inliers, self._bad = self.way[-1], 1.0, 0
-        self._doubtful, self._relocator, self.closer.pending = [], None, []
+        self._doubtful, self._relocators, self.closer.pending = [], {}, []
 
     def _keep(self, pose: Floats, way: float, cloud: PointCloud, number: int, part: int) -> None:
         self.poses = np.vstack([self.poses, pose])
@@ -563,7 +564,7 @@ class Slam:
         self.graph.edges = [edges[k] for k in kept]
         self.graph.weights = weights[[k for k in kept if k < len(weights)]]
         self.loops = [loop for loop in self.loops if loop.end < count]
-        self._new_loops, self._searched, self._lost, self._relocator = 0, count, None, None
+        self._new_loops, self._searched, self._lost, self._relocators = 0, count, None, {}
         self._expected = []
         self._optimised = min(self._optimised, count)
 
@@ -678,12 +679,17 @@ class Slam:
     def _relocating(self) -> Sliced[list[Recognised]]:
         """Search the place of the newest part on the older ones; return what agrees."""
         p, mine = self.parameters, np.flatnonzero(self.present)
-        if self._relocator is None:
-            known = self._scans(np.flatnonzero(self.part < self.part[-1]))
-            self._relocator = Relocator(known, p.relocation, p.matcher)
-        relocator, way = self._relocator, [self.way[k] for k in mine]
+        # Parts lie on each other, so that each is searched alone, in turn; the largest first.
+        parts, sizes = np.unique(self.part[self.part < self.part[-1]], return_counts=True)
+        for part in parts[np.argsort(-sizes, kind="stable")].tolist():
+            if part not in self._relocators:
+                known = self._scans(np.flatnonzero(self.part == part))
+                self._relocators[part] = Relocator(known, p.relocation, p.matcher)
+        relocators = self._relocators
+        relocator = min(relocators.values(), key=lambda one: one.searches)
+        way = [self.way[k] for k in mine]
         found = yield from relocator.searching(self._scans(mine), way, self._origin)
-        return found if self._relocator is relocator else []  # another part has begun
+        return found if self._relocators is relocators else []  # another part has begun
 
     def _proving(self, first: int) -> Sliced[None]:
         """Compare the newest key scan with the walls of the map that its part was joined to."""
@@ -749,7 +755,7 @@ class Slam:
         self.revision += 1
         if self._joins is not None:
             label, to, newest, temporary = self._joins
-            self._joins, self._relocator = None, None
+            self._joins, self._relocators = None, {}
             self.relocations += 1
             self._against = 0
             if temporary:

@@ -82,6 +82,8 @@ def _check(args: Options) -> None:
     from armadico.config import grid_map
 
     if args.resume is not None:
+        if Path(args.resume).suffix not in (".yaml", ".yml"):
+            raise UsageError(f"--resume {args.resume}: expected the .yaml of a saved map")
         grid_map.read(args.resume)
     if args.map is not None:
         if args.runs is not None:
@@ -104,7 +106,7 @@ def _check_sensors(args: Options, scenario: Scenario) -> None:
     if args.resume is not None:
         from armadico.config import graph_file
 
-        graph_file.read(graph_file.beside(Path(args.resume)))
+        graph_file.of_map(Path(args.resume))
 
 
 def exploration(scenario: Scenario) -> ExploreRequest:

@@ -42,7 +42,7 @@ def run(args: Options) -> int:
 
     check_suffix(args.file)
     if args.what == "load":
-        graph = graph_file.read(graph_file.beside(args.file))
+        graph = graph_file.of_map(args.file)
     with args.mesh.client() as client:
         print(save(client, args.file) if args.what == "save" else load(client, graph, args.file))
     return 0
@@ -67,12 +67,16 @@ def save(client: Client, file: Path) -> str:
         cells = grid_map.cells_of(grid) if graph is None else graph.drawn()
         if not cells.states.size:
             raise options.FailedError("the map is empty: no sensor has measured anything yet")
-        more = {}
+        more, apart = {}, 0 if graph is None else int((~graph.main).sum())
+        replaced = file.suffix != ".map" and beside.exists()
+        if apart and replaced:
+            kept, file = file, file.with_stem(f"{file.stem}-apart")
+            beside = graph_file.beside(file)
         if graph is not None and file.suffix != ".map":
             more[beside] = graph_file.encode(graph)
         files = grid_map.save(cells, file, more)
-        if beside not in files and file.suffix != ".map":
-            beside.unlink(missing_ok=True)  # it was of the map that is replaced
+        if replaced and beside not in files:
+            beside.unlink(missing_ok=True)
     except ValueError as error:
         raise options.FailedError(f"the mapping agent's map is invalid: {error}") from None
     except OSError as error:
@@ -83,8 +87,12 @@ def save(client: Client, file: Path) -> str:
     text = (
         f"{', '.join(others)} and {last}: " if others else f"{last}: "
     ) + f"{columns} x {rows} cells of {cells.cell_m:g} m, {free:.1f} m^2 of it free"
-    if graph is not None and (apart := int((~graph.main).sum())):
+    if apart:
         text += f"; {apart} key scans whose place on it is unknown are only in the graph"
+    if apart and replaced:
+        text += f"; {kept} is kept, since the robot may not have found its place on it"
+    elif replaced and graph is None:
+        text += f"; {beside} is removed, since it belongs to the map before"
     return text
 
 

@@ -19,7 +19,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import POSE, Command, flag, option
 from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
 from armadico.config.errors import ConfigError
-from armadico.runtime.errors import SocietyError
+from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -255,16 +255,21 @@ def _keep_map(args: Drive, client: Client) -> None:
     if args.map is not None:
         from armadico.cli.map import save
 
-        options.report(save(client, args.map))
+        try:
+            options.report(save(client, args.map))
+        except AbsentError as error:
+            raise FailedError(f"{args.map} is not written: {error}") from None
 
 
 def _rescue_map(args: Drive, client: Client) -> None:
     """Stop the robot and save the map of an interrupted run."""
     if args.map is None:
         return
-    with suppress(SocietyError, FailedError):
+    try:
         client.stop(by="armadico explore")
         _keep_map(args, client)
+    except (SocietyError, FailedError) as error:
+        options.report(f"the map is not saved: {error}")
 
 
 def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) -> LiveRun:

@@ -190,10 +190,24 @@ def read(path: Path) -> SavedGraph:
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        raise ConfigError("there is no such file: the map was made without SLAM", path) from None
+        raise ConfigError(
+            "there is no such file: the map was saved without SLAM, or copied without its graph",
+            path,
+        ) from None
     except OSError as error:
         raise ConfigError(f"cannot read it: {error.strerror or error}", path) from None
     return decode(data, path)
+
+
+def of_map(file: Path) -> SavedGraph:
+    """The graph beside a map's .yaml. Raises ConfigError with a file's name."""
+    if file.suffix not in (".yaml", ".yml"):
+        raise ConfigError(
+            f"expected the .yaml of a saved map, got {file.suffix or 'no ending'}", file
+        )
+    if not file.exists():
+        raise ConfigError("there is no such file", file)
+    return read(beside(file))
 
 
 def decode(data: bytes, file: Path | str) -> SavedGraph:
