@@ -134,3 +134,23 @@ def test_a_twin_that_is_not_on_the_map_is_reported_once_the_map_contradicts() ->
     path = drive([(2.0, 3.0), (19.0, 3.0), (-1.0, 3.0), (-1.0, 0.0), (10.0, 0.0)], step=0.4)
     taken(again, path, relative(path[0], path), walls=twins(3.0))
     assert "contradicts the place" in again.uncertain
+
+
+def test_a_robot_is_found_on_a_part_that_another_part_lies_on() -> None:
+    slam, _ = mapped(ring(), PATH[:75], PATH[:75])
+    apart = kept(slam)
+    taken(apart, THERE, relative(THERE[0], THERE))
+    again, path = kept(apart), PATH[95:130]
+    poses = taken(again, path, relative(path[0], path), 100.0)
+    assert again.located
+    assert np.hypot(*(poses[-1] - path[-1])[:2]) < 0.1
+
+
+def test_a_lost_robot_that_maps_again_begins_a_part_where_it_stands() -> None:
+    slam, _ = mapped(ring(), PATH[:75], PATH[:75])
+    again, here = kept(slam), np.repeat(PATH[100:101], 3, axis=0)
+    taken(again, here, 0.0 * here, mapping=False)
+    assert again.lost
+    taken(again, here[:1], 0.0 * here[:1], 100.0, mapping=True)
+    assert not again.lost
+    assert again.parts == 2
