@@ -85,7 +85,7 @@ def test_a_virtual_one_that_is_interrupted_keeps_the_map_so_far(
         (("explore", "sc3", *LASER, "--without", "encoder"), 2, "can be without gothrough"),
         (("explore", *EXACT, "--virtual", "--within", "5", "0", "6", "2"), 1, "not in the rect"),
         (("map",), 2, "what"),
-        (("map", "load", "a.yaml"), 2, "a.graph.npz: there is no such file"),
+        (("map", "load", "a.yaml"), 2, "a.yaml: there is no such file"),
         (
             ("explore", "house", "--profile", "jackal", "--virtual", "--resume", "a.yaml"),
             2,

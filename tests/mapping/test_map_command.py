@@ -34,8 +34,10 @@ def test_a_map_is_saved_with_its_graph_and_loaded_into_the_running_agent(tmp_pat
     assert (cells.states == graph.drawn().states).all()
     assert "key scans loaded" in command.load(run.client, saved_graph(), file)
     run.mesh.run(run.mesh.now + 8.0)
-    command.save(run.client, file)
-    assert (graph_file.read(graph_file.beside(file)).poses[:5] == saved_graph().poses[:5]).all()
+    assert f"{file} is kept" in command.save(run.client, file)
+    other = graph_file.read(graph_file.beside(tmp_path / "flat-apart.yaml"))
+    assert (other.poses[:5] == saved_graph().poses[:5]).all()
+    assert (grid_map.read(file).states == cells.states).all()
 
 
 def test_a_graph_of_the_map_that_is_replaced_does_not_stay(tmp_path: Path) -> None:
@@ -45,7 +47,7 @@ def test_a_graph_of_the_map_that_is_replaced_does_not_stay(tmp_path: Path) -> No
     run = Rehearsal(exploring(scenario), Options(seed=1))
     run.start()
     run.mesh.run(run.mesh.now + 3.0)
-    command.save(run.client, file)
+    assert "flat.graph.npz is removed" in command.save(run.client, file)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["flat.pgm", "flat.yaml"]
     with pytest.raises(FailedError, match=r"mapping-.* cannot find the robot on a map"):
         command.load(run.client, saved_graph(), file)
