@@ -99,6 +99,7 @@ class Explore(Agent):
         self._home, self._home_moves = Waypoint(0.0, 0.0, 0.0), True
         self._was_placed = True
         self._places = self._failures = 0
+        self._resumed = 0  # explorations that went on at home
         self._avoided: list[Placed] = []  # places given up
         self._second_look = False
         self._order = Ordered()
@@ -132,7 +133,7 @@ class Explore(Agent):
         self._was_placed = self._is_placed
         self._within = within
         self._home = request.home or Waypoint(pose.x, pose.y, pose.theta)
-        self._places = self._failures = 0
+        self._places = self._failures = self._resumed = 0
         self._avoided = []
         self._second_look = False
         self._order.own.clear()
@@ -343,7 +344,11 @@ class Explore(Agent):
     def _arrived(self) -> None:
         if self._state is ExploreState.RETURNING:
             left = len(self._avoided)
-            if left:
+            if self._is_open():
+                self._resumed += 1
+                self._became(ExploreState.EXPLORING)
+                self._drop()
+            elif left:
                 self._fail(f"{left} places could not be reached")
             else:
                 self._became(ExploreState.DONE)
@@ -353,6 +358,14 @@ class Explore(Agent):
             if chart.unknown_at(self._target, self._tries[0]):
                 self._give_up("still unknown from there")
         self._target = None
+
+    def _is_open(self) -> bool:
+        """Whether there is a frontier again, by what was seen on the way home."""
+        pose = self.latest(Pose)
+        if self._cells is None or pose is None or self._resumed >= self.p.tries:
+            return False
+        here, home = Placed(pose.x, pose.y, pose.theta), Placed(self._home.x, self._home.y)
+        return self._to_frontier(self._chart(self._cells), here, home) is not None
 
     def _give_up(self, why: str) -> None:
         """Leave the target for later; failing to reach home is a failure."""

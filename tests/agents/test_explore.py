@@ -212,6 +212,26 @@ def test_when_nothing_is_left_it_goes_home_and_is_done() -> None:
     assert not desk.exploring.given_up
 
 
+def test_what_it_sees_on_the_way_home_is_explored_from_there() -> None:
+    desk = Desk(hall())
+    desk.begin(home=Waypoint(1.0, 1.0, 0.5))
+    desk.map(hall())
+    desk.moved(3.5, 1.0)
+    desk.map(hall(end=OCCUPIED))
+    desk.status(MissionState.DRIVING)
+    desk.map(hall())  # there is an opening after all
+    assert desk.exploring.state is ExploreState.RETURNING
+    desk.moved(1.0, 1.0)
+    desk.status(MissionState.REACHED, 0.0)
+    assert desk.exploring.state is ExploreState.EXPLORING
+    desk.map(hall())
+    assert desk.sent[-1].goal.x == pytest.approx(3.95, abs=0.15)
+    desk.map(hall(end=OCCUPIED))
+    desk.status(MissionState.DRIVING)
+    desk.status(MissionState.REACHED, 0.0)
+    assert desk.exploring.state is ExploreState.DONE
+
+
 @pytest.mark.parametrize(
     ("end", "state", "x"),
     [(OCCUPIED, ExploreState.RETURNING, 1.0), (UNKNOWN, ExploreState.EXPLORING, 3.95)],
