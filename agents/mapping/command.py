@@ -122,6 +122,8 @@ def run(args: Options) -> int:
         _show(log, drift, figures, related)
     for line in written:
         say(line)
+    if related is not None and not related.used:
+        say(f"{args.relations}: none of its times are times of scans: is it of this log?")
     if figures.uncertain:
         say(f"the map may be wrong: {figures.uncertain}")
     return 0
