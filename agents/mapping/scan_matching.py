@@ -168,8 +168,13 @@ def looked_at(
 def seen_through(cloud: PointCloud, known: Floats, origin: tuple[float, float]) -> float:
     """The share of points (n, 2) that a scan passes through, of those that it reaches."""
     visible, through = looked_at(cloud, known, origin)
-    count = np.count_nonzero(visible)
-    return float(np.count_nonzero(through) / count) if count >= LEAST_POINTS else 0.0
+    return share_of(through, visible, LEAST_POINTS)
+
+
+def share_of(some: NDArray[np.bool_], every: NDArray[np.bool_], least: int) -> float:
+    """The share of flags; 0 if there are fewer than `least`, which are too few to tell."""
+    count = np.count_nonzero(every)
+    return float(np.count_nonzero(some) / count) if count >= least else 0.0
 
 
 def voxel_filtered(points: Floats, size: float, most: int) -> Floats:

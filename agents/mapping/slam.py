@@ -53,6 +53,7 @@ from armadico.agents.mapping.scan_matching import (
     point_cloud,
     point_to_line,
     seen_through,
+    share_of,
     voxel_filtered,
 )
 from armadico.agents.mapping.slices import Sliced, finished
@@ -509,14 +510,18 @@ class Slam:
         # Of people in the map nothing is left: only what other scans saw there is a wall.
         walls = near.points[through][:: 1 + np.count_nonzero(through) // WALLS]
         passed, met = self._seen(chain, walls, origin)
-        share = _share(through, seen) * float((met > passed).mean()) if len(walls) else 0.0
+        share = (
+            share_of(through, seen, LEAST_POINTS) * float((met > passed).mean())
+            if len(walls)
+            else 0.0
+        )
         passed, met = self._seen(chain, transformed(match.pose, cloud.points), origin)
         known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
         if since:
             before = in_world([(self.poses[k], self.clouds[k]) for k in since])
             there = LikelihoodField(before, pose[:2], reach, p.matcher)
             empty &= there.near(transformed(pose, cloud.points))
-        share = max(share, _share(empty, known))
+        share = max(share, share_of(empty, known, LEAST_POINTS))
         return True if share > max(p.lost_share, match.inliers) else None
 
     def _seen(
@@ -642,7 +647,10 @@ class Slam:
         due = due or count % p.optimize_every_n_nodes == 0
         if not (joined or (self._new_loops and due and not self.lost)):
             return None
-        poses = poses if joined else self.poses
+        return (yield from self._optimising(poses if joined else self.poses))
+
+    def _optimising(self, poses: Floats) -> Sliced[Floats]:
+        """The poses that fit the graph with its new loops."""
         self._new_loops, self._moving, self._optimised = 0, False, len(poses)
         expected, self._expected = self._expected, []
         return (yield from self.graph.optimising(poses, expected))
@@ -772,9 +780,7 @@ class Slam:
     def finish(self) -> bool:
         """Optimise once more if there are new loops; whether the revision grew."""
         if self._new_loops:
-            self._new_loops, self._moving, self._optimised = 0, False, len(self.poses)
-            expected, self._expected = self._expected, []
-            self.adopt(self.graph.optimise(self.poses, expected))
+            self.adopt(finished(self._optimising(self.poses)))
             return True
         return False
 
@@ -794,9 +800,3 @@ def matched_points(
         step = abs(float(bearings[-1] - bearings[0])) / (len(bearings) - 1)
         every = max(1, int(RAYS_APART / step))
     return point_cloud(ranges[::every], bearings[::every], origin, max_range)
-
-
-def _share(some: NDArray[np.bool_], every: NDArray[np.bool_]) -> float:
-    """The share of flags, 0 if there are too few to tell."""
-    count = np.count_nonzero(every)
-    return float(np.count_nonzero(some) / count) if count >= LEAST_POINTS else 0.0
