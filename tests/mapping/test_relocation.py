@@ -136,6 +136,17 @@ def test_a_twin_that_is_not_on_the_map_is_reported_once_the_map_contradicts() ->
     assert "contradicts the place" in again.uncertain
 
 
+def test_of_two_places_that_are_alike_none_is_taken() -> None:
+    """In a bare room each place looks like the one opposite."""
+    room = np.array([(-4, -3, 4, -3), (4, -3, 4, 3), (4, 3, -4, 3), (-4, 3, -4, -3)], dtype=float)
+    path = drive([(-2.5, -1.5), (2.5, -1.5), (2.5, 1.5), (-2.5, 1.5), (-2.5, -1.5)], step=0.4)
+    slam, _ = mapped(room, path, path)
+    again = kept(slam)
+    taken(again, path[5:40], relative(path[5], path[5:40]), walls=room)
+    assert not again.located
+    assert again.parts == 2
+
+
 def test_a_robot_is_found_on_a_part_that_another_part_lies_on() -> None:
     slam, _ = mapped(ring(), PATH[:75], PATH[:75])
     apart = kept(slam)
