@@ -1,6 +1,7 @@
 """Options, errors and exit codes that all commands share.
 
-Exit codes: 0 success, 1 failure, 2 wrong command line or configuration, 130 interrupted.
+Exit codes: 0 success, 1 failure, 2 wrong command line or configuration, 3 unknown (a judgement that
+lacks evidence), 130 interrupted.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from armadico.cli.parsing import (
 )
 from armadico.config.errors import ConfigError
 from armadico.core.errors import UnknownNameError
+from armadico.core.judgement import UNKNOWN_EXIT
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
@@ -53,6 +55,7 @@ __all__ = ["UsageError", "parser", "version"]  # imported from here by other pac
 
 FAILED: Final = 1
 USAGE: Final = 2
+UNKNOWN: Final = UNKNOWN_EXIT
 INTERRUPTED: Final = 130
 
 JOIN_S: Final = 1.0
