@@ -26,9 +26,8 @@ _EXIT: Final = {Answer.YES: 0, Answer.NO: 1, Answer.UNKNOWN: UNKNOWN_EXIT}
 _RANK: Final = {Answer.YES: 0, Answer.UNKNOWN: 1, Answer.NO: 2}
 
 
-@dataclass(
-    frozen=True, slots=True
-)  # no Struct: --help, which knows the exit code, imports no msgspec
+# No Struct: --help, which knows the exit code, imports no msgspec.
+@dataclass(frozen=True, slots=True)
 class Judgement:
     """One conclusion, made by `yes`, `no` or `unknown`.
 
