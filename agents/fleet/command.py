@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.cli.run_options import check_connect
+from armadico.core.judgement import Answer
 from armadico.mesh.endpoints import Endpoints
 from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
@@ -38,8 +39,13 @@ STARTING: Final = {"without": "without", "besides": "with"}
 
 
 def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
-    """Run the fleet; return 0 only if all tasks were done, none twice, without collisions."""
+    """Run the fleet; return 0 only if all tasks were done, none twice, without collisions.
+
+    Returns `options.UNKNOWN` if that is not known.
+    """
     from dataclasses import replace
+
+    from armadico.cli.run import exit_code
 
     for option in ALONE:
         if getattr(args, option) not in (None, False):
@@ -71,7 +77,7 @@ def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
         _table(result, label)
     if faults:
         raise options.FailedError("\n".join(faults))
-    return 0 if result.passed else options.FAILED
+    return exit_code(args, result.judgement)
 
 
 def fleet_of(mesh: options.Mesh) -> str:
@@ -217,3 +223,5 @@ def _table(result: FleetResult, label: str) -> None:
         table.add_row(row.robot, did, f"{row.way_m:.1f}", *touched, least)
     Console().print(table)
     print(result.verdict)
+    if result.judgement.answer is Answer.NO:
+        print(f"no: {result.judgement.reason}")

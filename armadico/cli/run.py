@@ -19,6 +19,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import POSE, Command, flag, option
 from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
 from armadico.config.errors import ConfigError
+from armadico.core.judgement import Answer, Judgement, all_of, no
 from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
@@ -71,7 +72,10 @@ class Options(Drive):
 
 
 def run(args: Options) -> int:
-    """Drive; returns 0 only if every run reached its goal, if any, without a collision."""
+    """Drive; returns 0 only if every run reached its goal, if any, without a collision.
+
+    Returns `options.UNKNOWN` if that is not known.
+    """
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
@@ -115,6 +119,7 @@ def refused(args: Drive, error: Exception) -> None:
         min_clearance_m=None,
         why=str(error),
         done=None if args.mission is None else False,
+        judgement=no(str(error)),
     )
     _print_json([result], several=args.runs is not None)
 
@@ -134,7 +139,18 @@ def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
         raise FailedError("\n".join(faults))
     pictures = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
     drawn = all(path is None or path.is_file() for path in pictures)
-    return 0 if drawn and all(result.passed for result in results) else options.FAILED
+    code = exit_code(args, all_of(result.judgement for result in results))
+    return code if drawn else code or options.FAILED
+
+
+def exit_code(args: Drive, judgement: Judgement) -> int:
+    """The exit code of a judgement; prints what is not known, and how to make it known."""
+    if judgement.answer is not Answer.UNKNOWN:
+        return judgement.exit_code
+    if not args.json:
+        options.report(options.shown(f"unknown: {judgement.reason}"))
+        options.report(options.shown(f"  -> {judgement.cure}"))
+    return 0 if args.accept_unknown else judgement.exit_code
 
 
 def _seeds(args: Drive, scenario: Scenario) -> range:
@@ -317,7 +333,11 @@ def _print_json(results: Sequence[Result], *, several: bool) -> None:
     import msgspec
 
     rows = msgspec.to_builtins(list(results))
-    print(json.dumps({"runs": rows, **statistics(results)} if several else rows[0]))
+    if not several:
+        print(json.dumps(rows[0]))
+        return
+    judgement = msgspec.to_builtins(all_of(result.judgement for result in results))
+    print(json.dumps({"runs": rows, "judgement": judgement, **statistics(results)}))
 
 
 NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico[plot]'"

@@ -104,7 +104,11 @@ class Drive:
     runs: int | None = option(
         "drive N times with successive seeds (default: once)", metavar="N", must=at_least(1)
     )
-    json: bool = flag("print one JSON object; of several runs: runs, mean, deviation")
+    json: bool = flag("print one JSON object; of several runs: runs, judgement, mean, deviation")
+    accept_unknown: bool = flag(
+        "return 0 instead of 3 for a run whose result is unknown, as on a real robot, of which"
+        " nothing counts collisions"
+    )
     plot: Path | None = option(
         "write the picture to a PNG file (default: runs/SCENARIO.png if live, else none)",
         metavar="FILE",

@@ -140,6 +140,8 @@ class View:
         logs: The newest log lines, newest last.
         reports: By monitor, its newest report.
         errands: By kind of message, the progress of errands.
+        simulator: The id of the robot's own simulator, if the observer knows it from elsewhere,
+            as a run that started it; empty: by the robot's description.
         truth: The newest ground truth of the robot's own simulator.
         rests_since: When the robot came to rest; None: it moves.
         lost_since: When the pose became too uncertain to drive; None: the robot is localized.
@@ -159,6 +161,7 @@ class View:
         self.logs: deque[LogLine] = deque(maxlen=LINES)
         self.reports: dict[str, MonitorReport] = {}
         self.errands: dict[type[Message], tuple[Progress, ...]] = {}
+        self.simulator = ""
         self.truth: Truth | None = None
         self.rests_since: float | None = None
         self.lost_since: float | None = None
@@ -341,8 +344,9 @@ class View:
         return "" if self.description is None else self.description.controller
 
     def _own(self, simulator: str) -> bool:
-        """Whether a simulator is the robot's own; one without a name never is."""
-        return simulator == self.controller != ""
+        """Whether a simulator is the robot's own; one without an id never is."""
+        described = "" if self.description is None else self.description.of_truth
+        return simulator == (self.simulator or described) != ""
 
     def strangers(self, now: float) -> list[str]:
         """Simulators that publish in the namespace but are not the robot's.
