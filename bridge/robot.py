@@ -201,7 +201,9 @@ class Robot(DeviceAgent):
         logged = self._known.openings in LOGGED_ATTEMPTS or not self._known.openings
         if not up:
             self._orders.moving = False
-            if logged:
+            if logged and self._known.unfit:  # as a refused controller does
+                self.log(f"the port {self.p.port} was closed by the other end")
+            elif logged:
                 self.log(f"the port {self.p.port} is gone: {why}", ERROR)
             return
         if logged:

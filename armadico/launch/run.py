@@ -313,7 +313,7 @@ class LiveRun(RobotRun):
         """Report a warning; a robot that does not fit the profile ends the run."""
         if isinstance(message, Log) and message.event == LogEvent.UNFIT:
             self._unfit = message.text
-        else:
+        elif not self._unfit:  # what follows from it would only hide the reason
             self.pass_on(self.client.key, message)
 
     def _ready_to_drive(self) -> bool:
