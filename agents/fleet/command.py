@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.cli.run_options import check_connect
-from armadico.core.judgement import Answer
 from armadico.mesh.endpoints import Endpoints
 from armadico.mesh.topology import DEFAULT_NAMESPACE, checked_namespace
 
@@ -223,5 +222,5 @@ def _table(result: FleetResult, label: str) -> None:
         table.add_row(row.robot, did, f"{row.way_m:.1f}", *touched, least)
     Console().print(table)
     print(result.verdict)
-    if result.judgement.answer is Answer.NO:
+    if result.judgement.answer == "no":
         print(f"no: {result.judgement.reason}")

@@ -7,7 +7,6 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from armadico.cli import options
-from armadico.core.judgement import Answer, all_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,8 +25,8 @@ WORDS: Final = (
 )
 """By the field of a result: its symbol (of thesis 5.1, where it has one) and its meaning."""
 
-STYLES: Final = {Answer.YES: None, Answer.NO: "bold red", Answer.UNKNOWN: "bold yellow"}
-"""The colour of a judgement."""
+STYLES: Final = {"yes": None, "no": "bold red", "unknown": "bold yellow"}
+"""The colour of a judgement by its answer."""
 
 
 class Column(NamedTuple):
@@ -80,6 +79,8 @@ def show(scenario: str, results: Sequence[Result]) -> None:
     """Print a row a run; of one run, or on a narrow terminal, a row a measure."""
     from rich.console import Console
 
+    from armadico.core.judgement import all_of
+
     console = Console()
     found = list(columns(results))
     table = _down(results, found)
@@ -98,12 +99,12 @@ def _verdict(results: Sequence[Result]) -> str:
     if len(results) > 1:
         passed = sum(result.passed for result in results)
         did = "had no collision" if first.arrived is None else "reached the goal, no collision"
-        unknown = sum(result.judgement.answer is Answer.UNKNOWN for result in results)
+        unknown = sum(result.judgement.answer == "unknown" for result in results)
         return f"{passed} of {len(results)} runs {did}" + (f", {unknown} unknown" * bool(unknown))
     verdict = first.outcome
     if first.collisions:
         return f"{verdict}, {first.collisions} COLLISION(S)"
-    if first.judgement.answer is not Answer.UNKNOWN:
+    if first.judgement.answer != "unknown":
         return verdict
     reason = first.judgement.reason
     return reason if verdict in reason else f"{verdict}; {reason}"

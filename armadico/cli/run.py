@@ -19,11 +19,11 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import POSE, Command, flag, option
 from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
 from armadico.config.errors import ConfigError
-from armadico.core.judgement import Answer, Judgement, all_of, no
 from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
+    from armadico.core.judgement import Judgement
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options as Chosen
@@ -103,6 +103,7 @@ def refused(args: Drive, error: Exception) -> None:
     """With `--json`, print the result of a rejected run."""
     if not args.json:
         return
+    from armadico.core.judgement import no
     from armadico.observe.measures import Result
 
     result = Result(
@@ -126,6 +127,8 @@ def refused(args: Drive, error: Exception) -> None:
 
 def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
     """Drive, print the measures, and return the exit code."""
+    from armadico.core.judgement import all_of
+
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
@@ -145,7 +148,7 @@ def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
 
 def exit_code(args: Drive, judgement: Judgement) -> int:
     """The exit code of a judgement; prints what is not known, and how to make it known."""
-    if judgement.answer is not Answer.UNKNOWN:
+    if judgement.answer != "unknown":
         return judgement.exit_code
     if not args.json:
         options.report(options.shown(f"unknown: {judgement.reason}"))
@@ -331,6 +334,8 @@ def _recording(
 
 def _print_json(results: Sequence[Result], *, several: bool) -> None:
     import msgspec
+
+    from armadico.core.judgement import all_of
 
     rows = msgspec.to_builtins(list(results))
     if not several:

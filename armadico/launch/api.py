@@ -228,8 +228,8 @@ def run(
         MeshError: The mesh cannot be joined.
         TopologyError: An invalid namespace or endpoint.
         TypeError: A seed, limit, pose or agent class of another type.
-        ValueError: An invalid seed or limit; `robot`, `namespace` or `connect` in a virtual run; `joins`
-            in another one; `show` outside a notebook.
+        ValueError: An invalid seed or limit; `robot`, `namespace` or `connect` in a virtual run;
+            `joins` in another one; `show` outside a notebook.
         ImportError: `show` without matplotlib (`pip install 'armadico[plot]'`).
     """
     if virtual and (robot or namespace or connect):
@@ -295,8 +295,8 @@ def _check_types(
     for name, pose in (("start", start), ("goal", goal)):
         if pose is None:
             continue
-        parts = pose if isinstance(pose, Iterable) and not isinstance(pose, str) else ()
-        if [_is_number(part) for part in parts] != [True] * 3:
+        parts = () if isinstance(pose, str) or not isinstance(pose, Iterable) else tuple(pose)
+        if parts == () or not all(map(_is_number, parts)):
             raise TypeError(
                 f"{name}={pose!r}: expected three numbers (x, y, theta) in m, m, rad, such as"
                 " (1.0, 2.0, 0.0)"

@@ -314,14 +314,16 @@ class RunWatch:
 
     @property
     def stands(self) -> str:
-        """Why the robot cannot drive: a latched stop, or motors that are off; "" otherwise."""
+        """Why the robot cannot drive: a latched stop, motors off, a blocked wheel; else ""."""
         state = self.view.state
         if state is None or not self.begun or self.done:
             return ""
         if state.stop.stopped:
             how = release(state.stop, motors=state.motors)
             return f"stopped by {state.stop.requester}; {how}"
-        return "" if state.motors else "the robot's motors are off"
+        if not state.motors:
+            return "the robot's motors are off"
+        return "stalled: the robot touches something" if state.stalled else ""
 
     def judge(self) -> Judgement:
         """Whether the goal is reached or the mission done, without a collision."""
