@@ -121,7 +121,7 @@ class FleetWatch:
     def lose(self, why: str) -> None:
         """From now on nothing is known, as when the simulator has ended."""
         for name in self.names:
-            self._robots.setdefault(name, _Robot()).truth.lose(why)
+            self._one(name).truth.lose(why)
         self.lost = why
 
     def update(self, robot: str, message: Message, now: float) -> None:
@@ -130,7 +130,7 @@ class FleetWatch:
         if isinstance(message, FleetPose):
             self._follow(message)
             return
-        one = self._robots.setdefault(robot, _Robot())
+        one = self._one(robot)
         if isinstance(message, FleetStatus):
             self.status[robot], self._status_at[robot] = message, now
         elif isinstance(message, FleetClaims):
@@ -150,8 +150,15 @@ class FleetWatch:
             known = truth.clearance if one.clearance is None else one.clearance
             one.clearance = min(known, truth.clearance)
 
+    def _one(self, name: str) -> _Robot:
+        if name not in self._robots:
+            self._robots[name] = one = _Robot()
+            if self.began is not None:  # it has come during the run
+                one.truth.begin(self.now)
+        return self._robots[name]
+
     def _follow(self, pose: FleetPose) -> None:
-        one = self._robots.setdefault(pose.robot, _Robot())
+        one = self._one(pose.robot)
         step = 0.0 if one.pose is None else hypot(pose.x - one.pose.x, pose.y - one.pose.y)
         if one.pose is None or step >= POSES_M:
             one.pose = pose
@@ -175,7 +182,7 @@ class FleetWatch:
             return
         self.messages += self.ended is None
         for each in message.done:
-            did = self._robots.setdefault(each.by, _Robot()).tasks
+            did = self._one(each.by).tasks
             if each.task not in did:
                 did.append(each.task)
         if self.ended is None and len(self.done) == self.tasks:

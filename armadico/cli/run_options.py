@@ -129,6 +129,11 @@ class Drive:
     robot: str | None = option(
         "drive the robot at this address (default: start a simulator)", metavar="URL"
     )
+    simulator: str | None = option(
+        "the id that the simulator at --robot prints, whose truth is then this robot's (default:"
+        " the name of the robot's controller)",
+        metavar="ID",
+    )
     profile: str | None = option(
         "the robot's profile: a shipped name, or a file (default: the scenario's)", metavar="NAME"
     )
@@ -163,6 +168,7 @@ class Drive:
             redundant=self.redundant,
             together=tuple(tuple(group.split("+")) for group in self.together),
             robot=self.robot,
+            simulator=self.simulator or "",
             resume=self.resume,
             limit=self.limit,
             priority=self.priority,
@@ -210,6 +216,8 @@ def _scenario(
     for name, given in _way(args) if args.virtual else ():
         if given:
             raise UsageError(f"{name}: not with --virtual, which runs in one process")
+    if args.simulator is not None and args.robot is None:
+        raise UsageError("--simulator is for the simulator at the address of --robot")
     if args.robot is not None:
         _check_robot(args.robot)
     _check_attach(args)

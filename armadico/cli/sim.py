@@ -120,8 +120,8 @@ class Options:
     )
     seed: int = option("seed of the noise (default: 0)", default=0)
     id: str | None = option(
-        "publish the true state under this id, which the robot agent has to get as --set"
-        " simulator=ID (default: a new id, which shipped controllers report as their name)",
+        "publish the true state under this id, for armadico run --simulator ID (default: a new"
+        " id, which shipped controllers report as their name)",
         metavar="ID",
         must=PRINTED,
     )
@@ -151,7 +151,8 @@ def run(args: Options) -> int:
         if args.also:
             what = f"{len(robots)} simulated robots ({args.robot})"
         at = ", at ".join(places)
-        print(f"{what} in {args.world} at {at}; Ctrl-C ends it", flush=True)
+        ids = ", ".join(dict.fromkeys(robot.simulator for robot in robots))
+        print(f"{what} in {args.world} at {at}; id {ids}; Ctrl-C ends it", flush=True)
         if args.ros2 is not None:
             drive = f"armadico run SCENARIO --robot '{places[0]}' --profile {args.robot}"
             print(f"drive it with: {drive}", flush=True)

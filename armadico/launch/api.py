@@ -175,6 +175,7 @@ def run(
     parameters: str | None = None,
     profile: str | None = None,
     robot: str | None = None,
+    simulator: str = "",
     namespace: str | None = None,
     connect: str | Sequence[str] = (),
     progress: Callable[[RunWatch], None] | None = None,
@@ -212,6 +213,7 @@ def run(
         parameters: A set of agents' parameters: thesis, brisk, or a TOML file.
         profile: The robot's profile: a shipped name, or a TOML file.
         robot: The address of a real robot, serial:// or tcp://; None: a simulator.
+        simulator: The id of a simulator that is at this address; "": there is none.
         namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.
         connect: Endpoints by which the processes connect; by default this machine's own.
         progress: Called regularly with the state of the run.
@@ -250,6 +252,7 @@ def run(
         sensors=sensors,
         redundant=redundant,
         robot=robot,
+        simulator=simulator,
     )
     chosen = prepared(
         given,

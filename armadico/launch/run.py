@@ -287,7 +287,7 @@ class LiveRun(RobotRun):
                 self._warn(
                     "another simulator publishes in the namespace"
                     f" {self.client.mesh.namespace!r}: {name or 'of an older version'}; it is"
-                    " ignored"
+                    f" ignored{self._claimed(name)}"
                 )
         if self.client.age(RobotState) > self._silent_s:
             silent = f"no message from the robot for {self._silent_s:g} s"
@@ -302,6 +302,11 @@ class LiveRun(RobotRun):
         """Wait for one step. Raises RunFailedError as `poll`."""
         self.client.wait_for(lambda: None, self.step_s)
         self.poll()
+
+    def _claimed(self, simulator: str) -> str:
+        """What to do if that simulator is the robot's."""
+        there = self.options.robot is not None and not self.options.simulator and simulator
+        return f"; if it is the robot's: --simulator {simulator}" if there else ""
 
     def robot_advice(self) -> str:
         """What to do about a robot that does not answer."""

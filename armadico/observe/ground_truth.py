@@ -17,9 +17,9 @@ STOPPED_S: Final = 2.0
 """A truth that is older has stopped: a simulator publishes ten per second."""
 
 START: Final = (
-    "let the run start the simulator, or drive with a society of `armadico up`; for a simulator"
-    " that was started by hand give its --id to the robot agent (--set simulator=ID); on a real"
-    " robot nothing counts collisions, and --accept-unknown accepts that"
+    "let the run start the simulator, or name the one that was started by hand (--simulator ID,"
+    " with `armadico up` --set robot.simulator=ID); on a real robot nothing counts collisions, and"
+    " --accept-unknown accepts that"
 )
 AGAIN: Final = "drive again, with one simulator that runs until the end"
 
