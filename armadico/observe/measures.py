@@ -339,10 +339,9 @@ class RunWatch:
         if reached:
             return yes()
         if reached is None:
-            gap = self.truth.gap(self.now)
             cure = START if self.truth.newest is None else AGAIN
             deviation = _known_to(self._deviation_m)
-            return unknown(f"arrived{deviation}" if self.arrived else gap, cure)
+            return unknown(f"arrived{deviation}" if self.arrived else "goal: unknown", cure)
         return no(f"goal not reached{self._why_not()}")
 
     def _mission_done(self) -> Judgement:
@@ -350,7 +349,7 @@ class RunWatch:
         if errand is not None and errand.over and not errand.failed:
             return yes()
         if self.lost:
-            return unknown(f"whether the mission is done: {self.truth.broken}", AGAIN)
+            return unknown("mission: unknown", AGAIN)
         if errand is None and not self.failed:
             cure = "`armadico ps` shows whether the agent that does the mission is alive"
             return unknown("no progress of the mission was received", cure)
@@ -362,7 +361,8 @@ class RunWatch:
 
     @property
     def _why(self) -> str:
-        return self.failed or self.mistaken or self.waits or self.stands
+        lost = self.truth.broken if self.lost else ""
+        return self.failed or self.mistaken or lost or self.waits or self.stands
 
     @property
     def _deviation_m(self) -> float | None:
