@@ -288,7 +288,7 @@ def _check_types(
     """Raises TypeError or ValueError that names the argument, its value and what is right."""
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral)):
         raise TypeError(f"seed={seed!r}: expected an integer, such as 7")
-    if isinstance(seed, Integral) and not 0 <= seed < SEEDS:
+    if isinstance(seed, Integral) and not 0 <= int(seed) < SEEDS:
         raise ValueError(f"seed={seed!r}: expected 0 to 2^63 - 1")
     if limit is not None:
         if not _is_number(limit):

@@ -282,6 +282,8 @@ class LiveRun(RobotRun):
                 " run began: the measures are of two robots"
             )
         for name in self.watch.view.strangers(self.client.mesh.now()):
+            if self.watch.truth.broken:
+                break  # the judgement has the reason
             if name not in self._strangers:
                 self._strangers.add(name)
                 self._warn(

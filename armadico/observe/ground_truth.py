@@ -48,7 +48,7 @@ class GroundTruth:
         before = self.newest
         if self.broken:
             return False
-        if before is not None and _contradicts(before, truth):
+        if before is not None and self._begun is not None and contradicts(before, truth):
             self.broken = (
                 f"the truth of simulator {truth.simulator} went back from {before.t:.1f} to"
                 f" {truth.t:.1f} s: it was started again, or two simulators have this id"
@@ -109,7 +109,7 @@ class GroundTruth:
         return self.newest if now - self._at <= STOPPED_S else None
 
 
-def _contradicts(before: Truth, now: Truth) -> bool:
+def contradicts(before: Truth, now: Truth) -> bool:
     """Whether one simulator cannot have published both, the second one later."""
     same = before.t == now.t and before != now
     return now.t < before.t or same or now.collisions < before.collisions

@@ -310,7 +310,7 @@ def test_without_truth_the_pose_is_used_and_the_run_is_unknown() -> None:
     assert result.judgement.answer is Answer.UNKNOWN
     assert "as far as the pose is known" in result.outcome
     assert "no truth of this robot was received" in result.judgement.reason
-    assert "--id" in result.judgement.cure
+    assert "--simulator ID" in result.judgement.cure
     assert result.collisions is None
     assert result.min_clearance_m is None
 
