@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.cli import main
+from armadico.cli.options import UNKNOWN
 from armadico.core.exchange import fuzzy_window
 from armadico.core.messages import (
     Ack,

@@ -13,6 +13,7 @@ from signal import SIGINT, SIGKILL
 import pytest
 
 from armadico.agents.fleet.messages import FleetStatus
+from armadico.cli.options import UNKNOWN
 from armadico.runtime.client import Client
 from tests.hosts.conftest import wait_for_line
 from tests.live.society import SOON, mesh_of

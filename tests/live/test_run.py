@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from armadico.bridge.p2os.commands import Cmd
 from armadico.config import grid_map
 from armadico.config.errors import ConfigError
+from armadico.core.judgement import Answer
 from armadico.launch.local import Launcher
 from armadico.launch.processes import simulator_words
 from armadico.launch.society import Options
