@@ -73,15 +73,17 @@ class RobotKind(Generic[P]):
     ) -> SimulatedRobot:
         """The robot that a scenario names, where the scenario puts it.
 
-        Its controller has a name of its own where other simulators may be about. `clock_s` is what
-        the robot's clock shows when it begins.
+        Its controller has a name of its own where other simulators may be about; it is the id in
+        the published truth, too. `clock_s` is what the robot's clock shows when it begins.
         """
         # A robot agent reads profiles, and needs no simulator.
         from armadico.bridge.simulator.robots import staged
 
         self.check()
         profile, stage = staged(scenario, streams, name, traps & self.unkind, clock_s)
-        return self.simulated(self._own(profile), stage)
+        robot = self.simulated(self._own(profile), stage)
+        robot.simulator = name or robot.simulator  # whatever name its driver gave it
+        return robot
 
     def check(self) -> None:
         """Raise ConfigError, with the remedy, if a required module is missing."""

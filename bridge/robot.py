@@ -96,6 +96,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     profile: str = "pioneer-2dx"
     v_max: TopSpeed | None = None  # m/s: a limit below the profile's, such as a scenario's
     reflex: bool = True  # slow down for obstacles sensed ahead, at any command
+    simulator: str = ""  # the id of the simulator behind the port; "": its controller's name
 
 
 @dataclass
@@ -143,7 +144,7 @@ class Robot(DeviceAgent):
     owns = (WHEELS,)
     provides: ClassVar[tuple[type[Message], ...]] = (RobotState, Description, Sonar, Scan)
     parameters = Parameters
-    launched_with = ("port", "profile", "v_max")
+    launched_with = ("port", "profile", "v_max", "simulator")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -200,7 +201,9 @@ class Robot(DeviceAgent):
         logged = self._known.openings in LOGGED_ATTEMPTS or not self._known.openings
         if not up:
             self._orders.moving = False
-            if logged:
+            if logged and self._known.unfit:  # as a refused controller does
+                self.log(f"the port {self.p.port} was closed by the other end")
+            elif logged:
                 self.log(f"the port {self.p.port} is gone: {why}", ERROR)
             return
         if logged:
@@ -407,6 +410,7 @@ class Robot(DeviceAgent):
             sensors=self._readings.sensors,
             cone=0.0 if ring is None else radians(ring.cone_deg),
             nearest=0.0 if ring is None else ring.min_m,
+            simulator="" if self.p.simulator == self._known.name else self.p.simulator,
         )
 
     def _check_hands(self, report: Reported) -> None:

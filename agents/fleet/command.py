@@ -38,8 +38,13 @@ STARTING: Final = {"without": "without", "besides": "with"}
 
 
 def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
-    """Run the fleet; return 0 only if all tasks were done, none twice, without collisions."""
+    """Run the fleet; return 0 only if all tasks were done, none twice, without collisions.
+
+    Returns `options.UNKNOWN` if that is not known.
+    """
     from dataclasses import replace
+
+    from armadico.cli.run import exit_code
 
     for option in ALONE:
         if getattr(args, option) not in (None, False):
@@ -71,7 +76,7 @@ def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
         _table(result, label)
     if faults:
         raise options.FailedError("\n".join(faults))
-    return 0 if result.passed else options.FAILED
+    return exit_code(args, result.judgement)
 
 
 def fleet_of(mesh: options.Mesh) -> str:
@@ -217,3 +222,5 @@ def _table(result: FleetResult, label: str) -> None:
         table.add_row(row.robot, did, f"{row.way_m:.1f}", *touched, least)
     Console().print(table)
     print(result.verdict)
+    if result.judgement.answer == "no":
+        print(f"no: {result.judgement.reason}")

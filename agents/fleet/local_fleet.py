@@ -18,7 +18,7 @@ from armadico.config.discovery import agent_class
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Message
 from armadico.launch.local import Launcher
-from armadico.launch.processes import ProcessTable, undisturbed
+from armadico.launch.processes import ProcessTable, ending, undisturbed
 from armadico.launch.society import Options, names
 from armadico.runtime.client import Client
 from armadico.runtime.errors import RunFailedError
@@ -92,7 +92,13 @@ class LocalFleet(FleetRun):
             together = self.options.together or _together(one, self.options)
             launcher = Launcher(
                 one,
-                replace(self.options, namespace=name, robot=port, together=together),
+                replace(
+                    self.options,
+                    namespace=name,
+                    robot=port,
+                    simulator=self.table.simulator,
+                    together=together,
+                ),
                 mesh,
                 name,
                 joining=self._joining,
@@ -122,7 +128,13 @@ class LocalFleet(FleetRun):
             )
 
     def goes_on(self, elapsed: float) -> bool:  # noqa: ARG002
-        """Go on without a lost robot: the others take its tasks."""
+        """Go on without a lost robot: the others take its tasks. Not without the simulator."""
+        for process in self.table.processes:
+            if process.ended():
+                how = ending(process.popen.returncode)
+                self.watch.lose(f"the simulator has ended ({how})")
+                self._warn(f"the {self.watch.lost}; {process.log}:\n{process.last_lines()}")
+                return False
         for name, launcher in self._launchers.items():
             if name in self._lost:
                 continue

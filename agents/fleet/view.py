@@ -9,15 +9,18 @@ from typing import Final
 from msgspec import Struct
 
 from armadico.agents.fleet.messages import FleetClaims, FleetStatus
-from armadico.core.messages import Message
+from armadico.core.judgement import Judgement, all_of, no, unknown, yes
+from armadico.core.messages import Description, Message
 from armadico.mobile.messages import FleetPose, Truth
+from armadico.observe.ground_truth import GroundTruth
+from armadico.observe.view import View
 
 
 class RobotRow(Struct, frozen=True):
     robot: str
     tasks: tuple[int, ...]  # that it did, in order
     way_m: float  # by the truth; without it, by its published poses
-    collisions: int | None  # by its own motion; None without the truth
+    collisions: int | None  # by its own motion, as far as the truth goes; None without the truth
     bumped: int | None  # by the motion of others
     min_clearance_m: float | None
 
@@ -27,7 +30,8 @@ class FleetResult(Struct, frozen=True):
 
     `unreachable` are tasks that every robot has given up. `makespan_s` is the time from accepting
     the list until the last task was done; null if some were not. `twice` are tasks done by two
-    robots. `messages` is the number of messages for sharing, without poses, per task.
+    robots. `messages` is the number of messages for sharing, without poses, per task. `judgement`
+    is the conclusion: without the truth of each robot nobody knows whether one touched anything.
     """
 
     scenario: str
@@ -41,12 +45,12 @@ class FleetResult(Struct, frozen=True):
     limit_s: float | None = None
     note: str = ""
     unreachable: tuple[int, ...] = ()
+    judgement: Judgement = unknown("nothing was judged")
 
     @property
     def passed(self) -> bool:
-        """Whether all tasks are done, none twice, and without collisions as far as known."""
-        touched = any(row.collisions or row.bumped for row in self.robots)
-        return self.done == self.tasks and not self.twice and not touched
+        """Whether the judgement is yes: all tasks done, none twice, and no collision."""
+        return self.judgement.passed
 
     @property
     def verdict(self) -> str:
@@ -55,7 +59,8 @@ class FleetResult(Struct, frozen=True):
         unreached = f"; no robot reaches {left}" if left else ""
         limit = "" if self.limit_s is None else f"; time limit of {self.limit_s:.0f} s"
         known = [row.collisions for row in self.robots if row.collisions is not None]
-        touched = f", {sum(known)} collisions" if known else ""
+        least = " or more" if known and len(known) < len(self.robots) else ""
+        touched = f", {sum(known)}{least} collisions" if known else ", collisions unknown"
         return (
             f"{self.done} of {self.tasks} tasks done{took} by {len(self.robots)} robots,"
             f" {len(self.twice)} twice; {self.messages:.0f} messages a task{touched}"
@@ -76,8 +81,8 @@ class _Robot:
     way: float = 0.0  # by the truth
     posed: float = 0.0  # by its poses
     pose: FleetPose | None = None  # the last one that was counted
-    truth: Truth | None = None
-    first: Truth | None = None
+    view: View = field(default_factory=View)  # which tells its simulator from others
+    truth: GroundTruth = field(default_factory=GroundTruth)
     clearance: float | None = None
 
 
@@ -96,6 +101,7 @@ class FleetWatch:
     messages: int = 0
     limit: float | None = None
     note: str = ""
+    lost: str = ""  # why the run could not be watched until its end
     status: dict[str, FleetStatus] = field(default_factory=dict)
     _status_at: dict[str, float] = field(default_factory=dict)  # each robot's last status
     # The tasks that each robot has given up, and the time of that message.
@@ -105,10 +111,18 @@ class FleetWatch:
     def begin(self, list_id: int, now: float) -> None:
         """Begin to measure: the list is accepted."""
         self.list, self.began = list_id, now
+        for one in self._robots.values():
+            one.truth.begin(now)
 
     def end(self, limit: float) -> None:
         """End at the time limit, s."""
         self.limit = limit
+
+    def lose(self, why: str) -> None:
+        """From now on nothing is known, as when the simulator has ended."""
+        for name in self.names:
+            self._one(name).truth.lose(why)
+        self.lost = why
 
     def update(self, robot: str, message: Message, now: float) -> None:
         """Process a message of a robot's agents or simulator."""
@@ -116,21 +130,35 @@ class FleetWatch:
         if isinstance(message, FleetPose):
             self._follow(message)
             return
-        one = self._robots.setdefault(robot, _Robot())
+        one = self._one(robot)
         if isinstance(message, FleetStatus):
             self.status[robot], self._status_at[robot] = message, now
         elif isinstance(message, FleetClaims):
             self._on_claims(message)
-        elif isinstance(message, Truth):
-            if one.truth is not None and self._counts:
-                one.way += hypot(message.x - one.truth.x, message.y - one.truth.y)
-            one.truth, one.first = message, one.first or message
-            if message.clearance is not None:
-                known = message.clearance if one.clearance is None else one.clearance
-                one.clearance = min(known, message.clearance)
+        elif isinstance(message, Truth | Description):
+            one.view.learn(message, now)
+            if message is one.view.truth:
+                self._on_truth(one, one.view.truth)
+
+    def _on_truth(self, one: _Robot, truth: Truth) -> None:
+        before = one.truth.newest
+        if not one.truth.add(truth, self.now):
+            return
+        if before is not None and self._counts:
+            one.way += hypot(truth.x - before.x, truth.y - before.y)
+        if truth.clearance is not None:
+            known = truth.clearance if one.clearance is None else one.clearance
+            one.clearance = min(known, truth.clearance)
+
+    def _one(self, name: str) -> _Robot:
+        if name not in self._robots:
+            self._robots[name] = one = _Robot()
+            if self.began is not None:  # it has come during the run
+                one.truth.begin(self.now)
+        return self._robots[name]
 
     def _follow(self, pose: FleetPose) -> None:
-        one = self._robots.setdefault(pose.robot, _Robot())
+        one = self._one(pose.robot)
         step = 0.0 if one.pose is None else hypot(pose.x - one.pose.x, pose.y - one.pose.y)
         if one.pose is None or step >= POSES_M:
             one.pose = pose
@@ -154,7 +182,7 @@ class FleetWatch:
             return
         self.messages += self.ended is None
         for each in message.done:
-            did = self._robots.setdefault(each.by, _Robot()).tasks
+            did = self._one(each.by).tasks
             if each.task not in did:
                 did.append(each.task)
         if self.ended is None and len(self.done) == self.tasks:
@@ -204,19 +232,41 @@ class FleetWatch:
             limit_s=None if self.over else self.limit,
             note=self.note,
             unreachable=self.unreachable,
+            judgement=self.judge(),
         )
+
+    def judge(self) -> Judgement:
+        """Whether all tasks are done, none twice, and without a collision."""
+        found = [self._tasks_done()]
+        for name in self.names:
+            truth = self._robots.get(name, _Robot()).truth
+            found.append(truth.touched(self.now, f"{name}'s collisions"))
+            if truth.bumped:
+                found.append(no(f"{name} was run into {truth.bumped} times"))
+        return all_of(found)
+
+    def _tasks_done(self) -> Judgement:
+        did = [task for one in self._robots.values() for task in one.tasks]
+        if len(did) > len(set(did)):
+            return no("a task was done twice")
+        if len(self.done) == self.tasks:
+            return yes()
+        count = f"{len(self.done)} of {self.tasks} tasks done"
+        return unknown(f"{count}; {self.lost}") if self.lost else no(count)
 
     def _row(self, name: str) -> RobotRow:
         one = self._robots.get(name, _Robot())
-        truth, first = one.truth, one.first
-        touched = bumped = None
-        if truth is not None and first is not None:
-            bumped = truth.bumped - first.bumped
-            touched = truth.collisions - first.collisions - bumped
+        touched, bumped = one.truth.collisions, one.truth.bumped
         clearance = None if one.clearance is None else round(one.clearance, 3)
-        way = round(one.posed if truth is None else one.way, 2)
+        way = round(one.posed if one.truth.newest is None else one.way, 2)
         return RobotRow(name, tuple(one.tasks), way, touched, bumped, clearance)
 
 
 # The messages that a `FleetWatch` needs.
-FLEET_WATCHED: tuple[type[Message], ...] = (FleetStatus, FleetClaims, FleetPose, Truth)
+FLEET_WATCHED: tuple[type[Message], ...] = (
+    FleetStatus,
+    FleetClaims,
+    FleetPose,
+    Truth,
+    Description,
+)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dataclasses import replace as replaced
 from functools import partial
 from itertools import pairwise
-from math import hypot, inf
+from math import degrees, hypot, inf
 from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
@@ -445,8 +445,8 @@ class Interface(Agent):
         if why:
             self._plan_anew(pose, why)
         if self._arrived(pose):
-            self._state = MissionState.REACHED
-            self.log(f"mission {self._mission}: goal reached")
+            self._state, self._note = MissionState.REACHED, self._unsure(pose)
+            self.log(f"mission {self._mission}: {self._note or 'goal reached'}")
             self.publish(self._next(self._mission, self._route, ()))
             self._publish_status(self._to_go)
         elif pose.cycle.number % 2 == 0:
@@ -683,6 +683,20 @@ class Interface(Agent):
             hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.near_m
             and abs(wrap(goal.theta - pose.theta)) <= self.p.turned_rad
             and self._is_slow(state)
+        )
+
+    def _unsure(self, pose: Pose) -> str:
+        """Return by how much the robot may be off its goal, beyond the tolerances; "" if by less.
+
+        The mission ends in any case: a pose does not get better while the robot stands.
+        """
+        near, turned = self.p.near_m, self.p.turned_rad
+        if pose.deviation <= near and pose.heading_deviation <= turned:
+            return ""
+        return (
+            f"arrived as far as the pose is known: +-{pose.deviation:.2f} m and"
+            f" +-{degrees(pose.heading_deviation):.0f} degrees, for a tolerance of {near:.2f} m and"
+            f" {degrees(turned):.0f} degrees"
         )
 
     def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:

@@ -276,11 +276,20 @@ class Upkeep:
         self.machine.put_event(Event(label, process.popen.pid))
 
     def _members(self, label: str) -> list[Member]:
-        """Agents of a process, with the simulator's address for those that use its port."""
+        """Agents of a process, with the simulator's address and id for those that use them."""
+        known = {"port": self._port, "simulator": self.table.simulator or None}
         return [
-            Member(member.name, (*member.sets, f"port={self._port}"))
-            if self._port is not None and "port" in agent_class(member.name).launched_with
-            else member
+            Member(
+                member.name,
+                (
+                    *member.sets,
+                    *(
+                        f"{fact}={value}"
+                        for fact, value in known.items()
+                        if value is not None and fact in agent_class(member.name).launched_with
+                    ),
+                ),
+            )
             for member in self._groups.get(label) or self._lent[label]
         ]
 

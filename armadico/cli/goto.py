@@ -96,12 +96,13 @@ def run(args: Options) -> int:
                 late = f"not there after {args.timeout:g} s; the mission continues"
                 failed = mission.failed
                 raise options.FailedError(late if failed is None else f"it failed, {failed}")
+            doubt = mission.doubt
     except KeyboardInterrupt:
         if mission is not None:
             print(f"\n{_left_behind(client)}", file=sys.stderr)
         raise
-    print("the goal is reached")
-    return 0
+    print(options.shown(doubt) or "the goal is reached")
+    return options.UNKNOWN if doubt else 0
 
 
 class Reason:

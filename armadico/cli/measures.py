@@ -25,6 +25,9 @@ WORDS: Final = (
 )
 """By the field of a result: its symbol (of thesis 5.1, where it has one) and its meaning."""
 
+STYLES: Final = {"yes": None, "no": "bold red", "unknown": "bold yellow"}
+"""The colour of a judgement by its answer."""
+
 
 class Column(NamedTuple):
     """One measure of all runs; None where it could not be measured."""
@@ -76,6 +79,8 @@ def show(scenario: str, results: Sequence[Result]) -> None:
     """Print a row a run; of one run, or on a narrow terminal, a row a measure."""
     from rich.console import Console
 
+    from armadico.core.judgement import all_of
+
     console = Console()
     found = list(columns(results))
     table = _down(results, found)
@@ -83,7 +88,9 @@ def show(scenario: str, results: Sequence[Result]) -> None:
         table = _stacked(results, found)
     from rich.markup import escape
 
+    worst = all_of(result.judgement for result in results)
     table.title = escape(options.shown(f"{scenario}: {_verdict(results)}"))
+    table.title_style = STYLES[worst.answer] or "table.title"
     console.print(table)
 
 
@@ -91,10 +98,16 @@ def _verdict(results: Sequence[Result]) -> str:
     first = results[0]
     if len(results) > 1:
         passed = sum(result.passed for result in results)
-        did = "had no collision" if first.reached is None else "reached the goal, no collision"
-        return f"{passed} of {len(results)} runs {did}"
+        did = "had no collision" if first.arrived is None else "reached the goal, no collision"
+        unknown = sum(result.judgement.answer == "unknown" for result in results)
+        return f"{passed} of {len(results)} runs {did}" + (f", {unknown} unknown" * bool(unknown))
     verdict = first.outcome
-    return f"{verdict}, {first.collisions} COLLISION(S)" if first.collisions else verdict
+    if first.collisions:
+        return f"{verdict}, {first.collisions} COLLISION(S)"
+    if first.judgement.answer != "unknown":
+        return verdict
+    reason = first.judgement.reason
+    return reason if verdict in reason else f"{verdict}; {reason}"
 
 
 def _table(*titles: str) -> Table:
@@ -108,13 +121,14 @@ def _table(*titles: str) -> Table:
 
 def _down(results: Sequence[Result], found: Sequence[Column]) -> Table:
     """A row for each run, then the mean and the deviation."""
-    table = _table("seed", *(column.title for column in found))
+    table = _table("seed", "pass", *(column.title for column in found))
     for number, result in enumerate(results):
         cells = (_cell(column.values[number]) for column in found)
-        table.add_row(str(result.seed), *cells, style=None if result.passed else "bold red")
+        answer = result.judgement.answer
+        table.add_row(str(result.seed), answer.value, *cells, style=STYLES[answer])
     table.add_section()
-    table.add_row("mean", *(_cell(column.mean) for column in found))
-    table.add_row("dev.", *(_cell(column.deviation) for column in found))
+    table.add_row("mean", "", *(_cell(column.mean) for column in found))
+    table.add_row("dev.", "", *(_cell(column.deviation) for column in found))
     meanings = [f"{column.title.split()[0]} {column.words}" for column in found if not column.agent]
     meanings += ["an agent's % of the time it drove", "dev. the standard deviation"]
     table.caption = f"{'; '.join(meanings)}; {table.caption}"

@@ -28,7 +28,6 @@ from armadico.cli.parsing import (
 )
 from armadico.config.errors import ConfigError
 from armadico.core.errors import UnknownNameError
-from armadico.core.judgement import UNKNOWN_EXIT
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
@@ -55,7 +54,7 @@ __all__ = ["UsageError", "parser", "version"]  # imported from here by other pac
 
 FAILED: Final = 1
 USAGE: Final = 2
-UNKNOWN: Final = UNKNOWN_EXIT
+UNKNOWN: Final = 3  # `core.judgement.UNKNOWN_EXIT`, which `--help` need not import
 INTERRUPTED: Final = 130
 
 JOIN_S: Final = 1.0

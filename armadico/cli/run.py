@@ -23,6 +23,7 @@ from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
+    from armadico.core.judgement import Judgement
     from armadico.launch.api import Run
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options as Chosen
@@ -71,7 +72,10 @@ class Options(Drive):
 
 
 def run(args: Options) -> int:
-    """Drive; returns 0 only if every run reached its goal, if any, without a collision."""
+    """Drive; returns 0 only if every run reached its goal, if any, without a collision.
+
+    Returns `options.UNKNOWN` if that is not known.
+    """
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
@@ -99,6 +103,7 @@ def refused(args: Drive, error: Exception) -> None:
     """With `--json`, print the result of a rejected run."""
     if not args.json:
         return
+    from armadico.core.judgement import no
     from armadico.observe.measures import Result
 
     result = Result(
@@ -115,12 +120,15 @@ def refused(args: Drive, error: Exception) -> None:
         min_clearance_m=None,
         why=str(error),
         done=None if args.mission is None else False,
+        judgement=no(str(error)),
     )
     _print_json([result], several=args.runs is not None)
 
 
 def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
     """Drive, print the measures, and return the exit code."""
+    from armadico.core.judgement import all_of
+
     seeds = _seeds(args, scenario)
     for seed in seeds if args.plot is not None else ():
         _check_picture(_picture(args, scenario, seed))
@@ -134,7 +142,18 @@ def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
         raise FailedError("\n".join(faults))
     pictures = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
     drawn = all(path is None or path.is_file() for path in pictures)
-    return 0 if drawn and all(result.passed for result in results) else options.FAILED
+    code = exit_code(args, all_of(result.judgement for result in results))
+    return code if drawn else code or options.FAILED
+
+
+def exit_code(args: Drive, judgement: Judgement) -> int:
+    """The exit code of a judgement; prints what is not known, and how to make it known."""
+    if judgement.answer != "unknown":
+        return judgement.exit_code
+    if not args.json:
+        options.report(options.shown(f"unknown: {judgement.reason}"))
+        options.report(options.shown(f"  -> {judgement.cure}"))
+    return 0 if args.accept_unknown else judgement.exit_code
 
 
 def _seeds(args: Drive, scenario: Scenario) -> range:
@@ -316,8 +335,14 @@ def _recording(
 def _print_json(results: Sequence[Result], *, several: bool) -> None:
     import msgspec
 
+    from armadico.core.judgement import all_of
+
     rows = msgspec.to_builtins(list(results))
-    print(json.dumps({"runs": rows, **statistics(results)} if several else rows[0]))
+    if not several:
+        print(json.dumps(rows[0]))
+        return
+    judgement = msgspec.to_builtins(all_of(result.judgement for result in results))
+    print(json.dumps({"runs": rows, "judgement": judgement, **statistics(results)}))
 
 
 NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico[plot]'"

@@ -104,7 +104,11 @@ class Drive:
     runs: int | None = option(
         "drive N times with successive seeds (default: once)", metavar="N", must=at_least(1)
     )
-    json: bool = flag("print one JSON object; of several runs: runs, mean, deviation")
+    json: bool = flag("print one JSON object; of several runs: runs, judgement, mean, deviation")
+    accept_unknown: bool = flag(
+        "return 0 instead of 3 for a run whose result is unknown, as on a real robot, of which"
+        " nothing counts collisions"
+    )
     plot: Path | None = option(
         "write the picture to a PNG file (default: runs/SCENARIO.png if live, else none)",
         metavar="FILE",
@@ -124,6 +128,11 @@ class Drive:
     )
     robot: str | None = option(
         "drive the robot at this address (default: start a simulator)", metavar="URL"
+    )
+    simulator: str | None = option(
+        "the id that the simulator at --robot prints, whose truth is then this robot's (default:"
+        " the name of the robot's controller)",
+        metavar="ID",
     )
     profile: str | None = option(
         "the robot's profile: a shipped name, or a file (default: the scenario's)", metavar="NAME"
@@ -159,6 +168,7 @@ class Drive:
             redundant=self.redundant,
             together=tuple(tuple(group.split("+")) for group in self.together),
             robot=self.robot,
+            simulator=self.simulator or "",
             resume=self.resume,
             limit=self.limit,
             priority=self.priority,
@@ -206,6 +216,8 @@ def _scenario(
     for name, given in _way(args) if args.virtual else ():
         if given:
             raise UsageError(f"{name}: not with --virtual, which runs in one process")
+    if args.simulator is not None and args.robot is None:
+        raise UsageError("--simulator is for the simulator at the address of --robot")
     if args.robot is not None:
         _check_robot(args.robot)
     _check_attach(args)

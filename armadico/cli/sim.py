@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
 from armadico.cli.parsing import PORT as LISTEN
-from armadico.cli.parsing import Command, argument, group, option, several
+from armadico.cli.parsing import Command, Must, argument, group, option, several
 
 if TYPE_CHECKING:
     from armadico.bridge.simulator.server import Line
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from armadico.config.moving import Moving
     from armadico.config.scenarios import Battery, Scenario
     from armadico.mesh.zenoh import ZenohMesh
+
+PRINTED: Final = Must(
+    lambda name: 0 < len(name) <= 128 and name.isprintable(), "expected 1 to 128 printed characters"
+)
 
 PORT: Final = 8101
 """TCP port of simulated Pioneers."""
@@ -115,6 +119,12 @@ class Options:
         metavar="TRAP",
     )
     seed: int = option("seed of the noise (default: 0)", default=0)
+    id: str | None = option(
+        "publish the true state under this id, for armadico run --simulator ID (default: a new"
+        " id, which shipped controllers report as their name)",
+        metavar="ID",
+        must=PRINTED,
+    )
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
@@ -128,12 +138,12 @@ def run(args: Options) -> int:
     except ValueError as error:  # two robots overlap
         raise options.UsageError(f"--also: {error}") from None
     with ExitStack() as stack:
-        line, where = _line(args, robots[0].truth().simulator, stack)
+        line, where = _line(args, robots[0].name, stack)
         served, places = [(robots[0], line)], [where]
         _show(robots[0], mesh, stack)
         for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
             ros2 = None if args.ros2 is None else _beside(args.ros2, namespace)
-            line, where = _line(replace(args, port=0, ros2=ros2), other.truth().simulator, stack)
+            line, where = _line(replace(args, port=0, ros2=ros2), other.name, stack)
             served.append((other, line))
             places.append(where)
             _show(other, args.mesh.of(namespace).join(starts=True), stack)
@@ -141,7 +151,8 @@ def run(args: Options) -> int:
         if args.also:
             what = f"{len(robots)} simulated robots ({args.robot})"
         at = ", at ".join(places)
-        print(f"{what} in {args.world} at {at}; Ctrl-C ends it", flush=True)
+        ids = ", ".join(dict.fromkeys(robot.simulator for robot in robots))
+        print(f"{what} in {args.world} at {at}; id {ids}; Ctrl-C ends it", flush=True)
         if args.ros2 is not None:
             drive = f"armadico run SCENARIO --robot '{places[0]}' --profile {args.robot}"
             print(f"drive it with: {drive}", flush=True)
@@ -286,8 +297,8 @@ def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
     from armadico.bridge.kind import simulated
     from armadico.bridge.simulator.plant import seeded
 
-    # The name identifies the process, and the robot agent recognizes its robot's truth by it.
-    name = f"sim-{os.getpid()}-{secrets.token_hex(3)}"
+    # Without an id from a run, the robot agent recognizes its robot's truth by the name.
+    name = args.id or f"sim-{os.getpid()}-{secrets.token_hex(3)}"
     if args.ros2 is not None:
         name = _node(args.ros2, args.robot, args.also[index - 1][0] if index else None)
     streams = seeded(args.seed)
@@ -296,6 +307,7 @@ def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
         first, streams = streams, lambda name: first(f"{index}/{name}")
     traps = KIND if args.unkind is None else frozenset(map(Trap, args.unkind)) or UNKIND
     robot = simulated(scenario, streams, name, traps=traps, clock_s=time.time())
+    robot.simulator = args.id or name
     if robot.plant.clearance() <= 0.0:
         x, y, _ = scenario.start
         raise options.UsageError(

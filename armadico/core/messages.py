@@ -429,12 +429,24 @@ class Description(Message, frozen=True):
     w_decel: Ramp
     silence_s: Patience
     watchdog_s: Patience
-    controller: Label = ""  # the controller's own name; a simulator's `Truth` has the same
+    controller: Label = ""  # the controller's own name
     sensors: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=8)] = ("sonar",)
     """The robot's obstacle sensors. Each has an `Obstacles` message with its name in `sensor`, and
     behaviours need fresh ones of all."""
     cone: Annotated[float, Meta(ge=0, le=7)] = 0.0  # rad, a sonar's field of view; 0: unknown
     nearest: Annotated[float, Meta(ge=0, le=100)] = 0.0  # m, a sonar's shortest range
+    simulator: Label = ""  # whose `Truth` is this robot's, as the launcher gave it; see `of_truth`
+
+    appended: ClassVar[int] = 1
+
+    @property
+    def of_truth(self) -> str:
+        """The id under which the robot's simulator publishes the truth.
+
+        Without an id from a launcher, the controller's name: the shipped simulators that are
+        started by hand report their id as that. Empty: none is known.
+        """
+        return self.simulator or self.controller
 
 
 class Point(Message, frozen=True):

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from io import BytesIO
 from math import inf
+from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeGuard
 
 from armadico.config.scenarios import Scenario, load_scenario
+from armadico.core.agent import Agent
 from armadico.launch.society import Options, prepared
 from armadico.mesh.topology import several
 from armadico.mobile.geometry import Pose2
@@ -23,8 +25,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from armadico.core.agent import Agent
     from armadico.observe.pictures import Run as Picture
+
+
+SEEDS: Final = 2**63
+"""Seeds are smaller than this."""
 
 
 class Holding(NamedTuple):
@@ -170,6 +175,7 @@ def run(
     parameters: str | None = None,
     profile: str | None = None,
     robot: str | None = None,
+    simulator: str = "",
     namespace: str | None = None,
     connect: str | Sequence[str] = (),
     progress: Callable[[RunWatch], None] | None = None,
@@ -186,7 +192,8 @@ def run(
     gives the same run. Otherwise the simulator and every agent are processes on this machine. They
     are ended at the end of the run, also after an error.
 
-    A goal that is not reached is not an error: `measures.reached` is False.
+    A goal that is not reached is not an error: `measures.reached` is False. It is None if nobody
+    knows, as on a real robot. `measures.judgement` is yes, no or unknown, with the reason.
 
     Args:
         scenario: A shipped scenario's name, a TOML file, or a `Scenario`.
@@ -206,6 +213,7 @@ def run(
         parameters: A set of agents' parameters: thesis, brisk, or a TOML file.
         profile: The robot's profile: a shipped name, or a TOML file.
         robot: The address of a real robot, serial:// or tcp://; None: a simulator.
+        simulator: The id of a simulator that is at this address; "": there is none.
         namespace: The robot's subtree of keys; by default $ARMADICO_NAMESPACE, or robot1.
         connect: Endpoints by which the processes connect; by default this machine's own.
         progress: Called regularly with the state of the run.
@@ -221,16 +229,16 @@ def run(
         RunFailedError: A process did not start, or the robot is silent; with its last log lines.
         MeshError: The mesh cannot be joined.
         TopologyError: An invalid namespace or endpoint.
-        ValueError: An invalid limit; `robot`, `namespace` or `connect` in a virtual run; `joins`
-            in another one; `show` outside a notebook.
+        TypeError: A seed, limit, pose or agent class of another type.
+        ValueError: An invalid seed or limit; `robot`, `namespace` or `connect` in a virtual run;
+            `joins` in another one; `show` outside a notebook.
         ImportError: `show` without matplotlib (`pip install 'armadico[plot]'`).
     """
     if virtual and (robot or namespace or connect):
         raise ValueError("robot, namespace and connect are for live runs; leave out virtual=True")
     if joins and not virtual:
         raise ValueError("joins is for virtual runs; processes are found by their entry points")
-    if limit is not None and not 0.0 < limit < inf:
-        raise ValueError(f"limit {limit:g}: expected more than 0 seconds")
+    _check_types(seed=seed, limit=limit, start=start, goal=goal, joins=joins)
     display = _display() if show else None
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     options = Options(
@@ -244,6 +252,7 @@ def run(
         sensors=sensors,
         redundant=redundant,
         robot=robot,
+        simulator=simulator,
     )
     chosen = prepared(
         given,
@@ -271,6 +280,41 @@ def run(
     ):
         live.run(progress, warnings.append)
     return _shown(Run.of(chosen, live.watch, warnings), display)
+
+
+def _check_types(
+    *, seed: object, limit: object, start: object, goal: object, joins: object
+) -> None:
+    """Raises TypeError or ValueError that names the argument, its value and what is right."""
+    if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral)):
+        raise TypeError(f"seed={seed!r}: expected an integer, such as 7")
+    if isinstance(seed, Integral) and not 0 <= int(seed) < SEEDS:
+        raise ValueError(f"seed={seed!r}: expected 0 to 2^63 - 1")
+    if limit is not None:
+        if not _is_number(limit):
+            raise TypeError(f"limit={limit!r}: expected a number of seconds, such as 60")
+        if not 0.0 < limit < inf:
+            raise ValueError(f"limit={limit!r}: expected more than 0 seconds, and finite")
+    for name, pose in (("start", start), ("goal", goal)):
+        if pose is None:
+            continue
+        parts = () if isinstance(pose, str) or not isinstance(pose, Iterable) else tuple(pose)
+        if parts == () or not all(map(_is_number, parts)):
+            raise TypeError(
+                f"{name}={pose!r}: expected three numbers (x, y, theta) in m, m, rad, such as"
+                " (1.0, 2.0, 0.0)"
+            )
+    kinds = joins if isinstance(joins, Iterable) and not isinstance(joins, str) else (joins,)
+    for kind in kinds:
+        if not (isinstance(kind, type) and issubclass(kind, Agent)):
+            raise TypeError(
+                f"joins={joins!r}: expected agent classes, such as [Wanderer], not {kind!r}; an"
+                " installed agent is added by its name with besides"
+            )
+
+
+def _is_number(value: object) -> TypeGuard[float]:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _display() -> Callable[..., Any]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from armadico.config.scenarios import Scenario
 from armadico.core.restart_policy import MISUSED
-from armadico.launch.processes import START_S, Process, ProcessTable, ending, logs_folder
+from armadico.launch.processes import SIMULATOR, START_S, Process, ProcessTable, ending, logs_folder
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
 from armadico.mobile.messages import MissionStatus
@@ -132,7 +132,10 @@ class Launcher(LiveRun):
         """Start everything. Raises RunFailedError if another robot is there, or a start fails."""
         self._refuse_company()
         port = self.options.robot or self.start_simulator()
-        self.members = members(self.scenario, self.options, port)
+        simulator = self.options.simulator or self.table.simulator
+        self.watch.view.simulator = simulator
+        options = replace(self.options, simulator=simulator)
+        self.members = members(self.scenario, options, port)
         for name, group in processes(self.members, self.options.together).items():
             self.start_agent(*group, name=name)
         if not self._comes(lambda: not self._missing(), START_S):
@@ -232,11 +235,15 @@ class Launcher(LiveRun):
                 self.ended.add(process)
                 if process.popen.returncode == MISUSED:  # another agent of its name is alive
                     self._check_alive()
+                how = ending(process.popen.returncode)
                 self._warn(
-                    f"{process.name} has ended ({ending(process.popen.returncode)}); the end of"
+                    f"{process.name} has ended ({how}); the end of"
                     f" {process.log}:\n{process.last_lines()}"
                 )
-        super().poll()
+                if process.name == SIMULATOR:
+                    self.watch.lose(f"the simulator has ended ({how})")
+        if not self.watch.lost:
+            super().poll()
 
     def robot_advice(self) -> str:
         """The end of the newest robot agent's log."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import secrets
 import shutil
 import signal
 import subprocess
@@ -90,6 +91,8 @@ class ProcessTable:
         logs: The folder.
         prefix: The prefix of the log names, if several societies share the folder.
         processes: In the order of their start; ended ones stay until `take_ended`.
+        simulator: The id of its simulator, by which the robot's truth is known; a restarted one
+            has the same. Empty: none was started.
     """
 
     namespace: str
@@ -99,6 +102,7 @@ class ProcessTable:
     logs: Path = field(default_factory=logs_folder)
     prefix: str = ""
     processes: list[Process] = field(default_factory=list)
+    simulator: str = ""
 
     def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
         """Start `armadico WORDS...` on the mesh of the society."""
@@ -115,7 +119,8 @@ class ProcessTable:
         self, scenario: Scenario, seed: int, port: int = 0, also: Sequence[str] = ()
     ) -> Process:
         """Start a simulator on a TCP port (0: a free one); `announced` has its addresses."""
-        words = simulator_words(scenario, seed, self.namespace, port, also)
+        self.simulator = self.simulator or f"sim-{secrets.token_hex(4)}"
+        words = simulator_words(scenario, seed, self.namespace, port, also, self.simulator)
         return self.start(SIMULATOR, words, listen=True)
 
     def named(self, name: str) -> Process | None:
@@ -162,11 +167,17 @@ def ending(code: int) -> str:
 
 
 def simulator_words(
-    scenario: Scenario, seed: int, namespace: str, port: int = 0, also: Sequence[str] = ()
+    scenario: Scenario,
+    seed: int,
+    namespace: str,
+    port: int = 0,
+    also: Sequence[str] = (),
+    simulator: str = "",
 ) -> list[str]:
     """The command that simulates a scenario's robot; `port` 0: a free one.
 
-    `also` has the namespaces of the scenario's other robots that take part.
+    `also` has the namespaces of the scenario's other robots that take part, and `simulator` is the
+    id in the truth; "": the simulator makes one.
     """
     others = [
         word
@@ -182,6 +193,7 @@ def simulator_words(
         f"--sensors={scenario.sensors}",
         f"--robot={scenario.robot}",
         f"--namespace={namespace}",
+        *([f"--id={simulator}"] if simulator else []),
         *("--start", *_pose_words(scenario.start)),
         *others,
         *(f"--{name}={value}" for name, value in battery if value is not None),

@@ -170,6 +170,7 @@ class RobotRun(Run[RunWatch, Result]):
         self.client = client
         self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
         self._warned = ""
+        self.report_to(self._warn)
         self._guests = [found.load()(scenario) for found in installed(GUESTS).values()]
 
     @property
@@ -178,6 +179,15 @@ class RobotRun(Run[RunWatch, Result]):
 
     def now(self) -> float:
         return self.client.mesh.now()
+
+    def report_to(self, warn: Callable[[str], None]) -> None:
+        """See `Run`. The measures keep the warnings, too."""
+
+        def keep(text: str) -> None:
+            self.watch.warnings.append(text)
+            warn(text)
+
+        self._warn = keep
 
     def begin(self) -> float:
         request = errand(self.scenario, self.options)
@@ -201,14 +211,11 @@ class RobotRun(Run[RunWatch, Result]):
             self._warn(warning)
         if not any(map(_drives, self.names)):
             self._warn("no agent competes for the wheels, so the robot will not drive")
-        result = super().run(progress)
-        if self.watch.astray is not None:
-            metres, turned = self.watch.astray
-            self._warn(
-                "goal reached by the estimated pose, but not in truth: the estimate is off by"
-                f" {metres:.2f} m and {turned:.1f} degrees{self._unaided()}"
-            )
-        return result
+        self.watch.unaided = self._unaided()
+        super().run(progress)
+        if self.watch.mistaken:
+            self._warn(self.watch.mistaken)
+        return self.watch.result()
 
     def _unaided(self) -> str:
         """The reason why nothing corrects the pose, or ""."""
@@ -263,7 +270,7 @@ class LiveRun(RobotRun):
 
     def goes_on(self, elapsed: float) -> bool:
         self.poll()
-        return super().goes_on(elapsed) and not self._abandoned(elapsed)
+        return super().goes_on(elapsed) and not self.watch.lost and not self._abandoned(elapsed)
 
     def poll(self) -> None:
         """Check the society. Raises RunFailedError if the robot is silent or has changed."""
@@ -275,22 +282,33 @@ class LiveRun(RobotRun):
                 " run began: the measures are of two robots"
             )
         for name in self.watch.view.strangers(self.client.mesh.now()):
+            if self.watch.truth.broken:
+                break  # the judgement has the reason
             if name not in self._strangers:
                 self._strangers.add(name)
                 self._warn(
                     "another simulator publishes in the namespace"
                     f" {self.client.mesh.namespace!r}: {name or 'of an older version'}; it is"
-                    " ignored"
+                    f" ignored{self._claimed(name)}"
                 )
         if self.client.age(RobotState) > self._silent_s:
-            raise RunFailedError(
-                f"no message from the robot for {self._silent_s:g} s; {self.robot_advice()}"
-            )
+            silent = f"no message from the robot for {self._silent_s:g} s"
+            truth = self.watch.truth
+            if truth.newest is not None and truth.gap(self.client.mesh.now()):
+                self.watch.lose(f"{silent}, and none from its simulator")
+                self._warn(f"{silent}, and none from its simulator: the run is over")
+                return
+            raise RunFailedError(f"{silent}; {self.robot_advice()}")
 
     def wait_on(self) -> None:
         """Wait for one step. Raises RunFailedError as `poll`."""
         self.client.wait_for(lambda: None, self.step_s)
         self.poll()
+
+    def _claimed(self, simulator: str) -> str:
+        """What to do if that simulator is the robot's."""
+        there = self.options.robot is not None and not self.options.simulator and simulator
+        return f"; if it is the robot's: --simulator {simulator}" if there else ""
 
     def robot_advice(self) -> str:
         """What to do about a robot that does not answer."""
@@ -302,7 +320,7 @@ class LiveRun(RobotRun):
         """Report a warning; a robot that does not fit the profile ends the run."""
         if isinstance(message, Log) and message.event == LogEvent.UNFIT:
             self._unfit = message.text
-        else:
+        elif not self._unfit:  # what follows from it would only hide the reason
             self.pass_on(self.client.key, message)
 
     def _ready_to_drive(self) -> bool:
@@ -339,8 +357,10 @@ class LiveRun(RobotRun):
             return False
         if min(self.client.age(Claim), elapsed) < self._idle_s:
             return False
-        self._warn(
+        why = (
             f"no agent has claimed the wheels for {self._idle_s:g} s, and {', '.join(missing)}"
-            f" {'is' if len(missing) == 1 else 'are'} missing: the run is over"
+            f" {'is' if len(missing) == 1 else 'are'} missing"
         )
+        self.watch.waits = self.watch.waits or why
+        self._warn(f"{why}: the run is over")
         return True

@@ -75,6 +75,7 @@ class Options:
     sensors: str | None = None  # of the simulated robot; None: the scenario's
     redundant: bool = False  # two of each behaviour
     robot: str | None = None  # the address of a real robot
+    simulator: str = ""  # the id of the simulator behind that address; "": not known
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
     resume: str | None = None  # a saved map with which the mapping agent continues
     limit: float | None = None  # s; None: `time_limit`
@@ -255,6 +256,7 @@ def facts(
     x, y, theta = scenario.start
     return {
         "port": port or None,
+        "simulator": options.simulator or None,
         "namespace": options.namespace,
         "profile": scenario.robot,
         "x": x,

@@ -113,6 +113,9 @@ class Rehearsal(RobotRun):
         kind = load_kind(load_profile(scenario.robot).section)
         self.robot = kind.in_scenario(scenario, self._stream)
         self.robot.watch(self._publish)
+        self.watch.view.simulator = self.robot.simulator
+        if self.robot.simulator != self.robot.name:  # else its controller reports it
+            options = self.options = alike(options, simulator=self.robot.simulator)
         self._clock = clock
         self._starts: Counter[str] = Counter()
         taking = members(scenario, options, "memory:")

@@ -510,8 +510,8 @@ class BatteryLevel(Message, frozen=True):
 class Truth(Message, frozen=True):
     """The simulator's ground truth, for observers: agents may not subscribe to it.
 
-    It is this robot's only if `simulator` is not empty and equals `Description.controller`: another
-    simulator left in the namespace publishes another robot's.
+    It is this robot's only if `simulator` is not empty and is the robot's `Description.of_truth`:
+    another simulator left in the namespace publishes another robot's.
     """
 
     t: Real  # s of simulation
@@ -522,7 +522,7 @@ class Truth(Message, frozen=True):
     w: Real
     collisions: Counter
     clearance: Real | None  # m from the footprint to the nearest obstacle, if there is any
-    simulator: Label = ""  # its controller's own name
+    simulator: Label = ""  # its id, from the run that started it
     bumped: Counter = 0  # of the collisions, those in which a person walked into the robot
     charge: Share = 1.0  # of the battery
     used: Joules = 0.0  # J used by motors and electronics since the simulation began

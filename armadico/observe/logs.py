@@ -642,7 +642,7 @@ def _recording(path: Path, namespace: str | None) -> Log:
             case Truth():
                 truths.append((t, message))
             case Description():
-                controller = message.controller
+                controller = message.of_truth
             case Scan() | Sonar() if states and states[-1][1].cycle == message.cycle:
                 if isinstance(message, Scan):
                     again, number = message.number == number, message.number

@@ -4,6 +4,9 @@
 the interface agent reports the goal reached: the pose is within the agent's tolerances and the
 wheels are at rest. The true pose then decides whether the goal *is* reached, within 0.15 m and 5
 degrees. FO and P depend on this rule, so each table must state it.
+
+**Judgement.** Yes, no or unknown. Without the true pose nobody knows whether the goal is reached
+and whether the robot touched anything: the run is unknown, and unknown does not pass.
 """
 
 from __future__ import annotations
@@ -15,6 +18,8 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
+from armadico.core.hands import release
+from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import derived
@@ -32,6 +37,7 @@ from armadico.mobile.messages import (
     Truth,
 )
 from armadico.observe.conditions import Conditions
+from armadico.observe.ground_truth import AGAIN, START, GroundTruth
 from armadico.observe.view import View, agent_of
 
 REACHED_M = 0.15
@@ -77,12 +83,15 @@ class Result(Struct, frozen=True):
     """The measures of one run. Without ground truth the estimated pose is used, or null.
 
     TD in m, FO in degrees off the goal's heading, TT in s, P in per cent of the straight distance
-    from start to goal. Without a goal `reached`, FO and P are null. `done` is whether a mission of
+    from start to goal. Without a goal `reached`, FO and P are null. `reached` is null, too, if the
+    true pose is not known; `arrived` is what the interface agent reports, by the estimated pose,
+    of which `deviation_m` is the standard deviation at the end. `done` is whether a mission of
     several tasks ended as requested, and `tasks` the result of each; null for other missions.
     `limit_s` is the time limit if it ended the run. `why` is the reason of a failure, or why the
     robot did not drive at the end. Shares (TG, TA, TGt in the thesis) are by agent, in per cent of
     the cycles in which any agent was obeyed. Collisions are those of the robot's own motion; they
-    exclude people walking into it.
+    exclude people walking into it. If the truth stopped they are those until then. `judgement` is
+    the conclusion of all this, and `warnings` are the warnings of the run.
     """
 
     scenario: str
@@ -101,36 +110,44 @@ class Result(Struct, frozen=True):
     why: str = ""
     done: bool | None = None
     tasks: tuple[TaskResult, ...] | None = None
+    arrived: bool | None = None
+    deviation_m: float | None = None
+    judgement: Judgement = unknown("nothing was judged")
+    warnings: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
-        """Whether the goal was reached or the mission done, without a collision."""
-        return self.reached is not False and self.done is not False and not self.collisions
+        """Whether the judgement is yes: the goal reached or the mission done, no collision."""
+        return self.judgement.passed
 
     @property
     def outcome(self) -> str:
         """Whether the goal was reached, and if not, why the run ended."""
-        if self.reached is None and self.done is None:
-            return "no goal"
         limit = "" if self.limit_s is None else f": time limit of {self.limit_s:.0f} s"
         why = f": {self.why}" if self.why else ""
         if self.done is not None:
             return "done" if self.done else f"NOT done{limit}{why}"
-        return "reached" if self.reached else f"NOT reached{limit}{why}"
+        if self.reached is not None:
+            return "reached" if self.reached else f"NOT reached{limit}{why}"
+        if self.arrived:
+            return f"arrived{_known_to(self.deviation_m)}"
+        return "no goal" if self.arrived is None else f"unknown whether reached{limit}{why}"
 
     @property
     def verdict(self) -> str:
         least = self.min_clearance_m
         clear = "" if least is None else f", clearance {least:.2f} m"
+        touched = "unknown" if self.collisions is None else self.collisions
         return (
             f"{self.outcome}; {self.tt_s:.1f} s over {self.td_m:.2f} m;"
-            f" {self.exchanges} exchanges, {self.collisions or 0} collisions{clear}"
+            f" {self.exchanges} exchanges, {touched} collisions{clear}"
         )
 
 
-def _own(truth: Truth) -> int:
-    """Collisions of the robot's own motion."""
-    return truth.collisions - truth.bumped
+def _known_to(deviation_m: float | None) -> str:
+    """How well the pose is known with which a robot has arrived."""
+    off = "by how much is not known" if deviation_m is None else f"+-{deviation_m:.2f} m"
+    return f" as far as the pose is known: {off}"
 
 
 class Mark(NamedTuple):
@@ -152,12 +169,11 @@ def speeds(command: Command) -> tuple[float, float]:
 
 
 class _Origin(NamedTuple):
-    """Time, pose, controller and collisions at the beginning of a run."""
+    """Time, pose and controller at the beginning of a run."""
 
     t: float
     at: Pose2
     controller: str
-    collisions: int
 
 
 @dataclass
@@ -173,11 +189,15 @@ class RunWatch:
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
     view: View = field(default_factory=View)
+    truth: GroundTruth = field(default_factory=GroundTruth)
+    warnings: list[str] = field(default_factory=list)  # that the run has reported
+    unaided: str = ""  # why nothing corrects the pose, with a space before; "": something does
     now: float = 0.0
     done: bool = False
     failed: str = ""  # why the mission or exploration failed
     waits: str = ""  # why the robot does not drive now
     replaced: bool = False  # another mission has replaced this run's
+    lost: bool = False  # the run could not be watched until its end
     errand: Progress | None = None  # progress of a mission of several tasks, or an exploration
     grid: OccupancyGrid | None = None  # the map made by driving
     begun: bool = False
@@ -196,16 +216,24 @@ class RunWatch:
     def begin(self, mission: int = 0) -> None:
         """Start: the mission is accepted; 0 for a run without a mission."""
         self.mission, self.begun = mission, True
+        self.truth.begin(self.now)
 
     def end(self, limit: float) -> None:
         """End the run by its time limit, s."""
         self.limit = None if self.done else limit
+
+    def lose(self, why: str) -> None:
+        """From now on nothing is known, as when the simulator has ended; the run is over."""
+        self.truth.lose(why)
+        self.lost = True
 
     def update(self, message: Message, now: float) -> None:
         if self.done:
             return
         self.now = now
         self.view.learn(message, now)
+        if isinstance(message, Truth) and message is self.view.truth:
+            self.truth.add(message, now)
         if isinstance(message, Trajectory) and message.waypoints:
             self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
         handler = getattr(self, f"_on_{type(message).__name__.lower()}", None)
@@ -247,8 +275,8 @@ class RunWatch:
 
     @property
     def _truth(self) -> Pose2 | None:
-        """The true pose in the frame of the run."""
-        truth, frame = self.view.truth, self._frame
+        """The true pose in the frame of the run; None if it is not known now."""
+        truth, frame = self.truth.known(self.now), self._frame
         if truth is None or (self.unplaced and frame is None):
             return None
         at = truth.x, truth.y, truth.theta
@@ -264,16 +292,86 @@ class RunWatch:
     def astray(self) -> tuple[float, float] | None:
         """The pose's error, m and degrees, if it falsely reports the goal as reached; else None."""
         pose, truth = self.view.pose, self._truth
-        ended = self.done and not self.failed and self.goal is not None
-        if not ended or pose is None or truth is None or self.result().reached:
+        if not self.arrived or pose is None or truth is None or self._goal_measures()[0]:
             return None
         turned = abs(degrees(wrap(pose.theta - truth[2])))
         return hypot(pose.x - truth[0], pose.y - truth[1]), turned
 
+    @property
+    def arrived(self) -> bool | None:
+        """Whether the goal is reached by the estimated pose; None without a goal."""
+        return None if self.goal is None else self.done and not self.failed
+
+    @property
+    def mistaken(self) -> str:
+        """A sentence about a goal that is reached by the estimated pose alone; "" otherwise."""
+        if (astray := self.astray) is None:
+            return ""
+        return (
+            "goal reached by the estimated pose, but not in truth: the estimate is off by"
+            f" {astray[0]:.2f} m and {astray[1]:.1f} degrees{self.unaided}"
+        )
+
+    @property
+    def stands(self) -> str:
+        """Why the robot cannot drive: a latched stop, motors off, a blocked wheel; else ""."""
+        state = self.view.state
+        if state is None or not self.begun or self.done:
+            return ""
+        if state.stop.stopped:
+            how = release(state.stop, motors=state.motors)
+            return f"stopped by {state.stop.requester}; {how}"
+        if not state.motors:
+            return "the robot's motors are off"
+        return "stalled: the robot touches something" if state.stalled else ""
+
+    def judge(self) -> Judgement:
+        """Whether the goal is reached or the mission done, without a collision."""
+        found = []
+        if self.goal is not None:
+            found.append(self._at_goal())
+        elif self.mission:
+            found.append(self._mission_done())
+        return all_of([*found, self.truth.touched(self.now)])
+
+    def _at_goal(self) -> Judgement:
+        reached, *_ = self._goal_measures()
+        if reached:
+            return yes()
+        if reached is None:
+            cure = START if self.truth.newest is None else AGAIN
+            deviation = _known_to(self._deviation_m)
+            return unknown(f"arrived{deviation}" if self.arrived else "goal: unknown", cure)
+        return no(f"goal not reached{self._why_not()}")
+
+    def _mission_done(self) -> Judgement:
+        errand = self.errand
+        if errand is not None and errand.over and not errand.failed:
+            return yes()
+        if self.lost:
+            return unknown("mission: unknown", AGAIN)
+        if errand is None and not self.failed:
+            cure = "`armadico ps` shows whether the agent that does the mission is alive"
+            return unknown("no progress of the mission was received", cure)
+        return no(f"mission not done{self._why_not()}")
+
+    def _why_not(self) -> str:
+        limit = "" if self.limit is None else f": time limit of {self.limit:.0f} s"
+        return f"{limit}: {why}" if (why := self._why) else limit
+
+    @property
+    def _why(self) -> str:
+        lost = self.truth.broken if self.lost else ""
+        return self.failed or self.mistaken or lost or self.waits or self.stands
+
+    @property
+    def _deviation_m(self) -> float | None:
+        """The standard deviation of the pose, m; None: not known."""
+        pose = self.view.pose
+        return None if pose is None or not pose.covariance else round(pose.deviation, 3)
+
     def result(self) -> Result:
         reached, off, p = self._goal_measures()
-        truth = self.view.truth
-        collisions = 0 if self._origin is None else self._origin.collisions
         return Result(
             scenario=self.scenario,
             seed=self.seed,
@@ -287,11 +385,11 @@ class RunWatch:
                 for name, cycles in sorted(self._cycles.items())
             },
             exchanges=self.exchanges,
-            collisions=_own(truth) - collisions if truth else None,
+            collisions=self.truth.collisions,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
             limit_s=self.limit,
             conditions=self.conditions,
-            why=self.failed or self.waits,
+            why=self._why,
             done=None if self.tasks is None else self.tasks.over and not self.tasks.failed,
             tasks=None
             if self.tasks is None
@@ -299,10 +397,14 @@ class RunWatch:
                 TaskResult(step.step, step.end, step.note, round(step.at, 3))
                 for step in self.tasks.steps or ()
             ),
+            arrived=self.arrived,
+            deviation_m=self._deviation_m,
+            judgement=self.judge(),
+            warnings=tuple(self.warnings),
         )
 
     def _goal_measures(self) -> tuple[bool | None, float | None, float | None]:
-        """`reached`, FO and P."""
+        """`reached`, FO and P; `reached` is None also if the true pose is not known."""
         if self.goal is None:
             return None, None, None
         here = self.here or (0.0, 0.0, 0.0)
@@ -311,13 +413,15 @@ class RunWatch:
         turned = abs(wrap(self.goal[2] - here[2]))
         straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
         there = error <= REACHED_M and turned <= REACHED_RAD
-        reached = self.done and not self.failed and there
+        reached: bool | None = bool(self.arrived) and there
+        if (self.arrived or self.lost) and self._truth is None:
+            reached = None
         p = round(100.0 * (1.0 - error / straight), 3) if straight > STRAIGHT_M else 0.0
         return reached, round(degrees(turned), 3), p
 
     def _on_truth(self, truth: Truth) -> None:
-        if truth is not self.view.truth:
-            return  # another simulator's
+        if truth is not self.view.truth or truth is not self.truth.newest:
+            return  # another simulator's, or it contradicts itself
         pose, at = self.view.pose, (truth.x, truth.y, truth.theta)
         if self.unplaced and self._frame is None and pose is not None:
             self._frame = compose((pose.x, pose.y, pose.theta), relative(at, STOOD))
@@ -333,13 +437,12 @@ class RunWatch:
             self.clearance = min(truth.clearance, least)
 
     def _on_pose(self, pose: Pose) -> None:
-        if self._truth is None:
+        if self._truth is None and not self._true:  # the truth that has stopped has another clock
             self._mark(self.now, (pose.x, pose.y, pose.theta))
 
     def _mark(self, t: float, at: Pose2) -> None:
         if self._origin is None:
-            collisions = _own(truth) if (truth := self.view.truth) else 0
-            self._origin = _Origin(t, at, self.view.controller, collisions)
+            self._origin = _Origin(t, at, self.view.controller)
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
         self.path.append(Mark(t, *at, self.holder))

@@ -42,6 +42,7 @@ from armadico.mobile.messages import (
     Trajectory,
     Truth,
 )
+from armadico.observe.ground_truth import contradicts
 
 M = TypeVar("M", bound=Message)
 
@@ -53,6 +54,8 @@ WINDOW_S: Final = 5.0  # period over which rates are computed
 GONE: Final = 100  # instances that are gone, with their cards
 LINES: Final = 200  # log lines
 EXCHANGES: Final = 100
+
+AGAIN: Final = 3  # a truth that goes back so often in the window is of two simulators
 
 
 def agent_of(instance: str) -> str:
@@ -140,6 +143,8 @@ class View:
         logs: The newest log lines, newest last.
         reports: By monitor, its newest report.
         errands: By kind of message, the progress of errands.
+        simulator: The id of the robot's own simulator, if the observer knows it from elsewhere,
+            as a run that started it; empty: by the robot's description.
         truth: The newest ground truth of the robot's own simulator.
         rests_since: When the robot came to rest; None: it moves.
         lost_since: When the pose became too uncertain to drive; None: the robot is localized.
@@ -159,10 +164,12 @@ class View:
         self.logs: deque[LogLine] = deque(maxlen=LINES)
         self.reports: dict[str, MonitorReport] = {}
         self.errands: dict[type[Message], tuple[Progress, ...]] = {}
+        self.simulator = ""
         self.truth: Truth | None = None
         self.rests_since: float | None = None
         self.lost_since: float | None = None
         self.simulators: dict[str, float] = {}
+        self._contradicted: deque[float] = deque(maxlen=AGAIN)  # when the own truth went back
         self._latest: dict[type[Message], tuple[Message, float]] = {}  # with its time, s
         self._contested: dict[str, _Contested] = {}  # by resource
 
@@ -341,16 +348,20 @@ class View:
         return "" if self.description is None else self.description.controller
 
     def _own(self, simulator: str) -> bool:
-        """Whether a simulator is the robot's own; one without a name never is."""
-        return simulator == self.controller != ""
+        """Whether a simulator is the robot's own; one without an id never is."""
+        described = "" if self.description is None else self.description.of_truth
+        return simulator == (self.simulator or described) != ""
 
     def strangers(self, now: float) -> list[str]:
         """Simulators that publish in the namespace but are not the robot's.
 
-        If the robot is not described yet, a single simulator is no stranger.
+        If the robot is not described yet, a single simulator is no stranger. The robot's own id is
+        among them if two simulators have it.
         """
         active = [each for each, at in self.simulators.items() if now - at <= WINDOW_S]
-        others = sorted(each for each in active if not self._own(each))
+        again = self._contradicted
+        twice = len(again) == AGAIN and now - again[0] <= WINDOW_S
+        others = sorted(each for each in active if twice or not self._own(each))
         return others if self.description is not None or len(others) > 1 else []
 
     @property
@@ -462,6 +473,8 @@ class View:
     def _on_truth(self, truth: Truth, t: float) -> None:
         self.simulators[truth.simulator] = t
         if self._own(truth.simulator):
+            if self.truth is not None and contradicts(self.truth, truth):
+                self._contradicted.append(t)
             self.truth = truth
 
     def _on_ack(self, ack: Ack, t: float) -> None:

@@ -594,6 +594,12 @@ class Mission:
         return status is not None and status.state is MissionState.REACHED
 
     @property
+    def doubt(self) -> str:
+        """By how much a robot that has reached the goal may be off it; "" within the tolerance."""
+        status = self.status
+        return status.note if status is not None and self.reached else ""
+
+    @property
     def failed(self) -> str | None:
         """Why the mission failed; None if it did not."""
         status = self.status

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf, isfinite
+from typing import Final
 
 from armadico.bridge.simulator.arena import Arena
 from armadico.bridge.simulator.plant import Plant
 from armadico.mobile.messages import Truth
+
+UNNAMED: Final = "simulator"
+"""The id of a simulated robot without one: a truth without an id is nobody's."""
 
 
 class Controller:
@@ -86,11 +90,16 @@ class SimulatedRobot:
     """The robot behind its port."""
 
     def __init__(self, plant: Plant, controller: Controller, name: str, cycle_s: float) -> None:
-        """`name` is the controller's, and the `simulator` in published truth."""
+        """`name` is the controller's.
+
+        It is the id in the published truth, too, unless `simulator` is set: a run sets it to an id
+        that no driver chooses.
+        """
         self.plant = plant
         self.controller = controller
         self._watchers: list[Callable[[Truth], None]] = []
-        self._name, self._cycle = name, cycle_s
+        self.name, self._cycle = name, cycle_s
+        self.simulator = name or UNNAMED
         self._answering = False
         self._truth_at = 0.0
         self._outgoing = bytearray()  # for the client
@@ -151,7 +160,7 @@ class SimulatedRobot:
             w=w,
             collisions=plant.touches.collisions + plant.touches.bumps,
             clearance=clearance if isfinite(clearance) else None,
-            simulator=self._name,
+            simulator=self.simulator,
             bumped=plant.touches.bumps,
             charge=plant.battery.charge,
             used=plant.battery.used_j,

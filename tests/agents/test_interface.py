@@ -207,6 +207,17 @@ def test_the_goal_passed_on_the_way_is_not_yet_reached(desk: Desk) -> None:
     assert desk.last(MissionStatus).state is MissionState.DRIVING
 
 
+@pytest.mark.parametrize("off_m", [0.05, 0.3])
+def test_a_goal_reached_by_a_pose_beyond_the_tolerance_is_reached_with_a_doubt(
+    driving: Desk, off_m: float
+) -> None:
+    driving.moved(1.0)
+    driving.moved(3.0, off_m=off_m)
+    status = driving.last(MissionStatus)
+    assert status.state is MissionState.REACHED, "it does not stand there for ever"
+    assert ("as far as the pose is known: +-0.30 m" in status.note) == (off_m > 0.12)
+
+
 def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
     mission = driving.last(Trajectory).mission
     driving.moved(1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -64,16 +65,29 @@ def test_an_address_of_another_kind_is_refused(env: dict[str, str]) -> None:
     assert "its address begins with serial:// or tcp://" in done.stderr
 
 
+def test_the_collisions_of_a_driver_without_a_name_are_counted(env: dict[str, str]) -> None:
+    words = ("--virtual", "--profile", "create2", "--sensors", "ideal", "--json")
+    done = call("run", "sc1", "--goal", "0.6", "0", "0", *words, env=env)
+    result = json.loads(done.stdout)
+    assert (done.returncode, result["collisions"]) == (0, 0)
+    assert result["judgement"] == {"answer": "yes", "reason": "", "cure": ""}
+
+
 @pytest.mark.long
 @pytest.mark.live
-def test_live_it_is_driven_over_a_serial_line(env: dict[str, str], tmp_path: Path) -> None:
+def test_live_it_is_driven_over_a_serial_line_and_its_collisions_are_counted(
+    env: dict[str, str], tmp_path: Path
+) -> None:
     line, namespace = str(tmp_path / "robot"), ("--namespace", f"create2-{os.getpid()}")
     with starter(env=env) as start:
-        simulator = start("sim", "create2", "sc1", "--pty", line, *namespace)
+        known = ("--id", "sim-create2")
+        simulator = start("sim", "create2", "sc1", "--pty", line, *known, *namespace)
         assert simulator.stdout is not None
         assert "serial://" in simulator.stdout.readline()
-        words = ("--robot", f"serial://{line}?baud=115200", "--profile", "create2", "--no-plot")
+        words = ("--robot", f"serial://{line}?baud=115200", "--profile", "create2", "--json")
+        words += ("--no-plot", "--simulator", "sim-create2")
         run = start("run", "sc1", "--goal", "0.6", "0", "0", *words, *namespace)
         out, errors = run.communicate(timeout=SOON)
         assert run.returncode == 0, errors
-        assert "reached" in out
+        result = json.loads(out)
+        assert (result["reached"], result["collisions"]) == (True, 0)

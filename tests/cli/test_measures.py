@@ -11,7 +11,10 @@ from rich.progress import Progress
 
 from armadico.cli import ps
 from armadico.cli.measures import WORDS, show, statistics
+from armadico.cli.options import FAILED, UNKNOWN
 from armadico.cli.progress import bar, remark
+from armadico.cli.run import Options, exit_code
+from armadico.core.judgement import no, unknown, yes
 from armadico.core.messages import PROTOCOL, Card
 from armadico.mobile.messages import MissionState, MissionStatus
 from armadico.observe.hosts import census
@@ -20,7 +23,7 @@ from armadico.observe.view import View
 from tests.house.tree import ROOT
 
 SHARES = {"goto": 77.25, "wall-follower-of-a-guest": 22.75}
-RUN = Result("sc4", 7, True, 5.125, 1.5, 42.25, 99.75, SHARES, 6, 0, 0.375)
+RUN = Result("sc4", 7, True, 5.125, 1.5, 42.25, 99.75, SHARES, 6, 0, 0.375, arrived=True)
 RUNS = [RUN, replace(RUN, seed=8, tt_s=44.25, shares={"goto": 100.0}, min_clearance_m=None)]
 
 
@@ -95,3 +98,21 @@ def test_ps_breaks_no_name_in_a_narrow_terminal(
     ps.show("r", view, census(view, {}, {}), everyone=False)
     said = capsys.readouterr().out.split()
     assert {who[0], silent[0], *keys, "not", "answering"} <= set(said)
+
+
+def test_unknown_has_its_own_exit_code_and_says_how_to_make_it_known(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    judgement = unknown("no truth", "start a simulator")
+    assert exit_code(Options(), judgement) == UNKNOWN
+    assert "no truth\n  -> start a simulator" in capsys.readouterr().err
+    assert exit_code(Options(accept_unknown=True), judgement) == 0
+    assert exit_code(Options(accept_unknown=True), no("2 collisions")) == FAILED
+
+
+def test_the_table_names_what_is_unknown(capsys: pytest.CaptureFixture[str]) -> None:
+    lost = replace(RUN, reached=None, arrived=True, collisions=None, judgement=unknown("no truth"))
+    show("sc4", [lost])
+    assert "no truth" in capsys.readouterr().out
+    show("sc4", [replace(RUN, judgement=yes()), lost])
+    assert "1 of 2 runs reached the goal, no collision, 1 unknown" in capsys.readouterr().out

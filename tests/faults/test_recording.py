@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.cli import main
+from armadico.cli.options import UNKNOWN
 from armadico.core.exchange import fuzzy_window
 from armadico.core.messages import (
     Ack,
@@ -76,7 +77,8 @@ def test_a_ballot_that_goes_down_is_found(
     assert not check(path, "robot2", pytest.fail).violations, "another robot's"
     assert main(["faults", "--recording", str(path)]) == 1
     assert Promise.ONE_DRIVER in capsys.readouterr().out
-    assert main(["faults", "--recording", str(path), "--namespace", "robot2"]) == 0
+    assert main(["faults", "--recording", str(path), "--namespace", "robot2"]) == UNKNOWN
+    assert "no truth of this robot" in capsys.readouterr().out
 
 
 def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:

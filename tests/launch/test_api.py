@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import sys
 import tempfile
 from itertools import pairwise
@@ -188,6 +189,17 @@ def test_a_class_of_ones_own_drives_without_a_goal_and_until_the_limit() -> None
 def test_what_makes_no_sense_is_refused_before_anybody_starts(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         armadico.run(SHORT, **wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"goal": (1, 2, "x")}, {"start": 5}, {"limit": "a"}, {"joins": ["x"]}, {"seed": "x"}],
+    ids=repr,
+)
+def test_an_argument_of_a_wrong_type_is_named_with_its_value(wrong: dict[str, Any]) -> None:
+    ((name, value),) = wrong.items()
+    with pytest.raises(TypeError, match=re.escape(f"{name}={value!r}: expected")):
+        armadico.run(SHORT, virtual=True, **wrong)
 
 
 def test_progress_is_told_while_it_runs() -> None:

@@ -13,6 +13,7 @@ from signal import SIGINT, SIGKILL
 import pytest
 
 from armadico.agents.fleet.messages import FleetStatus
+from armadico.cli.options import UNKNOWN
 from armadico.runtime.client import Client
 from tests.hosts.conftest import wait_for_line
 from tests.live.society import SOON, mesh_of
@@ -145,8 +146,9 @@ def test_a_fleet_that_is_up_does_a_list_though_a_robot_dies_and_is_left_stopped_
     ups[0].kill()
     assert all_gone(everybody), "agents leave with who started them"
     out, errors = attached.communicate(timeout=100.0)
-    assert attached.returncode == 0, errors
+    assert attached.returncode == UNKNOWN, errors
     result = json.loads(out)
+    assert "r1's collisions: unknown" in result["judgement"]["reason"], "its router is gone"
     assert sorted(task for row in result["robots"] for task in row["tasks"]) == [0, 1]
     assert f"{first}: its fleet agent is silent" in errors
 

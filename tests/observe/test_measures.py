@@ -17,7 +17,17 @@ from armadico.agents.missions.messages import (
     StepEnd,
     StepResult,
 )
-from armadico.core.messages import Ack, Ballot, Command, Cycle, Description, Message, RobotState
+from armadico.core.judgement import Answer
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    Command,
+    Cycle,
+    Description,
+    Message,
+    RobotState,
+    Stop,
+)
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import (
     Echo,
@@ -50,6 +60,10 @@ KEYS = [
     "why",
     "done",
     "tasks",
+    "arrived",
+    "deviation_m",
+    "judgement",
+    "warnings",
 ]
 
 
@@ -175,8 +189,10 @@ def test_a_goal_reached_by_the_pose_alone_is_astray_by_the_poses_error() -> None
     run.cycle(1.7, 0.4)
     run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0))
     assert run.watch.astray is None, "it drives on"
-    run.end()
+    result = run.end()
     assert run.watch.astray == pytest.approx((0.5, 0.0))
+    assert result.why == run.watch.mistaken != ""
+    assert result.why in result.judgement.reason
 
 
 def test_an_unplaced_robot_is_measured_from_where_it_began_in_truth() -> None:
@@ -207,7 +223,7 @@ def test_a_goal_that_is_reached_is_not_astray(truth: bool) -> None:
     run = Run(truth=truth).begin()
     run.cycle(0.0)
     run.cycle(2.0)
-    assert run.end().reached
+    assert run.end().reached is (True if truth else None)
     assert run.watch.astray is None
 
 
@@ -283,17 +299,104 @@ def test_in_an_empty_world_there_is_no_clearance() -> None:
     assert run.watch.result().min_clearance_m is None
 
 
-def test_without_truth_the_pose_is_used_and_collisions_and_clearance_are_null() -> None:
+def test_without_truth_the_pose_is_used_and_the_run_is_unknown() -> None:
     run = Run(truth=False).begin()
     for x in (0.0, 1.0, 1.9):
         run.cycle(x, holder="goto")
     result = run.end()
     assert result.td_m == pytest.approx(1.9)
     assert result.tt_s == pytest.approx(0.2)
-    assert result.reached
-    assert result.passed
+    assert (result.reached, result.arrived) == (None, True)
+    assert result.judgement.answer is Answer.UNKNOWN
+    assert "as far as the pose is known" in result.outcome
+    assert "no truth of this robot was received" in result.judgement.reason
+    assert "--simulator ID" in result.judgement.cure
     assert result.collisions is None
     assert result.min_clearance_m is None
+
+
+def test_an_arrival_without_truth_has_the_poses_deviation() -> None:
+    run = Run(truth=False).begin()
+    run.cycle(0.0)
+    run.show(Pose(Cycle(1, 9), 2.0, 0.0, 0.0, (0.09, 0.0, 0.0, 0.0, 0.0, 0.01)))
+    result = run.end()
+    assert result.deviation_m == 0.3
+    assert "+-0.30 m" in result.outcome
+    assert result.outcome in result.judgement.reason
+
+
+def truth_at(t: float, x: float = 0.0, collisions: int = 0) -> Truth:
+    return Truth(t, x, 0, 0, 0, 0, collisions, 0.5, "sim")
+
+
+@pytest.mark.parametrize("collisions", [0, 2])
+def test_a_truth_that_stops_leaves_what_was_counted_and_nothing_more(collisions: int) -> None:
+    run = Run(truth=False)
+    run.show(described("sim"), truth_at(0.0))
+    run.begin()
+    run.show(truth_at(0.1, collisions=collisions))
+    for number in range(40):
+        run.cycle(0.05 * (number + 1))
+    result = run.end()
+    assert (result.reached, result.arrived, result.collisions) == (None, True, collisions)
+    assert result.judgement.answer is (Answer.NO if collisions else Answer.UNKNOWN)
+    assert collisions or "stopped" in result.judgement.reason
+
+
+def test_a_truth_that_goes_on_has_counted_during_its_gap() -> None:
+    run = Run(truth=False)
+    run.show(described("sim"), truth_at(0.0))
+    run.begin()
+    for number in range(40):
+        run.cycle(0.05 * (number + 1))
+    run.show(truth_at(4.1, 2.0))
+    assert run.end().passed
+
+
+@pytest.mark.parametrize("second", [truth_at(3.0), truth_at(5.1, 4.0)])
+def test_two_simulators_with_one_id_make_the_rest_unknown(second: Truth) -> None:
+    run = Run(truth=False)
+    run.show(described("sim"), truth_at(5.0))
+    run.begin()
+    run.show(truth_at(5.1), second, truth_at(5.2, 2.0))
+    run.cycle(2.0)
+    result = run.end()
+    assert result.judgement.answer is Answer.UNKNOWN
+    assert "two simulators" in result.judgement.reason
+    assert (result.reached, result.collisions) == (None, 0)
+
+
+def test_a_run_that_lost_its_simulator_is_unknown_and_not_failed() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    run.cycle(0.5)
+    run.watch.lose("the simulator has ended (signal SIGKILL)")
+    result = run.watch.result()
+    assert (result.reached, result.judgement.answer) == (None, Answer.UNKNOWN)
+    assert "SIGKILL" in result.judgement.reason
+
+
+def test_the_truth_of_a_simulator_that_the_run_started_needs_no_name_of_a_driver() -> None:
+    run = Run(truth=False)
+    run.watch.view.simulator = "sim"
+    run.show(described("a Create without a name"), truth_at(0.0))
+    run.begin()
+    run.show(truth_at(0.1, 2.0))
+    run.cycle(2.0)
+    assert run.end().passed
+
+
+def test_what_keeps_a_robot_from_driving_is_the_reason() -> None:
+    run = Run().begin()
+    run.cycle(0.0)
+    cycle = Cycle(1, 2)
+    run.show(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "a person")))
+    run.watch.end(60.0)
+    result = run.watch.result()
+    assert "stopped by a person" in result.why
+    assert result.why in result.judgement.reason
+    run.show(RobotState(cycle, 0, 0, 0, 0, 0, 12, False, False))
+    assert "motors are off" in run.watch.result().why
 
 
 def test_the_path_before_the_first_truth_has_another_clock_and_does_not_count() -> None:
@@ -336,7 +439,8 @@ def test_without_a_goal_the_rest_is_measured() -> None:
     assert (result.reached, result.fo_deg, result.p_percent) == (None, None, None)
     assert result.td_m == 1.5
     assert result.passed
-    assert not msgspec.structs.replace(result, collisions=1).passed
+    run.cycle(1.5, collisions=1)
+    assert not run.watch.result().passed
 
 
 def test_echoes_and_waypoints_are_kept_for_a_picture() -> None:

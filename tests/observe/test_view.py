@@ -57,6 +57,20 @@ def test_two_publishers_of_a_state_and_two_simulators_are_detected() -> None:
     assert view.truth is None
 
 
+def test_two_simulators_with_the_robots_own_id_are_strangers_and_one_that_restarted_is_not() -> (
+    None
+):
+    view = View()
+    view.learn(described("sim"), 0.0)
+    for t in (7.0, 0.1, 0.2):
+        view.learn(Truth(t, 0, 0, 0, 0, 0, 0, None, "sim"), t)
+    assert not view.strangers(0.3)
+    for t in (0.3, 0.4, 0.5):
+        view.learn(Truth(t, 0, 0, 0, 0, 0, 0, None, "sim"), t)
+        view.learn(Truth(t + 5.0, 0, 0, 0, 0, 0, 0, None, "sim"), t)
+    assert view.strangers(0.6) == ["sim"]
+
+
 @pytest.mark.parametrize("is_described", [False, True], ids=["unknown", "nameless"])
 def test_a_truth_without_a_name_is_ignored(is_described: bool) -> None:
     """Otherwise a simulator left in the namespace would count for any robot without a name."""

@@ -23,6 +23,7 @@ from armadico.config.loading import load_parameters, read_text
 from armadico.config.scenarios import Scenario, ideal, load_scenario, society
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
+from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.launch.society import Options, conditions, members, names
 from armadico.launch.virtual import Rehearsal
@@ -30,7 +31,7 @@ from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose
 from armadico.observe.conditions import Conditions
 from armadico.observe.measures import REACHED_M, RunWatch
-from armadico.runtime.errors import MissionRefusedError
+from armadico.runtime.errors import MissionRefusedError, RunFailedError
 from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
 
 REST_S = 2.0
@@ -93,6 +94,13 @@ class Sample(Struct, frozen=True):
     note: str = ""
 
 
+def counted(count: int | None) -> int:
+    """A number of contacts. Raises RunFailedError if it is not known: 0 would be a good result."""
+    if count is None:
+        raise RunFailedError("contacts are not known: no truth of the robot was received")
+    return count
+
+
 Samples = dict[str, list[Sample]]
 """Runs by the name of their cell, in the order of seeds."""
 
@@ -149,8 +157,9 @@ class Drive:
         row = {
             field: value
             for field, value in result.items()
-            if field in Sample.__struct_fields__ and field != "seed"
+            if field in Sample.__struct_fields__ and field not in ("seed", "arrived")
         }
+        row["reached"] = result["reached"] is True  # unknown does not count; the note has why
         ticks = self.trace.ticks
         resting = self._parked()
         if resting:
@@ -186,6 +195,9 @@ class Drive:
             return f"refused: {self.refused}"
         if self.watch.failed:
             return f"failed: {self.watch.failed}"
+        judgement = self.watch.judge()
+        if judgement.answer is Answer.UNKNOWN:
+            return f"unknown: {judgement.reason}"
         if self.watch.done or resting:
             return ""
         return "stuck" if self.trace.stuck else "time limit"

@@ -30,6 +30,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import MapRequest, OccupancyGrid, Pose
 from armadico.observe.measures import REACHED_M
 from armadico.runtime.errors import SocietyError
+from armadico_tools.experiments.driving import counted
 from armadico_tools.experiments.floor_plans import floor_plan, save
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
@@ -166,7 +167,7 @@ class Exploration:
             *(world.name, self.task.robot, self.task.seed, state),
             note=self.refused or found.why or ("time limit" if found.limit_s else ""),
             back_m=round(hypot(here[0] - start[0], here[1] - start[1]), 4),
-            collisions=found.collisions or 0,
+            collisions=0 if self.refused else counted(found.collisions),
             right=round(right, 5),
             occupied_right=round(occupied, 5),
             reached=round(reached, 5),

@@ -16,6 +16,7 @@ from armadico.config.scenarios import Scenario, load_scenario
 from armadico.launch.society import Options
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mobile.messages import Waypoint
+from armadico_tools.experiments.driving import counted
 from armadico_tools.experiments.kinematic import Band
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
@@ -173,8 +174,8 @@ def whole(task: tuple[int, int, bool, str]) -> Whole:
         twice=len(result.twice),
         makespan_s=result.makespan_s,
         messages=result.messages,
-        collisions=sum(row.collisions or 0 for row in result.robots),
-        bumped=sum(row.bumped or 0 for row in result.robots),
+        collisions=sum(counted(row.collisions) for row in result.robots),
+        bumped=sum(counted(row.bumped) for row in result.robots),
         clearance_m=min(clear),
     )
 

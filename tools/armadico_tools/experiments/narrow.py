@@ -17,6 +17,7 @@ from armadico.agents.fleet.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, ScenarioPose, load_scenario
 from armadico.launch.society import Options
 from armadico.mobile.messages import MissionStatus
+from armadico_tools.experiments.driving import counted
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
@@ -241,7 +242,7 @@ def passing(task: tuple[str, int, int]) -> Row:
     failed += [f"{name}: time limit" for name in under_way]
     took = round(mesh.now - begun, 1) if reached == robots else None
     truths = [robot.watch.view.truth for robot in fleet.robots.values()]
-    contacts = sum(truth.collisions for truth in truths if truth is not None)
+    contacts = sum(counted(None if truth is None else truth.collisions) for truth in truths)
     return Row(world, robots, seed, reached, took, contacts, tuple(failed))
 
 

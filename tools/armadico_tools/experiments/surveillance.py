@@ -30,6 +30,7 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import BatteryLevel, Truth
 from armadico.runtime.errors import SocietyError
+from armadico_tools.experiments.driving import counted
 from armadico_tools.experiments.runner import Context, Experiment, Part
 from armadico_tools.markdown import table
 
@@ -145,7 +146,7 @@ class Watchman:
         self._charging = False
         self._odometer = 0.0
         self._at: tuple[float, float] | None = None
-        self._touched = 0
+        self._touched: int | None = None
         kinds = (Board, BatteryLevel, ChargeStatus, Truth, Photo, RobotState)
         self.rehearsal.mesh.watch(self._on_message, *kinds)
 
@@ -181,7 +182,7 @@ class Watchman:
             charges=self.counts["charges"],
             least_v=round(self.least_v, 2),
             km=round(self._odometer / 1e3, 2),
-            contacts=self._touched,
+            contacts=counted(self._touched),
             why=tuple(self.why),
         )
 

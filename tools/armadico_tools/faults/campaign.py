@@ -19,6 +19,7 @@ from armadico.config.errors import ConfigError
 from armadico.config.hosts import load_hosts
 from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
+from armadico.core.judgement import Answer, all_of, no, unknown, yes
 from armadico.observe.conditions import software
 from armadico_tools.command_options import over
 from armadico_tools.faults import MINUTES, SEEDS, plan, series, shrink, workload
@@ -109,14 +110,20 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
     broken = checker.violations
+    kept = no(f"{len(broken)} promises broken") if broken else yes()
+    blind = "collisions are unknown: the recording has no truth of this robot"
+    judgement = all_of((kept, yes() if checker.record.truth is not None else unknown(blind)))
     if as_json:
         rows = [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken]
-        print(json.dumps({"violations": rows, "longest_s": checker.longest}, indent=2))
+        found = {"violations": rows, "longest_s": checker.longest}
+        print(json.dumps({**found, "judgement": msgspec.to_builtins(judgement)}, indent=2))
     else:
         print(f"promises broken: {len(broken)}")
         for violation in broken[:SHOWN]:
             print(f"  {violation.promise}: {violation.text}")
-    return options.FAILED if broken else 0
+        if judgement.answer is Answer.UNKNOWN:
+            print(f"unknown: {judgement.reason}")
+    return judgement.exit_code
 
 
 def run_seeds(args: argparse.Namespace) -> int:
