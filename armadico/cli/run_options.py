@@ -38,6 +38,7 @@ STARTING: Final = (
     "robot",
     "profile",
     "sensors",
+    "unseen",
     "world",
     "together",
 )
@@ -97,6 +98,7 @@ class Drive:
         " almost no errors, and no localization agent (default: the scenario's)",
         metavar="NAME",
     )
+    unseen: str | None = options.unseen_option("the scenario's, else the map file's, else drive")
     redundant: bool = flag("run two of each behaviour, so that any one may fail")
     together: tuple[str, ...] = several(
         "live: run these agents in one process; may be repeated", metavar="A+B"
@@ -156,6 +158,7 @@ class Drive:
             without=self.without,
             besides=self.besides,
             sensors=self.sensors,
+            unseen=self.unseen,
             redundant=self.redundant,
             together=tuple(tuple(group.split("+")) for group in self.together),
             robot=self.robot,

@@ -153,6 +153,9 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """Speed limit of this scenario, m/s; None: the agents' own."""
+    unseen: Literal["drive", "refuse"] | None = None
+    """Whether a path may lead through what nobody has seen, where no other leads to the goal.
+    None: as the map's file says, else "drive"."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     name: str = ""
     """By default the file's name."""

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
+from typing import Literal
 
 from msgspec import to_builtins
 from msgspec.structs import replace
@@ -73,6 +74,7 @@ class Options:
     without: tuple[str, ...] = ()
     besides: tuple[str, ...] = ()  # agents to add
     sensors: str | None = None  # of the simulated robot; None: the scenario's
+    unseen: Literal["drive", "refuse"] | None = None  # None: the scenario's
     redundant: bool = False  # two of each behaviour
     robot: str | None = None  # the address of a real robot
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
@@ -126,6 +128,7 @@ def prepared(
         agents=(*scenario.agents, *more),
         sensors=known_sensors(scenario.sensors),
         redundant=options.redundant or scenario.redundant,
+        unseen=options.unseen or scenario.unseen,
     )
     for name in (*scenario.agents, *options.without):
         find(AGENTS, name)
@@ -264,6 +267,7 @@ def facts(
         "start_rad": PLACED_RAD if placed else None,
         "world": None if unmapped(scenario) else scenario.world,
         "v_max": scenario.v_max,
+        "unseen": scenario.unseen,
         "safety.unmapped": "true" if _unmapped_by_sonar(scenario) else None,
         "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import atan2, hypot, inf
 
+from armadico.config.worlds import distance
 from armadico.core.messages import Point
-from armadico.mobile.messages import Trajectory, Waypoint
+from armadico.mobile.messages import Stretch, Trajectory, Waypoint
 
 # An intermediate waypoint is passed within `PASSED_M` of it, or on crossing the normal of the leg
 # through it within `BESIDE_M`.
@@ -33,9 +34,14 @@ class Route:
     """A polyline from a start over waypoints to a goal, with the present leg."""
 
     def __init__(
-        self, waypoints: Sequence[Waypoint] = (), start: Point = ORIGIN, leg: int = 0
+        self,
+        waypoints: Sequence[Waypoint] = (),
+        start: Point = ORIGIN,
+        leg: int = 0,
+        unseen: Sequence[Stretch] = (),
     ) -> None:
         self.waypoints = tuple(waypoints)
+        self.unseen = tuple(unseen)
         self.start = start
         self.leg = min(leg, max(len(self.waypoints) - 1, 0))
         self._seen: tuple[float, float] | None = None  # the robot's position at the last call
@@ -43,7 +49,7 @@ class Route:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Route:
-        return cls(trajectory.waypoints, trajectory.start, trajectory.leg)
+        return cls(trajectory.waypoints, trajectory.start, trajectory.leg, trajectory.unseen)
 
     @property
     def goal(self) -> Waypoint | None:
@@ -124,6 +130,11 @@ class Route:
         return min(
             (self._off(leg, x, y)[0] for leg in range(self.leg, len(self.waypoints))), default=inf
         )
+
+    def off_unseen(self, x: float, y: float) -> float:
+        """Return a place's distance from the path's unseen parts, m; infinite without any."""
+        parts = ((each.x1, each.y1, each.x2, each.y2) for each in self.unseen)
+        return min((distance(x, y, part) for part in parts), default=inf)
 
     def up_to(self, x: float, y: float) -> tuple[Waypoint, ...]:
         """Return the remaining path up to a place on it; () if the place is not on it.

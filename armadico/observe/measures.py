@@ -28,8 +28,10 @@ from armadico.mobile.messages import (
     Pose,
     Scan,
     Sonar,
+    Stretch,
     Trajectory,
     Truth,
+    unseen_m,
 )
 from armadico.observe.conditions import Conditions
 from armadico.observe.view import View, agent_of
@@ -81,7 +83,8 @@ class Result(Struct, frozen=True):
     several tasks ended as requested, and `tasks` the result of each; null for other missions.
     `limit_s` is the time limit if it ended the run. `why` is the reason of a failure, or why the
     robot did not drive at the end. Shares (TG, TA, TGt in the thesis) are by agent, in per cent of
-    the cycles in which any agent was obeyed. Collisions are those of the robot's own motion; they
+    the cycles in which any agent was obeyed. `unseen_m` is how much of the paths leads through what
+    nobody has seen on the map. Collisions are those of the robot's own motion; they
     exclude people walking into it.
     """
 
@@ -101,6 +104,7 @@ class Result(Struct, frozen=True):
     why: str = ""
     done: bool | None = None
     tasks: tuple[TaskResult, ...] | None = None
+    unseen_m: float = 0.0
 
     @property
     def passed(self) -> bool:
@@ -172,6 +176,7 @@ class RunWatch:
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
+    unseen: dict[Stretch, None] = field(default_factory=dict)  # parts of the paths, in order
     view: View = field(default_factory=View)
     now: float = 0.0
     done: bool = False
@@ -208,6 +213,7 @@ class RunWatch:
         self.view.learn(message, now)
         if isinstance(message, Trajectory) and message.waypoints:
             self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
+            self.unseen |= dict.fromkeys(message.unseen)
         handler = getattr(self, f"_on_{type(message).__name__.lower()}", None)
         if not self.begun:
             return
@@ -299,6 +305,7 @@ class RunWatch:
                 TaskResult(step.step, step.end, step.note, round(step.at, 3))
                 for step in self.tasks.steps or ()
             ),
+            unseen_m=round(unseen_m(self.unseen), 3),
         )
 
     def _goal_measures(self) -> tuple[bool | None, float | None, float | None]:

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, TypeVar, cast
+from typing import Final, Literal, TypeVar, cast
 
 from armadico.core.errors import no_such
 from armadico.core.mailbox import EVENTS
@@ -38,6 +38,7 @@ from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Pose,
+    UnseenRule,
     Waypoint,
 )
 from armadico.runtime.errors import (
@@ -222,6 +223,7 @@ class Client:
         *,
         direct: bool = False,
         start: tuple[float, float, float] | None = None,
+        unseen: Literal["drive", "refuse"] | None = None,
     ) -> Mission:
         """Send the robot to a pose (m, m, rad); return when the mission is accepted.
 
@@ -230,7 +232,9 @@ class Client:
 
         Without `theta`, the heading is that of the line from the present pose to the goal. The path
         is the planner's, or a straight line with `direct`. `start` sets the robot's present pose
-        (m, m, rad), if it is known better than the robot estimates it.
+        (m, m, rad), if it is known better than the robot estimates it. `unseen` is whether a path
+        may lead through what nobody has seen, where no other leads to the goal; None: the planner's
+        own rule.
 
         Raises:
             AbsentError: There is no interface agent.
@@ -242,7 +246,8 @@ class Client:
         if theta is None:
             theta = heading_to(x, y, here or self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
-        request = MissionRequest(goal, planned=not direct, start=here)
+        rule = None if unseen is None else UnseenRule(unseen)
+        request = MissionRequest(goal, planned=not direct, start=here, rule=rule)
         return Mission(self, self.request_mission(request))
 
     def request_mission(
@@ -574,11 +579,13 @@ class Mission:
     Attributes:
         number: Identifies the mission.
         length: The length of the path along its waypoints, m.
+        unseen: Its parts where nobody has seen the map.
     """
 
     def __init__(self, client: Client, reply: MissionReply) -> None:
         self.number = reply.mission
         self.length = reply.length
+        self.unseen = reply.unseen
         self._client = client
 
     @property

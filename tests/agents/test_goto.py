@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.agents.driving.goto import Goto, Parameters
-from armadico.agents.driving.sight import in_sight
 from armadico.agents.methods.controllers import SETTINGS
 from armadico.agents.methods.settings import Brisk
 from armadico.core.agent import Identity
 from armadico.core.messages import Description, Point
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.motion import touches_at
+from armadico.mobile.sight import in_sight
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, commands, drive_to, obstacles, wall
 from tests.framework.robots import body, described
