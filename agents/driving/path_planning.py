@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
@@ -15,7 +15,7 @@ from armadico.agents.methods.planning import Plan as Way
 from armadico.agents.methods.planning import PlanError, plan, plan_on_map, unknown
 from armadico.config.grid_map import cells_of
 from armadico.config.profile import load_profile
-from armadico.config.worlds import World, load_world
+from armadico.config.worlds import Rule, World, load_world
 from armadico.core import agent
 from armadico.core.agent import INFO, WARNING, Agent, Question
 from armadico.core.messages import Message, RobotState, line
@@ -52,7 +52,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     round_corners: bool = False  # for the brisk controller; the thesis's turns at each waypoint
     pace: Pace = Pace()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit, m/s
-    unseen: Literal["drive", "refuse"] | None = None  # where nobody has seen; None: the map's rule
+    unseen: Rule | None = None  # where nobody has seen; None: the map's rule
 
 
 class PathPlanning(Agent):

@@ -2,8 +2,8 @@
 
 Clearance is the exact distance from a cell's centre to the nearest wall. A cell costs its length,
 more where a wall is nearer than preferred, and is blocked where one is nearer than the radius: so
-paths keep to the middle of narrow places and go straight where there is space. Cells that nobody has
-seen are walls in this; a plan that has to lead through them gives their price (`Margins.unseen`).
+paths keep to the middle of narrow places and go straight where there is space. Cells that nobody
+has seen are walls in this; a plan that has to lead through them gives their price (`Margins`).
 """
 
 from __future__ import annotations

@@ -27,6 +27,7 @@ from armadico.cli.parsing import (
     several,
 )
 from armadico.cli.run_options import X_Y_DEG, pose
+from armadico.config.worlds import Rule
 from armadico.core.errors import UnknownNameError
 from armadico.mesh.endpoints import Endpoints
 
@@ -77,7 +78,7 @@ class Options:
     robot: str | None = option(
         "connect to this controller (default: the host entry's)", metavar="URL"
     )
-    unseen: str | None = options.unseen_option("the scenario's, else the map file's, else drive")
+    unseen: Rule | None = options.unseen_option("the scenario's, else the map file's, else drive")
     restarts: int = option(
         "give up after N restarts within --within (default: %(default)s)",
         default=5,

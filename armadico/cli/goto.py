@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
+from armadico.config.worlds import Rule
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -75,7 +76,7 @@ class Options:
         read=_number,
         metavar=("X", "Y", "DEG"),
     )
-    unseen: str | None = options.unseen_option("the society's")
+    unseen: Rule | None = options.unseen_option("the society's")
     timeout: float | None = options.timeout_option("wait at most so long (default: no limit)")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 

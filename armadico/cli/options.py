@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from armadico.config.worlds import World
+    from armadico.config.worlds import Rule, World
     from armadico.mesh.endpoints import Endpoints
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.runtime.client import Client
@@ -248,12 +248,13 @@ def unseen_option(default: str) -> Any:
     )
 
 
-def _unseen_rule(text: str) -> str:
+def _unseen_rule(text: str) -> Rule:
     """Raises BadValueError."""
     from armadico.config.worlds import RULES
 
-    if text in RULES:
-        return text
+    for rule in RULES:
+        if text == rule:
+            return rule
     if not text.endswith((".yaml", ".yml")):
         raise BadValueError(f"{text!r}: expected {', '.join(RULES)} or a .yaml of Nav2")
     from armadico.config.nav2 import unseen_rule

@@ -22,6 +22,7 @@ from armadico.cli.parsing import (
     option,
     several,
 )
+from armadico.config.worlds import Rule
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario, ScenarioPose
@@ -98,7 +99,7 @@ class Drive:
         " almost no errors, and no localization agent (default: the scenario's)",
         metavar="NAME",
     )
-    unseen: str | None = options.unseen_option("the scenario's, else the map file's, else drive")
+    unseen: Rule | None = options.unseen_option("the scenario's, else the map file's, else drive")
     redundant: bool = flag("run two of each behaviour, so that any one may fail")
     together: tuple[str, ...] = several(
         "live: run these agents in one process; may be repeated", metavar="A+B"

@@ -10,7 +10,7 @@ import yaml
 
 from armadico.config.errors import ConfigError
 from armadico.config.loading import read_text
-from armadico.config.worlds import DRIVE, REFUSE
+from armadico.config.worlds import DRIVE, REFUSE, Rule
 
 LONGEST: Final = 1_000_000
 """Most bytes of a parameter file."""
@@ -18,7 +18,7 @@ LONGEST: Final = 1_000_000
 PLANNERS: Final = "planner_server"
 
 
-def unseen_rule(path: Path | str) -> str:
+def unseen_rule(path: Path | str) -> Rule:
     """`refuse` if a planner's `allow_unknown` is false, else `drive`. Raises ConfigError."""
     text = read_text(path, LONGEST)
     try:

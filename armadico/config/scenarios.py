@@ -25,7 +25,7 @@ from armadico.config.loading import document, load, parse, read_text
 from armadico.config.moving import Moving
 from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
-from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
+from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, Rule, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
 from armadico.core.errors import UnknownNameError
 
@@ -153,7 +153,7 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """Speed limit of this scenario, m/s; None: the agents' own."""
-    unseen: Literal["drive", "refuse"] | None = None
+    unseen: Rule | None = None
     """Whether a path may lead through what nobody has seen, where no other leads to the goal.
     None: as the map's file says, else "drive"."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0

@@ -20,7 +20,10 @@ def packed(
     """The unseen cells of a map, bottom row first; None if all are seen."""
     if not mask.any():
         return None
-    return Unseen(*origin, cell_m, *mask.shape, zlib.compress(np.packbits(mask).tobytes()), refused)
+    x, y, theta = origin
+    rows, columns = mask.shape
+    bits = zlib.compress(np.packbits(mask).tobytes())
+    return Unseen(x, y, theta, cell_m, rows, columns, bits, refused)
 
 
 @lru_cache(maxsize=4)

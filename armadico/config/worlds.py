@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
+from typing import Final, Literal
 
 from msgspec import Struct
 
@@ -41,7 +42,10 @@ DOCK_LANE_M = 0.5
 DOCK_ROOM_M = 0.15
 """Least clearance of the middle of a docked robot's axle: no robot is narrower."""
 
-DRIVE, REFUSE = RULES = ("drive", "refuse")
+Rule = Literal["drive", "refuse"]
+DRIVE: Final = "drive"
+REFUSE: Final = "refuse"
+RULES: Final[tuple[Rule, ...]] = (DRIVE, REFUSE)
 """Whether a path may lead through what nobody has seen, where no other path leads to the goal."""
 
 READERS = {

@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
-from typing import Literal
 
 from msgspec import to_builtins
 from msgspec.structs import replace
@@ -41,7 +40,7 @@ from armadico.config.scenarios import (
     with_slam,
 )
 from armadico.config.shipped import counted_from
-from armadico.config.worlds import load_world
+from armadico.config.worlds import Rule, load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.topology import DEFAULT_NAMESPACE
@@ -74,7 +73,7 @@ class Options:
     without: tuple[str, ...] = ()
     besides: tuple[str, ...] = ()  # agents to add
     sensors: str | None = None  # of the simulated robot; None: the scenario's
-    unseen: Literal["drive", "refuse"] | None = None  # None: the scenario's
+    unseen: Rule | None = None  # None: the scenario's
     redundant: bool = False  # two of each behaviour
     robot: str | None = None  # the address of a real robot
     together: tuple[tuple[str, ...], ...] = ()  # agents that share a process

@@ -13,8 +13,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, Literal, TypeVar, cast
+from typing import Final, TypeVar, cast
 
+from armadico.config.worlds import Rule
 from armadico.core.errors import no_such
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
@@ -223,7 +224,7 @@ class Client:
         *,
         direct: bool = False,
         start: tuple[float, float, float] | None = None,
-        unseen: Literal["drive", "refuse"] | None = None,
+        unseen: Rule | None = None,
     ) -> Mission:
         """Send the robot to a pose (m, m, rad); return when the mission is accepted.
 
