@@ -15,11 +15,12 @@ from armadico.agents.methods.planning import Plan as Way
 from armadico.agents.methods.planning import PlanError, plan, plan_on_map, unknown
 from armadico.config.grid_map import cells_of
 from armadico.config.profile import load_profile
-from armadico.config.worlds import Rule, World, load_world
+from armadico.config.worlds import World, load_world
 from armadico.core import agent
 from armadico.core.agent import INFO, WARNING, Agent, Question
 from armadico.core.messages import Message, RobotState, line
 from armadico.core.resources import Resource
+from armadico.core.unseen import DRIVE, REFUSE, Rule
 from armadico.mobile.behaviour import UNSURE_M
 from armadico.mobile.messages import (
     WAYPOINTS,
@@ -32,7 +33,6 @@ from armadico.mobile.messages import (
     Scan,
     Sonar,
     Stretch,
-    UnseenRule,
     Waypoint,
     through_unseen,
 )
@@ -179,17 +179,17 @@ class PathPlanning(Agent):
             round_corners=self.p.round_corners,
             seen=seen,
             under_way=bool(request.why) or self._world is None,
-            refuse=self._rule(request, world) is UnseenRule.REFUSE,
+            refuse=self._rule(request, world) == REFUSE,
         )
 
-    def _rule(self, request: PlanRequest, world: World) -> UnseenRule:
+    def _rule(self, request: PlanRequest, world: World) -> Rule:
         """The request's rule for what nobody has seen, else the scenario's, else the map's."""
         if request.rule is not None:
             return request.rule
         if self.p.unseen is not None:
-            return UnseenRule(self.p.unseen)
+            return self.p.unseen
         refused = world.unseen is not None and world.unseen.refused
-        return UnseenRule.REFUSE if refused else UnseenRule.DRIVE
+        return REFUSE if refused else DRIVE
 
     def _on_map(self, grid: OccupancyGrid, request: PlanRequest) -> Way:
         """Plan on the map that slam makes, and the newest scan. Raises PlanError."""

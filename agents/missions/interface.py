@@ -36,6 +36,7 @@ from armadico.core.messages import (
     next_count,
 )
 from armadico.core.resources import Resource
+from armadico.core.unseen import Rule
 from armadico.mobile.behaviour import LOST_M, driven_by
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
@@ -51,7 +52,6 @@ from armadico.mobile.messages import (
     PlanRequest,
     Pose,
     Trajectory,
-    UnseenRule,
     Way,
     Waypoint,
     through_unseen,
@@ -177,7 +177,7 @@ class Interface(Agent):
         self._state = MissionState.NONE
         self._route = Route()
         self._revision = 0  # of the map that the route lies on
-        self._rule: UnseenRule | None = None  # the mission's, for plans made under way
+        self._rule: Rule | None = None  # the mission's, for plans made under way
         self._map_change: MapMoved | None = None  # the newest one
         self._moved_at = -inf
         self._to_go = 0.0

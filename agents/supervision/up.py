@@ -27,8 +27,8 @@ from armadico.cli.parsing import (
     several,
 )
 from armadico.cli.run_options import X_Y_DEG, pose
-from armadico.config.worlds import Rule
 from armadico.core.errors import UnknownNameError
+from armadico.core.unseen import Rule
 from armadico.mesh.endpoints import Endpoints
 
 if TYPE_CHECKING:

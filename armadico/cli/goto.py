@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
-from armadico.config.worlds import Rule
+from armadico.core.unseen import Rule
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh

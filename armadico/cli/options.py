@@ -29,6 +29,7 @@ from armadico.cli.parsing import (
 from armadico.config.errors import ConfigError
 from armadico.core.errors import UnknownNameError
 from armadico.core.judgement import UNKNOWN_EXIT
+from armadico.core.unseen import RULES, Rule
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from armadico.config.worlds import Rule, World
+    from armadico.config.worlds import World
     from armadico.mesh.endpoints import Endpoints
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.runtime.client import Client
@@ -250,8 +251,6 @@ def unseen_option(default: str) -> Any:
 
 def _unseen_rule(text: str) -> Rule:
     """Raises BadValueError."""
-    from armadico.config.worlds import RULES
-
     for rule in RULES:
         if text == rule:
             return rule

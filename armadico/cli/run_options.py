@@ -22,7 +22,7 @@ from armadico.cli.parsing import (
     option,
     several,
 )
-from armadico.config.worlds import Rule
+from armadico.core.unseen import Rule
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario, ScenarioPose

@@ -10,7 +10,7 @@ import yaml
 
 from armadico.config.errors import ConfigError
 from armadico.config.loading import read_text
-from armadico.config.worlds import DRIVE, REFUSE, Rule
+from armadico.core.unseen import DRIVE, REFUSE, Rule
 
 LONGEST: Final = 1_000_000
 """Most bytes of a parameter file."""

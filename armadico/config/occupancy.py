@@ -24,8 +24,9 @@ from PIL import Image
 from armadico.config.errors import ConfigError, ConfigValueError
 from armadico.config.loading import read_text
 from armadico.config.unseen import packed
-from armadico.config.worlds import REFUSE, RULES, Segment, World, hull
+from armadico.config.worlds import Segment, World, hull
 from armadico.core.errors import hint
+from armadico.core.unseen import REFUSE, RULES
 
 Fields = dict[str, yaml.Node]
 """The values of a map's YAML file by key."""

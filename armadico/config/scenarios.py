@@ -25,9 +25,10 @@ from armadico.config.loading import document, load, parse, read_text
 from armadico.config.moving import Moving
 from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
-from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, Rule, World, apart, before, load_world
+from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
 from armadico.core.errors import UnknownNameError
+from armadico.core.unseen import Rule
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from importlib import import_module
 from math import cos, hypot, inf, pi, sin
 from pathlib import Path
-from typing import Final, Literal
 
 from msgspec import Struct
 
@@ -41,12 +40,6 @@ DOCK_LANE_M = 0.5
 
 DOCK_ROOM_M = 0.15
 """Least clearance of the middle of a docked robot's axle: no robot is narrower."""
-
-Rule = Literal["drive", "refuse"]
-DRIVE: Final = "drive"
-REFUSE: Final = "refuse"
-RULES: Final[tuple[Rule, ...]] = (DRIVE, REFUSE)
-"""Whether a path may lead through what nobody has seen, where no other path leads to the goal."""
 
 READERS = {
     ".map": ("armadico.config.maps", "read_map"),

@@ -40,9 +40,10 @@ from armadico.config.scenarios import (
     with_slam,
 )
 from armadico.config.shipped import counted_from
-from armadico.config.worlds import Rule, load_world
+from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.resources import WHEELS, Resource
+from armadico.core.unseen import Rule
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionRequest, Waypoint

@@ -32,6 +32,7 @@ from armadico.core.messages import (
     Volts,
 )
 from armadico.core.services import event, latch, query, state
+from armadico.core.unseen import Rule
 from armadico.mobile.errand import Order
 
 RAYS: Final = 2048  # most rays of a scan
@@ -372,13 +373,6 @@ def through_unseen(stretches: Iterable[Stretch]) -> str:
     return f"{length:.1f} m of the path lead through what nobody has seen" if length else ""
 
 
-class UnseenRule(StrEnum):
-    """Whether a path may lead through what nobody has seen, if no other leads to the goal."""
-
-    DRIVE = "drive"
-    REFUSE = "refuse"
-
-
 class Trajectory(Latched, frozen=True):
     """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
 
@@ -395,7 +389,7 @@ class Trajectory(Latched, frozen=True):
     waits: bool = False
     revision: Counter = 0  # of the map that the waypoints lie on, as in `Pose`
     unseen: Stretches = ()  # its parts that are driven at the speed of sight
-    rule: UnseenRule | None = None  # of the mission's request, for plans made under way
+    rule: Rule | None = None  # of the mission's request, for plans made under way
 
     appended: ClassVar[int] = 3
 
@@ -411,7 +405,7 @@ class PlanRequest(Message, frozen=True):
     start: Waypoint
     goal: Waypoint
     why: Text = ""
-    rule: UnseenRule | None = None  # None: the planner's own
+    rule: Rule | None = None  # None: the planner's own
 
     appended: ClassVar[int] = 1
 
@@ -477,7 +471,7 @@ class MissionRequest(Order, frozen=True):
     revision: Counter = (
         0  # of the map that the waypoints were chosen on; 0: the robot's present one
     )
-    rule: UnseenRule | None = None  # None: the planner's own
+    rule: Rule | None = None  # None: the planner's own
 
     appended: ClassVar[int] = 2
 

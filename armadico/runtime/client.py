@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TypeVar, cast
 
-from armadico.config.worlds import Rule
 from armadico.core.errors import no_such
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
@@ -30,6 +29,7 @@ from armadico.core.messages import (
     checked,
 )
 from armadico.core.services import CARD, Kind, rows_of, service_of
+from armadico.core.unseen import Rule
 from armadico.mesh.base import Mesh
 from armadico.mesh.endpoints import endpoints
 from armadico.mobile.errand import Order
@@ -39,7 +39,6 @@ from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Pose,
-    UnseenRule,
     Waypoint,
 )
 from armadico.runtime.errors import (
@@ -247,8 +246,7 @@ class Client:
         if theta is None:
             theta = heading_to(x, y, here or self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
-        rule = None if unseen is None else UnseenRule(unseen)
-        request = MissionRequest(goal, planned=not direct, start=here, rule=rule)
+        request = MissionRequest(goal, planned=not direct, start=here, rule=unseen)
         return Mission(self, self.request_mission(request))
 
     def request_mission(
