@@ -50,6 +50,7 @@ KEYS = [
     "why",
     "done",
     "tasks",
+    "unseen_m",
 ]
 
 
