@@ -100,7 +100,9 @@ class Goto(Behaviour):
         if self.p.rules == "safe":
             v, w = self.limited(v, w, obstacles, self.p.safety)
         self._commanded = (v, w)
-        return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
+        count = len(self.route.waypoints)
+        reason = f"to waypoint {self.route.leg + 1} of {count}"
+        return Bid(self._utility(pose), (v, w), reason=reason)
 
     def _desired(self, pose: Pose, obstacles: Obstacles) -> Speeds:
         """The controller's speeds before any limit by obstacles."""

@@ -13,6 +13,9 @@ from armadico.config.worlds import Unseen
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
+MOST_REACH = 100
+"""Most cells of a distance whose square, with the sums that are compared, fits in 16 bits."""
+
 
 def packed(
     mask: Mask, cell_m: float, origin: tuple[float, float, float], *, refused: bool
@@ -70,16 +73,16 @@ def _indices(along: Floats, cell_m: float, count: int) -> tuple[NDArray[np.intp]
 
 def without_specks(mask: Mask) -> Mask:
     """The mask without what fits in two by two cells: scans leave such gaps between their rays."""
-    padded = np.pad(mask, 3).astype(np.int32)
-    sums = np.pad(padded, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    padded = np.pad(mask, 3).astype(np.uint8)
 
-    def around(side: int) -> NDArray[np.int32]:
-        whole: NDArray[np.int32] = (
-            sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
-        )
+    def doubled(counts: NDArray[np.uint8], off: int) -> NDArray[np.uint8]:
+        """The counts of windows that are longer by `off` rows and columns."""
+        tall = counts[:-off] + counts[off:]
+        whole: NDArray[np.uint8] = tall[:, :-off] + tall[:, off:]
         return whole
 
-    alone = around(4) == around(2)[1:-1, 1:-1]  # nothing in the ring around two by two cells
+    two = doubled(padded, 1)
+    alone = doubled(two, 2) == two[1:-1, 1:-1]  # nothing in the ring around two by two cells
     speck = np.zeros(padded.shape, dtype=np.bool_)
     rows, columns = alone.shape
     for row in (1, 2):
@@ -101,10 +104,13 @@ def distances(mask: Mask, cell_m: float, most_m: float) -> Floats:
     after = np.minimum.accumulate(np.where(mask, index, 2 * reach + 2 * columns)[:, ::-1], axis=1)[
         :, ::-1
     ]
-    along = np.minimum(np.minimum(index - before, after - index), 2 * reach).astype(np.float32) ** 2
+    near = np.minimum(np.minimum(index - before, after - index), 2 * reach)
+    along = (near * near).astype(np.uint32 if reach > MOST_REACH else np.uint16)
     square = along.copy()
     for off in range(1, min(reach, rows - 1) + 1):
-        np.minimum(square[off:], along[:-off] + off * off, out=square[off:])
-        np.minimum(square[:-off], along[off:] + off * off, out=square[:-off])
-    away: Floats = (np.sqrt(square).astype(np.float64) - 0.5) * cell_m
-    return np.clip(away, 0.0, most_m)
+        np.minimum(square[off:], along[:-off] + along.dtype.type(off * off), out=square[off:])
+        np.minimum(square[:-off], along[off:] + along.dtype.type(off * off), out=square[:-off])
+    away: Floats = np.sqrt(square, dtype=np.float64)
+    away -= 0.5
+    away *= cell_m
+    return np.clip(away, 0.0, most_m, out=away)

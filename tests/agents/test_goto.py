@@ -163,7 +163,7 @@ def test_the_repeated_mission_has_the_waypoints_passed() -> None:
     assert utility_at(made, 3.7, 2.95) == 0.6  # it hung, and was led aside: it is on no leg
     made.give(replace(ROUND_A_CORNER, leg=1))
     assert utility_at(made, 3.7, 2.95) == pytest.approx(1.0, abs=0.3)
-    assert made.bid.reason == "leg 1"
+    assert made.bid.reason == "to waypoint 2 of 2"
 
 
 def test_a_late_agent_continues_where_the_run_is() -> None:

@@ -51,7 +51,7 @@ BAND = (3.5, 0.0, 4.5, 6.0)
 
 @pytest.mark.parametrize("round_corners", [False, True])
 @pytest.mark.parametrize("grey", [205, 120])
-def test_a_path_leads_round_it(tmp_path: Path, grey: int, round_corners: bool) -> None:  # noqa: FBT001
+def test_a_path_leads_round_it(tmp_path: Path, grey: int, round_corners: bool) -> None:
     found = across(room(tmp_path, BLOCK, grey=grey), round_corners=round_corners)
     assert 7.5 < found.length_m < 9.5
     assert found.unseen == ()
@@ -136,7 +136,7 @@ def test_the_nearest_rule_holds(
     of_map: Rule | None,
     of_scenario: Rule | None,
     of_request: Rule | None,
-    refused: bool,  # noqa: FBT001
+    refused: bool,
 ) -> None:
     file = room(tmp_path, BAND)
     if of_map is not None:
