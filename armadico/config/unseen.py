@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,11 +106,12 @@ def distances(mask: Mask, cell_m: float, most_m: float) -> Floats:
         :, ::-1
     ]
     near = np.minimum(np.minimum(index - before, after - index), 2 * reach)
-    along = (near * near).astype(np.uint32 if reach > MOST_REACH else np.uint16)
+    small = np.uint32 if reach > MOST_REACH else np.uint16
+    along: NDArray[Any] = (near * near).astype(small)
     square = along.copy()
     for off in range(1, min(reach, rows - 1) + 1):
-        np.minimum(square[off:], along[:-off] + along.dtype.type(off * off), out=square[off:])
-        np.minimum(square[:-off], along[off:] + along.dtype.type(off * off), out=square[:-off])
+        np.minimum(square[off:], along[:-off] + small(off * off), out=square[off:])
+        np.minimum(square[:-off], along[off:] + small(off * off), out=square[:-off])
     away: Floats = np.sqrt(square, dtype=np.float64)
     away -= 0.5
     away *= cell_m

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def test_a_path_leads_round_it(tmp_path: Path, grey: int, round_corners: bool) -
     assert found.unseen == ()
     places = [(1.5, 1.5), *((at.x, at.y) for at in found.waypoints)]
     for corner in ((3.5, 4.0), (4.5, 4.0)):  # with as much room for its body as beside a wall
-        away = min(distance(*corner, (*a, *b)) for a, b in zip(places, places[1:], strict=False))
+        away = min(distance(*corner, (*a, *b)) for a, b in pairwise(places))
         assert away > BODY.width_m / 2
 
 
