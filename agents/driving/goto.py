@@ -9,7 +9,6 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.agents.driving.brisk import Driver, slowed
-from armadico.agents.driving.sight import in_sight
 from armadico.agents.methods.controllers import SETTINGS, Controller, Law, Mode, Settings
 from armadico.agents.methods.settings import Brisk
 from armadico.agents.methods.utility import ramp_down
@@ -17,16 +16,12 @@ from armadico.core import agent
 from armadico.core.exchange import Bid
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
-from armadico.mobile.behaviour import Behaviour
-from armadico.mobile.geometry import relative, wrap
+from armadico.mobile.behaviour import CREEP_M, Behaviour
+from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Waypoint
 from armadico.mobile.motion import Body, Speeds
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.safety import corner_cut, unhurried
-
-CREEP_M = 0.15
-"""Least visible path that is assumed. Otherwise the robot would stop and never see more; at the
-resulting speed near obstacles are known by their points."""
 
 Speed = Annotated[float, Meta(gt=0, le=10)]
 Metres = Annotated[float, Meta(gt=0, le=10)]
@@ -105,7 +100,9 @@ class Goto(Behaviour):
         if self.p.rules == "safe":
             v, w = self.limited(v, w, obstacles, self.p.safety)
         self._commanded = (v, w)
-        return Bid(self._utility(pose), (v, w), reason=f"leg {self.route.leg}")
+        count = len(self.route.waypoints)
+        reason = f"to waypoint {self.route.leg + 1} of {count}"
+        return Bid(self._utility(pose), (v, w), reason=reason)
 
     def _desired(self, pose: Pose, obstacles: Obstacles) -> Speeds:
         """The controller's speeds before any limit by obstacles."""
@@ -113,22 +110,19 @@ class Goto(Behaviour):
         if self._driver is not None:
             cut = corner_cut(obstacles, self.body, self.p.brisk.cut_m)
             v, w = self._driver.steer(pose, self.measured, before, self.route, cut, period)
-            v = min(v, self._by_sight(pose, obstacles))
+            v = min(v, self._at_sight(pose, obstacles))
             return unhurried(v, w, self.scene(obstacles), self.p.safety), w
         ahead = self._ahead(pose, obstacles)
         self._controller.exact = bool(pose.covariance)
         v, w = self._controller.steer(pose, ahead, before, period)
         return (min(v, self._calm(pose, ahead[0])) if self.p.rules == "safe" else v), w
 
-    def _by_sight(self, pose: Pose, obstacles: Obstacles) -> float:
+    def _at_sight(self, pose: Pose, obstacles: Obstacles) -> float:
         """The speed from which it can stop within the visible part of its path, m/s."""
         reach, body = self.p.brisk.sight_m, self.body
         if reach is None:
             return inf
-        here = (pose.x, pose.y, pose.theta)
-        left = self.route.waypoints[self.route.leg :]
-        places = [(0.0, 0.0), *(relative(here, (to.x, to.y, 0.0))[:2] for to in left)]
-        seen = in_sight(obstacles.points, places, reach)
+        seen = self.seen_ahead(pose, obstacles.points, reach)
         free = seen - body.outline.front - self.p.safety.margin_m
         return body.stops_within(max(free, CREEP_M))
 

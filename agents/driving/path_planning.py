@@ -9,17 +9,18 @@ from msgspec import Meta
 
 from armadico.agents.driving.seen import Seen
 from armadico.agents.methods.energy import Pace, energy
-from armadico.agents.methods.grid import CELL_M, check_extent, grid_of
+from armadico.agents.methods.grid import CELL_M, check_extent, grid_in
 from armadico.agents.methods.known_grid import KnownGrid
 from armadico.agents.methods.planning import Plan as Way
 from armadico.agents.methods.planning import PlanError, plan, plan_on_map, unknown
 from armadico.config.grid_map import cells_of
 from armadico.config.profile import load_profile
-from armadico.config.worlds import load_world
+from armadico.config.worlds import World, load_world
 from armadico.core import agent
-from armadico.core.agent import Agent, Question
+from armadico.core.agent import INFO, WARNING, Agent, Question
 from armadico.core.messages import Message, RobotState, line
 from armadico.core.resources import Resource
+from armadico.core.unseen import DRIVE, REFUSE, Rule
 from armadico.mobile.behaviour import UNSURE_M
 from armadico.mobile.messages import (
     WAYPOINTS,
@@ -31,7 +32,9 @@ from armadico.mobile.messages import (
     Pose,
     Scan,
     Sonar,
+    Stretch,
     Waypoint,
+    through_unseen,
 )
 from armadico.mobile.resources import PLANNER
 
@@ -49,6 +52,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     round_corners: bool = False  # for the brisk controller; the thesis's turns at each waypoint
     pace: Pace = Pace()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None  # a scenario's limit, m/s
+    unseen: Rule | None = None  # where nobody has seen; None: the map's rule
 
 
 class PathPlanning(Agent):
@@ -63,6 +67,9 @@ class PathPlanning(Agent):
     Without a map it remembers all obstacles. If no path is left, some of them were wrong: then it
     drops all but the latest.
 
+    In a world with cells that nobody has seen, it plans around them, and through them only where no
+    other path leads to the goal. `unseen = "refuse"` refuses that.
+
     On a map that slam makes, unknown cells are closed. The map remembers the obstacles; those of
     the newest scan are added.
     """
@@ -74,7 +81,7 @@ class PathPlanning(Agent):
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     owns = (PLANNER,)
     parameters = Parameters
-    launched_with = ("world", "profile", "v_max")
+    launched_with = ("world", "profile", "v_max", "unseen")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
@@ -149,9 +156,12 @@ class PathPlanning(Agent):
         )
         doors = f" through {', '.join(way.doors)}" if way.doors else ""
         why = f": {request.why}" if request.why else ""
-        self.log(f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J{why}")
+        unseen = tuple(Stretch(*part) for part in way.unseen)
+        told = f"; {through_unseen(unseen)}, at the speed of sight" if unseen else ""
+        planned = f"planned {way.length_m:.1f} m{doors}, {cost.joules:.0f} J{why}{told}"
+        self.log(planned, WARNING if unseen else INFO)
         revision = 0 if self._grid is None else self._grid.revision
-        return Plan(waypoints, way.length_m, cost.joules, revision=revision)
+        return Plan(waypoints, way.length_m, cost.joules, revision=revision, unseen=unseen)
 
     def _way(self, request: PlanRequest) -> Way:
         """Plan by the map and the obstacles seen. Raises PlanError."""
@@ -169,7 +179,17 @@ class PathPlanning(Agent):
             round_corners=self.p.round_corners,
             seen=seen,
             under_way=bool(request.why) or self._world is None,
+            refuse=self._rule(request, world) == REFUSE,
         )
+
+    def _rule(self, request: PlanRequest, world: World) -> Rule:
+        """The request's rule for what nobody has seen, else the scenario's, else the map's."""
+        if request.rule is not None:
+            return request.rule
+        if self.p.unseen is not None:
+            return self.p.unseen
+        refused = world.unseen is not None and world.unseen.refused
+        return REFUSE if refused else DRIVE
 
     def _on_map(self, grid: OccupancyGrid, request: PlanRequest) -> Way:
         """Plan on the map that slam makes, and the newest scan. Raises PlanError."""
@@ -208,7 +228,7 @@ class PathPlanning(Agent):
             return
         if self._seen is None:
             world = self._world
-            known = None if world is None else grid_of(world.barriers, world.bounds, CELL_M)
+            known = None if world is None else grid_in(world)
             self._seen = Seen(known)
         self._seen.move(pose)
         if isinstance(reading, Scan):

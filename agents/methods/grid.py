@@ -2,7 +2,8 @@
 
 Clearance is the exact distance from a cell's centre to the nearest wall. A cell costs its length,
 more where a wall is nearer than preferred, and is blocked where one is nearer than the radius: so
-paths keep to the middle of narrow places and go straight where there is space.
+paths keep to the middle of narrow places and go straight where there is space. Cells that nobody
+has seen are walls in this; a plan that has to lead through them gives their price (`Margins`).
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Placed, Positioned
 from armadico.config.errors import ConfigError
-from armadico.config.worlds import Segment, World
+from armadico.config.unseen import distances, over, without_specks
+from armadico.config.worlds import Segment, Unseen, World
 
 Field = NDArray[np.float64]
 Cell = tuple[int, int]
@@ -47,6 +49,9 @@ BLOCK = 5
 """Cells of a block's side. An obstacle that separates two paths is wider than a block.
 """
 
+JOINED_M = 0.3
+"""Unseen parts of a path that are nearer to each other than this are one."""
+
 _CLOSED = 1e6  # cost of a blocked block: finite, so that it can be subtracted from a sum
 _LOOKS = 48  # samples of a straight line that show most blocked ones
 _NO_CHEAPER = 1e-6  # rounding of those sums
@@ -58,12 +63,19 @@ class Margins(Struct, frozen=True):
     radius_m: float  # least clearance
     preferred_m: float = 0.45  # clearance where there is space
     dislike: float = 8.0  # additional cost of a metre at the radius, relative to one with space
+    unseen: float = math.inf  # the same where nobody has seen the map; inf: it counts as a wall
 
 
 class Grid:
     """Cells over a world's bounds, with the clearance of each."""
 
-    def __init__(self, walls: Sequence[Segment], bounds: Segment, cell_m: float = CELL_M) -> None:
+    def __init__(
+        self,
+        walls: Sequence[Segment],
+        bounds: Segment,
+        cell_m: float = CELL_M,
+        unseen: Unseen | None = None,
+    ) -> None:
         """Compute the exact clearance of each cell, limited to 1 m."""
         x1, y1, x2, y2 = bounds
         self.cell_m, self.horizon_m = cell_m, 1.0
@@ -77,6 +89,11 @@ class Grid:
         self._priced: dict[Margins, Field] = {}
         for wall in self.walls:
             self._raise(wall)
+        self.unseen: NDArray[np.bool_] | None = None
+        self._away: Field = self.clearance  # distance from the unseen, if there is any
+        if unseen is not None:
+            self.unseen = without_specks(over(unseen, self.xs, self.ys, cell_m))
+            self._away = distances(self.unseen, cell_m, self.horizon_m)
 
     def _raise(self, wall: Field) -> tuple[slice, slice]:
         """Lower the clearance around one wall; return the changed window."""
@@ -159,10 +176,15 @@ class Grid:
 
     def _price(self, margins: Margins, part: tuple[slice, slice] = EVERYWHERE) -> Field:
         clearance = self.clearance[part]
+        if self.unseen is not None and margins.unseen == math.inf:
+            clearance = np.minimum(clearance, self._away[part])
         least = math.hypot(margins.radius_m, self.cell_m / _DIAGONAL)
         wanted = margins.preferred_m - margins.radius_m
         lack = np.clip((margins.preferred_m - clearance) / wanted, 0.0, 1.0)
-        return np.where(clearance >= least, 1.0 + margins.dislike * lack**2, np.inf)
+        price = np.where(clearance >= least, 1.0 + margins.dislike * lack**2, np.inf)
+        if self.unseen is not None and margins.unseen < math.inf:
+            price[self._away[part] < margins.radius_m] += margins.unseen
+        return price
 
     def window(self, x1: float, y1: float, x2: float, y2: float) -> tuple[slice, slice]:
         """The cells with centres in a rectangle, as row and column slices."""
@@ -178,6 +200,43 @@ class Grid:
         rows = _indices(a.y + along * (b.y - a.y) - self.bounds[1], self.cell_m, costs.shape[0])
         columns = _indices(a.x + along * (b.x - a.x) - self.bounds[0], self.cell_m, costs.shape[1])
         return float(costs[rows, columns].mean()) * length
+
+    def keeps_to_seen(self, margins: Margins, a: Positioned, b: Positioned) -> bool:
+        """Whether a straight line enters the unseen only if the margins allow that."""
+        if self.unseen is None or margins.unseen < math.inf:
+            return True
+        return math.isfinite(self.cost_between(self.costs(margins), a, b))
+
+    def unseen_between(self, a: Positioned, b: Positioned, aside_m: float) -> list[Segment]:
+        """The parts of a straight line on which a robot drives where nobody has seen the map.
+
+        `aside_m` is half the robot's width: its sides count, too. Parts that are nearer to each
+        other than `JOINED_M` are one.
+        """
+        length = math.hypot(b.x - a.x, b.y - a.y)
+        if self.unseen is None or not length:
+            return []
+        count = max(1, math.ceil(2.0 * length / self.cell_m))
+        along = (np.arange(count) + 0.5) / count
+        (rows, columns), across = self.unseen.shape, np.zeros(count, dtype=np.bool_)
+        dx, dy = (b.x - a.x) / length, (b.y - a.y) / length
+        for off in (-aside_m, 0.0, aside_m):
+            xs, ys = a.x + along * (b.x - a.x) - off * dy, a.y + along * (b.y - a.y) + off * dx
+            across |= self.unseen[
+                _indices(ys - self.bounds[1], self.cell_m, rows),
+                _indices(xs - self.bounds[0], self.cell_m, columns),
+            ]
+        parts: list[tuple[int, int]] = []
+        for k in np.flatnonzero(across).tolist():
+            if parts and (k - parts[-1][1]) * length / count <= JOINED_M:
+                parts[-1] = parts[-1][0], k + 1
+            else:
+                parts.append((k, k + 1))
+        ends = [(begin / count * length, end / count * length) for begin, end in parts]
+        return [
+            (a.x + begin * dx, a.y + begin * dy, a.x + end * dx, a.y + end * dy)
+            for begin, end in ends
+        ]
 
     def open_ahead(
         self, costs: Field, a: Positioned, others: Sequence[Positioned]
@@ -209,9 +268,16 @@ def check_extent(world: World, cell_m: float) -> None:
 
 
 @lru_cache(maxsize=8)
-def grid_of(walls: tuple[Segment, ...], bounds: Segment, cell_m: float) -> Grid:
+def grid_of(
+    walls: tuple[Segment, ...], bounds: Segment, cell_m: float, unseen: Unseen | None = None
+) -> Grid:
     """The grid of a world, shared by plans in the same world."""
-    return Grid(walls, bounds, cell_m)
+    return Grid(walls, bounds, cell_m, unseen)
+
+
+def grid_in(world: World) -> Grid:
+    """The grid on which a path in a world is planned."""
+    return grid_of(world.barriers, world.bounds, CELL_M, world.unseen)
 
 
 def search(costs: Field, start: Cell, goal: Cell) -> tuple[list[Cell], float] | None:

@@ -162,7 +162,8 @@ def _blunt(grid: Grid, margins: Margins, a: Placed, b: Placed, c: Placed) -> lis
         x = Placed(b.x + far / before * (a.x - b.x), b.y + far / before * (a.y - b.y))
         y = Placed(b.x + far / after * (c.x - b.x), b.y + far / after * (c.y - b.y))
         least = min(ROUND_M, grid.clearance_at(x), grid.clearance_at(y))
-        if grid.clearance_between(x, y) >= max(margins.radius_m, least) - 1e-9:
+        roomy = grid.clearance_between(x, y) >= max(margins.radius_m, least) - 1e-9
+        if roomy and grid.keeps_to_seen(margins, x, y):
             return [x, y]
     return [b]
 

@@ -11,20 +11,22 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
-from math import ceil, floor
+from math import ceil, floor, hypot
 from typing import NamedTuple
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from armadico.agents.methods.geometry import Placed, Posed, Positioned, direction, distance
-from armadico.agents.methods.grid import CELL_M, Grid, Margins, check_extent, grid_of
+from armadico.agents.methods.grid import CELL_M, Grid, Margins, check_extent, grid_in
 from armadico.agents.methods.known_grid import KnownGrid
-from armadico.agents.methods.path_smoothing import between, clear, rounded
+from armadico.agents.methods.path_smoothing import ESCAPE_M, between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
 from armadico.config.errors import ConfigError
 from armadico.config.profile import Body
 from armadico.config.worlds import Segment, World
 from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import WAYPOINTS
 
 DOOR_M = (0.6, 0.5, 0.4, 0.3)
 """Distances of a door's waypoints before and after it: the first with enough clearance is taken."""
@@ -40,6 +42,12 @@ AROUND_M = 3.0
 """In an unknown world, margin of the planning area around all that is known."""
 
 
+UNSEEN_COST = 20.0
+"""Additional cost of a metre where nobody has seen the map, relative to one with space."""
+
+NOT = 'refused (unseen = "refuse")'
+
+
 class PlanError(ValueError):
     """There is no plan; the text is the reason."""
 
@@ -51,6 +59,12 @@ class Plan(Struct, frozen=True):
     length_m: float  # from the start to the goal
     clearance_m: float  # least distance of the path to a wall; infinite without walls
     doors: tuple[str, ...] = ()  # crossed, in order
+    unseen: tuple[Segment, ...] = ()  # its parts where nobody has seen the map
+
+    @property
+    def unseen_m(self) -> float:
+        """The length of those parts, m."""
+        return sum(hypot(x2 - x1, y2 - y1) for x1, y1, x2, y2 in self.unseen)
 
 
 def plan(
@@ -64,8 +78,11 @@ def plan(
     seen: Sequence[Segment] = (),
     under_way: bool = False,
     known: Grid | None = None,
+    refuse: bool = False,
 ) -> Plan:
     """The path from one pose to another.
+
+    It leads through what nobody has seen only where no other path leads to the goal.
 
     Args:
         world: Walls and bounds; rooms and doors if it has them. World frame, m and rad.
@@ -78,6 +95,8 @@ def plan(
         seen: Unmapped obstacles.
         under_way: Whether the robot has driven to the start: then any clearance there is accepted.
         known: The world's cells; None: those of its walls.
+        refuse: Whether a path through what nobody has seen is refused. A robot that stands there
+            may leave it by at most `ESCAPE_M`.
 
     Returns:
         Waypoints with headings along the path; the last one is the goal as requested.
@@ -85,7 +104,7 @@ def plan(
     Raises:
         PlanError: A pose is off the world or inside a wall, or there is no path between them.
     """
-    known = known or grid_of(world.barriers, world.bounds, CELL_M)
+    known = known or grid_in(world)
     _check(world, known, "start", start, 0.0 if under_way else body.width_m / 2)
     _check(
         world,
@@ -100,16 +119,52 @@ def plan(
     if clearance < body.width_m / 2:
         raise PlanError(f"something was seen {clearance:.2f} m from the goal {_at(goal)}")
     tries = [margins] if margins else [Margins(radius) for radius in radii(body)]
-    way = _widest(world, grid, tries, Placed(start.x, start.y), Placed(goal.x, goal.y))
+    ends = Placed(start.x, start.y), Placed(goal.x, goal.y)
+    try:
+        way = _widest(world, grid, tries, *ends)
+    except PlanError:
+        if grid.unseen is None:
+            raise
+        tries = [replace(each, unseen=UNSEEN_COST) for each in tries]
+        way = _widest(world, grid, tries, *ends)
     if round_corners:
         way = _Way(rounded(grid, tries[-1], way.places), way.doors)
     stretches = list(pairwise(way.places))
+    unseen = _unseen(grid, stretches, body)
+    if refuse:
+        _refuse(grid, unseen, start, goal)
     return Plan(
         waypoints=(*headed(way.places, way.crossings), Placed(goal.x, goal.y, goal.theta)),
         length_m=sum(distance(a, b) for a, b in stretches),
         clearance_m=min(grid.clearance_between(a, b) for a, b in stretches),
         doors=way.doors,
+        unseen=unseen,
     )
+
+
+def _unseen(
+    grid: Grid, stretches: Sequence[tuple[Placed, Placed]], body: Body
+) -> tuple[Segment, ...]:
+    """The parts of a path where nobody has seen the map; one per stretch if they are too many."""
+    parts = [grid.unseen_between(a, b, body.width_m / 2) for a, b in stretches]
+    if sum(map(len, parts)) > WAYPOINTS:
+        parts = [[(*each[0][:2], *each[-1][2:])] for each in parts if each]
+    return tuple(part for each in parts for part in each)
+
+
+def _refuse(grid: Grid, unseen: Sequence[Segment], start: Posed, goal: Posed) -> None:
+    """Raises PlanError for a path through the unseen, except out of it at its start."""
+    lengths = [hypot(x2 - x1, y2 - y1) for x1, y1, x2, y2 in unseen]
+    if not lengths:
+        return
+    leaves = hypot(unseen[0][0] - start.x, unseen[0][1] - start.y) <= grid.cell_m
+    if len(lengths) == 1 and leaves and lengths[0] <= ESCAPE_M:
+        return
+    assert grid.unseen is not None, "it has unseen cells"
+    if grid.unseen[grid.cell(goal)]:
+        raise PlanError(f"the goal {_at(goal)} is where nobody has seen the map, and that is {NOT}")
+    ways = f"every path from {_at(start)} to {_at(goal)} leads through what nobody has seen"
+    raise PlanError(f"{ways}, {sum(lengths):.1f} m at least, and that is {NOT}")
 
 
 def plan_on_map(

@@ -165,7 +165,7 @@ class Errand:
         driven = self._driven
         self.goal = goal
         self._on(Event.TAKEN)
-        self._way = Way(way, driven.waypoints, driven.start, driven.leg)
+        self._way = Way(way, driven.waypoints, driven.start, driven.leg, unseen=driven.unseen)
         return True
 
     def stand(self, pose: Pose | None, *, planned: bool = True) -> None:
@@ -260,7 +260,12 @@ class Errand:
             self._on(Event.REFUSED)
             self.note = plan.refusal or "the plan has no points"
             return
-        self._way = Way(self._rng.getrandbits(BITS), plan.waypoints, Point(start.x, start.y))
+        self._way = Way(
+            self._rng.getrandbits(BITS),
+            plan.waypoints,
+            Point(start.x, start.y),
+            unseen=plan.unseen,
+        )
         self._on(Event.TAKEN)
 
     def _keep(self) -> None:
@@ -269,7 +274,9 @@ class Errand:
         if way is None or way.id != self._mission or not driven.waypoints:
             return
         if way.waypoints != driven.waypoints or way.leg != driven.leg:
-            self._way = Way(way.id, driven.waypoints, driven.start, driven.leg, way.planned)
+            self._way = Way(
+                way.id, driven.waypoints, driven.start, driven.leg, way.planned, driven.unseen
+            )
 
 
 class DeliberativeAgent(Agent):

@@ -36,6 +36,7 @@ from armadico.core.messages import (
     next_count,
 )
 from armadico.core.resources import Resource
+from armadico.core.unseen import Rule
 from armadico.mobile.behaviour import LOST_M, driven_by
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
@@ -53,6 +54,7 @@ from armadico.mobile.messages import (
     Trajectory,
     Way,
     Waypoint,
+    through_unseen,
 )
 from armadico.mobile.moving import moved
 from armadico.mobile.obstacles import Obstacles
@@ -175,6 +177,7 @@ class Interface(Agent):
         self._state = MissionState.NONE
         self._route = Route()
         self._revision = 0  # of the map that the route lies on
+        self._rule: Rule | None = None  # the mission's, for plans made under way
         self._map_change: MapMoved | None = None  # the newest one
         self._moved_at = -inf
         self._to_go = 0.0
@@ -263,11 +266,11 @@ class Interface(Agent):
             far = self._too_far(pose, (*request.waypoints, request.goal))
             if far:
                 return self._refuse(far)
-            return self._begin(
-                (*request.waypoints, request.goal), 0.0, request.revision, planned=False
-            )
+            way = Plan((*request.waypoints, request.goal), revision=request.revision)
+            return self._begin(way, request, planned=False)
         if pose.deviation > LOST_M:  # a path from a wrong pose is useless: it is planned later
-            reply = self._begin((request.goal,), 0.0, request.revision, planned=True)
+            way = Plan((request.goal,), revision=request.revision)
+            reply = self._begin(way, request, planned=True)
             self._replans = WAS_LOST
             return reply
         if self._state is not MissionState.DRIVING:  # a mission goes on until another is accepted
@@ -276,9 +279,10 @@ class Interface(Agent):
 
         def planned(plan: Plan | None) -> None:
             late = self._may_not_replace(request)
-            self.answer(question, self._refuse(UNDER_WAY) if late else self._planned(plan))
+            self.answer(question, self._refuse(UNDER_WAY) if late else self._planned(plan, request))
 
-        self.query(PlanRequest(start, request.goal), planned, self.p.planning_s)
+        wanted = PlanRequest(start, request.goal, rule=request.rule)
+        self.query(wanted, planned, self.p.planning_s)
         return None
 
     def _may_not_replace(self, request: MissionRequest) -> bool:
@@ -352,7 +356,7 @@ class Interface(Agent):
             self._state = MissionState.FAILED if peoples else MissionState.NONE
             self._note = "another way is driven instead"
             self._publish_status(self._to_go)
-        route = Route(action.waypoints, action.start, action.leg)
+        route = Route(action.waypoints, action.start, action.leg, action.unseen)
         self._take_on(action.id, route, pose, planned=action.planned)
         if action.planned and route.off(pose.x, pose.y) > BESIDE_M:
             self._waits = ""  # until there is a path from here
@@ -374,7 +378,8 @@ class Interface(Agent):
         if self._state is not MissionState.DRIVING:
             return resource.neutral
         route = self._route
-        return encode(Way(self._mission, route.waypoints, route.start, route.leg, self._plans))
+        driven = self._mission, route.waypoints, route.start, route.leg
+        return encode(Way(*driven, self._plans, route.unseen))
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """Take over a mission that a peer remembers, and this instance does not know."""
@@ -384,6 +389,7 @@ class Interface(Agent):
         self._mission, self._refused = trajectory.mission, ""
         self._route, self._revision = Route.of(trajectory), trajectory.revision
         self._plans, self._waits = trajectory.planned, "" if trajectory.waits else None
+        self._rule = trajectory.rule
         self._nearing = self._nearing.anew(self.now)
         if trajectory.waypoints:
             self._state = MissionState.DRIVING
@@ -550,7 +556,7 @@ class Interface(Agent):
                 self._take_way(plan, here, why)
 
         start = Waypoint(pose.x, pose.y, pose.theta)
-        self.query(PlanRequest(start, goal, why), planned, self.p.planning_s)
+        self.query(PlanRequest(start, goal, why, self._rule), planned, self.p.planning_s)
 
     def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
         """Drive another path to the same goal."""
@@ -560,10 +566,11 @@ class Interface(Agent):
             return
         self._waits = None
         self._nearing = self._nearing.on_way(self.now)
-        self._route = Route(plan.waypoints, Point(here.x, here.y))
+        self._route = Route(plan.waypoints, Point(here.x, here.y), unseen=plan.unseen)
         self._revision = max(self._revision, plan.revision)
         self.publish(self._next(self._mission, self._route, plan.waypoints))
-        self.log(f"planned anew, {plan.length:.1f} m: {why}")
+        unseen = through_unseen(plan.unseen)
+        self.log(f"planned anew, {plan.length:.1f} m: {why}{unseen and f'; {unseen}'}")
 
     def _go_on(self, why: str) -> None:
         """Keep the present path without a planner: behaviours avoid obstacles."""
@@ -613,20 +620,20 @@ class Interface(Agent):
             x, y = to.x, to.y
         return ""
 
-    def _planned(self, plan: Plan | None) -> MissionReply:
+    def _planned(self, plan: Plan | None, request: MissionRequest) -> MissionReply:
         if plan is None:
             return self._refuse("no path planning agent answered path/plan")
         if plan.refusal:
             return self._refuse(plan.refusal)
-        return self._begin(plan.waypoints, plan.length, plan.revision, planned=True)
+        return self._begin(plan, request, planned=True)
 
-    def _begin(
-        self, waypoints: tuple[Waypoint, ...], length: float, revision: int, *, planned: bool
-    ) -> MissionReply:
+    def _begin(self, plan: Plan, request: MissionRequest, *, planned: bool) -> MissionReply:
         """Begin the mission, if its messages can be encoded: else no agent would drive it.
 
-        `revision`: of the map that the waypoints were chosen on; 0: the one of the pose.
+        The plan's `revision` is that of the map that its waypoints were chosen on; 0: the one of
+        the pose.
         """
+        waypoints, length, revision = plan.waypoints, plan.length, plan.revision
         pose = self.latest(Pose)
         assert pose is not None, "a mission begins somewhere"
         if not waypoints:
@@ -637,18 +644,19 @@ class Interface(Agent):
             )
         mission = self.rng.getrandbits(63)
         waypoints, revision = self._present(waypoints, revision or pose.revision)
-        route = Route(waypoints, Point(pose.x, pose.y))
+        route = Route(waypoints, Point(pose.x, pose.y), unseen=plan.unseen)
         to_go = route.to_go(pose.x, pose.y)
         begun = self._next(mission, route, waypoints)
         begun = replace(begun, planned=planned, waits=False, revision=revision)
-        reply = MissionReply(mission, "", waypoints, length or to_go)
+        begun = replace(begun, rule=request.rule)
+        reply = MissionReply(mission, "", waypoints, length or to_go, plan.unseen)
         try:
             for message in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
                 encode(message)
         except MessageError as error:
             return self._refuse(f"it cannot be published: {error}")
         self._take_on(mission, route, pose, planned=planned)
-        self._revision = revision
+        self._revision, self._rule = revision, request.rule
         self.publish(begun)
         return reply
 
@@ -658,6 +666,7 @@ class Interface(Agent):
         self._to_go = route.to_go(pose.x, pose.y)
         self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
         self._waits, self._note, self._refused = None, "", ""
+        self._rule = None
         self._replan = Replan()
         self._contacts.clear()
         self._nearing = Nearing().anew(self.now)
@@ -705,9 +714,9 @@ class Interface(Agent):
         counter = 1 if known is None else next_count(known.counter)
         waits = self._waits is not None
         planned, waits = (self._plans, waits) if waypoints else (False, False)
-        return Trajectory(
-            counter, mission, waypoints, route.start, route.leg, planned, waits, self._revision
-        )
+        unseen, rule = (route.unseen, self._rule) if waypoints else ((), None)
+        progress = route.start, route.leg, planned, waits, self._revision
+        return Trajectory(counter, mission, waypoints, *progress, unseen, rule)
 
     def _publish_status(self, to_go: float) -> None:
         leg = self._route.leg if self._route.waypoints else 0

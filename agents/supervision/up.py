@@ -28,6 +28,7 @@ from armadico.cli.parsing import (
 )
 from armadico.cli.run_options import X_Y_DEG, pose
 from armadico.core.errors import UnknownNameError
+from armadico.core.unseen import Rule
 from armadico.mesh.endpoints import Endpoints
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ class Options:
     robot: str | None = option(
         "connect to this controller (default: the host entry's)", metavar="URL"
     )
+    unseen: Rule | None = options.unseen_option("the scenario's, else the map file's, else drive")
     restarts: int = option(
         "give up after N restarts within --within (default: %(default)s)",
         default=5,
@@ -152,18 +154,22 @@ def _scenario(args: Options) -> Scenario | None:
 
 
 def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
-    """The scenario with the start of `--start`. Raises UsageError, ConfigError."""
-    from armadico.config.worlds import bare
+    """The scenario with `--start` and `--unseen`. Raises UsageError, ConfigError."""
+    from msgspec.structs import replace
 
-    if scenario is not None and (warning := bare(scenario.world)):
-        options.report(warning)
+    from armadico.config.worlds import doubts
+
+    for doubt in () if scenario is None else doubts(scenario.world):
+        options.report(doubt)
+    if args.unseen is not None:
+        if scenario is None:
+            raise UsageError("--unseen needs a scenario: add its name")
+        scenario = replace(scenario, unseen=args.unseen)
     start = pose(args.start)
     if start is None:
         return scenario
     if scenario is None:
         raise UsageError("--start needs a scenario: add its name")
-    from msgspec.structs import replace
-
     from armadico.config.scenarios import scenario_from
 
     return replace(scenario, start=scenario_from(scenario.world, start, None, scenario.robot).start)

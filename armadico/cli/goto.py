@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
+from armadico.core.unseen import Rule
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
@@ -75,11 +76,13 @@ class Options:
         read=_number,
         metavar=("X", "Y", "DEG"),
     )
+    unseen: Rule | None = options.unseen_option("the society's")
     timeout: float | None = options.timeout_option("wait at most so long (default: no limit)")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
+    from armadico.mobile.messages import through_unseen
     from armadico.runtime.client import Client
 
     mission = None
@@ -87,6 +90,8 @@ def run(args: Options) -> int:
         with args.mesh.joined() as mesh, ExitStack() as stack:
             client, reason = Client(mesh), Reason(mesh, args.mesh.agents_by_host())
             mission = _sent(client, args)
+            if through := through_unseen(mission.unseen):
+                print(f"{through}: driven at the speed of sight", flush=True)
             show = _shower(stack, mission.length)
 
             def progress(going: Mission) -> None:
@@ -149,7 +154,9 @@ def _sent(client: Client, args: Options) -> Mission:
     end, reported = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), False
     while True:
         try:
-            return client.goto(args.x, args.y, heading, direct=args.direct, start=start)
+            return client.goto(
+                args.x, args.y, heading, direct=args.direct, start=start, unseen=args.unseen
+            )
         except (AbsentError, MissionRefusedError) as error:
             if time.monotonic() >= end or not (client.alive and _starts(client, args)):
                 raise

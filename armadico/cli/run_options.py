@@ -22,6 +22,7 @@ from armadico.cli.parsing import (
     option,
     several,
 )
+from armadico.core.unseen import Rule
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario, ScenarioPose
@@ -38,6 +39,7 @@ STARTING: Final = (
     "robot",
     "profile",
     "sensors",
+    "unseen",
     "world",
     "together",
 )
@@ -97,6 +99,7 @@ class Drive:
         " almost no errors, and no localization agent (default: the scenario's)",
         metavar="NAME",
     )
+    unseen: Rule | None = options.unseen_option("the scenario's, else the map file's, else drive")
     redundant: bool = flag("run two of each behaviour, so that any one may fail")
     together: tuple[str, ...] = several(
         "live: run these agents in one process; may be repeated", metavar="A+B"
@@ -165,6 +168,7 @@ class Drive:
             without=self.without,
             besides=self.besides,
             sensors=self.sensors,
+            unseen=self.unseen,
             redundant=self.redundant,
             together=tuple(tuple(group.split("+")) for group in self.together),
             robot=self.robot,

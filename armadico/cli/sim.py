@@ -212,11 +212,11 @@ def _scenario(args: Options) -> Scenario:
     from armadico.bridge.simulator.microcontroller import WORLD_M
     from armadico.config.profile import load_profile
     from armadico.config.scenarios import Scenario
-    from armadico.config.worlds import bare, load_world
+    from armadico.config.worlds import doubts, load_world
 
     world = load_world(args.world)
-    if warning := bare(args.world):
-        options.report(warning)
+    for doubt in doubts(args.world):
+        options.report(doubt)
     start = world.start or (0.0, 0.0, 0.0)
     x, y, heading = args.start or (*start[:2], 0.0)
     if not (abs(x) <= WORLD_M and abs(y) <= WORLD_M and abs(heading) <= 360.0):  # NaN is not

@@ -2,12 +2,13 @@
 
 Pixels are classified as in Nav2's map_server, in its three modes. A cell's shade is the mean of its
 colour channels, and thresholds are inclusive. A cell that is not opaque is unknown, except in
-`raw`, which has no alpha. Unknown cells are not walls.
+`raw`, which has no alpha. Unknown cells are not walls: they become `World.unseen`.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import cos, hypot, isfinite, pi, sin
 from pathlib import Path
@@ -16,19 +17,28 @@ from warnings import catch_warnings
 
 import numpy as np
 import yaml
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from PIL import Image
 
 from armadico.config.errors import ConfigError, ConfigValueError
 from armadico.config.loading import read_text
+from armadico.config.unseen import packed
 from armadico.config.worlds import Segment, World, hull
 from armadico.core.errors import hint
+from armadico.core.unseen import REFUSE, RULES
 
 Fields = dict[str, yaml.Node]
 """The values of a map's YAML file by key."""
 
 REQUIRED = ("image", "resolution", "origin")
 OPTIONAL = {"negate": "0", "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
+UNSEEN: Final = "unseen"
+"""A key of this project, `drive` or `refuse`: whether paths may lead through unknown cells."""
+
+SAVED_UNKNOWN: Final = 205
+"""The grey that map savers write for unknown cells."""
+
 MODES = ("trinary", "scale", "raw")
 YES_OR_NO = {"0": False, "false": False, "no": False, "1": True, "true": True, "yes": True}
 
@@ -62,6 +72,8 @@ class Raster:
     free: NDArray[np.bool_]
     cell_m: float
     origin: tuple[float, float, float]
+    refused: bool = False  # the file forbids paths through unknown cells
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -80,9 +92,12 @@ def read_occupancy(path: Path | str) -> World:
         fault = "all cells are unknown; check occupied_thresh, free_thresh, negate and mode"
         raise ConfigError(fault, path)
     try:
-        return world_of(raster, Path(path).stem)
+        world = world_of(raster, Path(path).stem)
     except ConfigError as error:
         raise error.at(path) from None
+    unknown = ~(raster.occupied | raster.free)
+    unseen = packed(unknown, raster.cell_m, raster.origin, refused=raster.refused)
+    return replace(world, unseen=unseen, doubts=raster.doubts)
 
 
 def read_raster(path: Path | str) -> Raster:
@@ -95,13 +110,19 @@ def read_raster(path: Path | str) -> Raster:
     x, y, theta = _numbers(fields, "origin", 3, file)
     if abs(theta) > 2.0 * pi:
         raise _wrong(fields, "origin", "a yaw in radians, -6.28 to 6.28", file)
-    occupied, free = _judged(_pixels(fields, file), fields, file)
+    pixels = _pixels(fields, file)
+    occupied, free = _judged(pixels, fields, file)
     if hypot(x, y) + resolution * hypot(*occupied.shape) > FARTHEST_M:
         expected = (
             f"a map within {FARTHEST_M:,.0f} m of 0, 0: subtract a corner from UTM coordinates"
         )
         raise _wrong(fields, "origin", expected, file)
-    return Raster(np.flipud(occupied), np.flipud(free), resolution, (x, y, theta))
+    refused = _word(fields, UNSEEN).lower()
+    if refused not in ("", *RULES):
+        raise _wrong(fields, UNSEEN, f"one of {', '.join(RULES)}", file)
+    doubts = tuple(_unknown_as_free(pixels, free, fields, file))
+    cells = np.flipud(occupied), np.flipud(free)
+    return Raster(*cells, resolution, (x, y, theta), refused == REFUSE, doubts)
 
 
 def world_of(raster: Raster, name: str) -> World:
@@ -152,7 +173,7 @@ def _fields(text: str, file: Path) -> Fields:
         name = key.value if isinstance(key, yaml.ScalarNode) else ""
         if name in fields:
             raise ConfigError(f"a second key {name}", file, key.start_mark.line + 1)
-        if name in (*REQUIRED, *OPTIONAL):
+        if name in (*REQUIRED, *OPTIONAL, UNSEEN):
             fields[name] = value
     for name in REQUIRED:
         if name not in fields:
@@ -164,7 +185,7 @@ def _word(fields: Fields, key: str) -> str:
     """A value as text; empty for a list, a table and a missing value."""
     node = fields.get(key)
     if node is None:
-        return OPTIONAL[key]
+        return OPTIONAL.get(key, "")
     return str(node.value) if isinstance(node, yaml.ScalarNode) else ""
 
 
@@ -279,6 +300,23 @@ def _judged(
         occupied &= pixels.opaque
         free &= pixels.opaque
     return occupied, free
+
+
+def _unknown_as_free(
+    pixels: _Pixels, free: NDArray[np.bool_], fields: Fields, file: Path
+) -> Iterator[str]:
+    """The warning about a threshold that makes free what map savers wrote as unknown."""
+    if pixels.most % 255 or _word(fields, "mode").lower() == "raw":
+        return
+    saved = pixels.values == SAVED_UNKNOWN * (pixels.most // 255)
+    count = np.count_nonzero(saved & free)
+    if count:
+        line = fields["free_thresh"].start_mark.line + 1
+        yield (
+            f"{file}:{line}: free_thresh: {_word(fields, 'free_thresh')}: makes {count:,} cells of"
+            f" grey {SAVED_UNKNOWN} free, which map savers write for unknown; write"
+            f" {OPTIONAL['free_thresh']}, unless they are known to be free"
+        )
 
 
 def _edges(occupied: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:

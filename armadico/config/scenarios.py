@@ -28,6 +28,7 @@ from armadico.config.shipped import counted_from, find, folder, resource_path
 from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
 from armadico.core.errors import UnknownNameError
+from armadico.core.unseen import Rule
 
 Metres = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degrees = Annotated[float, Meta(ge=-360, le=360)]
@@ -153,6 +154,9 @@ class Scenario(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     battery: Battery = Battery()
     v_max: Annotated[float, Meta(gt=0, le=10)] | None = None
     """Speed limit of this scenario, m/s; None: the agents' own."""
+    unseen: Rule | None = None
+    """Whether a path may lead through what nobody has seen, where no other leads to the goal.
+    None: as the map's file says, else "drive"."""
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     name: str = ""
     """By default the file's name."""

@@ -75,6 +75,22 @@ class Door(Struct, frozen=True):
     y: float
 
 
+class Unseen(Struct, frozen=True):
+    """The cells of a map that are neither free nor occupied: nobody has seen what is there.
+
+    `armadico.config.unseen` unpacks them.
+    """
+
+    x: float  # the pose of the lower left corner, m and rad
+    y: float
+    theta: float
+    cell_m: float
+    rows: int
+    columns: int
+    packed: bytes  # one bit for each cell, from the bottom row on, deflated
+    refused: bool = False  # the map's file forbids paths through them
+
+
 class World(Struct, frozen=True):
     """The robot's environment; `bounds` is a rectangle around all of it."""
 
@@ -89,6 +105,8 @@ class World(Struct, frozen=True):
     docks: dict[str, Pose] = {}  # poses of a docked robot by name
     columns: tuple[Column, ...] = ()
     solid: bool = False  # the walls are the borders of a grid's occupied cells
+    unseen: Unseen | None = None  # None: all of it was seen
+    doubts: tuple[str, ...] = ()  # warnings about its file
 
     @property
     def outlines(self) -> tuple[Segment, ...]:
@@ -149,12 +167,16 @@ def load_world(name_or_path: str | Path) -> World:
     return world
 
 
-def bare(name: str) -> str:
-    """A warning about a file of a world without walls; "" for all other worlds."""
-    if not Path(name).suffix or load_world(name).outlines:
-        return ""
+def doubts(name: str) -> tuple[str, ...]:
+    """Warnings about the file of a world; none for a shipped one."""
+    if not Path(name).suffix:
+        return ()
+    world = load_world(name)
+    if world.outlines:
+        return world.doubts
     todo = "" if Path(name).suffix == ".map" else "; check occupied_thresh, negate and mode"
-    return f"{name} has no walls to plan around or to localize against{todo}"
+    bare = f"{name} has no walls to plan around or to localize against{todo}"
+    return (*world.doubts, bare)
 
 
 def apart(value: float, limit: float) -> tuple[str, str]:

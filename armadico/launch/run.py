@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 from armadico.config.discovery import GUESTS, agent_class, installed, owners
 from armadico.config.scenarios import Scenario, mission_of, unmapped
-from armadico.config.worlds import bare, load_world
+from armadico.config.worlds import doubts, load_world
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import Claim, Log, LogEvent, Message, RobotState
@@ -207,8 +207,8 @@ class RobotRun(Run[RunWatch, Result]):
         """See `Run`. Warns before if the robot will not drive, and after if its pose was wrong."""
         if warn is not None:
             self.report_to(warn)
-        if warning := bare(self.scenario.world):
-            self._warn(warning)
+        for doubt in doubts(self.scenario.world):
+            self._warn(doubt)
         if not any(map(_drives, self.names)):
             self._warn("no agent competes for the wheels, so the robot will not drive")
         self.watch.unaided = self._unaided()

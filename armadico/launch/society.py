@@ -43,6 +43,7 @@ from armadico.config.shipped import counted_from
 from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
 from armadico.core.resources import WHEELS, Resource
+from armadico.core.unseen import Rule
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionRequest, Waypoint
@@ -73,6 +74,7 @@ class Options:
     without: tuple[str, ...] = ()
     besides: tuple[str, ...] = ()  # agents to add
     sensors: str | None = None  # of the simulated robot; None: the scenario's
+    unseen: Rule | None = None  # None: the scenario's
     redundant: bool = False  # two of each behaviour
     robot: str | None = None  # the address of a real robot
     simulator: str = ""  # the id of the simulator behind that address; "": not known
@@ -127,6 +129,7 @@ def prepared(
         agents=(*scenario.agents, *more),
         sensors=known_sensors(scenario.sensors),
         redundant=options.redundant or scenario.redundant,
+        unseen=options.unseen or scenario.unseen,
     )
     for name in (*scenario.agents, *options.without):
         find(AGENTS, name)
@@ -266,6 +269,7 @@ def facts(
         "start_rad": PLACED_RAD if placed else None,
         "world": None if unmapped(scenario) else scenario.world,
         "v_max": scenario.v_max,
+        "unseen": scenario.unseen,
         "safety.unmapped": "true" if _unmapped_by_sonar(scenario) else None,
         "capacity_ah": scenario.battery.capacity_ah,
         "resume": options.resume,

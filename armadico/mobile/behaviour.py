@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Final
+
+from msgspec import structs
 
 from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
-from armadico.core.messages import Description, Message, RobotState
+from armadico.core.messages import Description, Message, Point, RobotState
 from armadico.core.parameters import Safety
 from armadico.core.resources import WHEELS
+from armadico.mobile.geometry import relative
 from armadico.mobile.messages import ByHand, Leading, Pose, Trajectory
 from armadico.mobile.motion import Body, Speeds, ordered
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
 from armadico.mobile.safety import Limited, Scene, limit
+from armadico.mobile.sight import in_sight
 
 MARGINS = Safety()  # the default of behaviours without their own margins
 
@@ -26,6 +31,14 @@ UNSURE_M, LOST_M = 0.15, 0.5
 # The largest uncritical bid of a behaviour while a person drives by hand. Many behaviours reach
 # 1.0, the largest bid there is: teleop could not take the wheels from them.
 BY_HAND: Final = 0.9
+
+# How far the sensors see reliably, m, where nobody has seen the map: as far as the local map of
+# points reaches. A sonar's is shorter, since echoes from farther away come from side lobes, too.
+SIGHT_M: Final = {"laser": 4.0, "sonar": 1.5}
+
+CREEP_M: Final = 0.15
+"""Least visible path that is assumed. Otherwise the robot would stop and never see more; at the
+resulting speed near obstacles are known by their points."""
 
 # The speed limit, m/s, when the deviation is just above `UNSURE_M` (or the top speed, if less), and
 # the share of it at `LOST_M`. A share of the top speed alone would not be enough: 0.3 of a Jackal's
@@ -67,6 +80,7 @@ class Behaviour(Agent):
         self._known = (0, 0)  # the newest trajectory, by its order
         self._upcoming: Trajectory | None = None  # it waits for a pose on its revision of the map
         self._body: Body | None = None
+        self._by_laser = False
         self._speeds: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
 
     @property
@@ -110,7 +124,34 @@ class Behaviour(Agent):
         if (sure := self.pose_confidence) < 1.0:
             most = min(self.body.v_max, SURE_M_S) * sure
             v = min(max(v, -most), most)
+        if self.route.unseen:
+            v, safety = self._by_sight(v, scene, safety)
         return limit(v, w, scene, safety)
+
+    def _by_sight(self, v: float, scene: Scene, safety: Safety) -> tuple[float, Safety]:
+        """Return the speed and the margins on a path through what nobody has seen.
+
+        There it can stop within the visible part of its path, and by sonar within the nearest
+        point's distance, as without a map. It brakes in time before.
+        """
+        pose, body = self.latest(Pose), self.body
+        if pose is None:
+            return v, safety
+        off = self.route.off_unseen(pose.x, pose.y)
+        if off > body.stopping_distance(body.v_max) + body.outline.front + safety.margin_m:
+            return v, safety
+        reach = SIGHT_M["laser" if self._by_laser else "sonar"]
+        seen = self.seen_ahead(pose, scene.points, reach)
+        free = max(seen - body.outline.front - safety.margin_m, CREEP_M)
+        safety = safety if self._by_laser else structs.replace(safety, unmapped=True)
+        return min(v, body.stops_within(free, scene.age)), safety
+
+    def seen_ahead(self, pose: Pose, points: Sequence[Point], reach: float) -> float:
+        """Return how far the path ahead is visible among points in the body frame, m."""
+        here = (pose.x, pose.y, pose.theta)
+        left = self.route.waypoints[self.route.leg :]
+        places = [(0.0, 0.0), *(relative(here, (to.x, to.y, 0.0))[:2] for to in left)]
+        return in_sight(points, places, reach)
 
     @property
     def pose_confidence(self) -> float:
@@ -137,6 +178,7 @@ class Behaviour(Agent):
         self._speeds = self._speeds[1], (state.v, state.w)
 
     def on_description(self, description: Description) -> None:
+        self._by_laser = "laser" in description.sensors
         body = Body.of(description)
         if body != self._body:
             self._body = body

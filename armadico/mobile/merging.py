@@ -38,7 +38,13 @@ class MergingExchange:
         common = driven.up_to(way.start.x, way.start.y)
         if not common or len(common) + len(way.waypoints) > WAYPOINTS:
             return AT_ONCE
-        joined = replace(way, waypoints=(*common, *way.waypoints), start=driven.leg_start, leg=0)
+        joined = replace(
+            way,
+            waypoints=(*common, *way.waypoints),
+            start=driven.leg_start,
+            leg=0,
+            unseen=tuple(dict.fromkeys((*before.unseen, *way.unseen)))[:WAYPOINTS],
+        )
         return _Merged(bid.action, encode(joined))
 
 

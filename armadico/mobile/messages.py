@@ -5,8 +5,9 @@ Lengths are in m, angles in rad, frames are REP-103.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
-from math import sqrt
+from math import hypot, sqrt
 from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
@@ -31,6 +32,7 @@ from armadico.core.messages import (
     Volts,
 )
 from armadico.core.services import event, latch, query, state
+from armadico.core.unseen import Rule
 from armadico.mobile.errand import Order
 
 RAYS: Final = 2048  # most rays of a scan
@@ -348,6 +350,29 @@ class Waypoint(Message, frozen=True):
     theta: Real
 
 
+class Stretch(Message, frozen=True):
+    """A straight part of a path where nobody has seen the map, from one end to the other."""
+
+    x1: Real
+    y1: Real
+    x2: Real
+    y2: Real
+
+
+Stretches = Annotated[tuple[Stretch, ...], Meta(max_length=WAYPOINTS)]
+
+
+def unseen_m(stretches: Iterable[Stretch]) -> float:
+    """The length of the parts of a path where nobody has seen the map, m."""
+    return sum(hypot(each.x2 - each.x1, each.y2 - each.y1) for each in stretches)
+
+
+def through_unseen(stretches: Iterable[Stretch]) -> str:
+    """What people are told about these parts; "" without any."""
+    length = unseen_m(stretches)
+    return f"{length:.1f} m of the path lead through what nobody has seen" if length else ""
+
+
 class Trajectory(Latched, frozen=True):
     """The mission's waypoints, the goal last; none when it has ended. A nav_msgs/Path.
 
@@ -363,8 +388,10 @@ class Trajectory(Latched, frozen=True):
     planned: bool = False  # the path is the planner's, and replanned where it is blocked
     waits: bool = False
     revision: Counter = 0  # of the map that the waypoints lie on, as in `Pose`
+    unseen: Stretches = ()  # its parts that are driven at the speed of sight
+    rule: Rule | None = None  # of the mission's request, for plans made under way
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 3
 
     @property
     def order(self) -> tuple[int, int]:
@@ -378,6 +405,9 @@ class PlanRequest(Message, frozen=True):
     start: Waypoint
     goal: Waypoint
     why: Text = ""
+    rule: Rule | None = None  # None: the planner's own
+
+    appended: ClassVar[int] = 1
 
 
 class Plan(Message, frozen=True):
@@ -388,8 +418,9 @@ class Plan(Message, frozen=True):
     energy: Real = 0.0  # J
     refusal: Text = ""
     revision: Counter = 0  # of the map that it was planned on; 0: the map is fixed
+    unseen: Stretches = ()  # its parts where nobody has seen the map
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 2
 
 
 class PlanTask(Message, frozen=True):
@@ -424,6 +455,9 @@ class Way(Message, frozen=True):
     start: Point
     leg: Counter = 0
     planned: bool = True
+    unseen: Stretches = ()  # as in `Plan`
+
+    appended: ClassVar[int] = 1
 
 
 class MissionRequest(Order, frozen=True):
@@ -437,8 +471,9 @@ class MissionRequest(Order, frozen=True):
     revision: Counter = (
         0  # of the map that the waypoints were chosen on; 0: the robot's present one
     )
+    rule: Rule | None = None  # None: the planner's own
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 2
 
 
 class MissionReply(Message, frozen=True):
@@ -448,6 +483,9 @@ class MissionReply(Message, frozen=True):
     refusal: Text = ""
     waypoints: tuple[Waypoint, ...] = ()
     length: Real = 0.0  # m
+    unseen: Stretches = ()  # its parts where nobody has seen the map
+
+    appended: ClassVar[int] = 1
 
 
 class MissionState(StrEnum):

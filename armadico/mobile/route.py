@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import atan2, hypot, inf
 
 from armadico.core.messages import Point
-from armadico.mobile.messages import Trajectory, Waypoint
+from armadico.mobile.messages import Stretch, Trajectory, Waypoint
 
 # An intermediate waypoint is passed within `PASSED_M` of it, or on crossing the normal of the leg
 # through it within `BESIDE_M`.
@@ -33,9 +33,14 @@ class Route:
     """A polyline from a start over waypoints to a goal, with the present leg."""
 
     def __init__(
-        self, waypoints: Sequence[Waypoint] = (), start: Point = ORIGIN, leg: int = 0
+        self,
+        waypoints: Sequence[Waypoint] = (),
+        start: Point = ORIGIN,
+        leg: int = 0,
+        unseen: Sequence[Stretch] = (),
     ) -> None:
         self.waypoints = tuple(waypoints)
+        self.unseen = tuple(unseen)
         self.start = start
         self.leg = min(leg, max(len(self.waypoints) - 1, 0))
         self._seen: tuple[float, float] | None = None  # the robot's position at the last call
@@ -43,7 +48,7 @@ class Route:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Route:
-        return cls(trajectory.waypoints, trajectory.start, trajectory.leg)
+        return cls(trajectory.waypoints, trajectory.start, trajectory.leg, trajectory.unseen)
 
     @property
     def goal(self) -> Waypoint | None:
@@ -102,14 +107,8 @@ class Route:
 
     def _off(self, leg: int, x: float, y: float) -> tuple[float, bool]:
         """Return a place's distance from a leg, m, and whether its projection is on the leg."""
-        from_x, from_y = self._start_of(leg)
         to = self.waypoints[leg]
-        dx, dy = to.x - from_x, to.y - from_y
-        square = dx * dx + dy * dy
-        share = ((x - from_x) * dx + (y - from_y) * dy) / square if square else 1.0
-        clipped = min(max(share, 0.0), 1.0)
-        off = hypot(x - from_x - clipped * dx, y - from_y - clipped * dy)
-        return off, 0.0 < share < 1.0
+        return _off((*self._start_of(leg), to.x, to.y), x, y)
 
     def to_go(self, x: float, y: float) -> float:
         """Return the remaining length along the waypoints, m."""
@@ -124,6 +123,11 @@ class Route:
         return min(
             (self._off(leg, x, y)[0] for leg in range(self.leg, len(self.waypoints))), default=inf
         )
+
+    def off_unseen(self, x: float, y: float) -> float:
+        """Return a place's distance from the path's unseen parts, m; infinite without any."""
+        parts = ((each.x1, each.y1, each.x2, each.y2) for each in self.unseen)
+        return min((_off(part, x, y)[0] for part in parts), default=inf)
 
     def up_to(self, x: float, y: float) -> tuple[Waypoint, ...]:
         """Return the remaining path up to a place on it; () if the place is not on it.
@@ -214,3 +218,14 @@ class Route:
         dx, dy = to.x - from_x, to.y - from_y
         beyond = hypot(dx, dy) == 0.0 or (x - to.x) * dx + (y - to.y) * dy >= 0.0
         return beyond and away <= BESIDE_M
+
+
+def _off(line: tuple[float, float, float, float], x: float, y: float) -> tuple[float, bool]:
+    """Return a place's distance from a line, m, and whether its projection is on the line."""
+    from_x, from_y, to_x, to_y = line
+    dx, dy = to_x - from_x, to_y - from_y
+    square = dx * dx + dy * dy
+    share = ((x - from_x) * dx + (y - from_y) * dy) / square if square else 1.0
+    clipped = min(max(share, 0.0), 1.0)
+    off = hypot(x - from_x - clipped * dx, y - from_y - clipped * dy)
+    return off, 0.0 < share < 1.0

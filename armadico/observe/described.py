@@ -12,6 +12,7 @@ import msgspec
 
 from armadico.core.services import service_at
 from armadico.mobile.errand import Progress
+from armadico.mobile.messages import unseen_m
 from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
 from armadico.observe.view import Seen, View, agent_of
 
@@ -79,6 +80,7 @@ def mission(view: View) -> Section | None:
         "state": status.state.value,
         "to_go": status.to_go,
         "note": status.note,
+        "unseen_m": 0.0 if view.trajectory is None else unseen_m(view.trajectory.unseen),
     }
 
 

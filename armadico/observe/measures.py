@@ -33,8 +33,10 @@ from armadico.mobile.messages import (
     Pose,
     Scan,
     Sonar,
+    Stretch,
     Trajectory,
     Truth,
+    unseen_m,
 )
 from armadico.observe.conditions import Conditions
 from armadico.observe.ground_truth import AGAIN, START, GroundTruth
@@ -89,9 +91,10 @@ class Result(Struct, frozen=True):
     several tasks ended as requested, and `tasks` the result of each; null for other missions.
     `limit_s` is the time limit if it ended the run. `why` is the reason of a failure, or why the
     robot did not drive at the end. Shares (TG, TA, TGt in the thesis) are by agent, in per cent of
-    the cycles in which any agent was obeyed. Collisions are those of the robot's own motion; they
-    exclude people walking into it. If the truth stopped they are those until then. `judgement` is
-    the conclusion of all this, and `warnings` are the warnings of the run.
+    the cycles in which any agent was obeyed. `unseen_m` is how much of the paths leads through what
+    nobody has seen on the map. Collisions are those of the robot's own motion; they exclude people
+    walking into it. If the truth stopped they are those until then. `judgement` is the conclusion
+    of all this, and `warnings` are the warnings of the run.
     """
 
     scenario: str
@@ -114,6 +117,7 @@ class Result(Struct, frozen=True):
     deviation_m: float | None = None
     judgement: Judgement = unknown("nothing was judged")
     warnings: tuple[str, ...] = ()
+    unseen_m: float = 0.0
 
     @property
     def passed(self) -> bool:
@@ -188,6 +192,7 @@ class RunWatch:
     path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
+    unseen: dict[Stretch, None] = field(default_factory=dict)  # parts of the paths, in order
     view: View = field(default_factory=View)
     truth: GroundTruth = field(default_factory=GroundTruth)
     warnings: list[str] = field(default_factory=list)  # that the run has reported
@@ -236,6 +241,7 @@ class RunWatch:
             self.truth.add(message, now)
         if isinstance(message, Trajectory) and message.waypoints:
             self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
+            self.unseen |= dict.fromkeys(message.unseen)
         handler = getattr(self, f"_on_{type(message).__name__.lower()}", None)
         if not self.begun:
             return
@@ -401,6 +407,7 @@ class RunWatch:
             deviation_m=self._deviation_m,
             judgement=self.judge(),
             warnings=tuple(self.warnings),
+            unseen_m=round(unseen_m(self.unseen), 3),
         )
 
     def _goal_measures(self) -> tuple[bool | None, float | None, float | None]:

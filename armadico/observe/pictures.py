@@ -24,7 +24,8 @@ from msgspec.structs import replace
 from armadico.config.grid_map import Cells
 from armadico.config.profile import Body
 from armadico.config.shipped import names
-from armadico.config.worlds import Pose, World, load_world
+from armadico.config.unseen import over
+from armadico.config.worlds import Pose, Segment, World, load_world
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +50,7 @@ INK, SOFT, FAINT, PAPER, FLOOR = "#22303c", "#6b7883", "#dfe4e8", "#ffffff", "#f
 START, GOAL, DOCK = "#3b7d23", "#b01e68", "#2b6cb0"
 FORBIDDEN = "#c0392b"
 PARTICLE = "#0b8f88"
-MAPPED_FREE, MAPPED = "#e3ecf3", "#d98c1f"
+MAPPED_FREE, MAPPED, UNSEEN = "#e3ecf3", "#d98c1f", "#d5dade"
 MAX_ECHOES = 8000
 MOST_ERROR_M = 3.0  # top of the axis of errors
 NOSE = ((0.06, 0.09), (0.17, 0.0), (0.06, -0.09))  # mark of the heading, m, in the robot's frame
@@ -180,6 +181,7 @@ class Canvas:
         self.axes: Axes = self.figure.add_axes(place)
         self._cycle(world.bounds)
         self._rooms(world)
+        self._unseen(world)
         self._walls(world)
 
     def at(self, x: float, y: float) -> tuple[float, float]:
@@ -214,21 +216,8 @@ class Canvas:
         """Draw the map made by driving: free and occupied cells."""
         from matplotlib.colors import ListedColormap
 
-        x1, y1, x2, y2 = cells.bounds
-        states = cells.states.T[::-1] if self.turned else cells.states
-        extent = (y1, y2, -x2, -x1) if self.turned else (x1, x2, y1, y2)
-        limits = self.axes.get_xlim(), self.axes.get_ylim()
-        self.axes.imshow(
-            states,
-            cmap=ListedColormap([PAPER, MAPPED_FREE, MAPPED]),
-            vmin=0,
-            vmax=2,
-            origin="lower",
-            extent=extent,
-            interpolation="nearest",
-            zorder=0.8,
-        )
-        self.axes.set(xlim=limits[0], ylim=limits[1])
+        colours = ListedColormap([PAPER, MAPPED_FREE, MAPPED])
+        self._image(cells.states, cells.bounds, colours, 0.8)
         for name, ink in (("mapped free", MAPPED_FREE), ("mapped occupied", MAPPED)):
             self.legend[name] = self.axes.scatter([], [], s=40, marker="s", color=ink)
 
@@ -359,6 +348,37 @@ class Canvas:
         place = self.axes.get_position(original=True)
         return min(SIZE_PX[0] * place.width / (x2 - x1), SIZE_PX[1] * place.height / (y2 - y1))
 
+    def _unseen(self, world: World) -> None:
+        """Shade what nobody has seen of the map."""
+        if world.unseen is None:
+            return
+        import numpy as np
+        from matplotlib.colors import ListedColormap
+
+        x1, y1, x2, y2 = world.bounds
+        cell_m = max(world.unseen.cell_m, self.size / SIZE_PX[0])
+        xs = np.arange(x1 + cell_m / 2, x2, cell_m)
+        ys = np.arange(y1 + cell_m / 2, y2, cell_m)
+        unseen = over(world.unseen, xs, ys, cell_m)
+        self._image(unseen, world.bounds, ListedColormap(["#00000000", UNSEEN]), 0.6)
+        self.legend["not seen"] = self.axes.scatter([], [], s=40, marker="s", color=UNSEEN)
+
+    def _image(self, cells: Any, bounds: Segment, colours: Any, zorder: float) -> None:
+        """Draw cells, bottom row first, without a change of the axes' limits."""
+        x1, y1, x2, y2 = bounds
+        limits = self.axes.get_xlim(), self.axes.get_ylim()
+        self.axes.imshow(
+            cells.T[::-1] if self.turned else cells,
+            cmap=colours,
+            vmin=0,
+            vmax=len(colours.colors) - 1,
+            origin="lower",
+            extent=(y1, y2, -x2, -x1) if self.turned else (x1, x2, y1, y2),
+            interpolation="nearest",
+            zorder=zorder,
+        )
+        self.axes.set(xlim=limits[0], ylim=limits[1])
+
     def _walls(self, world: World) -> None:
         from matplotlib.collections import LineCollection
 
@@ -394,7 +414,7 @@ def _rank(name: str) -> tuple[int, str]:
     """The sort key of an entry in the legend: agents first."""
     order = (
         *("no agent", "start", "waypoint", "goal", "docks"),
-        *("sensor readings", "mapped free", "mapped occupied"),
+        *("sensor readings", "mapped free", "mapped occupied", "not seen"),
     )
     return (order.index(name), "") if name in order else (-1, name)
 

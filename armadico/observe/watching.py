@@ -269,6 +269,7 @@ _SCALARS: Final[dict[type[inspect.Type], str]] = {
     inspect.FloatType: "number",
     inspect.StrType: "string",
     inspect.EnumType: "string",
+    inspect.LiteralType: "string",
 }
 
 

@@ -29,6 +29,7 @@ from armadico.core.messages import (
     checked,
 )
 from armadico.core.services import CARD, Kind, rows_of, service_of
+from armadico.core.unseen import Rule
 from armadico.mesh.base import Mesh
 from armadico.mesh.endpoints import endpoints
 from armadico.mobile.errand import Order
@@ -222,6 +223,7 @@ class Client:
         *,
         direct: bool = False,
         start: tuple[float, float, float] | None = None,
+        unseen: Rule | None = None,
     ) -> Mission:
         """Send the robot to a pose (m, m, rad); return when the mission is accepted.
 
@@ -230,7 +232,9 @@ class Client:
 
         Without `theta`, the heading is that of the line from the present pose to the goal. The path
         is the planner's, or a straight line with `direct`. `start` sets the robot's present pose
-        (m, m, rad), if it is known better than the robot estimates it.
+        (m, m, rad), if it is known better than the robot estimates it. `unseen` is whether a path
+        may lead through what nobody has seen, where no other leads to the goal; None: the planner's
+        own rule.
 
         Raises:
             AbsentError: There is no interface agent.
@@ -242,7 +246,7 @@ class Client:
         if theta is None:
             theta = heading_to(x, y, here or self.latest(Pose, POSE_S))
         goal = Waypoint(x, y, math.remainder(theta, math.tau))
-        request = MissionRequest(goal, planned=not direct, start=here)
+        request = MissionRequest(goal, planned=not direct, start=here, rule=unseen)
         return Mission(self, self.request_mission(request))
 
     def request_mission(
@@ -574,11 +578,13 @@ class Mission:
     Attributes:
         number: Identifies the mission.
         length: The length of the path along its waypoints, m.
+        unseen: Its parts where nobody has seen the map.
     """
 
     def __init__(self, client: Client, reply: MissionReply) -> None:
         self.number = reply.mission
         self.length = reply.length
+        self.unseen = reply.unseen
         self._client = client
 
     @property

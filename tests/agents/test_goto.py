@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from armadico.agents.driving.goto import Goto, Parameters
-from armadico.agents.driving.sight import in_sight
 from armadico.agents.methods.controllers import SETTINGS
 from armadico.agents.methods.settings import Brisk
 from armadico.core.agent import Identity
 from armadico.core.messages import Description, Point
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.motion import touches_at
+from armadico.mobile.sight import in_sight
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, commands, drive_to, obstacles, wall
 from tests.framework.robots import body, described
@@ -163,7 +163,7 @@ def test_the_repeated_mission_has_the_waypoints_passed() -> None:
     assert utility_at(made, 3.7, 2.95) == 0.6  # it hung, and was led aside: it is on no leg
     made.give(replace(ROUND_A_CORNER, leg=1))
     assert utility_at(made, 3.7, 2.95) == pytest.approx(1.0, abs=0.3)
-    assert made.bid.reason == "leg 1"
+    assert made.bid.reason == "to waypoint 2 of 2"
 
 
 def test_a_late_agent_continues_where_the_run_is() -> None:

@@ -33,6 +33,7 @@ from armadico.mobile.messages import (
     Plan,
     PlanRequest,
     Pose,
+    Stretch,
     Trajectory,
     Waypoint,
 )
@@ -901,3 +902,32 @@ def test_a_goal_of_the_new_map_stays_if_the_message_of_its_move_comes_later() ->
     desk.request(MissionRequest(GOAL, planned=False, revision=2))
     desk.give(SHIFT)
     assert desk.last(Trajectory).waypoints == (GOAL,)
+
+
+# What nobody has seen ----------------------------------------------------------------------------
+
+THROUGH = (Stretch(1.0, 0.0, 2.0, 0.0),)
+
+
+def test_the_parts_that_nobody_has_seen_are_said_and_driven_with_care(desk: Desk) -> None:
+    on_query = desk.request(MissionRequest(GOAL))
+    desk.reply(replace(PLAN, unseen=THROUGH))
+    assert desk.replies[on_query].unseen == THROUGH
+    assert desk.last(Trajectory).unseen == THROUGH
+    desk.moved(1.2)
+    desk.moved(3.0)
+    assert desk.last(MissionStatus).state is MissionState.REACHED
+    assert desk.last(Trajectory).unseen == ()
+
+
+def test_a_missions_rule_holds_for_plans_under_way_and_after_a_restart(desk: Desk) -> None:
+    desk.request(MissionRequest(GOAL, rule="refuse"))
+    assert desk.on_query[-1].request == PlanRequest(Waypoint(0.0, 0.0, 0.0), GOAL, rule="refuse")
+    desk.reply(PLAN)
+    for each in (desk, restarted(desk)):
+        each.moved(0.5)
+        lost(each)
+        each.moved(0.5)
+        request = each.on_query[-1].request
+        assert isinstance(request, PlanRequest)
+        assert (request.rule, request.why) == ("refuse", "the robot was lost")

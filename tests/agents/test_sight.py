@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.agents.driving.sight import BEYOND_M, STEP_M, in_sight
 from armadico.core.messages import Point
+from armadico.mobile.sight import BEYOND_M, STEP_M, in_sight
 
 STRAIGHT = [(0.0, 0.0), (5.0, 0.0)]
 ROUND = [(0.0, 0.0), (1.0, 0.0), (1.0, 3.0)]

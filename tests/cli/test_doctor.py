@@ -205,6 +205,7 @@ def test_top_says_why_a_mission_is_not_driven() -> None:
         "state": "driving",
         "to_go": 4.0,
         "note": "waits: door D is shut",
+        "unseen_m": 0.0,
     }
     assert "driving, waits: door D is shut" in top._heading(snapshot)
 

@@ -111,6 +111,8 @@ def scalars(kind: shape.Type) -> st.SearchStrategy[Any]:
         )
     if isinstance(kind, shape.BytesType):
         return st.binary(max_size=40)
+    if isinstance(kind, shape.LiteralType):
+        return st.sampled_from(kind.values)
     if isinstance(kind, shape.EnumType):
         return st.sampled_from(list(kind.cls))
     if isinstance(kind, shape.BoolType):

@@ -64,6 +64,7 @@ KEYS = [
     "deviation_m",
     "judgement",
     "warnings",
+    "unseen_m",
 ]
 
 

@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any, Final
 
 from armadico.config.discovery import PAGE, installed
-from armadico.config.worlds import World
+from armadico.config.worlds import Unseen, World
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S
@@ -205,6 +205,7 @@ class Robot:
             way = [[w.x, w.y, w.theta] for w in trajectory.waypoints]
             found |= {"way": rounded(way), "leg": trajectory.leg, "waits": trajectory.waits}
             found |= {"start": rounded([trajectory.start.x, trajectory.start.y])}
+            found["unseen"] = rounded([[s.x1, s.y1, s.x2, s.y2] for s in trajectory.unseen])
         return found
 
     def _wheels(self, t: float) -> dict[str, Any]:
@@ -275,9 +276,22 @@ def drawn(world: World) -> dict[str, Any]:
         "walls": rounded(world.walls),
         "columns": rounded(world.columns),
         "forbidden": rounded(world.forbidden),
+        "unseen": None if world.unseen is None else _unseen(world.unseen),
         "rooms": [[room.name, room.x1, room.y1, room.x2, room.y2] for room in world.rooms],
         "docks": {name: list(pose) for name, pose in world.docks.items()},
         "goals": {name: list(pose) for name, pose in world.goals.items()},
+    }
+
+
+def _unseen(unseen: Unseen) -> dict[str, Any]:
+    return {
+        "x": unseen.x,
+        "y": unseen.y,
+        "theta": unseen.theta,
+        "cell": unseen.cell_m,
+        "rows": unseen.rows,
+        "columns": unseen.columns,
+        "packed": b64encode(unseen.packed).decode(),
     }
 
 

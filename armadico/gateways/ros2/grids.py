@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.geometry import pose_of
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, coarser
+from armadico.config.unseen import over
 from armadico.config.worlds import World
 
 WORLD_M: Final = 0.05  # size of a cell of a world's map
@@ -32,7 +33,7 @@ def occupancy(cells: Cells, header: types.Header) -> types.OccupancyGrid:
 
 
 def drawn(world: World) -> Cells:
-    """A world as a grid: walls are occupied, the rest of its rectangle is free."""
+    """A world as a grid: walls are occupied, and the rest is free, or unknown if nobody saw it."""
     x1, y1, x2, y2 = world.bounds
     cell = WORLD_M
     while (x2 - x1 + cell) * (y2 - y1 + cell) > MAP_CELLS * cell * cell:
@@ -40,6 +41,9 @@ def drawn(world: World) -> Cells:
     states = np.full(
         (math.ceil((y2 - y1) / cell) + 1, math.ceil((x2 - x1) / cell) + 1), FREE, dtype=np.uint8
     )
+    if world.unseen is not None:
+        xs, ys = (np.arange(count, dtype=np.float64) + 0.5 for count in states.shape[::-1])
+        states[over(world.unseen, x1 + xs * cell, y1 + ys * cell, cell)] = UNKNOWN
     for ax, ay, bx, by in world.walls:
         steps = np.linspace(0.0, 1.0, 2 + math.ceil(2.0 * math.hypot(bx - ax, by - ay) / cell))
         rows = ((ay + steps * (by - ay) - y1) / cell).astype(int)

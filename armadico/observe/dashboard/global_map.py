@@ -207,7 +207,7 @@ class GlobalMap:
         self._canvas.fix(f"{ROOT}/grid", drawn)
         away = 0.02 * longer
         places = [(x, y1 - away) for x in xs] + [(x1 - away, y) for y in ys]
-        places += [(x2 + away, y1 - away), (x1 - away, y2 + away)]
+        places += [(x2, y1 - 3.0 * away), (x1 - away, y2 + 3.0 * away)]  # clear of the numbers
         texts = [*(f"{at:g}" for at in (*xs, *ys)), "x, m", "y, m"]
         self._canvas.fix(f"{ROOT}/numbers", _labels(places, texts))
 

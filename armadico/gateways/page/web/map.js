@@ -33,12 +33,13 @@ export class Plan extends EventTarget {
   colours() {
     const style = getComputedStyle(document.documentElement);
     this.c = Object.fromEntries(["floor", "outside", "wall", "grid", "ink", "soft", "path", "near", "stop", "accent", "good", "warn", "card", "line"].map((n) => [n, style.getPropertyValue("--" + n).trim()]));
-    for (const robot of this.robots.values()) this.#inflate(robot);
+    for (const robot of this.robots.values()) { this.#inflate(robot); this.#unsee(robot); }
     this.dirty();
   }
 
   hello(robots) {
     this.robots = new Map(Object.entries(robots).map(([name, still]) => [name, { still, parts: {}, trail: still.trail.slice() }]));
+    for (const robot of this.robots.values()) this.#unsee(robot);
     this.dirty();
   }
 
@@ -244,13 +245,33 @@ export class Plan extends EventTarget {
     return [x1, y1, x2, y2];
   }
 
+  async #unpacked({ packed }) {
+    const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+
+  // What nobody has seen of the world's map, one bit for each cell, in the colour of the outside.
+  async #unsee(robot) {
+    const u = robot.still.world?.unseen;
+    if (!u) return;
+    try {
+      const bits = await this.#unpacked(u);
+      const canvas = new OffscreenCanvas(u.columns, u.rows), ctx = canvas.getContext("2d");
+      ctx.fillStyle = this.c.outside;
+      for (let r = 0, i = 0; r < u.rows; r++) {
+        for (let c = 0; c < u.columns; c++, i++) if (bits[i >> 3] & (128 >> (i & 7))) ctx.fillRect(c, u.rows - 1 - r, 1, 1);
+      }
+      robot.unseen = { canvas, ...u };
+      this.dirty();
+    } catch { /* cells that are none are not drawn */ }
+  }
+
   async #inflate(robot) {
     const g = robot.parts.grid;
     if (!g || !g.rows || !g.columns || g.rows * g.columns > 16e6) return void (robot.grid = null);
     try {
-      const bytes = Uint8Array.from(atob(g.packed), (c) => c.charCodeAt(0));
-      const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-      const cells = new Uint8Array(await new Response(stream).arrayBuffer());
+      const cells = await this.#unpacked(g);
       if (cells.length !== g.rows * g.columns || robot.parts.grid !== g) return;
       const image = new ImageData(g.columns, g.rows);
       const dark = document.documentElement.dataset.theme === "dark";
@@ -278,6 +299,8 @@ export class Plan extends EventTarget {
     ctx.lineCap = ctx.lineJoin = "round";
     const world = [...this.robots.values()].map((r) => r.still.world).find(Boolean);
     this.#floor(world);
+    const unseen = [...this.robots.values()].map((r) => r.unseen).find(Boolean);
+    if (unseen) this.#cells({ grid: unseen });
     for (const robot of this.robots.values()) if (robot.grid) this.#cells(robot);
     this.#raster();
     if (world) this.#walls(world);
@@ -312,9 +335,13 @@ export class Plan extends EventTarget {
   }
 
   #cells({ grid: g }) {
-    const [ax, ay] = this.screen(g.x, g.y + g.rows * g.cell);
-    this.ctx.imageSmoothingEnabled = false;
-    this.ctx.drawImage(g.canvas, ax, ay, g.columns * g.cell * this.view.k, g.rows * g.cell * this.view.k);
+    const { ctx } = this, side = g.cell * this.view.k;
+    ctx.save();
+    ctx.translate(...this.screen(g.x, g.y));
+    ctx.rotate(-(g.theta ?? 0));
+    ctx.imageSmoothingEnabled = false;
+    ctx.drawImage(g.canvas, 0, -g.rows * side, g.columns * side, g.rows * side);
+    ctx.restore();
   }
 
   #raster() {
@@ -414,6 +441,11 @@ export class Plan extends EventTarget {
       for (const [x, y] of left) ctx.lineTo(...this.screen(x, y));
       ctx.stroke();
       ctx.setLineDash([]);
+      ctx.strokeStyle = c.warn; // where nobody has seen the map, it drives at the speed of sight
+      ctx.lineWidth = 4;
+      ctx.beginPath();
+      for (const [x1, y1, x2, y2] of m.unseen ?? []) { ctx.moveTo(...this.screen(x1, y1)); ctx.lineTo(...this.screen(x2, y2)); }
+      ctx.stroke();
       const [x, y, a] = m.way.at(-1);
       this.#arrow(x, y, a, c.accent);
     }
