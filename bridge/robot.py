@@ -135,7 +135,7 @@ class LineNotes:
         return True
 
 
-class Robot(DeviceAgent):
+class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     """The robot, as other agents know it."""
 
     name = "robot"

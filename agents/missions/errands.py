@@ -272,7 +272,7 @@ class Errand:
             self._way = Way(way.id, driven.waypoints, driven.start, driven.leg, way.planned)
 
 
-class DeliberativeAgent(Agent):
+class DeliberativeAgent(Agent, hooks=()):
     """An agent that has the robot driven by an errand, to which it passes what it receives.
 
     A subclass begins a drive (`errand.go`) and bids what `errand.bid_for` returns. It lists these

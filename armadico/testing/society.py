@@ -66,7 +66,7 @@ class ResourceOwner(Agent):
         return self.does[resource.name]
 
 
-class RobotOwner(ResourceOwner):
+class RobotOwner(ResourceOwner, overrides=("subscriptions",)):
     """A robot agent without a robot: a timer makes the cycles instead of status packets."""
 
     name = "robot"
