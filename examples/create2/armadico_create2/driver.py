@@ -103,7 +103,9 @@ class Driver(Streaming[Packets]):
 
     def opening(self) -> bytes:
         self._was_safe = False
-        return bytes((START, SAFE)) + self.speeds(0.0, 0.0) + bytes((STREAM, len(PACKETS), *PACKETS))
+        return (
+            bytes((START, SAFE)) + self.speeds(0.0, 0.0) + bytes((STREAM, len(PACKETS), *PACKETS))
+        )
 
     def speeds(self, v: float, w: float) -> bytes:
         return drive_direct(v, w, self._half_track_m)

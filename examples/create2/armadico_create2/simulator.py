@@ -42,7 +42,9 @@ class Firmware(StreamingController):
         elif opcode == oi.DRIVE_DIRECT and self._mode == oi.SAFE_MODE:
             wheels = struct.unpack(">hh", command[1:])
             right, left = (1e-3 * max(-oi.TOP_MM_S, min(each, oi.TOP_MM_S)) for each in wheels)
-            self.drive(0.5 * (left + right), (right - left) / (2.0 * self._profile.body.half_track_m))
+            self.drive(
+                0.5 * (left + right), (right - left) / (2.0 * self._profile.body.half_track_m)
+            )
         elif opcode in {oi.STREAM, oi.PAUSE} and self._mode:
             self.stream(command[1] != 0)  # only the driver's own list of packets is simulated
         return True
