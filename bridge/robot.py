@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from armadico.bridge.gaps import Gaps
 from armadico.bridge.kind import kind_of
 from armadico.bridge.obedience import Obedience
-from armadico.bridge.readings import Readings
+from armadico.bridge.readings import Readings, sound
 from armadico.bridge.reflex import Reflex, Touch
 from armadico.bridge.session import (
     Connected,
@@ -109,6 +109,7 @@ class Known:
     refusals: int = 0  # how often it was refused
     unfit: str = ""  # why it was refused
     differs: tuple[str, ...] = ()  # where the robot differs from the profile
+    faults: int = 0  # reports with something that is no number
 
 
 @dataclass
@@ -245,7 +246,11 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     def _on_events(self, events: Iterable[object]) -> None:
         for event in events:
             if isinstance(event, Reported):
-                self._report(event)
+                report, fault = sound(event)
+                if fault:
+                    self._note_fault(fault)
+                if report is not None:
+                    self._report(report)
             elif isinstance(event, Connected):
                 self._connected(event)
             elif isinstance(event, Unfit):
@@ -275,6 +280,13 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
                     self.log(event.text, WARNING)
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
+
+    def _note_fault(self, fault: str) -> None:
+        """Log what is no number in the driver's reports."""
+        self._known.faults += 1
+        if self._known.faults in LOGGED_ATTEMPTS:
+            text = f"the driver of {self.profile.name} reports {fault}: it is left out"
+            self.log(f"{text} ({self._known.faults} so far)", ERROR)
 
     def _connected(self, event: Connected) -> None:
         """Note which controller answers: one of another type is another robot."""
