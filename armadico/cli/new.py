@@ -45,7 +45,7 @@ FILES: Final = {
         "{module}/{name}.toml": "robot-profile",
         "test_{module}.py": "robot-test",
     },
-    "task": {**AGENT, "pyproject.toml": "task-pyproject"},
+    "task": {**AGENT, "pyproject.toml": "task-pyproject", "mission.toml": "task-mission"},
 }
 """The files of each package, and their templates (`configs/new`)."""
 
@@ -170,6 +170,13 @@ def _next(name: str, which: str, where: Path, written: list[str]) -> str:
     if which == "robot":
         run = f"armadico run sc1 --virtual --profile {name}"
         last = (f"armadico sim {name} sc1 --port 8102", "serve its simulator")
+    if which == "resource":
+        run = "armadico run sc2 --virtual" + "".join(
+            f" --with {each}" for each in (name, f"{name}-idle", f"{name}-near")
+        )
+    if which == "task":
+        run = f"armadico mission run {there}/mission.toml --virtual"
+        last = ("armadico mission list", "list the missions")
     if which == "planner":  # a society has one planner
         from armadico.config.scenarios import society
         from armadico.mobile.resources import PLANNER
