@@ -235,9 +235,12 @@ class AgentContract(Contract):
     def _drive(self, done: Done, fault: Fault, limit_s: float | None = None) -> None:
         run = self._rehearsal
         began: list[float] = []
+        kept: dict[tuple[Node, m.Cycle, str], m.BidRecord] = {}
 
         def progress(watch: RunWatch) -> None:
             began[:] = began or [run.mesh.now]
+            for node in done.instances:  # an agent keeps its last 50 only
+                kept.update({(node, b.cycle, b.resource): b for b in node.agent.bids})
             elapsed = run.mesh.now - began[0]
             fault(run, done.instances[-1], elapsed)
             if limit_s is not None and elapsed >= limit_s:
@@ -245,7 +248,7 @@ class AgentContract(Contract):
 
         run.run(progress)
         done.watch = run.watch
-        done.bids = [record for node in done.instances for record in node.agent.bids]
+        done.bids = list(kept.values())
 
     def _unharmed(self, done: Done, what: str) -> Judgement:
         touched = done.watch.result().collisions
