@@ -29,6 +29,9 @@ WALL_M, HIGH_M = 0.005, 0.4
 HULL_Z_M, HULL_HIGH_M = 0.12, 0.08
 """Height of the hull's middle, and half its height."""
 
+CASTER_UP_M = 0.001
+"""The casters hang that high: otherwise they would carry the robot, and its wheels would slip."""
+
 ROBOT, WORLD = 1, 0
 """Groups of geometries: rays meet the world only."""
 
@@ -49,14 +52,14 @@ def model_of(profile: MujocoRobot, site: Site) -> str:
         for cx, cy, r in site.columns
     )
     wheels = "".join(
-        f'<body pos="0 {y_m} {radius}"><joint name="{side}" type="hinge" axis="0 1 0"/>'
-        f'<geom type="cylinder" euler="{radians(90)} 0 0" size="{radius} 0.012" mass="0.3"'
+        f'<body pos="0 {y_m} {radius}"><joint name="{side}" type="hinge" axis="0 1 0" armature="0.005"/>'
+        f'<geom type="ellipsoid" size="{radius} 0.012 {radius}" mass="0.3"'
         f' friction="{physics.friction} 0.002 0.0001" group="{ROBOT}"/></body>'
         for side, y_m in (("left", track), ("right", -track))
     )
     ball = min(radius, 0.03)
     casters = "".join(
-        f'<geom type="sphere" pos="{x_m} 0 {ball}" size="{ball}" mass="0.1" condim="1"'
+        f'<geom type="sphere" pos="{x_m} 0 {ball + CASTER_UP_M}" size="{ball}" mass="0.1" condim="1"'
         f' friction="0 0 0" group="{ROBOT}"/>'
         for x_m in (0.8 * body.front_m, -0.8 * body.rear_m)
     )
