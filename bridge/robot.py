@@ -246,11 +246,7 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     def _on_events(self, events: Iterable[object]) -> None:
         for event in events:
             if isinstance(event, Reported):
-                report, fault = sound(event)
-                if fault:
-                    self._note_fault(fault)
-                if report is not None:
-                    self._report(report)
+                self._judge(event)
             elif isinstance(event, Connected):
                 self._connected(event)
             elif isinstance(event, Unfit):
@@ -281,12 +277,15 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
 
-    def _note_fault(self, fault: str) -> None:
-        """Log what is no number in the driver's reports."""
-        self._known.faults += 1
-        if self._known.faults in LOGGED_ATTEMPTS:
+    def _judge(self, event: Reported) -> None:
+        """Process a report; log what is no number in it, which is left out."""
+        report, fault = sound(event)
+        self._known.faults += bool(fault)
+        if fault and self._known.faults in LOGGED_ATTEMPTS:
             text = f"the driver of {self.profile.name} reports {fault}: it is left out"
             self.log(f"{text} ({self._known.faults} so far)", ERROR)
+        if report is not None:
+            self._report(report)
 
     def _connected(self, event: Connected) -> None:
         """Note which controller answers: one of another type is another robot."""

@@ -8,7 +8,7 @@ floor at the middle of the wheel axle.
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, inf, radians, sin
+from math import atan2, cos, hypot, inf, sin
 
 import mujoco
 import numpy as np
@@ -52,15 +52,16 @@ def model_of(profile: MujocoRobot, site: Site) -> str:
         for cx, cy, r in site.columns
     )
     wheels = "".join(
-        f'<body pos="0 {y_m} {radius}"><joint name="{side}" type="hinge" axis="0 1 0" armature="0.005"/>'
+        f'<body pos="0 {y_m} {radius}">'
+        f'<joint name="{side}" type="hinge" axis="0 1 0" armature="0.005"/>'
         f'<geom type="ellipsoid" size="{radius} 0.012 {radius}" mass="0.3"'
         f' friction="{physics.friction} 0.002 0.0001" group="{ROBOT}"/></body>'
         for side, y_m in (("left", track), ("right", -track))
     )
     ball = min(radius, 0.03)
     casters = "".join(
-        f'<geom type="sphere" pos="{x_m} 0 {ball + CASTER_UP_M}" size="{ball}" mass="0.1" condim="1"'
-        f' friction="0 0 0" group="{ROBOT}"/>'
+        f'<geom type="sphere" pos="{x_m} 0 {ball + CASTER_UP_M}" size="{ball}" mass="0.1"'
+        f' condim="1" friction="0 0 0" group="{ROBOT}"/>'
         for x_m in (0.8 * body.front_m, -0.8 * body.rear_m)
     )
     motors = "".join(
