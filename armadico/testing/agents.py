@@ -39,6 +39,8 @@ COMMON: tuple[type[m.Message], ...] = (
 AWAY_S = 0.5
 """Time from a kill to the restart."""
 
+UNTRIED = "its actions are messages, and no valid one was given"
+
 KILLS_S = (0.1, 1.3, 4.1)
 """Times of kills after the mission began, s."""
 
@@ -105,7 +107,7 @@ class AgentContract(Contract):
         done, kind = self._plain, self.agent
         unsaid = done.published - {*kind.provides, *COMMON}
         unasked = done.asked - {*kind.queries, m.Ask}
-        bad = [record.why for record in done.bids if record.unsound]
+        bad = [record.reason for record in done.bids if record.unsound]
         bids = [record for record in done.bids if record.utility is not None]
         silent = [each.__name__ for each in kind.provides if each not in done.published]
         return all_of(
@@ -204,20 +206,32 @@ class AgentContract(Contract):
         return done
 
     def _begun(self) -> Done:
-        without = (*self.without, self.agent.name)
-        given = load_scenario(self.scenario)
-        known = [name for name in without if name in given.agents]
-        besides = tuple(name for name in self.besides if name not in given.agents)
-        options = Options(seed=1, sensors="ideal", without=tuple(known), besides=besides)
-        options = _limited(options, self.limit_s)
+        name, given = self.agent.name, load_scenario(self.scenario)
+        # An installed agent is started by the launcher, with the scenario's facts as parameters.
+        launched = name in installed(AGENTS) and agent_class(name) is self.agent
+        besides = (*self.besides, name) if launched else self.besides
+        without = self.without if launched else (*self.without, name)
+        options = Options(
+            seed=1,
+            sensors="ideal",
+            limit=self.limit_s,
+            without=tuple(each for each in without if each in given.agents),
+            besides=tuple(each for each in besides if each not in given.agents),
+        )
         run = Rehearsal(prepared(given, options), options)
         done = Done(run.watch)
-        self._rehearsal = run
+        self._rehearsal, self._launched = run, launched
         self._enter(run, done)
         return done
 
     def _enter(self, run: Rehearsal, done: Done) -> None:
-        node = run.add(self.agent)
+        name = self.agent.name
+        if not self._launched:
+            node = run.add(self.agent)
+        elif done.instances:
+            node = run.enter(name)
+        else:
+            node = run.mesh.node(name, run.namespace)
         done.instances.append(node)
         send = node._send
 
@@ -258,12 +272,6 @@ class AgentContract(Contract):
         )
 
 
-def _limited(options: Options, limit_s: float) -> Options:
-    from dataclasses import replace
-
-    return replace(options, limit=limit_s)
-
-
 def _names(kinds: set[type[m.Message]]) -> str:
     return ", ".join(sorted(kind.__name__ for kind in kinds))
 
@@ -286,6 +294,8 @@ class ResourceContract(Contract):
 
     def check_obeys_its_holder(self) -> Judgement:
         """It executes a valid command, and acknowledges what it does."""
+        if self._untried:
+            return unknown(UNTRIED, "set `action`")
         society, seen = self._society()
         society.run(3.0)
         acks = [ack for ack in seen.acks if ack.obeyed is not None]
@@ -302,6 +312,8 @@ class ResourceContract(Contract):
 
     def check_rests_without_a_holder(self) -> Judgement:
         """When its holder is killed it comes to rest."""
+        if self._untried:
+            return unknown(UNTRIED, "set `action`")
         society, seen = self._society()
         society.run(3.0)
         society.nodes["contender"].kill()
@@ -329,6 +341,8 @@ class ResourceContract(Contract):
 
     def check_works_after_a_restart(self) -> Judgement:
         """A restarted owner is obeyed again, and no second owner joins beside it."""
+        if self._untried:
+            return unknown(UNTRIED, "set `action`")
         society, seen = self._society()
         society.run(3.0)
         society.nodes[self.owner.name].kill()
@@ -337,6 +351,10 @@ class ResourceContract(Contract):
         society.join(seen.kind, start=1)
         society.run(8.0)
         return whether(len(seen.obeyed) > obeyed, "after its restart no command is obeyed")
+
+    @property
+    def _untried(self) -> bool:
+        return self.resource.message is not None and self.action is None
 
     def _society(self) -> tuple[Society, Seen]:
         seen = Seen(self.owner)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, cast
 
 import msgspec
 
-from armadico.core.agent import Agent, Identity, Parameters, Subscription
+from armadico.core.agent import Agent, Identity, Subscription
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import PERIOD, CycleCounter
 from armadico.core.exchange import Bid
@@ -158,7 +158,7 @@ class Society:
 
     def join(self, kind: type[Agent], start: int = 0, exchange: str = "smooth") -> Node:
         """Start an agent, as the `start`-th instance of its name."""
-        parameters = msgspec.convert({"social": {"exchange": exchange}}, Parameters)
+        parameters = msgspec.convert({"social": {"exchange": exchange}}, kind.parameters)
         node = self.mesh.add(kind(self.mesh.identity(kind.name, start), parameters), admit=False)
         self.nodes[kind.name] = node
         return node
