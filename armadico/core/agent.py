@@ -419,8 +419,9 @@ class Agent:
         for owned in self._owned.values():
             if owned.counter is not None:
                 owned.due = now
+        before = frozenset(vars(self))
         self.on_start()
-        names.check_instance(self)
+        names.check_set(self, before)
         for message in self.memory.all():  # received before the start
             if type(message) is m.Tuning:
                 self._adopt_settings(message)

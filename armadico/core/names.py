@@ -5,13 +5,13 @@ would replace the method that releases the wheels, and a `self.history = []` the
 without an error until it is called. So such a class is refused when it is made.
 
 Attributes are found in the compiled code (`self.x = ...`), so that nothing is checked while the
-agent runs. `Agent.start` finds what `setattr` or a mix-in hides.
+agent runs. `Agent.start` finds what `setattr` hides.
 """
 
 from __future__ import annotations
 
 import dis
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from inspect import get_annotations, unwrap
 from types import CodeType
 from typing import Final
@@ -69,10 +69,10 @@ def check(cls: type, overrides: Iterable[str] = ()) -> None:
         raise TypeError(_refusal(cls, found.values()))
 
 
-def check_instance(agent: object) -> None:
-    """Raise TypeError if an attribute of an instance hides a method of its base classes."""
+def check_set(agent: object, before: Container[str]) -> None:
+    """Raise TypeError if an attribute that was set since `before` hides a name of the framework."""
     cls = type(agent)
-    hidden = [name for name in vars(agent) if name in taken(cls) and hasattr(cls, name)]
+    hidden = [name for name in vars(agent) if name in taken(cls) and name not in before]
     if hidden:
         raise TypeError(_refusal(cls, [f"self.{name}" for name in hidden]))
 

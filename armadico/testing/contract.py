@@ -1,6 +1,6 @@
 """What a plug-in promises, as checks that a third party runs in its own tests.
 
-    from armadico.testing.robots import RobotContract
+    from armadico.testing import RobotContract
 
     class TestMyRobot(RobotContract):
         profile = "my-robot"

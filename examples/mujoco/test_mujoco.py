@@ -1,6 +1,6 @@
 """The contract of the robot in MuJoCo."""
 
-from armadico.testing.robots import RobotContract
+from armadico.testing import RobotContract
 
 
 class TestMujoco(RobotContract):
