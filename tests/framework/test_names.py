@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from armadico.config.discovery import AGENTS, agent_class, installed
+from armadico.config.discovery import AGENTS, Found, agent_class, installed
 from armadico.core.agent import Agent, Identity
 from armadico.mobile.behaviour import Behaviour
 from armadico.mobile.messages import Pose
@@ -105,3 +107,13 @@ def test_a_base_class_for_agents_protects_its_own_names() -> None:
 @pytest.mark.parametrize("name", sorted(installed(AGENTS)))
 def test_no_agent_of_the_project_takes_one(name: str) -> None:
     assert agent_class(name).name == name
+
+
+def test_an_installed_class_is_refused_with_its_own_file_and_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = "from armadico import Agent\n\n\nclass Bad(Agent):\n    name = 'bad'\n    history = 1\n"
+    (tmp_path / "bad_names.py").write_text(lines)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(ImportError, match=r"names of the framework: history.*bad_names.py, line 4"):
+        Found("bad", "bad_names:Bad", "bad").load()
