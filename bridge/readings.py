@@ -6,6 +6,10 @@ once.
 
 from __future__ import annotations
 
+from math import isfinite, isnan
+
+from msgspec.structs import replace
+
 from armadico.bridge.session import Reported, Swept
 from armadico.config.profile import RobotProfile, SonarRing
 from armadico.core.messages import Cycle, Message
@@ -16,6 +20,26 @@ SILENT = 4
 """Cycles without a reading after which a sensor counts as silent."""
 
 SONAR, LASER = "sonar", "laser"
+
+
+def sound(report: Reported) -> tuple[Reported | None, str]:
+    """The report without what is no number, and which field that was; "" if none.
+
+    Without a pose or speeds there is no report. The battery and each echo are left out alone: an
+    echo that is no number is no free space.
+    """
+    pose = report.pose
+    numbers = {"pose.x": pose.x, "pose.y": pose.y, "pose.theta": pose.theta}
+    for name, value in {**numbers, "v": report.v, "w": report.w}.items():
+        if not isfinite(value):
+            return None, f"{name} = {value}"
+    fault = ""
+    if not isfinite(report.battery_v):
+        fault, report = f"battery_v = {report.battery_v}", replace(report, battery_v=0.0)
+    if any(isnan(distance) for _, distance in report.echoes):
+        echoes = tuple(each for each in report.echoes if not isnan(each[1]))
+        fault, report = "an echo that is no number", replace(report, echoes=echoes)
+    return report, fault
 
 
 class Readings:

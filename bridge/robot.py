@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from armadico.bridge.gaps import Gaps
 from armadico.bridge.kind import kind_of
 from armadico.bridge.obedience import Obedience
-from armadico.bridge.readings import Readings
+from armadico.bridge.readings import Readings, sound
 from armadico.bridge.reflex import Reflex, Touch
 from armadico.bridge.session import (
     Connected,
@@ -110,6 +110,7 @@ class Known:
     refusals: int = 0  # how often it was refused
     unfit: str = ""  # why it was refused
     differs: tuple[str, ...] = ()  # where the robot differs from the profile
+    faults: int = 0  # reports with something that is no number
 
 
 @dataclass
@@ -136,7 +137,7 @@ class LineNotes:
         return True
 
 
-class Robot(DeviceAgent):
+class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     """The robot, as other agents know it."""
 
     name = "robot"
@@ -248,7 +249,7 @@ class Robot(DeviceAgent):
     def _on_events(self, events: Iterable[object]) -> None:
         for event in events:
             if isinstance(event, Reported):
-                self._report(event)
+                self._judge(event)
             elif isinstance(event, Connected):
                 self._connected(event)
             elif isinstance(event, Unfit):
@@ -278,6 +279,16 @@ class Robot(DeviceAgent):
                     self.log(event.text, WARNING)
             elif isinstance(event, Noted):
                 self.log(event.text, WARNING)
+
+    def _judge(self, event: Reported) -> None:
+        """Process a report; log what is no number in it, which is left out."""
+        report, fault = sound(event)
+        self._known.faults += bool(fault)
+        if fault and self._known.faults in LOGGED_ATTEMPTS:
+            text = f"the driver of {self.profile.name} reports {fault}: it is left out"
+            self.log(f"{text} ({self._known.faults} so far)", ERROR)
+        if report is not None:
+            self._report(report)
 
     def _connected(self, event: Connected) -> None:
         """Note which controller answers: one of another type is another robot."""

@@ -104,7 +104,7 @@ class Work:
         return [*order, *(task for task in mine if task not in order)]
 
 
-class Fleet(Agent):
+class Fleet(Agent, overrides=("key_of",)):
     """Bids for tasks against the other robots' fleet agents, and drives by missions of its own.
 
     It bids while its robot can drive: the pose is known, and the robot is neither stopped nor

@@ -94,7 +94,7 @@ def resource_of(passage: int) -> Resource:
     )
 
 
-class GiveWay(Behaviour):
+class GiveWay(Behaviour, overrides=("key_of",)):
     """Contends for the passages on the robot's path, and for the wheels while it has to wait.
 
     A passage is a part of the map where two robots cannot pass each other (`passages.py`). It is a

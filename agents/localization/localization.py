@@ -182,7 +182,7 @@ class Lost:
     suspect: bool = False
 
 
-class Localization(Agent):
+class Localization(Agent, overrides=("card",)):
     """Estimates the pose on a known map with a particle filter, from a laser or sonars.
 
     A robot with a laser uses the laser alone: its rays are precise, sonars are not.

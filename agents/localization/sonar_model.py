@@ -175,7 +175,8 @@ def _trace(
             for whole in (columns, rows)
         )
         dx0, dy0 = np.tile(np.cos(angles), count), np.tile(np.sin(angles), count)
-        way = np.repeat(free.take(rows[part] * width + columns[part]), HEADINGS)
+        clear = free.take(rows[part] * width + columns[part])
+        way = np.repeat(np.minimum(clear, reach), HEADINGS)  # a clearance may be longer
         live = np.arange(len(way))
         while len(live):
             far, x, y, dx, dy = (array.take(live) for array in (way, x0, y0, dx0, dy0))

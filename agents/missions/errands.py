@@ -279,7 +279,7 @@ class Errand:
             )
 
 
-class DeliberativeAgent(Agent):
+class DeliberativeAgent(Agent, hooks=()):
     """An agent that has the robot driven by an errand, to which it passes what it receives.
 
     A subclass begins a drive (`errand.go`) and bids what `errand.bid_for` returns. It lists these

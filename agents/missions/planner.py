@@ -32,7 +32,7 @@ class Surprise(StrEnum):
     FAILED = "failed"  # a step has failed for another reason
 
 
-class Planner(Agent):
+class Planner(Agent, hooks=("steps",), overrides=("card",)):
     """A planner agent: answers each request with its steps and their cost.
 
     `plans` are the kinds of surprise that it plans for.

@@ -178,7 +178,7 @@ _Process = tuple[str, str, int]
 """An agent in a process of a host: the wakeup agent's instance, the agent's name, the pid."""
 
 
-class Monitor(Agent):
+class Monitor(Agent, overrides=("receive",)):
     """Detects agents that hang or are missing, and requests restarts and starts. Sans-IO."""
 
     name = "monitor"

@@ -191,7 +191,7 @@ class _Pace:
         return False
 
 
-class Wakeup(DeviceAgent):
+class Wakeup(DeviceAgent, overrides=("stop",)):
     """Keeps a host's processes up within a budget, and answers requests."""
 
     name = "wakeup"

@@ -1,4 +1,4 @@
-"""Write the package of a new agent of your own, with a test; it works as it is."""
+"""Write the package of a new agent, robot, resource or task of your own; it works as it is."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unicodedata import normalize
 
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, option
-from armadico.config.discovery import AGENTS, installed, owners
+from armadico.config.discovery import AGENTS, ROBOTS, TASKS, installed, owners
 from armadico.config.shipped import folder
 
 KINDS: Final = {
@@ -28,17 +28,37 @@ KINDS: Final = {
 }
 """The kinds of agent; the first is the default."""
 
-FILES: Final = {
+AGENT: Final = {
     "pyproject.toml": "pyproject",
     "{module}.py": "{which}",
     "test_{module}.py": "{which}-test",
 }
-"""The files of the package, and their templates (`configs/new`)."""
+FILES: Final = {
+    "agent": AGENT,
+    "resource": {**AGENT, "pyproject.toml": "resource-pyproject"},
+    "robot": {
+        "pyproject.toml": "robot-pyproject",
+        "{module}/__init__.py": "robot-init",
+        "{module}/kind.py": "robot-kind",
+        "{module}/driver.py": "robot-driver",
+        "{module}/simulator.py": "robot-simulator",
+        "{module}/{name}.toml": "robot-profile",
+        "test_{module}.py": "robot-test",
+    },
+    "task": {**AGENT, "pyproject.toml": "task-pyproject", "mission.toml": "task-mission"},
+}
+"""The files of each package, and their templates (`configs/new`)."""
+
+GROUPS: Final = {"agent": AGENTS, "resource": AGENTS, "robot": ROBOTS, "task": TASKS}
+"""Where its name is looked up."""
 
 EXAMPLES: Final = """\
   armadico new agent weaver                       it drives: competes for the wheels
   armadico new agent room-finder --kind sensor    it publishes what it computes from the sonars
   armadico new agent way-round --kind planner     it plans the robot's paths
+  armadico new robot my-robot                     a driver, a simulator and a profile
+  armadico new resource lamp                      an owner, and two agents that compete for it
+  armadico new task greet                         a step of missions
 """
 
 NAME: Final = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
@@ -57,10 +77,11 @@ LONGEST: Final = 40
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    what: str = argument("what to create", choices=["agent"])
-    name: str = argument("the agent's name, such as wall-follower", metavar="NAME")
+    what: str = argument("what to create", choices=list(FILES))
+    name: str = argument("its name, such as wall-follower", metavar="NAME")
     kind: str = option(
-        "; ".join(starmap("{}: {}".format, KINDS.items())) + " (default: %(default)s)",
+        "of an agent: " + "; ".join(starmap("{}: {}".format, KINDS.items())) + " (default:"
+        " %(default)s)",
         default=next(iter(KINDS)),
         choices=KINDS,
     )
@@ -71,7 +92,8 @@ class Options:
 
 def run(args: Options) -> int:
     where: Path = args.into / args.name
-    written = package(args.name, args.kind)
+    which = args.kind if args.what == "agent" else args.what
+    written = package(args.name, which, args.what)
     if not args.into.is_dir():
         raise UsageError(f"--into {args.into}: no such folder")
     try:
@@ -79,22 +101,25 @@ def run(args: Options) -> int:
     except FileExistsError:
         raise FailedError(f"{where} exists already; nothing was written") from None
     for name, text in written.items():
+        (where / name).parent.mkdir(exist_ok=True)
         (where / name).write_text(text, encoding="utf-8")
-    print(_next(args.name, args.kind, where, list(written)))
+    print(_next(args.name, which, where, list(written)))
     return 0
 
 
-def package(name: str, which: str) -> dict[str, str]:
-    """The texts of a package's files by name. Raises UsageError for an invalid agent name."""
+def package(name: str, which: str, what: str = "agent") -> dict[str, str]:
+    """The texts of a package's files by name. Raises UsageError for an invalid name."""
+    article = "an" if what[0] in "aeiou" else "a"
+    bad = f"{name!r} cannot be {article} {what}'s name"
     if not NAME.fullmatch(name) or len(name) > LONGEST:
         better = _better(name)
         hint = ""
         if NAME.fullmatch(better):
             with suppress(UsageError):  # the suggestion may be taken
-                package(better, which)
+                package(better, which, what)
                 hint = f"; did you mean {better!r}?"
         raise UsageError(
-            f"{name!r} cannot be an agent's name; expected lower-case letters, digits and single"
+            f"{bad}; expected lower-case letters, digits and single"
             f" hyphens, a letter first, at most {LONGEST} characters{hint}"
         )
     module = name.replace("-", "_")
@@ -105,12 +130,13 @@ def package(name: str, which: str) -> dict[str, str]:
     }
     texts = {
         to: (folder("new") / f"{of.format(which=which)}.txt").read_text("utf-8")
-        for to, of in FILES.items()
+        for to, of in FILES[what].items()
     }
-    if taken := _taken(filled, texts.values()):
-        raise UsageError(f"{name!r} cannot be an agent's name: {taken}")
+    if taken := _taken(filled, texts.values(), what):
+        raise UsageError(f"{bad}: {taken}")
     return {
-        to.format(module=module): Template(text).substitute(filled) for to, text in texts.items()
+        to.format(module=module, name=name): Template(text).substitute(filled)
+        for to, text in texts.items()
     }
 
 
@@ -121,11 +147,12 @@ def _better(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "-", words).strip("-0123456789")[:LONGEST].strip("-")
 
 
-def _taken(filled: dict[str, str], texts: Iterable[str]) -> str:
+def _taken(filled: dict[str, str], texts: Iterable[str], what: str) -> str:
     """Why the name conflicts with another one, or ""."""
     name, module, kind = filled["name"], filled["module"], filled["kind"]
-    if known := installed(AGENTS).get(name):
-        return f"an agent of this name is installed, by {known.package or 'its own package'}"
+    known = installed(GROUPS[what]).get(module if what == "robot" else name)
+    if known is not None:
+        return f"a plug-in of this name is installed, by {known.package or 'its own package'}"
     if keyword.iskeyword(module) or keyword.iskeyword(kind):
         return "it is a keyword of Python"
     if module in sys.stdlib_module_names or find_spec(module) is not None:
@@ -139,6 +166,17 @@ def _next(name: str, which: str, where: Path, written: list[str]) -> str:
     """The written files, and the next commands."""
     there = shlex.quote(f"{where}" if where.is_absolute() else f"./{where}")
     run = f"armadico run {DRIVES} --virtual --with {name}"
+    last = (f"armadico-agent {name}", "join a running society")
+    if which == "robot":
+        run = f"armadico run sc1 --virtual --profile {name}"
+        last = (f"armadico sim {name} sc1 --port 8102", "serve its simulator")
+    if which == "resource":
+        run = "armadico run sc2 --virtual" + "".join(
+            f" --with {each}" for each in (name, f"{name}-idle", f"{name}-near")
+        )
+    if which == "task":
+        run = f"armadico mission run {there}/mission.toml --virtual"
+        last = ("armadico mission list", "list the missions")
     if which == "planner":  # a society has one planner
         from armadico.config.scenarios import society
         from armadico.mobile.resources import PLANNER
@@ -148,7 +186,7 @@ def _next(name: str, which: str, where: Path, written: list[str]) -> str:
         (f"pip install -e {there}'[test]'", "install it; edits take effect at the next start"),
         (f"python -m pytest {there}", "run its test"),
         (run, "run it in a scenario"),
-        (f"armadico-agent {name}", "join a running society"),
+        last,
     ]
     width = max(len(command) for command, _ in rows)
     lines = [f"  {command:<{width}}   # {what}" for command, what in rows]
@@ -159,7 +197,7 @@ main: Final = Command(
     "armadico new",
     Options,
     run,
-    "Write a package into a folder of the agent's name: the agent, its test, and its entry point."
-    " It works as it is; change it from there.",
+    "Write a package into a folder of that name: the code, its test, and its entry point. It works"
+    " as it is; change it from there.",
     EXAMPLES,
 )

@@ -61,6 +61,8 @@ TRANSLATORS: Final = "armadico.translators"
 MAPPERS: Final = "armadico.mappers"
 """Makers of an occupancy grid from readings at known poses."""
 
+CORE: Final = str(Path(__file__).parents[1] / "core") + "/"
+
 T = TypeVar("T")
 
 
@@ -217,8 +219,12 @@ def _described(error: BaseException) -> str:
 
 
 def _is_code(filename: str) -> bool:
-    """Whether a file is neither this one nor part of the import machinery."""
-    return filename not in {__file__, import_module.__code__.co_filename} and filename[:1] != "<"
+    """Whether a file is neither this one, nor of the core, nor part of the import machinery.
+
+    The core refuses a class where it is made: the line of the class is what helps.
+    """
+    machinery = {__file__, import_module.__code__.co_filename}
+    return filename not in machinery and filename[:1] != "<" and not filename.startswith(CORE)
 
 
 def _package(entry: EntryPoint) -> str:

@@ -25,7 +25,7 @@ from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar, cast
 
-from armadico.core import changeable, parameters
+from armadico.core import changeable, names, parameters
 from armadico.core import messages as m
 from armadico.core.coordination import COMPARISONS, Contender, Owner, Verdict
 from armadico.core.cycles import AHEAD, CycleClock, CycleCounter
@@ -154,7 +154,11 @@ class _Pending:
 
 
 class Agent:
-    """One agent. A subclass declares its messages and resources and adds handlers and methods."""
+    """One agent. A subclass declares its messages and resources and adds handlers and methods.
+
+    A subclass that takes a name of this class, other than a declaration, a hook or a handler, is
+    refused when it is made (`armadico.core.names`).
+    """
 
     name: ClassVar[str] = ""
     reacts_to: ClassVar[type[Message] | Mapping[Resource, type[Message]] | None] = None
@@ -180,6 +184,22 @@ class Agent:
     borders: ClassVar[Mapping[str, Callable[[float], float]]] = MappingProxyType({})
     """Outlines that a picture draws around the robot: speed in m/s to distance from the footprint
     in m."""
+
+    def __init_subclass__(
+        cls, *, overrides: tuple[str, ...] = (), hooks: tuple[str, ...] | None = None, **rest: Any
+    ) -> None:
+        """Refuse a class that takes a name of the framework, with TypeError.
+
+        Args:
+            overrides: Names that it takes on purpose: it calls `super()`.
+            hooks: Of a base class for other agents: its methods that these may replace. Its other
+                names are taken, too. None: it is no base class.
+            rest: For other base classes.
+        """
+        super().__init_subclass__(**rest)
+        names.check(cls, overrides)
+        if hooks is not None:
+            names.take(cls, hooks)
 
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         self.identity = identity
@@ -399,7 +419,9 @@ class Agent:
         for owned in self._owned.values():
             if owned.counter is not None:
                 owned.due = now
+        before = frozenset(vars(self))
         self.on_start()
+        names.check_set(self, before)
         for message in self.memory.all():  # received before the start
             if type(message) is m.Tuning:
                 self._adopt_settings(message)
@@ -961,7 +983,10 @@ class Agent:
         return getattr(self, f"on_{snake}", None)
 
 
-class DeviceAgent(Agent):
+names.take(Agent)
+
+
+class DeviceAgent(Agent, hooks=("address",), overrides=("now",)):
     """An agent that owns a device: bytes in, bytes out."""
 
     address: str = ""

@@ -51,7 +51,7 @@ def driven_by(agent: Agent) -> str:
     return next((each.driven_by for each in agent.each_fresh(ByHand) if each.driven_by), "")
 
 
-class Behaviour(Agent):
+class Behaviour(Agent, hooks=("propose",)):
     """An agent that competes for the wheels while there is a trajectory to follow.
 
     A subclass returns its bid in `propose`. `route` has the trajectory and the robot's progress,

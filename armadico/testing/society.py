@@ -7,7 +7,7 @@ from typing import Any, ClassVar, cast
 
 import msgspec
 
-from armadico.core.agent import Agent, Identity, Parameters, Subscription
+from armadico.core.agent import Agent, Identity, Subscription
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import PERIOD, CycleCounter
 from armadico.core.exchange import Bid
@@ -66,7 +66,7 @@ class ResourceOwner(Agent):
         return self.does[resource.name]
 
 
-class RobotOwner(ResourceOwner):
+class RobotOwner(ResourceOwner, overrides=("subscriptions",)):
     """A robot agent without a robot: a timer makes the cycles instead of status packets."""
 
     name = "robot"
@@ -158,7 +158,7 @@ class Society:
 
     def join(self, kind: type[Agent], start: int = 0, exchange: str = "smooth") -> Node:
         """Start an agent, as the `start`-th instance of its name."""
-        parameters = msgspec.convert({"social": {"exchange": exchange}}, Parameters)
+        parameters = msgspec.convert({"social": {"exchange": exchange}}, kind.parameters)
         node = self.mesh.add(kind(self.mesh.identity(kind.name, start), parameters), admit=False)
         self.nodes[kind.name] = node
         return node

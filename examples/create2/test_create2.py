@@ -1,4 +1,4 @@
-"""The driver against its simulator, and against bytes that no Create 2 sends."""
+"""The contract of robots, and what is particular to a Create 2."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from collections.abc import Iterable
 import pytest
 from armadico_create2 import driver
 from armadico_create2.driver import PACKETS, Decoder, Driver, encode
-from armadico_create2.kind import CREATE2, Create2
-from msgspec.structs import replace
+from armadico_create2.kind import Create2
 
-from armadico.bridge.kind import simulated
-from armadico.bridge.session import Connected, Event, LinkLost, Reported, Unanswered
-from armadico.bridge.simulator.plant import seeded
+from armadico.bridge.session import Reported
 from armadico.config.profile import load_profile
-from armadico.config.scenarios import ideal, load_scenario
+from armadico.testing import RobotContract
 
-STEP_S = 0.02
 SAFE = dict.fromkeys(PACKETS, 0) | {22: 15000, 35: driver.SAFE_MODE}
+
+
+class TestCreate2(RobotContract):
+    profile = "create2"
 
 
 @pytest.fixture
@@ -28,71 +28,9 @@ def profile() -> Create2:
     return found
 
 
-class Bench:
-    """The driver on the simulated robot's line, in an empty world."""
-
-    def __init__(self, profile: Create2) -> None:
-        scenario = replace(ideal(load_scenario("sc1")), robot="create2")
-        self.robot = simulated(scenario, seeded(1))
-        self.now = 0.0
-        session = CREATE2.session(profile, self.now, (0.0, 0.0))
-        assert isinstance(session, Driver)
-        self.driver = session
-        self.events: list[Event] = []
-
-    def run(self, seconds: float, *, answers: bool = True) -> Reported:
-        """Let time pass; the newest report."""
-        for _ in range(round(seconds / STEP_S)):
-            self.now += STEP_S
-            if answers:
-                self.robot.receive(self.driver.outgoing(), self.now)
-                self.events += self.driver.receive(self.robot.advance(self.now), self.now)
-            self.events += self.driver.tick(self.now)
-        return next(e for e in reversed(self.events) if isinstance(e, Reported))
-
-
-@pytest.fixture
-def bench(profile: Create2) -> Bench:
-    return Bench(profile)
-
-
-def test_it_opens_and_reports_each_cycle(bench: Bench, profile: Create2) -> None:
-    report = bench.run(2.0)
-    reports = [e for e in bench.events if isinstance(e, Reported)]
-    assert isinstance(bench.events[0], Connected)
-    assert len(reports) == pytest.approx(2.0 / profile.cycle_s, abs=2)
-    assert report.motors
-    assert report.battery_v == pytest.approx(16.0, abs=0.5)
-    assert bench.driver.line.dropped == 0
-
-
-def test_it_drives_as_it_is_told_and_counts_its_way(bench: Bench) -> None:
-    bench.run(0.5)
-    bench.driver.drive(0.2, 0.0)
-    bench.run(5.0)
-    bench.driver.stop()
-    report = bench.run(1.0)
-    assert (report.v, report.w) == (0.0, 0.0)
-    true = bench.robot.truth()
-    start = load_scenario("sc1").start
-    assert report.pose.x == pytest.approx(true.x - start[0], abs=0.01)
-    assert 0.8 < report.pose.x < 1.1
-    bench.driver.drive(0.0, 1.0)
-    assert bench.run(3.0).w == pytest.approx(1.0, abs=0.05)
-
-
 def test_the_faster_wheel_bounds_both() -> None:
     assert driver.drive_direct(0.2, 0.0, 0.1175) == bytes.fromhex("91 00c8 00c8")
     assert driver.drive_direct(0.5, 1.0, 0.1) == bytes.fromhex("91 01f4 014d")
-
-
-def test_a_wall_is_seen_by_the_light_bumpers(bench: Bench) -> None:
-    assert {distance for _, distance in bench.run(0.5).echoes} == {0.2}
-    x, y, _ = bench.robot.plant.pose
-    bench.robot.plant.add_walls([(x + 0.28, y - 1.0, x + 0.28, y + 1.0)])
-    near = dict(bench.run(0.5).echoes)
-    assert near[2] == pytest.approx(0.114, abs=0.01)
-    assert near[0] == 0.2, "it looks aside"
 
 
 def frames(driver: Driver, now: float, *values: dict[int, int]) -> list[Reported]:
@@ -140,32 +78,6 @@ def test_counts_that_wrap_are_a_way_and_those_of_a_robot_that_was_off_are_none(
     (report,) = frames(one, 0.3, *[SAFE] * 7)
     assert report.pose.x == pytest.approx(40 / 2249.4)
     assert one.line.resets == 1
-
-
-def test_of_what_waited_while_the_owner_hung_the_newest_cycle_counts(profile: Create2) -> None:
-    one = Driver(profile, 0.0)
-    assert len(frames(one, 0.5, *[SAFE] * 70)) == 1
-    assert one.line.surplus == 9
-
-
-def test_silence_loses_the_link_and_it_is_opened_again(bench: Bench) -> None:
-    bench.run(0.5)
-    bench.run(2.5, answers=False)
-    kinds = [type(event) for event in bench.events]
-    assert kinds.index(LinkLost) < kinds.index(Unanswered)
-    assert not bench.driver.is_open
-    bench.run(0.5)
-    assert bench.driver.is_open
-
-
-def test_a_driver_that_ends_leaves_the_robot_at_rest(bench: Bench) -> None:
-    bench.run(0.5)
-    bench.driver.drive(0.2, 0.0)
-    bench.run(1.0)
-    bench.driver.close()
-    bench.robot.receive(bench.driver.outgoing(), bench.now)
-    bench.robot.advance(bench.now + 1.0)
-    assert bench.robot.truth().v == pytest.approx(0.0, abs=1e-3)
 
 
 def damaged(chance: random.Random) -> Iterable[bytes]:

@@ -50,6 +50,53 @@ def test_its_profile_is_found_by_its_name_and_reaches_the_goal_of_scenario_4(
     assert "sc4: reached" in done.stdout
 
 
+BLIND = """
+import sys
+from dataclasses import replace
+import msgspec
+from armadico_create2 import kind
+from armadico.bridge.simulator.simulated import SimulatedRobot
+
+class Blind(SimulatedRobot):
+    def truth(self):
+        return msgspec.structs.replace(super().truth(), collisions=0)
+
+def blind(profile, stage, made=kind.CREATE2.simulated):
+    robot = made(profile, stage)
+    robot.__class__ = Blind
+    return robot
+
+kind.CREATE2 = replace(kind.CREATE2, simulated=blind)
+from armadico.testing.__main__ import main
+sys.exit(main(["robot", "create2"]))
+"""
+
+
+def test_a_blind_variant_of_it_does_not_keep_the_contract(env: dict[str, str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", BLIND], env=env, capture_output=True, text=True, check=False
+    )
+    judged = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert done.returncode == 1, done.stderr
+    assert "0 collisions are counted" in judged.pop("counts_a_collision")
+    assert set(judged.values()) == {"yes"}
+
+
+@pytest.mark.long
+def test_the_robot_in_mujoco_keeps_the_contract(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    copy = shutil.copytree(ROOT / "examples" / "mujoco", tmp_path / "mujoco")
+    quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index")
+    words = ("-m", "pip", "install", *quietly, "--target", str(tmp_path / "site"), str(copy))
+    subprocess.run([sys.executable, *words], check=True)
+    there = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+    done = subprocess.run(
+        [sys.executable, "-m", "armadico.testing", "robot", "mujoco-bot"],
+        env=there, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_without_it_the_kinds_that_are_installed_are_named() -> None:
     profile = EXAMPLE / "armadico_create2" / "create2.toml"
     done = call("run", "sc1", "--virtual", "--profile", str(profile))

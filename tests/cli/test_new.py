@@ -15,6 +15,9 @@ from armadico.cli.new import KINDS, package
 from armadico.cli.options import UsageError
 from tests.programs import Done, call
 
+OTHERS = {"robot": "own-robot", "resource": "own-lamp", "task": "own-task"}
+"""What else can be new, and the name of each here."""
+
 NAMES = {kind: f"own-{kind}" for kind in KINDS}
 
 OUT_OF_RANGE = {"own-behaviour": "speed=-3", "own-sensor": "width=-1", "own-planner": "keep_off=-1"}
@@ -84,6 +87,28 @@ def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
     for name, setting in OUT_OF_RANGE.items():
         refused = python(tmp_path, "-c", REFUSED, name, setting)
         assert refused.startswith(f"--set {setting}: "), refused
+
+
+def test_a_new_robot_resource_and_task_are_installed_and_keep_their_contracts(
+    tmp_path: Path,
+) -> None:
+    for what, name in OTHERS.items():
+        done = call("new", what, name, "--into", str(tmp_path))
+        assert done.returncode == 0, done.stderr
+    lint = ("-m", "ruff", "--isolated", "--line-length=100")
+    checked = ("check", "--isolated", "--select=E,F,I,N,W", "--line-length=100", ".")
+    python(tmp_path, *lint[:2], *checked)
+    python(tmp_path, *lint[:2], "format", "--isolated", "--check", "--line-length=100", ".")
+    folders = [f"./{name}" for name in OTHERS.values()]
+    quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
+    python(tmp_path, "-m", "pip", "install", *quietly, *folders)
+    drive = ("run", "sc1", "--virtual", "--profile", "own-robot", "--no-plot")
+    assert "sc1: reached" in python(tmp_path, "-m", "armadico", *drive)
+    judged = python(tmp_path, "-m", "armadico.testing", "robot", "own-robot")
+    assert "counts_a_collision " in judged
+    options = ("-q", "-n0", "-p", "no:cacheprovider", "-k", "not killed and not repeats")
+    said = python(tmp_path, "-m", "pytest", *options, "own-lamp", "own-task")
+    assert " passed" in said
 
 
 def test_beside_the_folder_the_module_is_imported_and_not_the_folder(tmp_path: Path) -> None:

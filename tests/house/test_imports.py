@@ -70,7 +70,11 @@ RUNS = {
 APART: dict[str, tuple[str, ...]] = {
     # The surface, which looks names up where they are defined; what shows a society to ROS 2 has
     # its words from the bridge, and a command starts a simulator.
-    "armadico": ("armadico", "armadico.gateways.ros2", "armadico.cli.ros2", "armadico.cli.sim"),
+    # The contract of robots is about the bridge.
+    "armadico": (
+        *("armadico", "armadico.gateways.ros2", "armadico.cli.ros2", "armadico.cli.sim"),
+        "armadico.testing.robots",
+    ),
     "armadico.agents": tuple(
         name
         for name in modules()

@@ -9,12 +9,12 @@ import pytest
 from tests.house.tree import PARTS, imports, modules, within
 
 ROOMS = (
-    *("core", "mobile", "config", "bridge", "mesh", "testing", "runtime", "observe", "gateways"),
-    *("launch", "cli"),
+    *("core", "mobile", "config", "bridge", "mesh", "runtime", "observe", "gateways"),
+    *("launch", "cli", "testing"),
 )
-"""What decides; what a mobile robot is; what is configured; the robot; how it talks; what agents
-are tested with; one process; what looks at a society; what shows one to other tools; many
-processes; commands. A launcher measures what it runs, so that looking is below launching."""
+"""What decides; what a mobile robot is; what is configured; the robot; how it talks; one process;
+what looks at a society; what shows one to other tools; many processes; commands; what plug-ins are
+tested with. A launcher measures what it runs, so that looking is below launching."""
 
 DOORS = {
     # The public surface; see tests/house/test_surface.py.

@@ -46,7 +46,7 @@ class Toy(Agent):
         return Plan((), refusal=f"{self.instance} does not plan")
 
 
-class Foreign(Toy):
+class Foreign(Toy, overrides=("card",)):
     """Speaks another protocol."""
 
     name = "foreign"

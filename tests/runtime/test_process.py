@@ -274,7 +274,7 @@ def test_an_agent_is_refused_the_truth() -> None:
 
 
 def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
-    class Failing(Agent):
+    class Failing(Agent, overrides=("stop",)):
         name = "failing"
         receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
 

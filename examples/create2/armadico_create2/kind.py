@@ -44,9 +44,10 @@ def _session(profile: Create2, now: float, near: tuple[float, float]) -> Session
 
 
 def _simulated(profile: Create2, stage: Stage) -> SimulatedRobot:
-    from armadico_create2.simulator import simulated
+    from armadico.bridge.simulator.streaming import simulated_robot
+    from armadico_create2.simulator import Firmware
 
-    return simulated(profile, stage)
+    return simulated_robot(profile, stage, lambda plant: Firmware(profile, plant))
 
 
 CREATE2 = RobotKind(Create2, _session, _simulated)

@@ -1,0 +1,1 @@
+"""A robot in the MuJoCo physics simulator as a robot of Armadico."""
