@@ -146,7 +146,8 @@ class Log:
     profile: str | None = None  # named in the log
     notes: tuple[str, ...] = ()  # parts left out, and assumptions
     begin: float = 0.0  # the log's own stamp of time 0, s
-    given: int = 0  # readings in the file, also those that were left out; 0: as many as here
+    used: int = 0  # readings of the file that are here; a part of the log has the same number
+    given: int = 0  # readings of the file, also those that were left out
     assumed: tuple[str, ...] = ()  # what the file does not say and the result depends on
 
     def __len__(self) -> int:
@@ -155,9 +156,8 @@ class Log:
     @property
     def judgement(self) -> Judgement:
         """Whether the log is read well enough for a result to be one of the whole log."""
-        given = max(self.given, len(self))
-        if 2 * len(self) < given:
-            why = f"only {len(self)} of {given} readings of the log could be used"
+        if 2 * self.used < self.given:
+            why = f"only {self.used} of {self.given} readings of the log could be used"
             return no(why, "see the notes on the log")
         if self.assumed:
             return unknown("; ".join(self.assumed), "write the log again, whole")
@@ -451,7 +451,7 @@ def _scanned(
         raise LogError(f"no scans: {error}", path) from None
     rows = np.arange(len(table.times), dtype=np.intp)
     parts = (table.times, table.odometry, table.reference, rows, readings)
-    return Log(path.name, *parts, real=real, **table.about)
+    return Log(path.name, *parts, real=real, used=len(rows), **table.about)
 
 
 def of_scans(
@@ -794,6 +794,7 @@ def _recording(path: Path, namespace: str | None, period: float | None) -> Log:
         cycles=True,
         world=next((str(w) for head in heads if (w := head.parameters.get("world"))), None),
         profile=next((str(p) for head in heads if (p := head.parameters.get("profile"))), None),
+        used=len(chosen),
         **{**table.about, "given": len(readings)},
     )
 
