@@ -337,7 +337,8 @@ def _rows(figures: Figures) -> Iterator[tuple[str, str]]:
         first = f.contradictions[0]
         where = f"{len(f.contradictions)}  ({first.x:.1f}, {first.y:.1f})"
         yield "places that contradict themselves, the largest", where
-    yield "least known place: deviation, m", f"{f.deviation_m:.2f}"
+    if f.deviation_m is not None:
+        yield "least known place: deviation, m", f"{f.deviation_m:.2f}"
     if f.odometry_jumps:
         yield "jumps of the odometry, taken out", f"{f.odometry_jumps}"
     if f.carried:

@@ -144,7 +144,7 @@ def contradictions(
         yield RAY_WORK * work
     passed = np.concatenate([np.zeros((0, 2), dtype=np.intp), *through])
     bad = _contradicted(walls.met, passed, np.asarray(way), p)
-    middles = (walls.cells[bad] + 0.5) * p.cell
+    middles = np.asarray((walls.cells[bad] + 0.5) * p.cell, dtype=np.float64)
     yield RAY_WORK * len(passed)
     return _places(middles, walls.normals[bad], p)
 

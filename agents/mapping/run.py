@@ -91,8 +91,8 @@ class Figures(Struct, frozen=True):
     total_s: float
     digest: int  # CRC-32 of the final path: the same for the same log and options
     contradictions: tuple[Doubtful, ...] = ()  # the largest first
-    deviation_m: float = 0.0  # of the key scan that is known least, by the graph
-    deviation_chain_m: float = 0.0  # the way to it from the first one along the surest edges
+    deviation_m: float | None = None  # of the key scan that is known least; None: several parts
+    deviation_chain_m: float | None = None  # the surest way to it from the first one
     odometry_jumps: int = 0  # that were taken out
 
 
@@ -238,7 +238,7 @@ def figures(log: Log, found: Mapped) -> Figures:
             "odometry": _rmse(aligned(log.odometry[log.rows][scored], there), there),
         }
     false, false_on = _false_loops(slam, reference)
-    spent = 1000.0 * found.spent
+    spent, worst = 1000.0 * found.spent, slam.deviation
     return Figures(
         scans=len(log),
         key_scans=len(slam.poses),
@@ -266,8 +266,8 @@ def figures(log: Log, found: Mapped) -> Figures:
         total_s=float(found.spent.sum()),
         digest=zlib.crc32(found.path.tobytes()),
         contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in slam.contradictions),
-        deviation_m=slam.deviation.metres,
-        deviation_chain_m=slam.deviation.chain,
+        deviation_m=worst.metres if worst else None,
+        deviation_chain_m=worst.chain if worst else None,
         odometry_jumps=len(slam.leaps),
     )
 

@@ -171,7 +171,7 @@ class Slam:
         self.part: Indices = np.zeros(0, dtype=np.intp)  # of the map, that each key scan is of
         self.relocations = 0  # times that the place of a part was found
         self.contradictions: list[Contradiction] = []  # as checked last
-        self.deviation = Deviation(0.0, 0.0, 0.0)  # of the place that is known least, likewise
+        self.deviation: Deviation | None = None  # of the place that is known least, likewise
         self.leaps: list[int] = []  # key scans before which the odometry jumped,
         self.leaps_unmatched = 0  # of these, without a good match
         self.carried: list[int] = []  # key scans before which the robot was carried elsewhere
@@ -236,9 +236,9 @@ class Slam:
                 f"the places of its {self.parts} parts to each other are unknown{carried}"
             )
         reasons += _contradicted(self.contradictions)
-        metres, way, chain = self.deviation
-        most = self.parameters.consistency
-        if metres > most.deviation and chain > most.chain:
+        most, worst = self.parameters.consistency, self.deviation
+        if worst is not None and worst.metres > most.deviation and worst.chain > most.chain:
+            metres, way, chain = worst
             reasons.append(
                 f"the place that was reached after {way:.0f} m is known to +-{metres:.0f} m only,"
                 f" by the surest way of {chain:.0f} m from the start: loops are missing"
@@ -753,6 +753,7 @@ class Slam:
             which = [way[k] for k in of], [clouds[k] for k in of]
             found += yield from contradictions(poses[of], *which, self._origin, p)
         self.contradictions = sorted(found, key=lambda one: -one.length)
+        self.deviation = None
         if self.parts == 1 and len(poses):
             self.deviation = yield from most_uncertain(poses, way, edges, weights)
 

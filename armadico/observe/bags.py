@@ -105,7 +105,8 @@ def read(
     except Exception as error:  # rosbags has a class of errors for each form, and passes others on
         notes.clear()
         found = _found(path, _cut(path, error), scan, odom, notes)
-        notes.insert(0, f"the bag is cut or damaged ({error}): what can be read is used")
+        found.cut = f"the bag is cut or damaged, and how much is lost is not known ({error})"
+        notes.insert(0, f"{found.cut}; what can be read is used")
     return _log(path, found, notes, reach, period)
 
 
@@ -138,6 +139,7 @@ class _Found:
     odometry: _Odometry = field(default_factory=lambda: _Odometry([], ""))
     mount: tuple[Pose2, bool] | None = None
     broken: int = 0  # scans that could not be read
+    cut: str = ""  # that the bag is
 
 
 def _found(path: Path, bag: Any, scan: str | None, odom: str | None, notes: list[str]) -> _Found:
@@ -312,4 +314,5 @@ def _log(
     longest = reach or (most if 0.0 < most < logs.REACH_M else None)
     when = times[kept] if clock != "number" else np.zeros(len(kept))
     parts = (path, when, at, ranges, angles, place, longest, tuple(notes))
-    return logs.of_scans(*parts, period=period, omitted=left + found.broken)
+    assumed = (found.cut,) if found.cut else ()
+    return logs.of_scans(*parts, period=period, omitted=left + found.broken, assumed=assumed)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import closing, suppress
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import lz4.frame
 from rosbags.interfaces import MessageDefinitionFormat
@@ -96,7 +96,7 @@ def _ros1(path: Path) -> Iterator[Found]:
         yield from _records(file, topics)
 
 
-def _records(stream: IO[bytes], topics: dict[int, Topic]) -> Iterator[Found]:
+def _records(stream: BinaryIO, topics: dict[int, Topic]) -> Iterator[Found]:
     """The messages of records and of chunks among them; raises at the cut."""
     while True:
         header = Header.read(stream)
@@ -170,7 +170,7 @@ def _mcap(path: Path) -> Iterator[Found]:
                 yield topics[record.channel_id], record.log_time, record.data
 
 
-def _mcap_records(file: IO[bytes]) -> Iterator[Any]:
+def _mcap_records(file: BinaryIO) -> Iterator[Any]:
     """The records of intact chunks, and of the last one as far as it goes."""
     from armadico.observe import salvage
 

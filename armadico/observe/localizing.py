@@ -377,6 +377,9 @@ def judgement(log: Log, found: Summary) -> Judgement:
     if found.lost_share > MOST_LOST:
         why = f"the robot was reported lost at {100.0 * found.lost_share:.0f} % of the readings"
         said.append(no(why, "check that the map is of this place, and the start"))
+    if found.scans < 2:
+        why = "one reading is no way: nothing was tested"
+        said.append(unknown(why, "use a log in which the robot drives"))
     if found.off_share is None:
         cure = "use a log with reference poses"
         said.append(unknown("the log has no reference: the error is not known", cure))

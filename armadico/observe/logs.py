@@ -160,7 +160,7 @@ class Log:
             why = f"only {self.used} of {self.given} readings of the log could be used"
             return no(why, "see the notes on the log")
         if self.assumed:
-            return unknown("; ".join(self.assumed), "write the log again, whole")
+            return unknown("; ".join(self.assumed), "copy or record the log again, whole")
         return yes()
 
     @property
@@ -333,7 +333,7 @@ class _Table:
         kept, found, order = _in_order(times)
         if len(usable) > 1 and 2 * len(kept) < len(usable):
             kept, found = np.arange(len(usable)), self._assumed_times(usable)
-            every = "its --period" if self.period else "assumed from the odometry, see --period"
+            every = "--period" if self.period else "assumed by the odometry, see --period"
             order = (
                 f"the rows have no useful times: {order[0]}; they are taken in their order, each"
                 f" {found[1]:g} s after the one before ({every})",
@@ -367,7 +367,7 @@ class _Table:
             moving = needed[needed > 1e-3]
             usual = float(np.median(moving)) if len(moving) else PERIOD_S
             period = float(f"{min(max(usual, PERIODS_S[0]), PERIODS_S[1]):.2g}")
-        return period * np.arange(len(rows))
+        return period * np.arange(len(rows), dtype=np.float64)
 
 
 def _near(poses: Floats) -> NDArray[np.bool_]:
@@ -407,7 +407,8 @@ def _in_order(times: Floats) -> tuple[Indices, Floats, tuple[str, ...]]:
         notes.append(f"{late} of {len(times)} rows are not later than the row before them")
     if jumps > len(times) / 2:
         kept, found = kept[:1], found[:1]
-        notes.insert(0, f"the clock jumps at {jumps} of {len(times)} rows")
+        jumping = "runs backwards" if np.median(np.diff(times)) < 0.0 else "jumps"
+        notes.insert(0, f"the clock {jumping} at {jumps} of {len(times)} rows")
     elif jumps:
         notes.append(f"the clock jumps {jumps} times; each jump is taken as {STEP_S:g} s")
     return np.array(kept, dtype=np.intp), np.array(found), tuple(notes)
@@ -466,13 +467,15 @@ def of_scans(
     *,
     period: float | None = None,
     omitted: int = 0,
+    assumed: tuple[str, ...] = (),
 ) -> Log:
     """A log of scans (n, k) in m and the odometry of each (n, 3). Raises LogError.
 
-    `omitted` scans of the file are not among them.
+    `omitted` scans of the file are not among them; `assumed` is as in `Log`.
     """
     reference = np.full((len(times), 3), np.nan)
-    table = _Table(times, odometry, reference, notes, period=period, given=omitted)
+    about: dict[str, Any] = {"period": period, "given": omitted, "assumed": assumed}
+    table = _Table(times, odometry, reference, notes, **about)
     kept = table.clean(path)
     return _scanned(path, table, ranges[kept], 1.0, angles, real=True, reach=reach, mount=mount)
 
@@ -527,6 +530,9 @@ def _reach(ranges: NDArray[Any], scale: float) -> float:
 # CARMEN -------------------------------------------------------------------------------------------
 
 
+CARMEN_SCANS: Final = "FLASER, ROBOTLASER1 or RAWLASER1"
+
+
 @dataclass(frozen=True)
 class _Line:
     """A scan of a CARMEN log."""
@@ -553,6 +559,7 @@ class _Lines:
     broken: list[int] = field(default_factory=list)  # lines that could not be read,
     broken_scans: int = 0  # of these
     offset: float = 0.0  # of the scanner ahead of the robot's origin, m
+    cut: list[str] = field(default_factory=list)  # that the file is
 
 
 def _check(t: float, *poses: Pose2) -> None:
@@ -569,8 +576,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None, period: flo
     lines = _lines(path, notes)
     scans, broken = lines.scans or lines.raw, lines.broken
     if not scans:
-        kinds = "FLASER, ROBOTLASER1 or RAWLASER1"
-        known = f"an .npz file, a recording (.mcap) or a CARMEN log with {kinds}"
+        known = f"an .npz file, a recording (.mcap) or a CARMEN log with {CARMEN_SCANS}"
         unread = (
             f" ({len(broken)} lines could not be read, from line {broken[0]} on)" if broken else ""
         )
@@ -615,11 +621,12 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None, period: flo
     elif corrected:
         back = relative(mount, STOOD)
         reference = np.array([compose(at, back) for at in map(_pose, laser)])
-    table = _Table(times, robot, reference, tuple(notes), period=period, given=omitted)
+    assumed = tuple(lines.cut)
+    table = _Table(times, robot, reference, tuple(notes), 0.0, period, assumed, omitted)
     kept = table.clean(path)
     real = not (corrected and one_pose)
-    longest = reach or scans[0].reach
-    return _scanned(path, table, ranges[kept], 1.0, angles, real=real, reach=longest, mount=mount)
+    reach = reach or scans[0].reach
+    return _scanned(path, table, ranges[kept], 1.0, angles, real=real, reach=reach, mount=mount)
 
 
 def _by_odometry(
@@ -658,7 +665,7 @@ def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Flo
 def _lines(path: Path, notes: list[str]) -> _Lines:
     """The lines of a file that are used; a note if the file is incomplete."""
     found = _Lines()
-    for number, words in _fields(path, notes):
+    for number, words in _fields(path, found.cut):
         try:
             match words[0]:
                 case "FLASER":
@@ -676,10 +683,11 @@ def _lines(path: Path, notes: list[str]) -> _Lines:
         except (ValueError, IndexError):
             found.broken.append(number)
             found.broken_scans += "LASER" in words[0]
+    notes += found.cut
     return found
 
 
-def _fields(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
+def _fields(path: Path, cut: list[str]) -> Iterator[tuple[int, list[str]]]:
     """The number and fields of each line that is not empty; the file may be gzipped."""
     with path.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
@@ -693,7 +701,7 @@ def _fields(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
                 if words and not words[0].startswith("#"):
                     yield read, words
         except (EOFError, zlib.error, gzip.BadGzipFile):
-            notes.append(f"the file is incomplete; it ends after {read} lines")
+            cut.append(f"the file is incomplete; it ends after {read} lines")
 
 
 def _flaser(number: int, words: Sequence[str]) -> _Line:
@@ -781,7 +789,8 @@ def _recording(path: Path, namespace: str | None, period: float | None) -> Log:
     there = _interpolated(times, ways)
     if not len(there):
         there = np.array([ways[0][1] if ways else NONE] * len(times))
-    table = _Table(times, poses, there, tuple(dict.fromkeys(notes)), period=period)
+    damage = tuple(dict.fromkeys(notes))
+    table = _Table(times, poses, there, damage, period=period, assumed=damage)
     kept = table.clean(path)
     new = {int(row): at for at, row in enumerate(kept)}
     chosen = [(new[row], message) for row, message in readings if row in new]
