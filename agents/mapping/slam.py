@@ -39,6 +39,8 @@ from armadico.agents.mapping.poses import (
     wrapped,
 )
 from armadico.agents.mapping.relocation import (
+    GATHER_WORK,
+    LOOK_WORK,
     Recognised,
     RelocationParameters,
     Relocator,
@@ -81,6 +83,10 @@ UNKNOWN: Final = np.diag([10.0**-2, 10.0**-2, pi**-2])
 
 LEAVES: Final = 5
 """Scans in a row that fit badly on a map that takes no more scans, and the robot is lost on it."""
+
+PROVED_SCANS, PROVED_M, PROVED_NEAR = 200, 6.0, 15
+"""After a part has been joined, so many of its key scans are compared with the nearest earlier ones
+within so many m, at most so many."""
 
 CHECKED, CHECKED_SHARE = 50, 0.5
 """The map is checked again when it has grown by so many key scans, and by this share."""
@@ -170,6 +176,7 @@ class Slam:
         self.weak = 0  # key scans that fitted badly
         self.part: Indices = np.zeros(0, dtype=np.intp)  # of the map, that each key scan is of
         self.relocations = 0  # times that the place of a part was found
+        self.contradicted = False  # later scans looked through walls of the map at such a place
         self.contradictions: list[Contradiction] = []  # as checked last
         self.deviation: Deviation | None = None  # of the place that is known least, likewise
         self.leaps: list[int] = []  # key scans before which the odometry jumped,
@@ -199,6 +206,8 @@ class Slam:
         self._optimised = 0  # key scans at the newest optimisation
         self._searched = 0  # key scans for which loops were searched
         self._relocators: dict[int, Relocator] = {}  # by part, while the newest has no known place
+        self._proof: tuple[int, int] | None = None  # first of a joined part, and how far to check
+        self._against = 0  # newest key scans that look through walls of the map
         self._joins: _Joins | None = None  # of the poses that are to be adopted
 
     @property
@@ -235,6 +244,8 @@ class Slam:
             reasons.append(
                 f"the places of its {self.parts} parts to each other are unknown{carried}"
             )
+        if self.contradicted:
+            reasons.append("what is seen contradicts the place that was found on the map")
         reasons += _contradicted(self.contradictions)
         most, worst = self.parameters.consistency, self.deviation
         if worst is not None and worst.metres > most.deviation and worst.chain > most.chain:
@@ -544,16 +555,7 @@ class Slam:
             return False
         if match.inliers < p.match_weak and len(self._doubtful) == p.lost_scans - 1:
             return True  # by now the robot may have left what the map shows
-        back = relative(match.pose, np.zeros(3))
-        seen, through = looked_at(cloud, transformed(back, near.points), origin)
-        # Of people in the map nothing is left: only what other scans saw there is a wall.
-        walls = near.points[through][:: 1 + np.count_nonzero(through) // WALLS]
-        passed, met = self._seen(chain, walls, origin)
-        share = (
-            share_of(through, seen, LEAST_POINTS) * float((met > passed).mean())
-            if len(walls)
-            else 0.0
-        )
+        share = self._through_walls(chain, near.points, match.pose, cloud, origin)
         passed, met = self._seen(chain, transformed(match.pose, cloud.points), origin)
         known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
         if since:
@@ -673,6 +675,8 @@ class Slam:
         self._searched = count
         if p.do_loop_closing and not self.lost:
             yield from self._finding()
+        if self._proof is not None and count <= self._proof[1] and not self.lost:
+            yield from self._proving(self._proof[0])
         poses, joined = self.poses, False
         if not self.located:
             found = yield from self._relocating()
@@ -735,6 +739,44 @@ class Slam:
         way = [self.way[k] for k in mine]
         found = yield from relocator.searching(self._scans(mine), way, self._origin)
         return found if self._relocators is relocators else []  # another part has begun
+
+    def _proving(self, first: int) -> Sliced[None]:
+        """Compare the newest key scan with the walls of the map that its part was joined to."""
+        p, pose = self.parameters, self.poses[-1]
+        old = np.flatnonzero(self.present[:first])
+        away = np.hypot(*(self.poses[old, :2] - pose[:2]).T)
+        near = old[np.argsort(away, kind="stable")[:PROVED_NEAR]]
+        near = near[np.hypot(*(self.poses[near, :2] - pose[:2]).T) < PROVED_M]
+        if not len(near):
+            return
+        chain = near.tolist()
+        points = in_world([(self.poses[k], self.clouds[k]) for k in chain]).points
+        walls = voxel_filtered(points, p.relocation.resolution, len(points))
+        yield GATHER_WORK * len(points)
+        through = self._through_walls(chain, walls, pose, self.clouds[-1], self._origin)
+        self._against = self._against + 1 if through > p.lost_share else 0
+        self.contradicted |= self._against >= p.lost_scans
+        yield LOOK_WORK * (len(walls) + WALLS * len(chain))
+
+    def _through_walls(
+        self,
+        chain: Sequence[int],
+        points: Floats,
+        pose: Floats,
+        cloud: PointCloud,
+        origin: tuple[float, float],
+    ) -> float:
+        """The share of the points of a map, drawn by some key scans, that a scan looks through.
+
+        People leave many points and no wall: what most of the scans saw through does not count.
+        """
+        there = transformed(relative(pose, np.zeros(3)), points)
+        seen, through = looked_at(cloud, there, origin)
+        walls = points[through][:: 1 + np.count_nonzero(through) // WALLS]
+        if not len(walls):
+            return 0.0
+        passed, met = self._seen(chain, walls, origin)
+        return share_of(through, seen, LEAST_POINTS) * float((met > passed).mean())
 
     def checking(self) -> Sliced[None]:
         """Look for contradictions in slices if the map has grown, or was found doubtful before."""
@@ -805,11 +847,13 @@ class Slam:
             label, to, newest, temporary = self._joins
             self._joins, self._relocators = None, {}
             self.relocations += 1
+            self._against = 0
             if temporary:
                 here = self.poses[-1]
                 self._truncate(int(np.argmax(self.part == label)))
                 self._on = newest.start, relative(self.poses[newest.start], here)
             else:
+                self._proof = int(np.argmax(self.part == label)), count + PROVED_SCANS
                 self.part[self.part == label] = to
             scans = self.parameters.relocation.scans
             near = np.linalg.inv(newest.match.information / scans)

@@ -17,7 +17,7 @@ from armadico.agents.mapping.consistency import (
 from armadico.agents.mapping.pose_graph import Edge
 from armadico.agents.mapping.poses import Floats, compose, relative
 from armadico.agents.mapping.scan_matching import PointCloud, point_cloud
-from armadico.agents.mapping.slam import Slam
+from armadico.agents.mapping.slam import Slam, SlamParameters
 from armadico.agents.mapping.slices import finished
 from armadico.config.grid_map import FREE, Cells
 from tests.mapping.worlds import BEARINGS, cast
@@ -185,3 +185,47 @@ def test_while_driving_a_map_is_checked_as_it_grows_and_after_each_optimisation(
     slam.adopt(poses)
     finished(slam.checking())
     assert not slam.contradictions
+
+
+# Of a place that was found on the map -------------------------------------------------------------
+
+HALL = np.array([(0, 0, 20, 0), (20, 0, 20, 12), (20, 12, 0, 12), (0, 12, 0, 0)], dtype=np.float64)
+SCREEN = [(2.0, 5.0, 18.0, 5.0), (2.0, 3.0, 18.0, 3.0)]
+
+
+def proved(before: Sequence[Floats]) -> Slam:
+    """A map of a hall, and a part that was joined to it: three scans of the empty hall.
+
+    `before` has the walls that stood in the hall in each scan of the map.
+    """
+    slam = Slam(SlamParameters(do_loop_closing=False))
+    slam._at = np.zeros(3)  # the robot's place on the map is known
+    information = np.diag([1e4, 1e4, 1e4])
+    for number, walls in enumerate([*before, *[HALL] * 3]):
+        pose = np.array([4.0 + 0.4 * (number % 30), 4.0, 0.0])
+        cloud = point_cloud(cast(walls, pose), BEARINGS, max_range=20.0)
+        slam.poses = np.vstack([slam.poses, pose])
+        slam.clouds.append(cloud)
+        slam.way.append(0.4 * number)
+        slam.numbers.append(number)
+        slam.part = np.append(slam.part, 0)
+        if number:
+            slam.graph.add(Edge(number - 1, number, np.array([0.4, 0.0, 0.0]), information))
+        if number >= len(before):
+            slam._proof = len(before), number + 1
+            slam.close_loops()
+    return slam
+
+
+def test_people_who_were_there_when_the_map_was_made_do_not_contradict_a_place_on_it() -> None:
+    rng = np.random.default_rng(1)
+
+    def crowd() -> Floats:
+        x, y = rng.uniform((1.0, 5.0), (19.0, 11.0), (30, 2)).T
+        return np.vstack([HALL, np.column_stack([x, y, x + 0.4, y])])
+
+    assert not proved([crowd() for _ in range(30)]).contradicted
+
+
+def test_a_wall_that_is_looked_through_contradicts_a_place() -> None:
+    assert proved([np.vstack([HALL, SCREEN])] * 30).contradicted
