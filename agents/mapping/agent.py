@@ -351,12 +351,18 @@ class SlamAgent(Agent):
         left = MATCH_WORK if self._matched else CYCLE_WORK
         while left > 0:
             if self._work is None:
-                self._work = self._closing()
+                self._work = self._beside()
             done = next(self._work, None)
             if done is None:
                 self._work = None
                 return
             left -= done
+
+    def _beside(self) -> Sliced[None]:
+        """Close loops, and check the map now and then."""
+        yield from self._closing()
+        yield from self._slam.checking()
+        self._report()
 
     def _closing(self) -> Sliced[None]:
         """Search loops of the newest key scan; optimise and draw the map anew if they move it."""

@@ -18,6 +18,7 @@ from armadico.core.errors import advice
 if TYPE_CHECKING:
     from armadico.agents.mapping.run import Figures, Mapped, Relations
     from armadico.agents.mapping.slam import SlamParameters
+    from armadico.core.judgement import Judgement
     from armadico.observe.logs import Log
 
 
@@ -83,17 +84,20 @@ class Options:
         default=None,
     )
     namespace: str | None = option("the robot, of a recording of several", metavar="NS")
+    period: float | None = log_file.period()
     scan: str | None = option(
         "the topic of a bag with the scans (default: the only LaserScan)", metavar="TOPIC"
     )
     odom: str | None = option(
-        "the topic of a bag with the odometry (default: the only Odometry)", metavar="TOPIC"
+        "the topic of a bag with the odometry (default: the only Odometry, else the transform from"
+        " odom)",
+        metavar="TOPIC",
     )
     json: bool = flag("print one JSON object on stdout")
 
 
 def run(args: Options) -> int:
-    """Make the map; 0 if it was made, also if it is uncertain."""
+    """Make the map; 0 if nothing speaks against it, 1 if it is wrong, 3 if it may be."""
     parameters = _parameters(args)
     _check(args)
     from armadico.agents.mapping import run as runs
@@ -114,19 +118,19 @@ def run(args: Options) -> int:
     if args.align:
         found = runs.on_reference(log, found)
     related = None if given is None else runs.relations(log, found, given)
-    written = _write(args, log, found)
+    written, outside = _write(args, log, found)
     figures = runs.figures(log, found)
+    judged = runs.judgement(log, figures, outside)
     if args.json:
-        print(json.dumps(_about(args, log, drift, figures, related)))
+        print(json.dumps(_about(args, log, drift, figures, related, judged)))
     else:
         _show(log, drift, figures, related)
     for line in written:
         say(line)
     if related is not None and not related.used:
         say(f"{args.relations}: none of its times are times of scans: is it of this log?")
-    if figures.uncertain:
-        say(f"the map may be wrong: {figures.uncertain}")
-    return 0
+    log_file.conclude(judged, "the map is right, as far as the log shows", say)
+    return judged.exit_code
 
 
 def _check(args: Options) -> None:
@@ -143,14 +147,19 @@ def _log(args: Options) -> tuple[Log, float]:
 
     if bags.is_bag(args.log):
         options.need("rosbags", "bags")
-        log = bags.read(args.log, scan=args.scan, odom=args.odom, reach=args.reach)
+        topics = {"scan": args.scan, "odom": args.odom}
+        log = bags.read(args.log, **topics, reach=args.reach, period=args.period)
     elif args.scan is not None or args.odom is not None:
         raise UsageError(f"--scan, --odom: {args.log} is not a ROS bag")
     else:
         if not args.log.is_file():
             raise UsageError(f"{args.log}: expected a file, or a folder with a ROS 2 bag")
         log = log_file.read(
-            args.log, reach=args.reach, corrected=args.corrected, namespace=args.namespace
+            args.log,
+            reach=args.reach,
+            corrected=args.corrected,
+            namespace=args.namespace,
+            period=args.period,
         )
     return log_file.with_errors(log, args.drift, args.seed)
 
@@ -205,13 +214,16 @@ def _valued(old: Any, value: str) -> Any:
     return new
 
 
-def _write(args: Options, log: Log, found: Mapped) -> list[str]:
-    """Write what was asked for; a line about each. Raises FailedError, LogError, ConfigError."""
+def _write(args: Options, log: Log, found: Mapped) -> tuple[list[str], int]:
+    """Write what was asked for; a line about each, and the key scans that the grid left out.
+
+    Raises FailedError, LogError, ConfigError.
+    """
     from armadico.agents.mapping import run as runs
     from armadico.config import graph_file, grid_map
 
     if args.output is None and args.picture is None:
-        return []
+        return [], 0
     graph = runs.graph_of(log, found.slam)
     cells = runs.drawn(log, graph)
     lines, at = [], args.output
@@ -231,7 +243,7 @@ def _write(args: Options, log: Log, found: Mapped) -> list[str]:
             lines.append(f"picture: {args.picture}")
     except OSError as error:
         raise FailedError(f"cannot write {at}: {error.strerror or error}") from None
-    return lines
+    return lines, runs.outside(cells, graph)
 
 
 # What came of it ----------------------------------------------------------------------------------
@@ -245,7 +257,12 @@ def _memory_mib() -> float:
 
 
 def _about(
-    args: Options, log: Log, drift: float, figures: Figures, related: Relations | None
+    args: Options,
+    log: Log,
+    drift: float,
+    figures: Figures,
+    related: Relations | None,
+    judged: Judgement,
 ) -> dict[str, Any]:
     import msgspec
 
@@ -253,7 +270,10 @@ def _about(
 
     return {
         "log": str(args.log),
+        "judgement": msgspec.to_builtins(judged),
         "notes": log.notes,
+        "readings_used": log.used,
+        "readings_given": log.given,
         "real_odometry": log.real,
         "drift": drift,
         "seed": args.seed,
@@ -278,6 +298,7 @@ def _show(log: Log, drift: float, figures: Figures, related: Relations | None) -
     table.title = escape(options.shown(f"{log.name}: {odometry}{added}"))
     table.add_column()
     table.add_column(justify="right")
+    table.add_row(log_file.USED, f"{log.used}  {log.given}")
     for name, value in _rows(figures):
         table.add_row(name, value)
     if related is not None:
@@ -312,6 +333,14 @@ def _rows(figures: Figures) -> Iterator[tuple[str, str]]:
     if f.loops_false is not None and f.loops:
         yield "false by the reference, of these on", f"{f.loops_false}  {f.loops_false_on}"
     yield "key scans that fitted badly", f"{f.weak}"
+    if f.contradictions:
+        first = f.contradictions[0]
+        where = f"{len(f.contradictions)}  ({first.x:.1f}, {first.y:.1f})"
+        yield "places that contradict themselves, the largest", where
+    if f.deviation_m is not None:
+        yield "least known place: deviation, m", f"{f.deviation_m:.2f}"
+    if f.odometry_jumps:
+        yield "jumps of the odometry, taken out", f"{f.odometry_jumps}"
     if f.carried:
         yield "times that the robot was carried", f"{f.carried}"
     if f.rejected:

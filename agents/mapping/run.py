@@ -18,6 +18,7 @@ from armadico.agents.mapping.poses import Floats, compose, relative, wrapped
 from armadico.agents.mapping.slam import Slam, SlamParameters
 from armadico.config.graph_file import DrawnScan, SavedGraph
 from armadico.config.grid_map import Cells
+from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import STOOD, Pose2
 from armadico.mobile.messages import Scan, Sonar
@@ -33,6 +34,11 @@ ON: Final = 0.5
 """A loop with more than this share of its weight is on."""
 
 
+WRONG_M: Final = 1.0
+"""A path that is farther from the reference than this (rmse) is wrong: rooms are not where they
+are."""
+
+
 EXACT_S: Final = 0.001
 """A relation counts if both of its times are so near to the time of a scan, s."""
 
@@ -46,6 +52,14 @@ class Relations(Struct, frozen=True):
     error_deviation_m: float | None
     error_most_m: float | None
     heading_mean_deg: float | None
+
+
+class Doubtful(Struct, frozen=True):
+    """A place where scans look through walls that others saw as closed."""
+
+    x: float  # m
+    y: float
+    length_m: float  # of these walls
 
 
 class Figures(Struct, frozen=True):
@@ -76,6 +90,10 @@ class Figures(Struct, frozen=True):
     scan_most_ms: float
     total_s: float
     digest: int  # CRC-32 of the final path: the same for the same log and options
+    contradictions: tuple[Doubtful, ...] = ()  # the largest first
+    deviation_m: float | None = None  # of the key scan that is known least; None: several parts
+    deviation_chain_m: float | None = None  # the surest way to it from the first one
+    odometry_jumps: int = 0  # that were taken out
 
 
 @dataclass(frozen=True)
@@ -187,6 +205,17 @@ def drawn(log: Log, graph: SavedGraph) -> Cells:
     return cells
 
 
+def outside(cells: Cells, graph: SavedGraph) -> int:
+    """How many key scans of the part that was drawn are not on the grid, which has a largest size.
+
+    The grid reaches beyond every scan that was drawn.
+    """
+    rows, columns = cells.states.shape
+    off = graph.poses[graph.main, :2] - np.array([cells.x, cells.y])
+    there = (off >= 0.0) & (off <= cells.cell_m * np.array([columns, rows]))
+    return int(np.count_nonzero(~there.all(axis=1)))
+
+
 def figures(log: Log, found: Mapped) -> Figures:
     """Measure a run; against the reference, if the log has one."""
     slam, known = found.slam, log.known
@@ -209,7 +238,7 @@ def figures(log: Log, found: Mapped) -> Figures:
             "odometry": _rmse(aligned(log.odometry[log.rows][scored], there), there),
         }
     false, false_on = _false_loops(slam, reference)
-    spent = 1000.0 * found.spent
+    spent, worst = 1000.0 * found.spent, slam.deviation
     return Figures(
         scans=len(log),
         key_scans=len(slam.poses),
@@ -236,7 +265,38 @@ def figures(log: Log, found: Mapped) -> Figures:
         scan_most_ms=float(spent.max()),
         total_s=float(found.spent.sum()),
         digest=zlib.crc32(found.path.tobytes()),
+        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in slam.contradictions),
+        deviation_m=worst.metres if worst else None,
+        deviation_chain_m=worst.chain if worst else None,
+        odometry_jumps=len(slam.leaps),
     )
+
+
+def judgement(log: Log, figures: Figures, outside: int = 0) -> Judgement:
+    """Whether the map is one of the log, and nothing speaks against it.
+
+    Args:
+        log: The log.
+        figures: Of the run.
+        outside: Key scans that the grid left out, since it would be too large.
+    """
+    f, found = figures, [log.judgement, yes()]
+    if f.key_scans < 2:
+        cure = "use a log in which the robot drives"
+        found.append(unknown("the map is of one place: nothing could be compared", cure))
+    if 2 * f.rejected > f.scans:
+        why = f"{f.rejected} of {f.scans} scans could not be used"
+        found.append(no(why, "check the ranges of the log, and --reach"))
+    if f.uncertain:
+        cure = "look at the picture (--picture); drive each place twice, so that loops close"
+        found.append(unknown(f"the map may be wrong: {f.uncertain}", cure))
+    if f.error_rmse_m is not None and f.error_rmse_m > WRONG_M:
+        cure = "look at the picture (--picture); check the reference"
+        found.append(no(f"the path is {f.error_rmse_m:.1f} m off the reference (rmse)", cure))
+    if outside:
+        why = f"the grid lacks {outside} of {f.key_scans} key scans: it ends where it is too large"
+        found.append(no(why, "map the log in parts (--over); the graph and the path are whole"))
+    return all_of(found)
 
 
 def on_reference(log: Log, found: Mapped) -> Mapped:
@@ -244,6 +304,7 @@ def on_reference(log: Log, found: Mapped) -> Mapped:
     known = log.known
     shift = _alignment(found.path[known], log.reference[log.rows][known])
     found.slam.poses = compose(shift, found.slam.poses)
+    found.slam.contradictions = [one.moved(shift) for one in found.slam.contradictions]
     return replace(found, path=compose(shift, found.path), online=compose(shift, found.online))
 
 

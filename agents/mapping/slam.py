@@ -19,6 +19,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from armadico.agents.mapping.consistency import (
+    ConsistencyParameters,
+    Contradiction,
+    Deviation,
+    contradictions,
+    most_uncertain,
+)
 from armadico.agents.mapping.loop_closure import Loop, LoopCloser, LoopParameters
 from armadico.agents.mapping.odometry_model import OdometryModel, OdometryParameters
 from armadico.agents.mapping.pose_graph import Edge, GraphParameters, PoseGraph
@@ -52,7 +59,6 @@ from armadico.agents.mapping.scan_matching import (
     looked_at,
     point_cloud,
     point_to_line,
-    seen_through,
     share_of,
     voxel_filtered,
 )
@@ -81,6 +87,13 @@ LEAVES: Final = 5
 PROVED_SCANS, PROVED_M, PROVED_NEAR = 200, 6.0, 15
 """After a part has been joined, so many of its key scans are compared with the nearest earlier ones
 within so many m, at most so many."""
+
+CHECKED, CHECKED_SHARE = 50, 0.5
+"""The map is checked again when it has grown by so many key scans, and by this share."""
+
+LEAP_M, LEAP_M_S = 3.0, 10.0
+"""Odometry that moves farther and faster than this between two scans has jumped, as in
+`armadico.observe.logs`."""
 
 LOST_SCANS: Final = 100
 """Key scans of a robot that is lost on such a map, at most: then it begins anew."""
@@ -112,6 +125,7 @@ class SlamParameters:
     loops: LoopParameters = field(default_factory=LoopParameters)
     graph: GraphParameters = field(default_factory=GraphParameters)
     relocation: RelocationParameters = field(default_factory=RelocationParameters)
+    consistency: ConsistencyParameters = field(default_factory=ConsistencyParameters)
 
 
 class Update(NamedTuple):
@@ -163,6 +177,10 @@ class Slam:
         self.part: Indices = np.zeros(0, dtype=np.intp)  # of the map, that each key scan is of
         self.relocations = 0  # times that the place of a part was found
         self.contradicted = False  # later scans looked through walls of the map at such a place
+        self.contradictions: list[Contradiction] = []  # as checked last
+        self.deviation: Deviation | None = None  # of the place that is known least, likewise
+        self.leaps: list[int] = []  # key scans before which the odometry jumped,
+        self.leaps_unmatched = 0  # of these, without a good match
         self.carried: list[int] = []  # key scans before which the robot was carried elsewhere
         self.rejected = 0  # scans that could not be used
         self._covariance = np.zeros((3, 3))
@@ -173,6 +191,9 @@ class Slam:
         self._lost: int | None = None  # first key scan of a robot that is lost on a fixed map
         self._bad = 0  # newest scans on a fixed map that fitted badly
         self._t = -np.inf
+        self._here: Floats | None = None  # odometry of the newest scan
+        self._leapt = False  # the odometry jumped since the newest scan that was matched
+        self._checked = (0, 0)  # key scans and revision of the newest check
         self._inliers = 1.0
         self._begin = 0  # first key scan of the present local map
         self._continues = False  # whether key scans before that, which are near, are of it, too
@@ -225,6 +246,19 @@ class Slam:
             )
         if self.contradicted:
             reasons.append("what is seen contradicts the place that was found on the map")
+        reasons += _contradicted(self.contradictions)
+        most, worst = self.parameters.consistency, self.deviation
+        if worst is not None and worst.metres > most.deviation and worst.chain > most.chain:
+            metres, way, chain = worst
+            reasons.append(
+                f"the place that was reached after {way:.0f} m is known to +-{metres:.0f} m only,"
+                f" by the surest way of {chain:.0f} m from the start: loops are missing"
+            )
+        if self.leaps_unmatched:
+            reasons.append(
+                f"the odometry jumped {len(self.leaps)} times, {self.leaps_unmatched} times where"
+                " scans did not tell the motion"
+            )
         if (off := self.loops_off) * 2 > len(self.loops):
             reasons.append(f"{off} of {len(self.loops)} loops contradict the others")
         if self.weak * 10 > len(self.poses):
@@ -305,7 +339,8 @@ class Slam:
         if not (t > self._t and np.isfinite(here).all()):
             self.rejected += 1
             return None
-        self._t = t
+        elapsed, self._t = t - self._t, t
+        self._leap(here, elapsed)
         if self._at is not None:
             step = relative(self._at, here)
             near = hypot(step[0], step[1]) < p.minimum_travel_distance
@@ -332,7 +367,22 @@ class Slam:
         else:
             self._begin_part(guess, cloud, number, temporary=True)
         self._at, self._on = here, None
+        if self._leapt:
+            self._leapt = False
+            self.leaps.append(len(self.poses) - 1)
+            self.leaps_unmatched += self._inliers < p.match_good
         return self._update(here, key=True)
+
+    def _leap(self, here: Floats, elapsed: float) -> None:
+        """Take a jump of the odometry out: the robot is assumed to have stood meanwhile."""
+        before, self._here = self._here, here
+        if before is None or self._at is None:
+            return
+        moved = relative(before, here)
+        far = hypot(moved[0], moved[1])
+        if far > LEAP_M and far > LEAP_M_S * elapsed:
+            self._leapt = True
+            self._at = compose(here, relative(before, self._at))
 
     def _update(self, odometry: Floats, *, key: bool, matched: bool = True) -> Update:
         pose, covariance, near = self.pose_at(odometry), self._covariance, self._near
@@ -505,16 +555,7 @@ class Slam:
             return False
         if match.inliers < p.match_weak and len(self._doubtful) == p.lost_scans - 1:
             return True  # by now the robot may have left what the map shows
-        back = relative(match.pose, np.zeros(3))
-        seen, through = looked_at(cloud, transformed(back, near.points), origin)
-        # Of people in the map nothing is left: only what other scans saw there is a wall.
-        walls = near.points[through][:: 1 + np.count_nonzero(through) // WALLS]
-        passed, met = self._seen(chain, walls, origin)
-        share = (
-            share_of(through, seen, LEAST_POINTS) * float((met > passed).mean())
-            if len(walls)
-            else 0.0
-        )
+        share = self._through_walls(chain, near.points, match.pose, cloud, origin)
         passed, met = self._seen(chain, transformed(match.pose, cloud.points), origin)
         known, empty = passed + met > 0, (passed >= 2) & (passed > 2 * met)
         if since:
@@ -708,14 +749,55 @@ class Slam:
         near = near[np.hypot(*(self.poses[near, :2] - pose[:2]).T) < PROVED_M]
         if not len(near):
             return
-        points = in_world([(self.poses[k], self.clouds[k]) for k in near.tolist()]).points
+        chain = near.tolist()
+        points = in_world([(self.poses[k], self.clouds[k]) for k in chain]).points
         walls = voxel_filtered(points, p.relocation.resolution, len(points))
         yield GATHER_WORK * len(points)
-        walls = transformed(relative(pose, np.zeros(3)), walls)
-        through = seen_through(self.clouds[-1], walls, self._origin)
+        through = self._through_walls(chain, walls, pose, self.clouds[-1], self._origin)
         self._against = self._against + 1 if through > p.lost_share else 0
         self.contradicted |= self._against >= p.lost_scans
-        yield LOOK_WORK * len(walls)
+        yield LOOK_WORK * (len(walls) + WALLS * len(chain))
+
+    def _through_walls(
+        self,
+        chain: Sequence[int],
+        points: Floats,
+        pose: Floats,
+        cloud: PointCloud,
+        origin: tuple[float, float],
+    ) -> float:
+        """The share of the points of a map, drawn by some key scans, that a scan looks through.
+
+        People leave many points and no wall: what most of the scans saw through does not count.
+        """
+        there = transformed(relative(pose, np.zeros(3)), points)
+        seen, through = looked_at(cloud, there, origin)
+        walls = points[through][:: 1 + np.count_nonzero(through) // WALLS]
+        if not len(walls):
+            return 0.0
+        passed, met = self._seen(chain, walls, origin)
+        return share_of(through, seen, LEAST_POINTS) * float((met > passed).mean())
+
+    def checking(self) -> Sliced[None]:
+        """Look for contradictions in slices if the map has grown, or was found doubtful before."""
+        (count, revision), now = self._checked, len(self.poses)
+        grown = now - count >= max(CHECKED, CHECKED_SHARE * count)
+        if grown or (self.contradictions and self.revision > revision):
+            yield from self._check()
+
+    def _check(self) -> Sliced[None]:
+        """Hold all scans of each part against its walls; find the place that is known least."""
+        p, poses, part = self.parameters.consistency, self.poses, self.part
+        way, clouds, edges = list(self.way), list(self.clouds), list(self.graph.edges)
+        weights, self._checked, found = self.graph.weights, (len(poses), self.revision), []
+        for label in np.unique(part).tolist():
+            of = np.flatnonzero(part == label).tolist()
+            which = [way[k] for k in of], [clouds[k] for k in of]
+            found += yield from contradictions(poses[of], *which, self._origin, p)
+        self.contradictions = sorted(found, key=lambda one: -one.length)
+        self.deviation = None
+        if self.parts == 1 and len(poses):
+            self.deviation = yield from most_uncertain(poses, way, edges, weights)
 
     def _scans(self, which: Indices) -> Scans:
         numbers = [int(k) for k in which]
@@ -778,17 +860,28 @@ class Slam:
             self._near = np.asarray(near, dtype=np.float64)
 
     def finish(self) -> bool:
-        """Optimise once more if there are new loops; whether the revision grew."""
-        if self._new_loops:
+        """Optimise once more if there are new loops, and check; whether the revision grew."""
+        grown = self._new_loops > 0
+        if grown:
             self.adopt(finished(self._optimising(self.poses)))
-            return True
-        return False
+        finished(self._check())
+        return grown
 
     def _recognised(self, loop: Loop) -> None:
         """From here on the pose is as uncertain as the loop."""
         self._loop_way = self.way[loop.end]
         turn = rotation(self.poses[loop.start, 2])
         self._covariance = turn @ np.linalg.inv(loop.information) @ turn.T
+
+
+def _contradicted(places: Sequence[Contradiction]) -> list[str]:
+    """The reason that they are, if there are any."""
+    if not places:
+        return []
+    x, y, length, _ = places[0]
+    more = f" and at {len(places) - 1} more places" if len(places) > 1 else ""
+    where = f"at ({x:.1f}, {y:.1f}) over {length:.0f} m{more}"
+    return [f"it contradicts itself: scans look through walls that others saw closed, {where}"]
 
 
 def matched_points(

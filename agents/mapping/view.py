@@ -1,4 +1,4 @@
-"""The picture of a map: the grid, the path, the loops and where scans fitted badly."""
+"""The picture of a map: the grid, the path, the loops and where it contradicts itself."""
 
 from __future__ import annotations
 
@@ -19,25 +19,37 @@ PATH: Final = (40, 110, 200)
 LOOP: Final = (40, 160, 80)
 OFF: Final = (210, 60, 50)
 START: Final = (230, 140, 0)
+DOUBT: Final = (200, 0, 160)
 
 
 def picture(cells: Cells, slam: Slam) -> Image.Image:
-    """The grid with the path (blue), loops (green, red if switched off) and the start (orange)."""
+    """The grid with the path (blue), loops (green, red if switched off) and the start (orange).
+
+    Walls that other scans looked through are marked in magenta, with a circle around each place.
+    """
     shades = np.flipud(SHADES[np.where(cells.states == OCCUPIED, 2, cells.states == FREE)])
     image = Image.fromarray(shades)
     factor = SIZE / max(image.size)
     size = max(1, round(image.width * factor)), max(1, round(image.height * factor))
     image = image.resize(size, Image.Resampling.BOX).convert("RGB")
     scale, height = factor / cells.cell_m, image.height
-    spots = [
-        ((x - cells.x) * scale, height - (y - cells.y) * scale) for x, y, _ in slam.poses.tolist()
-    ]
+
+    def spot(x: float, y: float) -> tuple[float, float]:
+        return (x - cells.x) * scale, height - (y - cells.y) * scale
+
+    spots = [spot(x, y) for x, y, _ in slam.poses.tolist()]
     draw = ImageDraw.Draw(image)
     if len(spots) > 1:
         draw.line(spots, fill=PATH, width=2)
     for loop, off in zip(slam.loops, slam.switched_off, strict=True):
         ends = [spots[loop.start], spots[loop.end]]
         draw.line(ends, fill=OFF if off else LOOP, width=1)
+    for place in slam.contradictions:
+        for x, y in (spot(*cell) for cell in place.cells.tolist()):
+            draw.rectangle((x - 2, y - 2, x + 2, y + 2), fill=DOUBT)
+        x, y = spot(place.x, place.y)
+        far = 10.0 + scale * float(np.hypot(*(place.cells - [place.x, place.y]).T).max())
+        draw.ellipse((x - far, y - far, x + far, y + far), outline=DOUBT, width=3)
     x, y = spots[0]
     draw.ellipse((x - 5, y - 5, x + 5, y + 5), fill=START)
     return image

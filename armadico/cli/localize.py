@@ -25,9 +25,6 @@ PROFILE: Final = "jackal"
 """The robot of a log that names none. Only its width and its laser matter; the scanner's angles and
 reach are the log's."""
 
-MOST_LOST: Final = 0.5
-"""Above this share of readings reported lost, the map may be of another place."""
-
 TIME: Final = Must(isfinite, "expected seconds of the log")
 REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
 
@@ -102,18 +99,25 @@ class Options:
     namespace: str | None = option(
         "the robot, if the recording has several (default: the only one)", metavar="NS"
     )
+    period: float | None = log_file.period()
     picture: Path | None = option("draw the paths on the map, and the error", metavar="FILE.png")
     json: bool = flag("print one JSON object")
 
 
 def run(args: Options) -> int:
     _check(args)
+    import msgspec
+
     from armadico.cli.pool import progress
     from armadico.observe import localizing
 
     report = options.reporter("armadico localize")
     log = log_file.read(
-        args.log, reach=args.reach, corrected=args.corrected, namespace=args.namespace
+        args.log,
+        reach=args.reach,
+        corrected=args.corrected,
+        namespace=args.namespace,
+        period=args.period,
     )
     log, noise = log_file.with_errors(log, args.noise, args.seed)
     for note in log.notes:
@@ -132,14 +136,14 @@ def run(args: Options) -> int:
         if args.picture is not None:
             _draw(args.picture, log, world, track, found)
             report(f"picture: {args.picture}")
+    judged = localizing.judgement(log, found)
     if args.json:
-        print(json.dumps(_about(args, log, noise, named, chosen, found)))
+        about = _about(args, log, noise, named, chosen, found)
+        print(json.dumps({"judgement": msgspec.to_builtins(judged), **about}))
     else:
         _show(log, noise, named, found)
-    if found.lost_share > MOST_LOST:
-        lost = f"lost at {100.0 * found.lost_share:.0f} % of the readings"
-        report(f"{lost}: the map may be of another place, or the start may be wrong")
-    return 0
+    log_file.conclude(judged, "the robot was localized, and never wrong and sure", report)
+    return judged.exit_code
 
 
 def _check(args: Options) -> None:
@@ -254,6 +258,8 @@ def _about(
     return {
         "log": str(args.log),
         "notes": log.notes,
+        "readings_used": log.used,
+        "readings_given": log.given,
         "real_odometry": log.real,
         "noise": noise,
         "map": named,
@@ -280,6 +286,7 @@ def _show(log: Log, noise: float, named: str, found: Summary) -> None:
     table.title = escape(options.shown(f"{log.name}: {odometry}{added}; map {named}"))
     table.add_column()
     table.add_column(justify="right")
+    table.add_row(log_file.USED, f"{log.used}  {log.given}")
     for name, value in _rows(found):
         table.add_row(name, value)
     Console().print(table)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.parsing import between, option
+from armadico.core.judgement import Judgement
 
 if TYPE_CHECKING:
     from armadico.observe.logs import Log
@@ -17,14 +20,44 @@ ERRORS: Final = 0.05
 """Share of ways and turns by which the odometry errs, if a log's odometry is a corrected path."""
 
 
-def read(path: Path, *, reach: float | None, corrected: bool | None, namespace: str | None) -> Log:
+USED: Final = "readings used, in the file"
+
+
+def period() -> Any:
+    """The option for logs without useful times."""
+    return option(
+        "the interval of scans whose times are of no use (default: by the odometry, as if the robot"
+        " moved at 0.5 m/s)",
+        metavar="S",
+        must=between(0.001, 3600),
+    )
+
+
+def conclude(judged: Judgement, passed: str, say: Callable[[str], None]) -> None:
+    """Print what a command concludes: the answer, the reason, the cure."""
+    if judged.passed:
+        say(f"yes: {passed}")
+        return
+    say(str(judged))
+    if judged.cure:
+        say(f"-> {judged.cure}")
+
+
+def read(
+    path: Path,
+    *,
+    reach: float | None,
+    corrected: bool | None,
+    namespace: str | None,
+    period: float | None = None,
+) -> Log:
     """Return a log of any format of `armadico.observe.logs`. Raises LogError, FailedError."""
     from armadico.observe import logs
 
     with path.open("rb") as file:
         if file.read(len(logs.MCAP)) == logs.MCAP:
             options.need("mcap", "record")
-    return logs.read(path, reach=reach, corrected=corrected, namespace=namespace)
+    return logs.read(path, reach=reach, corrected=corrected, namespace=namespace, period=period)
 
 
 def with_errors(log: Log, share: float | None, seed: int) -> tuple[Log, float]:

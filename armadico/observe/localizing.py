@@ -27,6 +27,7 @@ from armadico.config.grid_map import Cells, new_mapper
 from armadico.config.loading import load_parameters
 from armadico.config.profile import RobotProfile
 from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.judgement import Judgement, all_of, no, unknown
 from armadico.core.messages import Cycle, Message, RobotState
 from armadico.core.services import service_of
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
@@ -47,6 +48,9 @@ OFF_M: Final = 0.3  # an estimate with a larger error counts as off
 # smaller than SURE_M, and it is not reported as lost.
 WRONG_M: Final = 0.5
 SURE_M: Final = 0.5
+
+# Above this share of readings reported lost, or off, the map may be of another place.
+MOST_LOST: Final = 0.5
 
 VOLTS: Final = 12.0
 ANYWHERE: Final = "anywhere"
@@ -365,6 +369,28 @@ class Summary(Struct, frozen=True, kw_only=True):
     scan_95_ms: float
     most_ms: float  # of any cycle
     events: tuple[Event, ...]
+
+
+def judgement(log: Log, found: Summary) -> Judgement:
+    """Whether the robot was localized, and known to be where it was not."""
+    said = [log.judgement]
+    if found.lost_share > MOST_LOST:
+        why = f"the robot was reported lost at {100.0 * found.lost_share:.0f} % of the readings"
+        said.append(no(why, "check that the map is of this place, and the start"))
+    if found.scans < 2:
+        why = "one reading is no way: nothing was tested"
+        said.append(unknown(why, "use a log in which the robot drives"))
+    if found.off_share is None:
+        cure = "use a log with reference poses"
+        said.append(unknown("the log has no reference: the error is not known", cure))
+    elif found.wrong_sure_share:
+        share = 100.0 * found.wrong_sure_share
+        why = f"the pose was wrong and sure at {share:.1f} % of the readings"
+        said.append(no(why, "see the picture (--picture) for the places"))
+    elif found.off_share > MOST_LOST:
+        why = f"the pose was more than {OFF_M:g} m off at {100.0 * found.off_share:.0f} %"
+        said.append(no(why, "check that the map is of this place, and the start"))
+    return all_of(said)
 
 
 def summary(track: Track) -> Summary:

@@ -1,7 +1,11 @@
 """Logs of range readings and odometry of any robot: `.npz`, CARMEN, and armadico's recordings.
 
 `read` returns a `Log` for each form. Unusable parts of a file are left out and counted in
-`Log.notes`. A file without usable parts is a `LogError`.
+`Log.notes`. A file without usable parts is a `LogError`. `Log.judgement` tells whether enough of
+the readings were used to call the result one of the log.
+
+Rows without useful times keep their order, and each is assumed to follow the one before after the
+same interval.
 
 The `.npz` form, for `numpy.load`: `t` (n,) in s; `odometry` and, if there is one, `reference`
 (n, 3) in m, m, rad, NaN where unknown; `ranges` (n, k) times `scale` in m; `angle_min` and
@@ -12,12 +16,11 @@ own stamp of time 0.
 from __future__ import annotations
 
 import gzip
-import zipfile
 import zlib
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import hypot, isfinite, isnan, pi, tau
 from pathlib import Path
@@ -29,10 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.config.errors import ConfigError
+from armadico.core.judgement import Judgement, no, unknown, yes
 from armadico.core.messages import Cycle, Description, Message, RobotState
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative
 from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.mobile.scans import message_of
+from armadico.observe.cut_npz import fields_of
 from armadico.observe.recordings import Past, RecordingError
 
 Floats = NDArray[np.float64]
@@ -49,6 +54,11 @@ STEP_S: Final = 1.0  # replaces the gap at a jump; odometry is also valid this f
 
 # Between two rows the odometry has jumped if it moves farther and faster than this.
 LEAP_M, LEAP_M_S = 3.0, 10.0
+
+# Without useful times a robot is assumed to move and turn as fast as this in its usual step.
+USUAL_M_S, USUAL_RAD_S = 0.5, 0.5
+PERIODS_S: Final = (0.1, 5.0)  # the shortest and the longest interval that is assumed so
+PERIOD_S: Final = 0.5  # of a robot that never moves
 
 # If CARMEN's two poses of a scan differ by a constant up to this, they are one pose and the
 # scanner's mount. A corrected pose differs from odometry by much more.
@@ -136,9 +146,22 @@ class Log:
     profile: str | None = None  # named in the log
     notes: tuple[str, ...] = ()  # parts left out, and assumptions
     begin: float = 0.0  # the log's own stamp of time 0, s
+    used: int = 0  # readings of the file that are here; a part of the log has the same number
+    given: int = 0  # readings of the file, also those that were left out
+    assumed: tuple[str, ...] = ()  # what the file does not say and the result depends on
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    @property
+    def judgement(self) -> Judgement:
+        """Whether the log is read well enough for a result to be one of the whole log."""
+        if 2 * self.used < self.given:
+            why = f"only {self.used} of {self.given} readings of the log could be used"
+            return no(why, "see the notes on the log")
+        if self.assumed:
+            return unknown("; ".join(self.assumed), "copy or record the log again, whole")
+        return yes()
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -206,6 +229,7 @@ def read(
     corrected: bool | None = None,
     namespace: str | None = None,
     reach: float | None = None,
+    period: float | None = None,
 ) -> Log:
     """Read a log; its form is detected from the content. Raises LogError and OSError.
 
@@ -215,16 +239,17 @@ def read(
             "corrected" or ".gfs", or if they differ from its odometry.
         namespace: The robot, if a recording has several.
         reach: The scanner's maximum range, m. None: estimated from the log.
+        period: The interval of rows without useful times, s. None: estimated from the odometry.
     """
     with path.open("rb") as file:
         magic = file.read(8)
     if not magic:
         raise LogError("is empty", path)
     if magic.startswith(b"PK"):
-        return _npz(path, reach)
+        return _npz(path, reach, period)
     if magic.startswith(MCAP):
-        return _recording(path, namespace)
-    return _carmen(path, corrected, reach)
+        return _recording(path, namespace, period)
+    return _carmen(path, corrected, reach, period)
 
 
 # The npz form -------------------------------------------------------------------------------------
@@ -238,12 +263,10 @@ _SHAPES: Final[dict[str, tuple[int | str, ...]]] = {
 }
 
 
-def _npz(path: Path, reach: float | None) -> Log:
+def _npz(path: Path, reach: float | None, period: float | None) -> Log:
     try:
-        # numpy leaves a file open that it opened itself and cannot read.
-        with path.open("rb") as raw, np.load(raw) as file:
-            fields = {name: file[name] for name in file.files}
-    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, OSError) as error:
+        fields, lost, notes, assumed = fields_of(path)
+    except (ValueError, OSError) as error:
         raise LogError(f"cannot be read as .npz: {error}", path) from None
     for name in _SHAPES:
         if name not in fields:
@@ -263,7 +286,11 @@ def _npz(path: Path, reach: float | None) -> Log:
         fields["t"].astype(float),
         fields["odometry"].astype(float),
         reference.astype(float),
+        notes,
         begin=float(fields.get("t0", 0.0)),
+        period=period,
+        assumed=assumed,
+        given=lost,
     )
     kept = table.clean(path)
     if len(kept) > 1 and not np.ptp(table.odometry, axis=0).any():
@@ -283,29 +310,64 @@ class _Table:
     reference: Floats
     notes: tuple[str, ...] = ()
     begin: float = 0.0  # the log's own stamp of time 0, s
+    period: float | None = None  # of rows without useful times, s; None: by the odometry
+    assumed: tuple[str, ...] = ()
+    given: int = 0  # rows of the file that are not in the table
 
     def clean(self, path: Path) -> Indices:
         """Remove unusable rows; returns the indices of the others. Raises LogError."""
-        if not len(self.times):
+        count = len(self.times)
+        if not count:
             raise LogError("holds no scans", path)
-        numbers = np.isfinite(self.times) & _near(self.odometry)
-        if not numbers.any():
-            raise LogError("holds no odometry: no scan has a time and a pose", path)
-        finite = np.flatnonzero(numbers)
-        kept, times, notes = _in_order(self.times[finite], path)
-        if len(finite) < len(numbers):
-            left = len(numbers) - len(finite)
-            notes = (f"{left} of {len(numbers)} rows have no number for time or odometry", *notes)
-        found = finite[kept]
-        self.begin += float(self.times[finite[0]])
-        self.times, self.odometry = times, self.odometry[found]
-        self.reference = self.reference[found].copy()
+        self.given += count
+        placed, timed = _near(self.odometry), np.isfinite(self.times)
+        if not placed.any():
+            raise LogError("holds no odometry: no scan has a pose", path)
+        untimed = 2 * np.count_nonzero(placed & timed) < np.count_nonzero(placed)
+        usable = np.flatnonzero(placed if untimed else placed & timed)
+        notes: list[str] = []
+        if len(usable) < count:
+            left = count - len(usable)
+            notes.append(f"{left} of {count} rows have no number for time or odometry")
+        times = np.zeros(len(usable)) if untimed else self.times[usable]
+        kept, found, order = _in_order(times)
+        if len(usable) > 1 and 2 * len(kept) < len(usable):
+            kept, found = np.arange(len(usable)), self._assumed_times(usable)
+            every = "--period" if self.period else "assumed by the odometry, see --period"
+            order = (
+                f"the rows have no useful times: {order[0]}; they are taken in their order, each"
+                f" {found[1]:g} s after the one before ({every})",
+            )
+        elif len(usable) > 1 and self.period is not None:
+            notes.append("the log's own times are used, not --period")
+        self.notes += (*notes, *order)
+        used = usable[kept]
+        self.begin += 0.0 if untimed else float(self.times[usable[0]])
+        self.times, self.odometry = found, self.odometry[used]
+        self.reference = self.reference[used].copy()
         self.reference[~_near(self.reference)] = np.nan
         far = np.hypot(*np.diff(self.odometry[:, :2], axis=0).T)
-        if jumps := np.count_nonzero((far > LEAP_M) & (far > LEAP_M_S * np.diff(times))):
-            notes = (*notes, f"the odometry jumps {jumps} times, by up to {far.max():.1f} m")
-        self.notes += notes
-        return found
+        if jumps := np.count_nonzero((far > LEAP_M) & (far > LEAP_M_S * np.diff(found))):
+            self.notes += (f"the odometry jumps {jumps} times, by up to {far.max():.1f} m",)
+        return used
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """The fields of `Log` that describe how the rows were read."""
+        names = ("notes", "begin", "given", "assumed")
+        return {name: getattr(self, name) for name in names}
+
+    def _assumed_times(self, rows: Indices) -> Floats:
+        """Times of rows that are equally far apart, from 0, s."""
+        period = self.period
+        if period is None:
+            steps = np.abs(np.diff(self.odometry[rows], axis=0))
+            turns = np.abs((steps[:, 2] + pi) % tau - pi)
+            needed = np.maximum(np.hypot(*steps[:, :2].T) / USUAL_M_S, turns / USUAL_RAD_S)
+            moving = needed[needed > 1e-3]
+            usual = float(np.median(moving)) if len(moving) else PERIOD_S
+            period = float(f"{min(max(usual, PERIODS_S[0]), PERIODS_S[1]):.2g}")
+        return period * np.arange(len(rows), dtype=np.float64)
 
 
 def _near(poses: Floats) -> NDArray[np.bool_]:
@@ -314,14 +376,11 @@ def _near(poses: Floats) -> NDArray[np.bool_]:
         return np.asarray(np.abs(poses).max(axis=1) < FARTHEST)
 
 
-def _in_order(times: Floats, path: Path) -> tuple[Indices, Floats, tuple[str, ...]]:
+def _in_order(times: Floats) -> tuple[Indices, Floats, tuple[str, ...]]:
     """The rows with increasing times, these times from 0, and notes about changes.
 
-    Raises LogError if all times are equal, or if the clock jumps at more than half of the rows.
+    Fewer than half of the rows are returned if their times are not useful.
     """
-    if len(times) > 1 and not np.ptp(times):
-        same = f"all {len(times)} rows have the time {times[0]:g}"
-        raise LogError(f"holds no usable times: {same}; expected increasing times in s", path)
     kept: list[int] = []
     found: list[float] = []
     late = jumps = 0
@@ -341,15 +400,28 @@ def _in_order(times: Floats, path: Path) -> tuple[Indices, Floats, tuple[str, ..
             t = newest + STEP_S
         kept.append(row)
         found.append(t)
-    if jumps > len(times) / 2:
-        jumping = f"the clock jumps at {jumps} of {len(times)} rows"
-        raise LogError(f"holds no usable times: {jumping}; expected increasing times in s", path)
     notes = []
-    if late:
+    if len(times) > 1 and not np.ptp(times):
+        notes.append(f"all {len(times)} have the time {times[0]:g}")
+    elif late:
         notes.append(f"{late} of {len(times)} rows are not later than the row before them")
-    if jumps:
+    if jumps > len(times) / 2:
+        kept, found = kept[:1], found[:1]
+        jumping = "runs backwards" if np.median(np.diff(times)) < 0.0 else "jumps"
+        notes.insert(0, f"the clock {jumping} at {jumps} of {len(times)} rows")
+    elif jumps:
         notes.append(f"the clock jumps {jumps} times; each jump is taken as {STEP_S:g} s")
     return np.array(kept, dtype=np.intp), np.array(found), tuple(notes)
+
+
+def useful(times: Floats) -> bool:
+    """Whether most of the times of rows, s, increase."""
+    known = times[np.isfinite(times)]
+    return (
+        len(known) > 0
+        and 2 * len(known) >= len(times)
+        and 2 * len(_in_order(known)[0]) >= len(known)
+    )
 
 
 def _scanned(
@@ -380,7 +452,7 @@ def _scanned(
         raise LogError(f"no scans: {error}", path) from None
     rows = np.arange(len(table.times), dtype=np.intp)
     parts = (table.times, table.odometry, table.reference, rows, readings)
-    return Log(path.name, *parts, real=real, notes=table.notes, begin=table.begin)
+    return Log(path.name, *parts, real=real, used=len(rows), **table.about)
 
 
 def of_scans(
@@ -392,9 +464,18 @@ def of_scans(
     mount: Pose2,
     reach: float | None,
     notes: tuple[str, ...],
+    *,
+    period: float | None = None,
+    omitted: int = 0,
+    assumed: tuple[str, ...] = (),
 ) -> Log:
-    """A log of scans (n, k) in m and the odometry of each (n, 3). Raises LogError."""
-    table = _Table(times, odometry, np.full((len(times), 3), np.nan), notes)
+    """A log of scans (n, k) in m and the odometry of each (n, 3). Raises LogError.
+
+    `omitted` scans of the file are not among them; `assumed` is as in `Log`.
+    """
+    reference = np.full((len(times), 3), np.nan)
+    about: dict[str, Any] = {"period": period, "given": omitted, "assumed": assumed}
+    table = _Table(times, odometry, reference, notes, **about)
     kept = table.clean(path)
     return _scanned(path, table, ranges[kept], 1.0, angles, real=True, reach=reach, mount=mount)
 
@@ -449,10 +530,14 @@ def _reach(ranges: NDArray[Any], scale: float) -> float:
 # CARMEN -------------------------------------------------------------------------------------------
 
 
+CARMEN_SCANS: Final = "FLASER, ROBOTLASER1 or RAWLASER1"
+
+
 @dataclass(frozen=True)
 class _Line:
     """A scan of a CARMEN log."""
 
+    number: int  # of the line in the file
     t: float
     angles: tuple[float, float]
     reach: float | None
@@ -464,6 +549,19 @@ class _Line:
         _check(self.t, self.laser, self.robot)
 
 
+@dataclass
+class _Lines:
+    """The lines of a CARMEN log that are used."""
+
+    scans: list[_Line] = field(default_factory=list)
+    raw: list[_Line] = field(default_factory=list)  # RAWLASER1: without a pose
+    odometry: list[tuple[int, float, Pose2]] = field(default_factory=list)  # line, s, pose
+    broken: list[int] = field(default_factory=list)  # lines that could not be read,
+    broken_scans: int = 0  # of these
+    offset: float = 0.0  # of the scanner ahead of the robot's origin, m
+    cut: list[str] = field(default_factory=list)  # that the file is
+
+
 def _check(t: float, *poses: Pose2) -> None:
     """Raises ValueError if a time or a pose is not finite or beyond `FARTHEST`.
 
@@ -473,17 +571,19 @@ def _check(t: float, *poses: Pose2) -> None:
         raise ValueError("invalid numbers")
 
 
-def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
+def _carmen(path: Path, corrected: bool | None, reach: float | None, period: float | None) -> Log:
     notes: list[str] = []
-    scans, odometry, broken, offset = _lines(path, notes)
+    lines = _lines(path, notes)
+    scans, broken = lines.scans or lines.raw, lines.broken
     if not scans:
-        known = "an .npz file, a recording (.mcap) or a CARMEN log with FLASER or ROBOTLASER1"
+        known = f"an .npz file, a recording (.mcap) or a CARMEN log with {CARMEN_SCANS}"
         unread = (
             f" ({len(broken)} lines could not be read, from line {broken[0]} on)" if broken else ""
         )
         raise LogError(f"holds no scans{unread}; expected {known}", path)
     if broken:
         notes.append(f"{len(broken)} lines could not be read, the first of them line {broken[0]}")
+    omitted = lines.broken_scans
     ranges, angles = alike([(one.ranges, one.angles) for one in scans], notes)
     times = np.array([one.t for one in scans])
     laser, robot = np.array([one.laser for one in scans]), np.array([one.robot for one in scans])
@@ -491,7 +591,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
         raise LogError("holds one usable scan; expected several, at different poses", path)
     if not np.ptp(robot, axis=0).any():  # the scans have no pose of the robot
         moves = bool(np.ptp(laser, axis=0).any())
-        robot = _interpolated(times, odometry)
+        robot = _by_odometry(scans, lines.odometry, notes)
         if not len(robot) and not moves:
             raise LogError("holds no odometry: all poses are the same", path)
         robot = robot if len(robot) else laser
@@ -501,6 +601,7 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
             raise LogError("holds no odometry: no ODOM line is of the time of a scan", path)
         if not held.all():
             left = len(held) - int(held.sum())
+            omitted += left
             notes.append(f"{left} of {len(held)} scans are earlier or later than all ODOM lines")
             times, ranges, laser, robot = times[held], ranges[held], laser[held], robot[held]
     mounts = np.array(
@@ -512,19 +613,33 @@ def _carmen(path: Path, corrected: bool | None, reach: float | None) -> Log:
     one_pose = bool((off[:, :2] <= FIXED_M).all() and (off[:, 2] <= FIXED_RAD).all())
     if corrected is None:
         corrected = not one_pose or any(word in path.name.lower() for word in (".gfs", "corrected"))
-    if not one_pose:
-        mount = (offset, 0.0, 0.0)
+    if not one_pose or scans is lines.raw:
+        mount = (lines.offset, 0.0, 0.0)
     reference = np.full((len(times), 3), np.nan)
     if corrected and one_pose:
         reference = robot
     elif corrected:
         back = relative(mount, STOOD)
         reference = np.array([compose(at, back) for at in map(_pose, laser)])
-    table = _Table(times, robot, reference, tuple(notes))
+    assumed = tuple(lines.cut)
+    table = _Table(times, robot, reference, tuple(notes), 0.0, period, assumed, omitted)
     kept = table.clean(path)
     real = not (corrected and one_pose)
-    longest = reach or scans[0].reach
-    return _scanned(path, table, ranges[kept], 1.0, angles, real=real, reach=longest, mount=mount)
+    reach = reach or scans[0].reach
+    return _scanned(path, table, ranges[kept], 1.0, angles, real=real, reach=reach, mount=mount)
+
+
+def _by_odometry(
+    scans: Sequence[_Line], odometry: Sequence[tuple[int, float, Pose2]], notes: list[str]
+) -> Floats:
+    """The odometry at each scan, (n, 3), or (0, 3): by time, else by the order of the lines."""
+    times = np.array([one.t for one in scans])
+    if useful(times) and useful(np.array([t for _, t, _ in odometry])):
+        return _interpolated(times, [(t, pose) for _, t, pose in odometry])
+    if odometry:
+        notes.append("the odometry of a scan is that of the ODOM lines around it in the file")
+    at = np.array([float(one.number) for one in scans])
+    return _interpolated(at, [(float(number), pose) for number, _, pose in odometry])
 
 
 def _pose(values: Iterable[float]) -> Pose2:
@@ -547,33 +662,32 @@ def _interpolated(times: Floats, odometry: Sequence[tuple[float, Pose2]]) -> Flo
     return found
 
 
-def _lines(
-    path: Path, notes: list[str]
-) -> tuple[list[_Line], list[tuple[float, Pose2]], list[int], float]:
-    """Scans, odometry, the numbers of broken lines, and the scanner's offset ahead, m."""
-    scans: list[_Line] = []
-    odometry: list[tuple[float, Pose2]] = []
-    broken: list[int] = []
-    offset = 0.0
-    for number, words in _fields(path, notes):
+def _lines(path: Path, notes: list[str]) -> _Lines:
+    """The lines of a file that are used; a note if the file is incomplete."""
+    found = _Lines()
+    for number, words in _fields(path, found.cut):
         try:
             match words[0]:
                 case "FLASER":
-                    scans.append(_flaser(words))
+                    found.scans.append(_flaser(number, words))
                 case "ROBOTLASER1":
-                    scans.append(_robotlaser(words))
+                    found.scans.append(_robotlaser(number, words))
+                case "RAWLASER1":
+                    found.raw.append(_rawlaser(number, words))
                 case "ODOM":
                     t, pose = float(words[7]), _pose(map(float, words[1:4]))
                     _check(t, pose)
-                    odometry.append((t, pose))
+                    found.odometry.append((number, t, pose))
                 case "PARAM" if words[1] in {"robot_frontlaser_offset", "robot_front_laser_offset"}:
-                    offset = float(words[2])
+                    found.offset = float(words[2])
         except (ValueError, IndexError):
-            broken.append(number)
-    return scans, odometry, broken, offset
+            found.broken.append(number)
+            found.broken_scans += "LASER" in words[0]
+    notes += found.cut
+    return found
 
 
-def _fields(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
+def _fields(path: Path, cut: list[str]) -> Iterator[tuple[int, list[str]]]:
     """The number and fields of each line that is not empty; the file may be gzipped."""
     with path.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
@@ -587,10 +701,10 @@ def _fields(path: Path, notes: list[str]) -> Iterator[tuple[int, list[str]]]:
                 if words and not words[0].startswith("#"):
                     yield read, words
         except (EOFError, zlib.error, gzip.BadGzipFile):
-            notes.append(f"the file is incomplete; it ends after {read} lines")
+            cut.append(f"the file is incomplete; it ends after {read} lines")
 
 
-def _flaser(words: Sequence[str]) -> _Line:
+def _flaser(number: int, words: Sequence[str]) -> _Line:
     """FLASER count ranges, laser's pose, robot's pose, time, host, time of the logger."""
     count = int(words[1])
     if count < 2:
@@ -604,28 +718,43 @@ def _flaser(words: Sequence[str]) -> _Line:
     # Rays span 180 degrees. An even number of rays lacks the last one, to the left.
     step = pi / (count - 1 if count % 2 else count)
     ranges = tuple(numbers[:count])
-    return _Line(t, (-pi / 2, step), None, ranges, _pose(laser), _pose(robot))
+    return _Line(number, t, (-pi / 2, step), None, ranges, _pose(laser), _pose(robot))
 
 
-def _robotlaser(words: Sequence[str]) -> _Line:
+def _robotlaser(number: int, words: Sequence[str]) -> _Line:
     """ROBOTLASER1 has its angles and maximum range; see CARMEN's log format."""
+    angles, reach, ranges, rest = _laser(words)
+    poses = [float(word) for word in rest[:6]]
+    if len(poses) < 6:
+        raise ValueError("cut short")
+    return _Line(number, float(rest[11]), angles, reach, ranges, _pose(poses[:3]), _pose(poses[3:]))
+
+
+def _rawlaser(number: int, words: Sequence[str]) -> _Line:
+    """RAWLASER1 is the same without poses: the robot's are those of the ODOM lines."""
+    angles, reach, ranges, rest = _laser(words)
+    return _Line(number, float(rest[0]), angles, reach, ranges, STOOD, STOOD)
+
+
+def _laser(
+    words: Sequence[str],
+) -> tuple[tuple[float, float], float | None, tuple[float, ...], Sequence[str]]:
+    """Angles, maximum range, ranges, and the words behind the remissions."""
     first, step, longest = float(words[2]), float(words[4]), float(words[5])
     count = int(words[8])
     ranges = tuple(float(word) for word in words[9 : 9 + count])
-    rest = words[9 + count :]
-    rest = rest[1 + int(rest[0]) :]  # without the remissions
-    poses = [float(word) for word in rest[:6]]
-    if count < 2 or len(ranges) < count or len(poses) < 6:
+    if count < 2 or len(ranges) < count:
         raise ValueError("cut short")
-    laser, robot = _pose(poses[:3]), _pose(poses[3:])
+    rest = words[9 + count :]
+    rest = rest[1 + int(rest[0]) :]
     reach = min(REACH_M, 0.99 * longest) if longest > 0.0 else None
-    return _Line(float(rest[11]), (first, step), reach, ranges, laser, robot)
+    return (first, step), reach, ranges, rest
 
 
 # Recordings ---------------------------------------------------------------------------------------
 
 
-def _recording(path: Path, namespace: str | None) -> Log:
+def _recording(path: Path, namespace: str | None, period: float | None) -> Log:
     notes: list[str] = []
     try:
         past = Past(path, notes.append)
@@ -660,7 +789,8 @@ def _recording(path: Path, namespace: str | None) -> Log:
     there = _interpolated(times, ways)
     if not len(there):
         there = np.array([ways[0][1] if ways else NONE] * len(times))
-    table = _Table(times, poses, there, tuple(dict.fromkeys(notes)))
+    damage = tuple(dict.fromkeys(notes))
+    table = _Table(times, poses, there, damage, period=period, assumed=damage)
     kept = table.clean(path)
     new = {int(row): at for at, row in enumerate(kept)}
     chosen = [(new[row], message) for row, message in readings if row in new]
@@ -673,8 +803,8 @@ def _recording(path: Path, namespace: str | None) -> Log:
         cycles=True,
         world=next((str(w) for head in heads if (w := head.parameters.get("world"))), None),
         profile=next((str(p) for head in heads if (p := head.parameters.get("profile"))), None),
-        notes=table.notes,
-        begin=table.begin,
+        used=len(chosen),
+        **{**table.about, "given": len(readings)},
     )
 
 

@@ -103,6 +103,33 @@ def records(stream: IO[bytes]) -> Iterator[tuple[McapRecord | None, Place]]:
         at = found[1]
 
 
+def beginning(stream: IO[bytes], at: int) -> Iterator[McapRecord]:
+    """The whole records of a chunk that the end of the file cuts; they have no checksum.
+
+    Raises an error of any kind where they end.
+    """
+    stream.seek(at)
+    opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
+    data = stream.read(LARGEST)
+    if opcode != Opcode.CHUNK or len(data) >= length:
+        return
+    body = ReadDataStream(BytesIO(data))
+    body.read(2 * 8)  # times
+    size = min(body.read8(), LARGEST)
+    body.read4()  # the checksum
+    compression = body.read_prefixed_string()
+    body.read8()
+    packed = data[body.count :]
+    if compression == "zstd":
+        packed = zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+    elif compression == "lz4":
+        packed = LZ4FrameDecompressor().decompress(packed, max_length=size)
+    for record, offset in _within(packed[:size]):
+        if offset + _HEAD.size + _HEAD.unpack_from(packed, offset)[1] > len(packed):
+            return  # the cut is in it
+        yield record
+
+
 class Messages:
     """Reads messages at places from `records`; one chunk is in memory at a time."""
 

@@ -107,7 +107,7 @@ def test_a_log_without_a_reference_needs_a_map_and_a_start(
     assert "name the start" in refused(capsys, blind, "--noise", 0, "--world", kept)
     x, y, theta = made_logs.driven()[0]
     start = ["--start", str(x), str(y), str(np.degrees(theta))]
-    assert cli.main(["localize", str(blind), "--world", str(kept), *start, "--json"]) == 0
+    assert cli.main(["localize", str(blind), "--world", str(kept), *start, "--json"]) == 3
     found = json.loads(capsys.readouterr().out)
     assert found["error_median_m"] is None
     assert found["lost_share"] == 0.0

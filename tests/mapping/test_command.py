@@ -14,14 +14,16 @@ import numpy as np
 import pytest
 
 from armadico import cli
+from armadico.agents.mapping import run as runs
 from armadico.agents.mapping.run import mapped
 from armadico.agents.mapping.slam import SlamParameters
 from armadico.config import grid_map
 from armadico.config.writing import write_files
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import relative
-from armadico.mobile.messages import Sonar
-from armadico.observe import logs
+from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.scans import ranges_of
+from armadico.observe import bags, logs
 from tests.observe import made_logs
 
 POSES = made_logs.driven()[:60]
@@ -221,7 +223,7 @@ def test_a_full_disk_leaves_nothing_half_written(
 MOUNT = 0.2
 
 
-def ros1(path: Path, *, upside_down: bool = False, odometry: bool = True) -> Path:
+def ros1(path: Path, **options: Any) -> Path:
     """A ROS 1 bag of the room: the scanner 0.2 m ahead of the robot's origin."""
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -230,23 +232,31 @@ def ros1(path: Path, *, upside_down: bool = False, odometry: bool = True) -> Pat
     text = "geometry_msgs/TransformStamped[] transforms"
     store.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
     with Writer(path) as bag:
-        _write(bag, store, store.serialize_ros1, upside_down=upside_down, odometry=odometry)
+        _write(bag, store, store.serialize_ros1, **options)
     return path
 
 
-def ros2(path: Path, *, upside_down: bool = False, odometry: bool = True) -> Path:
+def ros2(path: Path, *, mcap: bool = False, **options: Any) -> Path:
     """The same as a ROS 2 bag."""
-    from rosbags.rosbag2 import Writer
+    from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(path, version=9) as bag:
-        _write(bag, store, store.serialize_cdr, upside_down=upside_down, odometry=odometry)
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    with Writer(path, version=9, storage_plugin=plugin) as bag:
+        _write(bag, store, store.serialize_cdr, **options)
     return path
 
 
 def _write(
-    bag: Any, store: Any, pack: Callable[..., Any], *, upside_down: bool, odometry: bool
+    bag: Any,
+    store: Any,
+    pack: Callable[..., Any],
+    *,
+    upside_down: bool = False,
+    odometry: bool = True,
+    moving: bool = False,  # the transform from odom in place of the odometry
+    stamped: bool = True,
 ) -> None:
     pytest.importorskip("rosbags")
     types = store.types
@@ -257,9 +267,11 @@ def _write(
         "tf2_msgs/msg/TFMessage",
     )
     topics = {"/scan": scan, "/tf_static": tf} | ({"/odom": odom} if odometry else {})
+    topics |= {"/tf": tf} if moving else {}
     at = {topic: bag.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
 
     def header(t: float, frame: str) -> Any:
+        t *= stamped
         stamp = types["builtin_interfaces/msg/Time"](sec=int(t), nanosec=int(t % 1 * 1e9))
         return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **shape)
 
@@ -296,6 +308,16 @@ def _write(
                 ),
             )
             bag.write(at["/odom"], int(t * 1e9), pack(said, odom))
+        if moving:
+            way = types["geometry_msgs/msg/TransformStamped"](
+                header=header(t, "odom"),
+                child_frame_id="base_link",
+                transform=types["geometry_msgs/msg/Transform"](
+                    translation=vector(x=pose[0], y=pose[1], z=0.0),
+                    rotation=turn(x=0.0, y=0.0, z=sin(pose[2] / 2), w=cos(pose[2] / 2)),
+                ),
+            )
+            bag.write(at["/tf"], int(t * 1e9), pack(types[tf](transforms=[way]), tf))
         seen = made_logs.ranges(made_logs.ahead(pose, MOUNT)).astype(np.float32)
         first = -pi / 2
         if upside_down:  # its rays go the other way round
@@ -346,7 +368,108 @@ def test_what_is_no_bag_or_lacks_something_is_refused(
     assert "holds no nav_msgs/msg/Odometry" in refused(capsys, bag)
     bag = make(tmp_path / NAMES[make])
     assert "expected one of: /scan" in refused(capsys, bag, "--scan", "/other")
-    for file in [bag] if bag.is_file() else [*bag.glob("*.db3")]:
-        whole = file.read_bytes()
-        file.write_bytes(whole[: len(whole) // 3])
-    assert str(bag) in refused(capsys, bag)
+    nothing = tmp_path / "nothing.bag"
+    nothing.write_bytes(b"#ROSBAG V2.0\n")
+    assert str(nothing) in refused(capsys, nothing)
+
+
+CUT = {
+    "bag": lambda folder: ros1(folder / "room.bag"),
+    "db3": lambda folder: next(ros2(folder / "room").glob("*.db3")),
+    "folder": lambda folder: ros2(folder / "room"),
+    "mcap": lambda folder: next(ros2(folder / "room", mcap=True).glob("*.mcap")),
+}
+
+
+@pytest.mark.parametrize("form", CUT)
+def test_a_cut_bag_is_read_as_far_as_it_goes_and_how_much_is_lost_is_unknown(
+    form: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    pytest.importorskip("mcap")
+    bag: Path = CUT[form](tmp_path)
+    (file,) = [bag] if bag.is_file() else bag.glob("*.db3")
+    whole = file.read_bytes()
+    file.write_bytes(whole[: 6 * len(whole) // 10])
+    log = bags.read(bag)
+    assert 20 < len(log) < len(POSES)
+    assert log.judgement.answer == "unknown"
+    assert "cut" in log.judgement.reason
+    assert log.odometry[:, :2] == pytest.approx(np.array(POSES)[: len(log), :2], abs=1e-6)
+    found = log.readings.message(20, Cycle(1, 1), (0.0, 0.0, 0.0), 1)
+    assert isinstance(found, Scan)
+    seen = made_logs.ranges(made_logs.ahead(POSES[20], MOUNT))
+    assert ranges_of(found) == pytest.approx(seen, abs=0.006)
+
+
+@pytest.mark.parametrize("make", [ros1, ros2])
+def test_headers_without_stamps_have_the_times_of_reception(
+    make: Callable[..., Path], tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    log = bags.read(make(tmp_path / NAMES[make], stamped=False))
+    assert np.diff(log.times) == pytest.approx(0.4, abs=1e-6)
+    assert log.odometry[:, :2] == pytest.approx(np.array(POSES)[:, :2], abs=1e-6)
+    assert any("times of reception" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("make", [ros1, ros2])
+def test_without_a_topic_the_odometry_is_the_transform_from_odom(
+    make: Callable[..., Path], tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    log = bags.read(make(tmp_path / NAMES[make], odometry=False, moving=True))
+    assert log.odometry[:, :2] == pytest.approx(np.array(POSES)[:, :2], abs=1e-6)
+    assert any("from odom to base_link" in note for note in log.notes)
+    assert any("(0.20, 0.00) m" in note for note in log.notes)
+
+
+# What it concludes --------------------------------------------------------------------------------
+
+
+def judged(capsys: pytest.CaptureFixture[str], code: int, *words: object) -> str:
+    """The reason in the text, which is the one of --json."""
+    assert cli.main(["slam", *map(str, words)]) == code
+    said = capsys.readouterr().err
+    assert cli.main(["slam", *map(str, words), "--json"]) == code
+    found = json.loads(capsys.readouterr().out)["judgement"]
+    assert found["reason"] in said
+    assert found["cure"] in said
+    reason: str = found["reason"]
+    return reason
+
+
+def test_what_is_not_known_does_not_pass(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    alone = made_logs.npz(tmp_path / "one.npz", POSES[:1])
+    assert "one place" in judged(capsys, 3, alone)
+    odometry = np.array(POSES)
+    odometry[20:] = np.nan
+    lost = made_logs.npz(tmp_path / "lost.npz", POSES, odometry=odometry)
+    assert "only 20 of 60" in judged(capsys, 1, lost)
+
+
+def test_a_path_far_from_the_reference_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    elsewhere = 5.0 * np.array(POSES)
+    log = made_logs.npz(tmp_path / "a.npz", POSES, reference=elsewhere, real_odometry=True)
+    assert "off the reference" in judged(capsys, 1, log)
+
+
+def test_a_map_larger_than_its_grid_says_what_it_left_out(log: Path) -> None:
+    found = mapped(read := logs.read(log), SlamParameters(), time.process_time)
+    graph = runs.graph_of(read, found.slam)
+    cells = runs.drawn(read, graph)
+    assert not runs.outside(cells, graph)
+    apart = replace(
+        graph,
+        poses=graph.poses
+        + np.array([300.0, 0.0, 0.0]) * (np.arange(len(graph.poses)) >= 9)[:, None],
+    )
+    left = runs.outside(runs.drawn(read, apart), apart)
+    assert left == len(graph.poses) - 9
+    figures = runs.figures(read, found)
+    assert runs.judgement(read, figures).passed
+    assert f"lacks {left} of {len(graph.poses)}" in runs.judgement(read, figures, left).reason

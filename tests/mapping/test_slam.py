@@ -210,3 +210,29 @@ def test_the_covariance_on_the_map_near_the_robot_does_not_grow_with_the_way() -
     assert last.covariance[0, 0] + last.covariance[1, 1] > 2.0 * np.trace(first.covariance[:2, :2])
     assert np.trace(last.near_covariance[:2, :2]) < 2.0 * np.trace(first.near_covariance[:2, :2])
     assert np.trace(last.near_covariance[:2, :2]) < 0.1**2
+
+
+def test_a_jump_of_the_odometry_is_no_motion() -> None:
+    odometry = drifted(PATH, 0.05, 1)
+    odometry[60:] = compose(
+        compose(odometry[60], np.array([4.0, -3.0, 0.4])), relative(odometry[60], odometry[60:])
+    )
+    slam, _ = mapped(ring(), PATH, odometry)
+    assert len(slam.leaps) == 1
+    assert off(slam, PATH).max() < 0.1
+    assert slam.parts == 1
+    assert not slam.uncertain
+    assert np.hypot(*(slam.pose_at(odometry[-1]) - PATH[-1])[:2]) < 0.1
+
+
+def test_a_jump_of_the_odometry_that_no_scan_explains_is_a_doubt() -> None:
+    slam = Slam()
+    for number, pose in enumerate(PATH[:40]):
+        jumped = number >= 30
+        # Where the robot really is after the jump nothing looks like the map.
+        there = cast(
+            ring(4.0 if jumped else 9.0, 1.0 if jumped else 5.0), 0.4 * pose if jumped else pose
+        )
+        here = pose + np.array([6.0, 0.0, 0.0]) if jumped else pose
+        slam.add(0.1 * number, here, there, BEARINGS, number=number)
+    assert "the odometry jumped 1 times" in slam.uncertain

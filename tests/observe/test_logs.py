@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import Cycle
@@ -70,13 +71,11 @@ def test_odometry_is_interpolated_between_rows(tmp_path: Path) -> None:
         ({"ranges": np.zeros(3)}, "ranges"),
         ({"t": np.array(["a"] * 127)}, "'t'"),
         ({"odometry": np.full((127, 3), np.nan)}, "odometry"),
-        ({"t": np.full(127, np.nan)}, "odometry"),
         ({"angle_step": 0.0}, "scans"),
         ({"angle_min": -90.0}, "rad"),
         ({"angle_step": 1.0}, "rad"),
         ({"scale": None}, "0.05 to 50 m"),  # they are cm
         ({"scale": -0.01}, "scale"),
-        ({"t": 400.0 * np.arange(127)}, "126 of 127 rows"),  # it is ms
         ({"odometry": np.ones((127, 3))}, "odometry"),
     ],
 )
@@ -99,13 +98,86 @@ def test_a_log_without_rows_is_refused(tmp_path: Path) -> None:
         logs.read(tmp_path / "b")
 
 
-@pytest.mark.parametrize("share", [0.01, 0.3, 0.9, 0.999])
-def test_an_incomplete_npz_is_refused(tmp_path: Path, share: float) -> None:
-    path = made_logs.npz(tmp_path / "a.npz")
+def cut(path: Path, share: float) -> Path:
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
-    with pytest.raises(LogError):
-        logs.read(path)
+    return path
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05])
+def test_an_npz_that_is_cut_before_its_ranges_is_refused(tmp_path: Path, share: float) -> None:
+    with pytest.raises(LogError, match=r"a\.npz"):
+        logs.read(cut(made_logs.npz(tmp_path / "a.npz"), share))
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_of_a_cut_npz_the_whole_rows_are_read(tmp_path: Path, save: Any) -> None:
+    first = {"scale": 0.01, "angle_min": -pi / 2, "angle_step": pi / made_logs.RAYS}
+    fields = {**first, **made_logs.fields()}
+    path = tmp_path / "a.npz"
+    for share, answer in ((0.85, "yes"), (0.4, "no")):
+        save(path, **fields)
+        log = logs.read(cut(path, share))
+        assert 10 < len(log) < 127
+        assert log.given == 127
+        assert log.judgement.answer == answer
+        assert log.notes == (f"the file is cut: {len(log)} of 127 rows are read",)
+        last = len(log) - 1
+        seen = made_logs.ranges(made_logs.driven()[last])
+        assert ranges_of(scan(log, last)) == pytest.approx(seen, abs=0.006)
+
+
+def test_what_a_cut_npz_lost_besides_rows_is_assumed_and_makes_the_log_unknown(
+    tmp_path: Path,
+) -> None:
+    seen = np.rint(100 * np.full((127, 180), 2.0)).astype(np.uint16)
+    seen += np.random.default_rng(1).integers(0, 50, seen.shape, dtype=np.uint16)
+    log = logs.read(cut(made_logs.npz(tmp_path / "a.npz", ranges=seen), 0.9), reach=10.0)
+    assert log.judgement.answer == "unknown"
+    assert "cm" in log.judgement.reason
+    assert "180 degrees" in log.judgement.reason
+    assert ranges_of(scan(log, 0)) == pytest.approx(seen[0] / 100, abs=0.006)
+    assert bearings_of(scan(log, 0))[[0, -1]] == pytest.approx([-pi / 2, pi / 2 - pi / 180])
+
+
+@pytest.mark.parametrize(
+    ("t", "why"),
+    [
+        (np.full(127, 5.0), "all 127 have the time 5"),
+        (np.zeros(127), "all 127 have the time 0"),
+        (np.r_[0.0, np.ones(126)], "125 of 127 rows are not later"),
+        (-0.4 * np.arange(127), "the clock runs backwards"),
+        (400.0 * np.arange(127), "the clock jumps at 126 of 127"),  # it is ms
+        (np.full(127, np.nan), "all 127 have the time 0"),
+    ],
+)
+def test_rows_without_useful_times_are_taken_in_their_order(
+    tmp_path: Path, t: NDArray[np.float64], why: str
+) -> None:
+    path = made_logs.npz(tmp_path / "a.npz", t=t)
+    log = logs.read(path)
+    assert len(log) == log.used == log.given == 127
+    assert log.judgement.passed
+    assert log.odometry[:, :2] == pytest.approx(np.array(made_logs.driven())[:, :2])
+    assert why in log.notes[0]
+    # The usual step of 0.15 m takes 0.3 s at 0.5 m/s.
+    assert np.diff(log.times) == pytest.approx(0.3)
+    assert np.diff(logs.read(path, period=0.7).times) == pytest.approx(0.7)
+
+
+def test_useful_times_win_over_a_period(tmp_path: Path) -> None:
+    log = logs.read(made_logs.npz(tmp_path / "a.npz"), period=5.0)
+    assert np.diff(log.times) == pytest.approx(made_logs.STEP_S)
+    assert log.notes == ("the log's own times are used, not --period",)
+
+
+def test_a_log_of_which_less_than_half_is_used_is_no_success(tmp_path: Path) -> None:
+    path = np.array(made_logs.driven())
+    path[40:] = np.nan
+    log = logs.read(made_logs.npz(tmp_path / "a.npz", odometry=path))
+    assert (log.used, log.given) == (40, 127)
+    assert log.judgement.answer == "no"
+    assert "40 of 127" in log.judgement.reason
 
 
 def test_rows_without_numbers_are_left_out(tmp_path: Path) -> None:
@@ -298,8 +370,7 @@ def test_equal_times_are_no_jumps_of_the_clock(tmp_path: Path) -> None:
     t[40:60] = t[40]
     log = logs.read(made_logs.npz(tmp_path / "a.npz", t=t))
     assert log.notes == ("19 of 127 rows are not later than the row before them",)
-    with pytest.raises(LogError, match="all 127 rows have the time 5"):
-        logs.read(made_logs.npz(tmp_path / "b.npz", t=np.full(127, 5.0)))
+    assert (log.used, log.given) == (108, 127)
 
 
 def test_an_incomplete_compressed_log_is_read_up_to_its_end(tmp_path: Path) -> None:
@@ -309,7 +380,8 @@ def test_an_incomplete_compressed_log_is_read_up_to_its_end(tmp_path: Path) -> N
     path.write_bytes(data[: len(data) // 2])
     log = logs.read(path)
     assert 20 < len(log) < 100
-    assert log.notes
+    assert log.judgement.answer == "unknown"
+    assert "incomplete" in log.judgement.reason
 
 
 def test_odometry_lines_are_used_if_scans_have_no_pose(tmp_path: Path) -> None:
@@ -330,6 +402,33 @@ def test_odometry_lines_are_used_if_scans_have_no_pose(tmp_path: Path) -> None:
     later = [f"ODOM {k} 0 0 0 0 0 {5000 + k} host 0" for k in range(9)]
     with pytest.raises(LogError, match="ODOM"):
         logs.read(carmen(tmp_path / "d.log", [*lines(still, still), *later]))
+
+
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("kind", ["FLASER", "RAWLASER1"])
+def test_odometry_lines_belong_to_the_scans_around_them(
+    tmp_path: Path, kind: str, timed: bool
+) -> None:
+    """By time, or by the order of the lines where all times of a kind are equal."""
+    made = []
+    for k, pose in enumerate(made_logs.driven()):
+        t = made_logs.STEP_S * k if timed else 0.0
+        made.append(f"ODOM {pose[0]} {pose[1]} {pose[2]} 0 0 0 {t if timed else 9.0} host {t}")
+        seen = made_logs.ranges(pose)
+        if kind == "FLASER":
+            made.append(made_logs.flaser(t, AT, AT, seen))
+            continue
+        values = " ".join(f"{value:.3f}" for value in seen)
+        head = f"RAWLASER1 0 {-pi / 2} {pi} {pi / made_logs.RAYS} 20.0 0.01 0 {len(seen)}"
+        made.append(f"{head} {values} 0 {t} host {t}")
+    log = logs.read(carmen(tmp_path / "a.log", [*made, made[-2]]))
+    assert len(log) == 127
+    off = np.hypot(*(log.odometry - np.array(made_logs.driven()))[:, :2].T)
+    assert off.max() < (1e-4 if timed else 0.6 * made_logs.STEP_M)
+    assert bool(log.notes) != timed
+    assert ranges_of(scan(log, 9)) == pytest.approx(
+        made_logs.ranges(made_logs.driven()[9]), abs=0.006
+    )
 
 
 def test_the_lasers_path_is_used_if_the_robot_has_no_pose(tmp_path: Path) -> None:
