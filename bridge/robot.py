@@ -202,6 +202,7 @@ class Robot(DeviceAgent):
             return
         self._known.openings += up
         logged = self._known.openings in LOGGED_ATTEMPTS or not self._known.openings
+        logged = logged and not self._known.unfit  # a controller that is refused hangs up
         if not up:
             self._orders.moving = False
             if logged:
@@ -273,16 +274,21 @@ class Robot(DeviceAgent):
                     f" attempt {event.attempts}); {hint}",
                     WARNING,
                 )
-            elif isinstance(event, Differs):
-                if event.text not in self._known.differs:
-                    self._known.differs = (*self._known.differs, event.text)
-                    self.log(event.text, WARNING)
-            elif isinstance(event, Noted):
+            else:
+                self._note(event)
+
+    def _note(self, event: object) -> None:
+        """Log what the session has found out."""
+        if isinstance(event, Differs):
+            if event.text not in self._known.differs:
+                self._known.differs = (*self._known.differs, event.text)
                 self.log(event.text, WARNING)
-            elif isinstance(event, Unread):
-                self._known.unread = event.text
-                if event.text:
-                    self.log(f"no command reaches the robot: {event.text}", ERROR, LogEvent.UNFIT)
+        elif isinstance(event, Noted):
+            self.log(event.text, WARNING)
+        elif isinstance(event, Unread):
+            self._known.unread = event.text
+            if event.text:
+                self.log(f"no command reaches the robot: {event.text}", ERROR, LogEvent.UNFIT)
 
     def _connected(self, event: Connected) -> None:
         """Note which controller answers: one of another type is another robot."""

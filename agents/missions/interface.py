@@ -455,7 +455,7 @@ class Interface(Agent):
             self._publish_status(self._to_go)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Fail a mission of a robot that cannot be driven, or has repeated contacts in one place."""
+        """Fail a mission if the robot cannot be driven, or has repeated contacts in one place."""
         if state.fault and self._state is MissionState.DRIVING:
             self._fail(state.fault)
             return

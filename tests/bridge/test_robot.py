@@ -124,6 +124,9 @@ def test_only_a_controller_of_the_profiles_type_is_opened(
     assert bool(bench.sent(Cmd.SONAR)) is driven
     assert any(isinstance(m, RobotState) for _, m in bench.published) is driven
     if not driven:
+        bench.unplug()
+        assert not any("is gone" in text for text in bench.logs()), "it was told to hang up"
+        bench.plug()
         bench.let_pass(20.0)
         assert not [n for _, n, value in bench.written if n in MOVING and value]
 

@@ -75,9 +75,7 @@ class Base:
         along = (PILLAR[0] - x) * dx + (PILLAR[1] - y) * dy
         off = (PILLAR[0] - x) ** 2 + (PILLAR[1] - y) ** 2 - along**2
         inside = PILLAR[2] ** 2 - off
-        pillar = np.where(
-            (inside > 0.0) & (along > 0.0), along - np.sqrt(np.abs(inside)), np.inf
-        )
+        pillar = np.where((inside > 0.0) & (along > 0.0), along - np.sqrt(np.abs(inside)), np.inf)
         found = np.minimum(np.minimum(to_x, to_y), pillar)
         return np.where(found < REACH_M, found, np.inf)
 
