@@ -71,8 +71,9 @@ LEAST_BINS: Final = 12
 CHANGED_M, CHANGED_SHARE = 0.1, 0.05
 """A range that differs by more than the sum, the latter relative to it, has changed."""
 
-MOST_CHANGED: Final = 0.5
-"""Share of changed ranges from which the laser has moved. People who pass change fewer."""
+MOST_CHANGED: Final = 0.3
+"""Share of changed ranges from which the laser has moved: on a straight way walls to the sides
+change little. People who pass change fewer."""
 
 LOOKS: Final = 3
 """Number of such scans in succession."""
