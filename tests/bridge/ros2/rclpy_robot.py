@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import signal
 import sys
 import time
@@ -21,6 +20,7 @@ import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import LaserScan
 
 STEP_S, TURN_S, REACH_M = 0.02, 0.2, 8.0
@@ -95,7 +95,7 @@ def main() -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node, base = rclpy.create_node(options.name), Base(options)
     kind = Twist if options.twist else TwistStamped
 
@@ -127,9 +127,13 @@ def run(options: argparse.Namespace) -> None:
             each[1].publish(each[2])
 
     node.create_timer(STEP_S, step)
-    # rclpy's own handler may hang in a callback; nothing here needs to be cleaned up.
-    signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
-    rclpy.spin(node)
+    # It leaves in order: others would count a robot that just disappears for another 20 s.
+    ended: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: ended.append(number))
+    while not ended:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    node.destroy_node()
+    rclpy.shutdown()
 
 
 def stamp(header: object, at: float) -> None:
