@@ -12,10 +12,11 @@ Frame: the body's, x forward, y left, the origin at the middle of the wheel axle
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import copysign, cos, hypot, inf, sin
+from math import cos, hypot, inf, sin
 
 import numpy as np
 
+from armadico.bridge.response import HELD_S, STANDING
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 from armadico.mobile.geometry import Pose2, to_world
@@ -35,21 +36,6 @@ TOUCH_M = 0.02
 
 REPORT_S = 2.0
 """Least time between two reports of capped speeds."""
-
-HELD_S = 0.5
-"""Wheels much slower than commanded for this time count as held, for this time."""
-
-HELD_SHARE = 0.25
-"""Wheels are much slower below this share of the speed that a ramp would have reached."""
-
-EAGER = 0.5
-"""The ramp assumed for that, relative to the profile's."""
-
-CREEP = (0.1, 0.3)
-"""m/s and rad/s: friction may hold slower commanded speeds."""
-
-STANDING = 0.02
-"""m/s or rad/s: slower measured speeds may be noise."""
 
 SAME_PLACE_M = 0.05
 """A collision within this of the last one is with the same object, in any direction of motion."""
@@ -159,9 +145,7 @@ def _turned(points: Floats, angle: float) -> Floats:
 
 
 class Touch:
-    """Detects that an obstacle holds the robot: by stall bits, bumpers, or its wheels.
-
-    Wheels are held if they do not turn as commanded although the ramps have long ended.
+    """Detects that an obstacle holds the robot: by stall bits, bumpers, or its wheels (`held`).
 
     Attributes:
         touching: Whether it touches an obstacle now.
@@ -170,10 +154,7 @@ class Touch:
         cut: Whether motors that are off may have been switched off for a stall.
     """
 
-    def __init__(self, profile: RobotProfile) -> None:
-        limits = profile.limits
-        self._ramps = (EAGER * limits.v_accel, EAGER * limits.w_accel)
-        self._patience = 3 * profile.cycle_s
+    def __init__(self) -> None:
         self._place = (inf, inf)  # odometry, m
         self.begin()
 
@@ -182,8 +163,6 @@ class Touch:
         self.touching, self.side = False, 0
         self._moved = 0  # direction of the last motion
         self._order = (0, inf)  # direction of the command, and since when, s
-        self._least = (0.0, 0.0)  # speeds that the wheels must have reached by now, m/s and rad/s
-        self._at = self._held_since = inf
         self._held_until = self._cut_until = -inf
         self.cut = False
         self._stuck: int | None = None  # bumpers pressed from the start: useless
@@ -194,6 +173,8 @@ class Touch:
         report: Reported,
         ordered: tuple[float, float],
         now: float,
+        *,
+        held: bool,
     ) -> bool:
         """Add a cycle's report; return whether a new obstacle is touched.
 
@@ -201,9 +182,8 @@ class Touch:
             report: By the robot; its odometry distinguishes places.
             ordered: (v, w) commanded since the last one, m/s and rad/s.
             now: s.
+            held: Whether it stands although it is commanded, and has obeyed before.
         """
-        # Held for a while: a controller switches stalled motors off, which ends the stall.
-        held = self._held(report, ordered, now)
         ahead, behind = self._bumpers = self._pressed(report)
         if held or ahead or behind or report.stalled:
             # For a while: a controller cuts what stalls, and then nothing stalls any more.
@@ -226,7 +206,7 @@ class Touch:
         again = hypot(pose.x - x, pose.y - y) < SAME_PLACE_M and not elsewhere
         if not again:
             self._place = (pose.x, pose.y)
-            self.side = known or self._pushed(now) or _sign(ordered[0]) or _sign(self._least[0])
+            self.side = known or self._pushed(now) or _sign(ordered[0])
         return not again
 
     def _pushed(self, now: float) -> int:
@@ -242,40 +222,12 @@ class Touch:
         against = self.side * v > 0.0 or self._bumpers[0 if v > 0.0 else 1]
         return 0.0 if self.touching and against else v
 
-    def _held(self, report: Reported, ordered: tuple[float, float], now: float) -> bool:
-        """Whether the wheels have turned much too slowly for too long."""
-        passed, self._at = now - self._at, now
-        if not 0.0 <= passed <= self._patience or not report.motors:
-            self._least, self._held_since = (0.0, 0.0), inf
-            return False
-        steps = (ramp * passed for ramp in self._ramps)
-        measured = (report.v, report.w)
-        v, w = map(_follow, self._least, ordered, measured, steps)
-        self._least = v, w
-        slow = any(
-            abs(least) >= creep and abs(speed) < HELD_SHARE * abs(least)
-            for least, creep, speed in zip(self._least, CREEP, measured, strict=True)
-        )
-        self._held_since = min(self._held_since, now) if slow else inf
-        return now - self._held_since >= HELD_S
-
     def _pressed(self, report: Reported) -> tuple[bool, bool]:
         """Whether bumpers ahead, and behind, were pressed since the controller was opened."""
         bits = report.front_bumpers | report.rear_bumpers << 8
         self._stuck = bits if self._stuck is None else self._stuck & bits
         bits &= ~self._stuck
         return bool(bits & 0xFF), bool(bits >> 8)
-
-
-def _follow(least: float, ordered: float, measured: float, step: float) -> float:
-    """The least speed of free wheels one cycle later: up by a ramp, down at once.
-
-    It starts once they turn in the commanded direction: before that they brake.
-    """
-    if measured * ordered < 0.0 and abs(measured) > STANDING:
-        return 0.0
-    at = least if least * ordered > 0.0 else 0.0
-    return copysign(min(abs(ordered), abs(at) + step), ordered)
 
 
 def _sign(value: float) -> int:

@@ -21,6 +21,7 @@ from armadico.bridge.kind import kind_of
 from armadico.bridge.obedience import Obedience
 from armadico.bridge.readings import Readings, sound
 from armadico.bridge.reflex import Reflex, Touch
+from armadico.bridge.response import Response
 from armadico.bridge.session import (
     Connected,
     Differs,
@@ -30,6 +31,7 @@ from armadico.bridge.session import (
     Session,
     Unanswered,
     Unfit,
+    Unread,
 )
 from armadico.config.discovery import TRANSPORTS, installed
 from armadico.config.errors import ConfigError
@@ -109,8 +111,10 @@ class Known:
     connections: int = 0  # completed handshakes since then
     refusals: int = 0  # how often it was refused
     unfit: str = ""  # why it was refused
+    unread: str = ""  # why no node reads its commands
     differs: tuple[str, ...] = ()  # where the robot differs from the profile
     faults: int = 0  # reports with something that is no number
+    doubts: tuple[str, ...] = ()  # what is wrong with its motion and its reports now
 
 
 @dataclass
@@ -176,7 +180,7 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
         self._described = 0  # cycles since the last description
         self._readings = Readings(self.profile)
         self._reflex = Reflex(self.profile)
-        self._touch = Touch(self.profile)
+        self._touch, self._response = Touch(), Response(self.profile)
         self._obedience = Obedience(self.profile)
         self._line_notes = LineNotes()
 
@@ -200,6 +204,7 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
             return
         self._known.openings += up
         logged = self._known.openings in LOGGED_ATTEMPTS or not self._known.openings
+        logged = logged and not self._known.unfit  # a controller that is refused hangs up
         if not up:
             self._orders.moving = False
             if logged and self._known.unfit:  # as a refused controller does
@@ -273,12 +278,21 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
                     f" attempt {event.attempts}); {hint}",
                     WARNING,
                 )
-            elif isinstance(event, Differs):
-                if event.text not in self._known.differs:
-                    self._known.differs = (*self._known.differs, event.text)
-                    self.log(event.text, WARNING)
-            elif isinstance(event, Noted):
+            else:
+                self._note(event)
+
+    def _note(self, event: object) -> None:
+        """Log what the session has found out."""
+        if isinstance(event, Differs):
+            if event.text not in self._known.differs:
+                self._known.differs = (*self._known.differs, event.text)
                 self.log(event.text, WARNING)
+        elif isinstance(event, Noted):
+            self.log(event.text, WARNING)
+        elif isinstance(event, Unread):
+            self._known.unread = event.text
+            if event.text:
+                self.log(f"no command reaches the robot: {event.text}", ERROR, LogEvent.UNFIT)
 
     def _judge(self, event: Reported) -> None:
         """Process a report; log what is no number in it, which is left out."""
@@ -293,6 +307,7 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     def _connected(self, event: Connected) -> None:
         """Note which controller answers: one of another type is another robot."""
         self._touch.begin()
+        self._response.begin()
         self._obedience.begin()
         self._known.connections += 1
         if self._known.connections in LOGGED_ATTEMPTS:
@@ -300,8 +315,9 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
         self._known.name = "".join(filter(str.isprintable, event.name))[:LABEL]
         self._described, self._known.unfit, self._known.refusals = 0, "", 0
         named = (event.name, event.class_name.casefold(), event.subclass.casefold())
-        before, self._known.named = self._known.named or named, named
-        if before[0] and before != named:
+        before = self._known.named or named
+        self._known.named = (event.name or before[0], *named[1:])
+        if before[0] and event.name and before != named:
             self.log(
                 f"it was {_names_of(Connected(*before))} before: is it the same robot?", WARNING
             )
@@ -349,6 +365,7 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
         self.tenure += 1
         v, w = self._orders.measured = report.v, report.w
         ordered = self._orders.driven
+        self._check_response(report)
         self._check_touch(report)
         self._check_hands(report)
         self._check_obedience(report, ordered)
@@ -367,6 +384,7 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
                 touch=self._touched(),
                 line=self._line(),
                 charging=report.charging,
+                fault=line(self._fault),
             )
         )
         self.acknowledge()
@@ -391,8 +409,14 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
         card = super().card()
         provides = tuple(key for key in card.provides if key not in none)
-        doubts = line("; ".join(self._known.differs))
-        return replace(card, provides=provides, fault=line(self._known.unfit), doubts=doubts)
+        doubts = line("; ".join((*self._known.doubts, *self._known.differs)))
+        fault = line(self._known.unfit or self._fault)
+        return replace(card, provides=provides, fault=fault, doubts=doubts)
+
+    @property
+    def _fault(self) -> str:
+        """Why the robot cannot be driven although it reports; empty: it can, as far as known."""
+        return self._known.unread or self._response.fault
 
     @property
     def _top(self) -> float:
@@ -453,10 +477,28 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
         self._session.emergency_stop()
         self._send()
 
+    def _check_response(self, report: Reported) -> None:
+        """Compare the motion with the commands, and log each disagreement once."""
+        if self._response.update(report, self._orders.driven, self.now):
+            self._found_fault()
+        doubts = tuple(filter(None, (*self._response.doubts, report.doubt)))
+        for text in doubts:
+            known = text == self._response.fault or _name_of(text) in map(
+                _name_of, self._known.doubts
+            )
+            if not known:
+                self.log(text, WARNING)
+        self._known.doubts = doubts
+
+    def _found_fault(self) -> None:
+        """Stop: the robot does not do what is commanded."""
+        self.log(self._response.fault, ERROR, LogEvent.FAULT)
+        self.rest(WHEELS)
+
     def _check_touch(self, report: Reported) -> None:
         """Stop at a collision; the next holder continues."""
         v, w = self._orders.driven
-        if self._touch.update(report, self._orders.driven, self.now):
+        if self._touch.update(report, (v, w), self.now, held=self._response.held):
             self.rest(WHEELS)
             where = _SIDES[self._touch.side]
             text = f"touched an obstacle {where}: {v:.2f} m/s, {w:.2f} rad/s ordered,"
@@ -495,13 +537,16 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     def _apply_reflex(self, report: Reported) -> None:
         """Slow down for obstacles sensed ahead in this cycle, at any command."""
         pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
+        points = None if scan is None else points_of(scan)
         self._reflex.update(
             () if sonar is None else sonar.echoes,
             (pose.x, pose.y, pose.theta),
             self._orders.measured,
             self.now,
-            None if scan is None else points_of(scan),
+            points,
         )
+        if points is not None and self._response.see(points, pose):
+            self._found_fault()
         if self._orders.moving and self.p.reflex and self._session is not None:
             v, w = self._orders.ordered
             if self._reflex.cap(v, w) < v:
@@ -556,10 +601,17 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     def unavailable(self, resource: Resource) -> str:  # noqa: ARG002 - it owns one
         """The refusal without a controller."""
         ready = self._session is not None and self._session.is_open
-        return "" if ready else self._known.unfit or "the controller does not answer"
+        if ready:
+            return self._known.unread
+        return self._known.unfit or "the controller does not answer"
 
 
 def _names_of(event: Connected | Unfit) -> str:
     """A controller by its own names, for the log."""
     kind = f"{event.class_name} {event.subclass}".strip() or "type unknown"
     return f"{event.name or 'a controller without a name'} ({kind})"
+
+
+def _name_of(doubt: str) -> str:
+    """The kind of a doubt, without its numbers."""
+    return doubt.partition(":")[0]

@@ -64,6 +64,7 @@ class Reported(Struct, frozen=True, kw_only=True):
     echoes: tuple[tuple[int, float], ...] = ()  # sonar, range in m; no echo is the maximum
     sonars: tuple[Pose2, ...] = ()  # their mounts: m, m, rad; empty: as in the profile
     scan: Swept | None = None  # the newest, while it is fresh
+    doubt: str = ""  # for people: what is wrong with these data, while it is so
 
 
 class Connected(Struct, frozen=True):
@@ -113,7 +114,13 @@ class Differs(Struct, frozen=True):
     text: str
 
 
-Event = Connected | Unfit | Reported | LinkLost | Unanswered | Noted | Differs
+class Unread(Struct, frozen=True):
+    """The robot does not read the commands as they are sent; empty: it does again."""
+
+    text: str
+
+
+Event = Connected | Unfit | Reported | LinkLost | Unanswered | Noted | Differs | Unread
 
 
 class Session(Protocol):

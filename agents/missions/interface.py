@@ -252,9 +252,11 @@ class Interface(Agent):
 
     def _consider(self, question: Question, request: MissionRequest) -> MissionReply | None:
         """Accept a mission from where the robot is by its pose."""
-        pose = self.fresh(Pose)
+        pose, state = self.fresh(Pose), self.fresh(RobotState)
         if pose is None:
             return self._refuse(NO_POSE)
+        if state is not None and state.fault:
+            return self._refuse(state.fault)
         if self._held:
             holder = self.owner(TRAJECTORY).obeyed
             return self._refuse(
@@ -459,7 +461,10 @@ class Interface(Agent):
             self._publish_status(self._to_go)
 
     def on_robot_state(self, state: RobotState) -> None:
-        """Fail a mission that has repeated contacts in one place."""
+        """Fail a mission if the robot cannot be driven, or has repeated contacts in one place."""
+        if state.fault and self._state is MissionState.DRIVING:
+            self._fail(state.fault)
+            return
         begins = self._contacts.begins(state)
         if not begins or driven_by(self) or self._state is not MissionState.DRIVING:
             return

@@ -393,6 +393,8 @@ class RobotState(Message, frozen=True):
     or wheels that do not turn as ordered; `touch` is the place on the footprint's edge.
     """
 
+    appended: ClassVar[int] = 1
+
     cycle: Cycle
     x: Odometer
     y: Odometer
@@ -406,6 +408,7 @@ class RobotState(Message, frozen=True):
     touch: Point | None = None  # in the body frame; None: nowhere, or unknown
     line: Line = Line()
     charging: bool = False  # a charger supplies power
+    fault: Text = ""  # for people: why it cannot be driven although it reports; empty: it can
 
 
 class Description(Message, frozen=True):
@@ -565,7 +568,8 @@ class LogEvent(StrEnum):
 
     COMMANDS_REFUSED = "commands refused"  # by the owner of a resource
     SLOWED = "slowed"  # the robot, for an obstacle that its own sensors detect ahead
-    UNFIT = "unfit"  # the controller is not of the profile's type
+    UNFIT = "unfit"  # the controller is not of the profile's type, or does not read its commands
+    FAULT = "fault"  # the robot does not do what is commanded
 
 
 class Log(Message, frozen=True):

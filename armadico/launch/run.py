@@ -278,8 +278,9 @@ class LiveRun(RobotRun):
             raise RunFailedError(self._unfit)
         if self.watch.mixed:
             raise RunFailedError(
-                f"the robot's controller is {self.watch.mixed} now, and was another one when the"
-                " run began: the measures are of two robots"
+                f"the robot's controller is {self.watch.mixed} now, and was"
+                f" {self.watch.controller} when the run began: this is another robot, or its driver"
+                " was restarted under another name, and the measures may be of two robots"
             )
         for name in self.watch.view.strangers(self.client.mesh.now()):
             if self.watch.truth.broken:

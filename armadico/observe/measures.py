@@ -173,11 +173,10 @@ def speeds(command: Command) -> tuple[float, float]:
 
 
 class _Origin(NamedTuple):
-    """Time, pose and controller at the beginning of a run."""
+    """Time and pose at the beginning of a run."""
 
     t: float
     at: Pose2
-    controller: str
 
 
 @dataclass
@@ -207,6 +206,7 @@ class RunWatch:
     grid: OccupancyGrid | None = None  # the map made by driving
     begun: bool = False
     mission: int = 0
+    controller: str = ""  # the first one that was known in this run; empty: none so far
     limit: float | None = None
     distance: float = 0.0
     exchanges: int = 0
@@ -222,6 +222,7 @@ class RunWatch:
         """Start: the mission is accepted; 0 for a run without a mission."""
         self.mission, self.begun = mission, True
         self.truth.begin(self.now)
+        self.controller = self.view.controller
 
     def end(self, limit: float) -> None:
         """End the run by its time limit, s."""
@@ -290,9 +291,13 @@ class RunWatch:
 
     @property
     def mixed(self) -> str:
-        """The controller of another robot that has replaced this one during the run; else empty."""
-        now, origin = self.view.controller, self._origin
-        return now if origin is not None and now != origin.controller else ""  # "": unknown
+        """The controller that has replaced this run's; empty while both are not known to differ.
+
+        A name may arrive late: that of a ROS 2 node is discovered after its odometry, and a robot
+        agent that has just started does not know one yet.
+        """
+        now = self.view.controller
+        return now if self.controller not in ("", now) else ""
 
     @property
     def astray(self) -> tuple[float, float] | None:
@@ -426,6 +431,9 @@ class RunWatch:
         p = round(100.0 * (1.0 - error / straight), 3) if straight > STRAIGHT_M else 0.0
         return reached, round(degrees(turned), 3), p
 
+    def _on_description(self, description: Description) -> None:
+        self.controller = self.controller or description.controller
+
     def _on_truth(self, truth: Truth) -> None:
         if truth is not self.view.truth or truth is not self.truth.newest:
             return  # another simulator's, or it contradicts itself
@@ -449,7 +457,7 @@ class RunWatch:
 
     def _mark(self, t: float, at: Pose2) -> None:
         if self._origin is None:
-            self._origin = _Origin(t, at, self.view.controller)
+            self._origin = _Origin(t, at)
         elif self.path:
             self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
         self.path.append(Mark(t, *at, self.holder))

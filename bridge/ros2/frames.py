@@ -107,6 +107,7 @@ class Seen(Struct, frozen=True):
     drivers: _Names = ()  # other nodes that publish commands
     notes: _Names = ()  # what does not match, and what is present instead
     several: bool = False  # several nodes publish the odometry, and would obey
+    unread: str = ""  # why no node reads the commands that are published here
 
 
 _T = TypeVar("_T")

@@ -67,6 +67,7 @@ def judge(
     notes: list[str] = []
     absent: list[str] = []  # the robot itself
     missed: list[str] = []
+    unread = ""
     for want in wanted:
         name = resolve(namespace, want.topic)
         there = [other for other in others if other.topic == name]
@@ -74,9 +75,11 @@ def judge(
         fitting = [other for other in opposite if other.type == want.type]
         if want.writes:
             drivers |= {other.node for other in there if other.writes}
+            unread = "" if fitting else "; ".join(_types(want, name, opposite))
         elif want.type == ODOMETRY:
             robots += sorted(other.node for other in fitting)
-        notes += _types(want, name, opposite)
+        if not want.writes or fitting:
+            notes += _types(want, name, opposite)
         for other in fitting:
             notes += _quality(want, name, other)
         if settled and not opposite:
@@ -93,7 +96,7 @@ def judge(
         notes.append(f"more than one robot publishes odometry here: {', '.join(robots)}")
     robot = min(robots, default="")
     who = tuple(map(_cut, sorted(drivers)))[:100]
-    return Seen(_cut(robot), who, tuple(map(_cut, notes))[:100], several)
+    return Seen(_cut(robot), who, tuple(map(_cut, notes))[:100], several, _cut(unread))
 
 
 def _types(want: Wanted, name: str, opposite: Iterable[Endpoint]) -> list[str]:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from armadico.bridge.lines import TransportError, not_open
 from armadico.bridge.ros2.frames import (
@@ -156,7 +157,7 @@ class SampleTransport:
             for topic, size in self._large.items()
         ]
         notes = (*seen.notes, *wire.complaints(), *more)[:100]
-        return Seen(seen.robot, seen.drivers, notes, seen.several)
+        return replace(seen, notes=notes)
 
     def _opened(self) -> Wire:
         if self._wire is None:

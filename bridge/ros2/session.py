@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from math import copysign, isfinite
 
+from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
 from armadico.bridge.counting import Counts, Ration
@@ -35,7 +36,7 @@ from armadico.bridge.ros2.profile import Ros2, Ros2Robot, Topic
 from armadico.bridge.ros2.sensors import Sensors
 from armadico.bridge.ros2.stamps import Stamps, Timing, stamp_of
 from armadico.bridge.ros2.states import TRANSITIONS, Signal, State, Step
-from armadico.bridge.session import Connected, Event, LinkLost, Noted, Unanswered
+from armadico.bridge.session import Connected, Event, LinkLost, Noted, Unanswered, Unread
 from armadico.core.messages import Line
 
 LINK_TIMEOUT_S, LINK_CYCLES = 1.0, 3
@@ -77,7 +78,7 @@ class Session:
         """Start at time `now`, s of any clock."""
         self.state, self.held = State.CLOSED, False
         self.decoder, self.counts = Decoder(), Counts()
-        self.odometry = Odometry(profile.ros2.cycle_s)
+        self.odometry = Odometry(profile.ros2.cycle_s, profile.limits)
         self._profile, self._now = profile, now
         self._events: list[Event] = []
         self._out = bytearray()
@@ -142,6 +143,8 @@ class Session:
     def restart(self, now: float) -> list[Event]:
         self._advance(now)
         self.decoder.begin()
+        if self._seen.unread:
+            self._events.append(Unread(""))
         self._seen = Seen()
         self._go(Signal.START, "the transport was opened again")
         return self._drain_events()
@@ -277,6 +280,8 @@ class Session:
         for note in seen.notes:
             if note not in self._seen.notes:
                 self._events.append(Noted(note))
+        if seen.unread != self._seen.unread:
+            self._events.append(Unread(seen.unread))
         named = seen.robot not in ("", self._seen.robot)
         self._seen = seen
         if seen.several:
@@ -306,14 +311,20 @@ class Session:
     def _on_cycle(self, here: Measured, first: bool) -> None:
         """Report a cycle, unless its odometry is doubtful."""
         resets = self.odometry.resets
-        pose = self.odometry.update(here, self._now)
+        pose, here = self.odometry.update(here, self._stamps.stamp, self._now)
         if self._is_doubtful(first, self.odometry.resets > resets):
             return
         self._go(Signal.FIRST if first else Signal.CYCLE)
         if not self.is_open:
             return
         self._wait()
-        self._events.append(self._sensors.report(pose, here, self._stamps.stamp, self._now))
+        report = self._sensors.report(pose, here, self._stamps.stamp, self._now)
+        self._events.append(replace(report, doubt=self._doubt()))
+
+    def _doubt(self) -> str:
+        """What is wrong with the reports while it is so."""
+        absent = self.odometry.absent
+        return f"{absent}; its speeds are computed from its poses" if absent else ""
 
     def _is_doubtful(self, first: bool, jumped: bool) -> bool:
         """Whether the odometry is rejected: see `JUMPS`."""

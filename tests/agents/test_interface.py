@@ -675,6 +675,16 @@ def test_at_the_third_contact_at_one_place_the_mission_fails_and_says_where(
     assert (ended.mission, ended.waypoints) == (mission, ())
 
 
+def test_a_robot_that_cannot_be_driven_fails_its_mission_and_starts_none(planned: Desk) -> None:
+    stay(planned, 1.0)
+    planned.number += 1
+    planned.give(RobotState(planned.at, 0, 0, 0, 0, 0, 12, True, False, fault="deaf base"))
+    status, ended = planned.last(MissionStatus), planned.last(Trajectory)
+    assert (status.state, status.note) == (MissionState.FAILED, "deaf base")
+    assert ended.waypoints == ()
+    assert planned.replies[planned.request(MissionRequest(GOAL))].refusal == "deaf base"
+
+
 def test_contacts_far_apart_long_ago_or_in_another_mission_do_not_count(planned: Desk) -> None:
     for x in (1.0, 2.0, 1.0, 2.0):
         touch(planned, x)

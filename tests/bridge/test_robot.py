@@ -124,6 +124,9 @@ def test_only_a_controller_of_the_profiles_type_is_opened(
     assert bool(bench.sent(Cmd.SONAR)) is driven
     assert any(isinstance(m, RobotState) for _, m in bench.published) is driven
     if not driven:
+        bench.unplug()
+        assert not any("is gone" in text for text in bench.logs()), "it was told to hang up"
+        bench.plug()
         bench.let_pass(20.0)
         assert not [n for _, n, value in bench.written if n in MOVING and value]
 
@@ -543,12 +546,38 @@ def pushes(bench: Bench, v: float, w: float = 0.0, *, for_s: float = 2.0, **fiel
         bench.status(**fields)
 
 
+def moves(bench: Bench) -> None:
+    """It obeys commands, and stops."""
+    rim = PROFILE.body.half_track_m
+    pushes(bench, 0.0, 1.0, for_s=1.0, left_m_s=-rim, right_m_s=rim)
+    pushes(bench, 0.0, for_s=1.0)
+
+
+def test_wheels_that_have_never_turned_as_ordered_touch_nothing_and_the_robot_is_deaf(
+    ready: Bench,
+) -> None:
+    pushes(ready, 0.3, for_s=1.5)
+    assert not ready.state().fault
+    pushes(ready, 0.3, for_s=1.5)
+    state = ready.state()
+    assert "deaf base: it does not move; 0.30 m/s, 0.00 rad/s are ordered" in state.fault
+    assert not state.stalled
+    assert state.fault in ready.robot.card().fault
+    assert sum("deaf base" in text for text in ready.logs()) == 1
+    pushes(ready, 0.0, for_s=3.0)
+    assert not ready.state().fault, "it may be tried again"
+    assert "deaf base" in ready.robot.card().doubts
+    moves(ready)
+    assert not ready.robot.card().doubts
+
+
 @pytest.mark.parametrize(
     ("v", "x"), [(0.3, PROFILE.body.front_m), (-0.3, -PROFILE.body.rear_m), (0.0, None)]
 )
 def test_wheels_that_do_not_turn_as_ordered_touch_something(
     ready: Bench, v: float, x: float | None
 ) -> None:
+    moves(ready)
     pushes(ready, v, 0.0 if v else 1.0)
     touched = [m for _, m in ready.published if isinstance(m, RobotState) and m.stalled]
     assert touched

@@ -12,12 +12,21 @@ import pytest
 from armadico.bridge.robot import Parameters, Robot
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
-from armadico.bridge.ros2.frames import Decoder, frame
+from armadico.bridge.ros2.frames import Decoder, Seen, control_frame, frame
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.config.errors import ConfigError
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.cycles import LISTEN
-from armadico.core.messages import Ballot, Command, Description, Log, Message, RobotState, Stop
+from armadico.core.messages import (
+    Ballot,
+    Command,
+    Description,
+    Log,
+    LogEvent,
+    Message,
+    RobotState,
+    Stop,
+)
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import bearings_of, points_of, ranges_of
@@ -351,3 +360,36 @@ def test_without_the_extra_the_gateway_names_the_package() -> None:
     assert done.returncode == 1
     assert "pip install 'armadico[ros2]'" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_base_that_does_not_read_its_commands_is_not_driven_and_says_why(ready: Bench) -> None:
+    why = "/base reads /cmd_vel as Twist"
+    ready.raw(control_frame(Seen("/base", unread=why)))
+    ready.go(0.5, command=(0.3, 0.0))
+    assert ready.commands[-1][1:] == (0.0, 0.0)
+    assert ready.all(RobotState)[-1].fault == why
+    assert ready.agent.card().fault == why
+    assert [log.text for log in ready.all(Log) if log.event == LogEvent.UNFIT] == [
+        f"no command reaches the robot: {why}"
+    ]
+    ready.raw(control_frame(Seen("/base")))
+    ready.go(1.0, command=(0.3, 0.0))
+    assert ready.commands[-1][1] == 0.3
+    assert not ready.all(RobotState)[-1].fault
+
+
+def test_a_name_that_comes_late_is_no_other_robot_and_another_name_is_reported() -> None:
+    bench = Bench()
+    bench.go(0.5)
+    assert not bench.all(Description)[-1].controller
+    bench.raw(control_frame(Seen("/base")))
+    bench.go(0.5)
+    assert bench.all(Description)[-1].controller == "/base"
+    bench.go(1.5, silent=True)
+    bench.raw(control_frame(Seen()))
+    bench.go(0.5)
+    bench.raw(control_frame(Seen("/base")))
+    bench.go(0.5)
+    assert "is it the same robot" not in bench.logs()
+    bench.raw(control_frame(Seen("/base_2")))
+    assert "it was /base (ros 2) before: is it the same robot" in bench.logs()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from math import cos, hypot, sin, tau
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ from tests.programs import Start, call, starter
 pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
 
 DRIVER = Path(__file__).parents[1] / "bridge" / "ros2" / "rclpy_driver.py"
+ROBOT = DRIVER.with_name("rclpy_robot.py")  # a robot of real ROS 2, with its own physics
 DOMAIN = 1 + os.getpid() % 100
 
 
@@ -122,3 +125,85 @@ def test_an_address_that_is_none(address: str, why: str) -> None:
     done = call("sim", "jackal", "--ros2", address)
     assert done.returncode == 2
     assert why in done.stderr
+
+
+# A robot that shares no code with the project -----------------------------------------------------
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    """The map of the robot's room: 4 x 3 m, and a pillar."""
+    corners = [(0, 0), (4000, 0), (4000, 3000), (0, 3000), (0, 0)]
+    sides = [k * tau / 8 for k in range(9)]
+    pillar = [(round(2000 + 200 * cos(at)), round(2400 + 200 * sin(at))) for at in sides]
+    pairs = [*pairwise(corners), *pairwise(pillar)]
+    lines = [f"{x} {y} {to_x} {to_y}" for (x, y), (to_x, to_y) in pairs]
+    head = ["2D-Map", "LineMinPos: 0 0", "LineMaxPos: 4000 3000", f"NumLines: {len(lines)}"]
+    path = tmp_path / "room.map"
+    path.write_text("\n".join([*head, "LINES", *lines, "DATA", ""]))
+    return path
+
+
+@pytest.fixture
+def rclpy_robot(apart: None) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Starts the robot with some oddities; it prints its true pose."""
+    pytest.importorskip("cyclonedds", reason="armadico[ros2] is not installed")
+    with starter([real_ros.interpreter(), str(ROBOT)], real_ros.environment(str(DOMAIN))) as begin:
+        yield begin
+
+
+def drive(room: Path, *more: str, within: float = 90.0) -> tuple[int, dict[str, object], str]:
+    """`armadico run` to a place 0.5 m away: its exit code, its result, and its log."""
+    done = call(
+        *("run", str(room), "--start", "1", "1", "0", "--goal", "1.5", "1", "0", "--no-plot"),
+        *("--profile", "turtlebot3-burger", "--robot", f"ros2://?domain={DOMAIN}&interface=lo"),
+        *("--namespace", NAMESPACE, "--json", "--for", "60", *more),
+        within=within,
+    )
+    return done.returncode, json.loads(done.stdout), done.stderr
+
+
+def last_place(robot: subprocess.Popen[str]) -> tuple[float, float]:
+    """The robot's true place when it ended, m."""
+    robot.terminate()
+    truth, _ = robot.communicate(timeout=30.0)
+    at = json.loads(truth.splitlines()[-1])
+    return at["x"], at["y"]
+
+
+def test_a_robot_of_real_ros_2_is_driven_to_its_goal(
+    room: Path, rclpy_robot: Callable[..., subprocess.Popen[str]]
+) -> None:
+    """It is discovered late, its scans are late, sweep, and vary, and it reports no speeds."""
+    robot = rclpy_robot("--no-speeds", "--clockwise", "--rays", "vary")
+    code, result, log = drive(room)
+    assert "odometry without speeds: its twist" in log
+    assert "touched" not in log
+    x, y = last_place(robot)
+    assert hypot(x - 1.5, y - 1.0) < 0.15, (code, result, log)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("oddity", "text", "arrives"),
+    [
+        (("--share", "0.4"), "slow base: it", True),
+        (("--share", "0"), "deaf base: it does not move", False),
+        (("--twist",), "reads /cmd_vel as geometry_msgs/msg/Twist; here it is published", False),
+    ],
+    ids=["slow", "deaf", "twist"],
+)
+def test_a_base_that_does_otherwise_is_named_and_has_touched_nothing(
+    room: Path,
+    rclpy_robot: Callable[..., subprocess.Popen[str]],
+    oddity: tuple[str, ...],
+    text: str,
+    arrives: bool,
+) -> None:
+    robot = rclpy_robot(*oddity)
+    code, result, log = drive(room)
+    assert text in log
+    assert "touched" not in log
+    x, y = last_place(robot)
+    assert (hypot(x - 1.5, y - 1.0) < 0.15) is arrives, (code, result, log)
+    assert arrives or (code != 0 and text in str(result["why"]))

@@ -504,6 +504,21 @@ def test_another_controller_during_a_run_is_named() -> None:
     assert run.watch.mixed == "b"
 
 
+def test_a_controller_whose_name_comes_late_is_no_other_one() -> None:
+    """That of a ROS 2 node is discovered after its odometry."""
+    run = Run(truth=False)
+    run.show(described(""))
+    run.begin()
+    run.cycle(0.0)
+    run.show(described("a"))
+    assert not run.watch.mixed
+    run.show(described(""), described("a"))
+    assert not run.watch.mixed, "it has restarted"
+    run.show(described("b"))
+    assert run.watch.mixed == "b"
+    assert run.watch.controller == "a"
+
+
 def test_a_failed_mission_ends_the_run_and_the_row_has_the_reason() -> None:
     run = Run().begin()
     run.cycle(0.0)

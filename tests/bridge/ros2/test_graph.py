@@ -89,11 +89,15 @@ def test_much_else_is_cut_short() -> None:
 def test_another_type_is_named_both_ways() -> None:
     odd = Endpoint("/odom", TWIST, "/odd", True)
     plain = Endpoint("/cmd_vel", TWIST, "/base", False)
-    assert seen([ODOM, CMD], [odd, plain]).notes == (
-        f"/odd publishes /odom as {TWIST}; here it is read as {ODOMETRY}",
+    found = seen([ODOM, CMD], [odd, plain])
+    assert found.notes == (f"/odd publishes /odom as {TWIST}; here it is read as {ODOMETRY}",)
+    assert found.unread == (
         f"/base reads /cmd_vel as {TWIST}; here it is published as {STAMPED}: see `stamped` in its"
-        " profile",
+        " profile"
     )
+    also = seen([ODOM, CMD], [odd, plain, WHEELS])
+    assert not also.unread, "a node that reads what is sent is enough"
+    assert len(also.notes) == 2
 
 
 @pytest.mark.parametrize(

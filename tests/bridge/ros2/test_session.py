@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations, pairwise
-from math import inf, nan, pi, radians, tau
+from math import cos, inf, nan, pi, radians, tau
 
 import numpy as np
 import pytest
@@ -15,7 +15,15 @@ from armadico.bridge.ramps import RAMP_S
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.frames import Seen, control_frame, frame
 from armadico.bridge.ros2.session import LINK_TIMEOUT_S
-from armadico.bridge.session import Connected, LinkLost, Noted, Pose, Reported, Unanswered
+from armadico.bridge.session import (
+    Connected,
+    LinkLost,
+    Noted,
+    Pose,
+    Reported,
+    Unanswered,
+    Unread,
+)
 from tests.bridge.kit import BURGER, CREATE3, JACKAL, SONARS
 from tests.bridge.ros2.robot import CLOCK_S, Line, battery, hazards, mounted, odometry, ranged
 
@@ -842,3 +850,64 @@ def test_a_cliff_is_reported_once_with_its_place() -> None:
         line.publish("hazard_detection", hazards((types.CLIFF, "cliff_front_left")))
         line.go(0.1)
     assert ["cliff_front_left" in note.text for note in line.notes] == [True]
+
+
+# A twist that is always 0 -------------------------------------------------------------------------
+
+
+def rolls(line: Line, ahead: float, turning: float, seconds: float, **fields: float) -> None:
+    """It drives on at these speeds by its poses, m/s and rad/s."""
+    for _ in range(round(seconds * 20)):
+        at = line.now - 0.3
+        line.odometry(x=ahead * at, theta=turning * at, **fields)
+        line.go(0.05, odometry=False)
+
+
+@pytest.mark.parametrize(
+    ("told", "what"),
+    [
+        ({}, "its twist is always 0"),
+        ({"w": 0.5}, "its twist.linear.x is always 0"),
+        ({"v": 0.1}, "its twist.angular.z is always 0"),
+    ],
+)
+def test_speeds_that_are_never_reported_are_those_of_the_poses(
+    told: dict[str, float], what: str
+) -> None:
+    line = Line().open()
+    assert not line.report.doubt
+    rolls(line, 0.1, 0.5, 2.0, **told)
+    assert what in line.report.doubt
+    # The heading changes, so that the way ahead is less than the step along x.
+    assert line.report.v == pytest.approx(0.1 if "v" in told else 0.1 * cos(0.95), abs=0.02)
+    assert line.report.w == pytest.approx(0.5, abs=0.01)
+
+
+def test_once_a_speed_is_reported_the_reports_count() -> None:
+    line = Line().open()
+    rolls(line, 0.1, 0.0, 2.0)
+    assert line.report.doubt
+    rolls(line, 0.1, 0.0, 1.0, v=0.07)
+    assert not line.report.doubt
+    assert line.report.v == 0.07
+
+
+def test_a_fast_robot_without_speeds_does_not_jump() -> None:
+    line = Line(JACKAL).open()
+    x = 0.0
+    for step in range(200):
+        x += min(0.005 * step, 1.8) * 0.02
+        line.now = round(line.now + 0.02, 6)
+        line.odometry(x=x)
+    assert line.session.is_open
+    assert line.session.line.resets == 0
+    assert line.report.v == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_robot_that_reads_another_type_of_command_is_told_until_it_does_not() -> None:
+    line = Line().open()
+    line.raw(control_frame(Seen("/base", unread="/base reads something else")))
+    line.raw(control_frame(Seen("/base", unread="/base reads something else")))
+    assert [event.text for event in line.of(Unread)] == ["/base reads something else"]
+    line.events += line.session.restart(line.now)
+    assert [event.text for event in line.of(Unread)][1:] == [""]
