@@ -45,6 +45,9 @@ def folder() -> Path:
         path = Path(base) / "armadico"
     else:
         path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
+        # Another user can make it first, in a folder that everyone may write to.
+        if path.is_symlink() or (path.exists() and path.lstat().st_uid != os.getuid()):
+            path = Path.home() / ".armadico.run"
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = path.stat()
@@ -96,6 +99,20 @@ def holder(path: Path) -> Holder | None:
         return None
     pid, uid, _ = struct.unpack("3i", peer)
     return Holder(pid, uid)
+
+
+def owner(path: Path) -> int | None:
+    """Return the pid of the process that has a socket's lock; None if none has.
+
+    Unlike `holder` it needs nothing of that process, however busy it is.
+    """
+    try:
+        inode = path.with_name(f"{path.name}.lock").stat().st_ino
+        rows = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
+    except OSError:
+        return None
+    found = [row for row in rows if row[1] == "FLOCK" and row[5].rpartition(":")[2] == str(inode)]
+    return int(found[0][4]) if found and int(found[0][4]) > 0 else None
 
 
 def is_held(path: Path) -> bool:
