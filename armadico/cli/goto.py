@@ -28,8 +28,8 @@ AGAIN_S: Final = 0.5
 """Period of new attempts while the society starts."""
 
 STANDS: Final = (
-    "it is not known whether the robot drives. The mission stands: the robot drives on as soon as it"
-    " can. `armadico stop` stops it, `armadico why --live --standing` tells what is missing"
+    "it is not known whether the robot drives. The mission stands: the robot drives on as soon"
+    " as it can. `armadico stop` stops it, `armadico why --live --standing` tells what is missing"
 )
 """What is left behind without a status; a cancellation would not arrive either."""
 

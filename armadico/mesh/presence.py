@@ -55,7 +55,7 @@ class Presence:
         self.reported: set[tuple[str, str]] = set()
         self._poll_at = inf
         self._inquired = False  # on this link
-        self._refused = Counter[str]()  # tokens by name
+        self._refused = Counter[str]()  # tokens, by the reason
 
     @property
     def due(self) -> float:
@@ -89,11 +89,14 @@ class Presence:
     def token(self, name: str, instance: str, there: bool) -> str:
         """Process that an agent's token appeared (`there`) or disappeared.
 
-        Returns why it is ignored, the first time for each name and number; else "".
+        Returns a line for the log if it is ignored and that is news; else "".
         """
         agent = (name, instance)
         if there and agent not in self._there and (why := self._refusal(name, instance)):
-            return why
+            self._refused[why] += 1
+            count = self._refused[why]
+            # Powers of two: a flood of tokens must not become a flood of lines.
+            return "" if count & (count - 1) else f"{count} liveliness tokens ignored: {why}"
         if there:
             self._there.add(agent)
             self._report(agent, True)
@@ -105,17 +108,10 @@ class Presence:
 
     def _refusal(self, name: str, instance: str) -> str:
         if not (WELL_FORMED.fullmatch(name) and WELL_FORMED.fullmatch(instance)):
-            name, why = "", "malformed names"
-        elif sum(of == name for of, _ in self._there) >= MOST_OF_A_NAME:
-            why = f"the name {name!r}, which has {MOST_OF_A_NAME} instances"
-        elif len(self._there) >= MOST:
-            why = f"the name {name!r}: there are {MOST} instances"
-        else:
-            return ""
-        self._refused[name] += 1
-        count = self._refused[name]
-        # Powers of two: a flood of tokens must not become a flood of lines.
-        return "" if count & (count - 1) else f"{count} liveliness tokens ignored, of {why}"
+            return "the name is malformed"
+        if sum(of == name for of, _ in self._there) >= MOST_OF_A_NAME:
+            return f"there are {MOST_OF_A_NAME} instances of {name!r}"
+        return f"there are {MOST} instances" if len(self._there) >= MOST else ""
 
     def poll(self, now: float) -> None:
         """Report the agents that have not returned, once it is due."""

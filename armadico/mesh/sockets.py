@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import os
 import re
+import signal
 import socket
 import stat
 import struct
@@ -24,6 +25,9 @@ from armadico.mesh.topology import TopologyError
 RUNTIME_VARIABLE: Final = "XDG_RUNTIME_DIR"
 
 LONGEST: Final = 100  # bytes of a path: the system allows 107, and the lock's name has five more
+
+STOP_SIGNAL: Final = signal.SIGUSR1
+"""Stops the robot whose agent's process receives it."""
 
 _ANSWER_S: Final = 0.5
 
@@ -113,6 +117,25 @@ def owner(path: Path) -> int | None:
         return None
     found = [row for row in rows if row[1] == "FLOCK" and row[5].rpartition(":")[2] == str(inode)]
     return int(found[0][4]) if found and int(found[0][4]) > 0 else None
+
+
+def stop(namespace: str) -> int | None:
+    """Order a robot agent on this computer to stop, without a connection to it.
+
+    Returns its pid; None if it is not this user's, or would be ended by the signal.
+    """
+    pid = owner(socket_of(namespace))
+    if pid is None:
+        return None
+    try:
+        status = Path(f"/proc/{pid}/status").read_text()
+        blocked = int(status.partition("SigBlk:")[2].split()[0], 16)
+        if blocked >> (STOP_SIGNAL - 1) & 1 == 0:  # it does not wait for it
+            return None
+        os.kill(pid, STOP_SIGNAL)
+    except (OSError, IndexError):
+        return None
+    return pid
 
 
 def is_held(path: Path) -> bool:
