@@ -129,8 +129,8 @@ def stop(namespace: str) -> int | None:
         return None
     try:
         status = Path(f"/proc/{pid}/status").read_text()
-        blocked = int(status.partition("SigBlk:")[2].split()[0], 16)
-        if blocked >> (STOP_SIGNAL - 1) & 1 == 0:  # it does not wait for it
+        caught = int(status.partition("SigCgt:")[2].split()[0], 16)
+        if caught >> (STOP_SIGNAL - 1) & 1 == 0:
             return None
         os.kill(pid, STOP_SIGNAL)
     except (OSError, IndexError):

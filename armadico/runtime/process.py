@@ -496,7 +496,8 @@ def serve(
     SIGALRM: neither Zenoh's threads nor a hanging agent can delay it.
     """
     host = AgentHost(agents, mesh, connect, wall=wall, head=head)
-    _await_signal(host.request_stop, host.latch)
+    _await_signal(host.request_stop)
+    _await_stop(host.latch)
     _log_from_a_thread()
     code = 0
     try:
@@ -555,21 +556,36 @@ def _log_from_a_thread() -> None:
     _listeners.append(listener)
 
 
-def _await_signal(leave: Callable[[], None], stop: Callable[[], None]) -> None:
-    """Start a thread that waits for SIGTERM or SIGINT; call it before there are other threads.
+def _await_stop(stop: Callable[[], None]) -> None:
+    """Start a thread that stops the robot at each `STOP_SIGNAL`.
 
-    SIGUSR1 stops the robot: it needs no connection, so no program can be in its way.
+    It needs no connection, so no program can be in its way. Zenoh's threads may receive the signal:
+    Python then writes its number to the pipe, whatever the main thread does.
+    """
+    numbers, written = os.pipe()
+    os.set_blocking(written, False)
+    signal.signal(sockets.STOP_SIGNAL, lambda *_: None)
+    signal.set_wakeup_fd(written, warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while number := os.read(numbers, 1):
+            if number[0] == sockets.STOP_SIGNAL:
+                stop()
+
+    threading.Thread(target=wait, name="stop", daemon=True).start()
+
+
+def _await_signal(leave: Callable[[], None]) -> None:
+    """Start a thread that waits for SIGTERM or SIGINT; call it before there are other threads.
 
     A signal handler does not suffice: if the signal arrives just before the wait for the inbox, the
     handler runs only after that wait, which without messages is never.
     """
     ending = {signal.SIGTERM, signal.SIGINT}
-    # Inherited by every thread from here on.
-    signal.pthread_sigmask(signal.SIG_BLOCK, {*ending, sockets.STOP_SIGNAL})
+    signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # inherited by every thread from here on
 
     def wait() -> None:
-        while signal.sigwait({*ending, sockets.STOP_SIGNAL}) == sockets.STOP_SIGNAL:
-            stop()
+        signal.sigwait(ending)
         _arm_deadline()
         leave()
 
