@@ -466,7 +466,12 @@ class Monitor(Agent, overrides=("receive",)):
             for key, rate_hz, providers in self._watched_keys()
             if (habit := self._habits.get(key)) is not None
             for known in providers
-            if (by := self.now - max(habit.last, self._late_from) - MISSED / rate_hz)
+            # While the robot was silent no agent had anything to publish.
+            if (
+                by := self.now
+                - max(habit.last, self._late_from, self._resumed_at)
+                - MISSED / rate_hz
+            )
             > self.p.late_s
         ]
         before = -inf
@@ -474,10 +479,38 @@ class Monitor(Agent, overrides=("receive",)):
             if regular and last - before > FOLLOW_S:
                 known = self._known[instance]
                 limit = max(self._late_limit_s(known), 2.0 * self._habits[key].pause)
-                if by > limit:
-                    yield known, f"{key} has been late for {limit:g} s"
+                if by > limit and not self._lacking(known, last):
+                    heard = ", ".join(self._heard(known)) or "the robot's cycles"
+                    yield known, f"{key} has been late for {limit:g} s, while {heard} arrived here"
                 return
             before = last
+
+    def _requested(self, known: _Known) -> Iterator[tuple[str, _Habit, float]]:
+        """The watched keys that an agent subscribes to, and their rates, Hz."""
+        requests = () if known.card is None else known.card.requests
+        own = () if known.card is None else known.card.provides
+        for key, rate_hz, _ in self._watched_keys():
+            habit = self._habits.get(key)
+            if habit is None or key in own:
+                continue
+            if any(matches(pattern, key) for pattern in requests):
+                yield key, habit, rate_hz
+
+    def _heard(self, known: _Known) -> list[str]:
+        """The inputs of an agent that arrive here."""
+        return [
+            k for k, habit, hz in self._requested(known) if self.now - habit.last <= MISSED / hz
+        ]
+
+    def _lacking(self, known: _Known, last: float) -> bool:
+        """Whether an input of an agent fell silent before the agent did, at `last`, and still is.
+
+        Then its provider is the one to ask, not this agent.
+        """
+        return any(
+            0.0 < last - habit.last <= FOLLOW_S and self.now - habit.last > MISSED / hz
+            for _, habit, hz in self._requested(known)
+        )
 
     def _regular(self, habit: _Habit, known: _Known, rate_hz: float) -> bool:
         """Whether this instance has published a key for long enough to expect it."""

@@ -38,6 +38,9 @@ from armadico.core.restart_policy import MISUSED, Budget, slower
 CARD_S: Final = 0.5
 """Timeout of a query for a card, s, before it is repeated."""
 
+INQUIRY_S: Final = 1.5
+"""Timeout of a query to a process before it is killed, s, times `slower`."""
+
 START_S: Final = 30.0
 """A process that is not on the mesh this long after its start, s, hangs and is killed."""
 
@@ -46,8 +49,9 @@ MONITOR_S: Final = 10.0
 monitors watch it too, if there are any, and are faster. A process restarted in between is new."""
 
 ROUTER_S: Final = 10.0
-"""A robot agent of this host that accepts no links for this long, s, hangs and is killed. Monitors
-cannot detect that, because all agents communicate through its router."""
+"""A robot agent of this host to which this process has had no link for this long, s, hangs and is
+killed. Monitors cannot detect that, because all agents communicate through its router. It is up to
+25 s on a loaded machine (`slower`)."""
 
 LATE_S: Final = 0.1
 """A machine whose median wake-up is later than this, s, is overloaded. This is one cycle of a
@@ -157,10 +161,19 @@ class _Process:
     began_at: float | None = None  # started at, until it is on the mesh
     back_at: float = inf  # lent: since when its own host has it again
     reported_at: float | None = None  # last report of a monitor in it
+    reporter: str = ""  # that monitor's instance
     due_at: float | None = None  # time of its next start
     since: float | None = None  # on the mesh since
     in_the_way: int = 0  # refusals in a row because of another instance
     requested: bool = False  # killed on request, not restarted yet
+
+    def restart_timeouts(self, now: float) -> None:
+        if self.began_at is not None:
+            self.began_at = now
+        if self.reported_at is not None:
+            self.reported_at = now
+        if self.back_at != inf:
+            self.back_at = now
 
     def mark_up(self, now: float) -> None:
         self.began_at = None
@@ -240,13 +253,15 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
             self._check_started()
 
     def on_router(self) -> None:
-        """Restart the timeouts of starting processes and of other hosts' shares."""
+        """Restart every timeout that counts what other processes publish.
+
+        What was not received while the router was away is nobody's fault.
+        """
         self._cut_at = inf if self.reachable else self.now
         if self.reachable:
             self._shares_at = self.now + SHARES_S
             for process in self._kept.values():
-                if process.began_at is not None:
-                    process.began_at = self.now
+                process.restart_timeouts(self.now)
 
     def on_host_share(self, share: HostShare) -> None:
         self._shares[share.instance] = share
@@ -278,7 +293,7 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         _, card = self._present.get(report.instance, ("", None))
         for process in self._kept.values():
             if card is not None and (card.host, card.pid) == (self.p.host, process.pid):
-                process.reported_at = self.now
+                process.reported_at, process.reporter = self.now, report.instance
 
     def _query_card(self, name: str, instance: str) -> None:
         """Query for a card until it is received, in parallel to other queries."""
@@ -551,8 +566,11 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         for label, process in self._kept.items():
             up = process.state is KeptState.UP and process.pid
             if self._is_router(process) and up and self.now - self._cut_at >= ROUTER_S * times:
-                self._cut_at = self.now
-                self._kill(label, f"it accepts no links, for {ROUTER_S * times:.0f} s")
+                cut_s, self._cut_at = self.now - self._cut_at, self.now
+                self._kill(
+                    label,
+                    f"this process has had no link to its router for {cut_s:.0f} s, and opens none",
+                )
             elif not self.reachable and not self._is_router(process):
                 continue  # no agent can be seen
             elif process.began_at is not None and self.now - process.began_at >= start_s:
@@ -562,8 +580,29 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
                 process.reported_at is not None
                 and self.now - process.reported_at >= MONITOR_S * times
             ):
-                process.reported_at = None
-                self._kill(label, f"its monitor has not reported for {MONITOR_S * times:.0f} s")
+                self._inquire(label, process)
+
+    def _inquire(self, label: str, process: _Process) -> None:
+        """Query the card of a process's silent monitor; kill the process if there is no reply.
+
+        Its reports may be lost on the way, as to an agent that was not linked meanwhile.
+        """
+        silent_s, pid = self.now - (process.reported_at or 0.0), process.pid
+        process.reported_at = self.now  # one query at a time
+
+        def on_card(found: Card | None) -> None:
+            if found is not None or process.pid != pid or not self.reachable:
+                return
+            process.reported_at = None
+            heard = len(self._shares)
+            self._kill(
+                label,
+                f"its monitor has not reported for {silent_s:.0f} s and does not answer;"
+                f" {heard} other host(s) and {len(self._present)} agents are received here",
+            )
+
+        name = process.reporter.rpartition("-")[0]
+        self.query_card(name, process.reporter, on_card, INQUIRY_S * slower(self._load))
 
     def _is_router(self, process: _Process) -> bool:
         return self.p.router in process.agents

@@ -28,6 +28,12 @@ PLANS_S: Final = 5.0
 AGAIN_S: Final = 0.5
 """Period of new attempts while the society starts."""
 
+STANDS: Final = (
+    "it is not known whether the robot drives. The mission stands: the robot drives on as soon"
+    " as it can. `armadico stop` stops it, `armadico why --live --standing` tells what is missing"
+)
+"""What is left behind without a status; a cancellation would not arrive either."""
+
 LINE_S: Final = 2.0
 """Period of progress lines without a terminal."""
 
@@ -84,6 +90,7 @@ class Options:
 def run(args: Options) -> int:
     from armadico.mobile.messages import through_unseen
     from armadico.runtime.client import Client
+    from armadico.runtime.errors import AbsentError
 
     mission = None
     try:
@@ -106,6 +113,10 @@ def run(args: Options) -> int:
         if mission is not None:
             print(f"\n{_left_behind(client)}", file=sys.stderr)
         raise
+    except AbsentError as error:
+        if mission is None:
+            raise
+        raise options.UnknownError(f"{error}: {STANDS}") from None
     print(options.shown(doubt) or "the goal is reached")
     return options.UNKNOWN if doubt else 0
 

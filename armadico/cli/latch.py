@@ -19,7 +19,16 @@ class Options:
 
 
 def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
-    """Publish the stop or its release until the robot agent acknowledges it."""
+    """Publish the stop or its release until the robot agent acknowledges it.
+
+    A robot agent on this computer is stopped by a signal, too. Raises UnknownError if it has not
+    confirmed that.
+    """
+    pid = None
+    if stopped and not (args.mesh.connect or args.mesh.hosts):
+        from armadico.mesh.sockets import stop
+
+        pid = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
     mesh = args.mesh.join()
     from armadico.runtime.client import Client
     from armadico.runtime.errors import AbsentError
@@ -32,6 +41,11 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
             else:
                 client.resume(args.timeout, by="armadico resume", code=code)
         except AbsentError:
+            if pid is not None:
+                raise options.UnknownError(
+                    f"process {pid}, the robot agent, was signalled to stop the robot, and has not"
+                    " confirmed it: look at the robot; `armadico why --live` tells more"
+                ) from None
             if mesh.wait_joined(0.0):
                 raise
             what = f"the {'stop' if stopped else 'release'} could not be sent"

@@ -61,6 +61,9 @@ INTERRUPTED: Final = 130
 JOIN_S: Final = 1.0
 """How long a short command waits for a robot agent: without one it ends within 2 s."""
 
+BESIDE: Final = 9
+"""Societies beside the first one that need no name of their own."""
+
 REPORT_S: Final = 1.5
 """As in `armadico.mesh.zenoh`, which --help does not import."""
 
@@ -71,6 +74,10 @@ M = TypeVar("M", bound="Mesh")
 
 class FailedError(Exception):
     """The command failed; the message is printed."""
+
+
+class UnknownError(Exception):
+    """The command cannot tell how it ended; the message says why, and what to do."""
 
 
 WRONGLY_USED: Final = (UsageError, ConfigError, TopologyError, UnknownNameError)
@@ -86,6 +93,8 @@ def guarded(program: str, command: Callable[[], int]) -> int:
         return _say(program, error, USAGE)
     except BROKEN as error:
         return _say(program, error, FAILED)
+    except UnknownError as error:
+        return _say(program, error, UNKNOWN)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
@@ -164,6 +173,19 @@ class Mesh:
     def of(self: M, namespace: str) -> M:
         """The same options for another robot."""
         return replace(self, namespace=namespace)
+
+    def beside_others(self: M) -> M:
+        """The same options for a new society: in a free namespace, if none was chosen."""
+        from armadico.mesh.sockets import holder, socket_of
+
+        if NAMESPACE_VARIABLE in os.environ or self.namespace != DEFAULT_NAMESPACE:
+            return self
+        names = (DEFAULT_NAMESPACE, *(f"{DEFAULT_NAMESPACE}-{n}" for n in range(2, BESIDE + 2)))
+        free = next((name for name in names if holder(socket_of(name)) is None), None)
+        if free in (None, DEFAULT_NAMESPACE):
+            return self  # if none is free, the refusal of the default one says what to do
+        report(f"another society is in namespace {DEFAULT_NAMESPACE!r}: this one is in {free!r}")
+        return self.of(free)
 
     def agents_by_host(self) -> dict[str, tuple[str, ...]]:
         """The agents by host of the host table; {} without a table. Raises ConfigError."""

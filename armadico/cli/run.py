@@ -224,6 +224,8 @@ def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], No
     from armadico.cli.record import recorder
 
     watched = args.dashboard or args.wait
+    if not (args.attach or args.mesh.hosts or args.mesh.connect):
+        args = replace(args, mesh=args.mesh.beside_others())
     mesh = args.mesh.join(starts=not args.attach)
     check_connect(args)
     options.end_as_by_ctrl_c()

@@ -257,6 +257,13 @@ class Driver:
         else:
             self.agent.reachable = there
 
+    def latch(self, by: str, now: float) -> None:
+        """Latch the robot's stop if this agent owns a resource that stops."""
+        own = self._pass(now)
+        if self.stage is Stage.JOINED and any(each.stops for each in self.agent.owns):
+            self.agent.now = own
+            self.agent.latch(by)
+
     def answers(self, key: str) -> type[Message] | None:
         """Return the type of query that is answered on a key; None if none is."""
         return self._answers(key)

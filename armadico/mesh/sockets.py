@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import os
 import re
+import signal
 import socket
 import stat
 import struct
@@ -24,6 +25,9 @@ from armadico.mesh.topology import TopologyError
 RUNTIME_VARIABLE: Final = "XDG_RUNTIME_DIR"
 
 LONGEST: Final = 100  # bytes of a path: the system allows 107, and the lock's name has five more
+
+STOP_SIGNAL: Final = signal.SIGUSR1
+"""Stops the robot whose agent's process receives it."""
 
 _ANSWER_S: Final = 0.5
 
@@ -45,6 +49,9 @@ def folder() -> Path:
         path = Path(base) / "armadico"
     else:
         path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
+        # Another user can make it first, in a folder that everyone may write to.
+        if path.is_symlink() or (path.exists() and path.lstat().st_uid != os.getuid()):
+            path = Path.home() / ".armadico.run"
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = path.stat()
@@ -96,6 +103,39 @@ def holder(path: Path) -> Holder | None:
         return None
     pid, uid, _ = struct.unpack("3i", peer)
     return Holder(pid, uid)
+
+
+def owner(path: Path) -> int | None:
+    """Return the pid of the process that has a socket's lock; None if none has.
+
+    Unlike `holder` it needs nothing of that process, however busy it is.
+    """
+    try:
+        inode = path.with_name(f"{path.name}.lock").stat().st_ino
+        rows = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
+    except OSError:
+        return None
+    found = [row for row in rows if row[1] == "FLOCK" and row[5].rpartition(":")[2] == str(inode)]
+    return int(found[0][4]) if found and int(found[0][4]) > 0 else None
+
+
+def stop(namespace: str) -> int | None:
+    """Order a robot agent on this computer to stop, without a connection to it.
+
+    Returns its pid; None if it is not this user's, or would be ended by the signal.
+    """
+    pid = owner(socket_of(namespace))
+    if pid is None:
+        return None
+    try:
+        status = Path(f"/proc/{pid}/status").read_text()
+        caught = int(status.partition("SigCgt:")[2].split()[0], 16)
+        if caught >> (STOP_SIGNAL - 1) & 1 == 0:
+            return None
+        os.kill(pid, STOP_SIGNAL)
+    except (OSError, IndexError):
+        return None
+    return pid
 
 
 def is_held(path: Path) -> bool:

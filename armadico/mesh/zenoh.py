@@ -71,6 +71,10 @@ SETTINGS: Final[dict[str, Any]] = {
     },
     # By default an attempt that began while a cable was out goes on for 10 s.
     "transport/unicast/open_timeout": 2000,
+    # Connections that have not introduced themselves, on all listeners together. By default 100,
+    # for 10 s each: that many silent ones at the TCP port kept everyone from the Unix socket.
+    "transport/unicast/accept_pending": 4096,
+    "transport/unicast/accept_timeout": 2000,
     "transport/shared_memory/enabled": False,
     "timestamping/enabled": False,
     "open/return_conditions/connect_scouted": False,
@@ -227,6 +231,8 @@ class ZenohMesh(Reader, Monotonic):
     def _listen(self) -> None:
         """Open the session of a router: one per namespace and computer."""
         path = self._socket()
+        if path.is_dir():
+            raise MeshError(f"{path} is a folder, and the socket would be there: remove it")
         listen = (sockets.endpoint(path), *self._where.listen)
         try:
             session = zenoh.open(self._config(listen, ()))
@@ -538,14 +544,15 @@ class ZenohMesh(Reader, Monotonic):
         found = session.liveliness().declare_subscriber(where, _direct(arrived), history=True)
         self._keep(found)
 
-    def _router_token(self, _: list[str], there: bool) -> None:
+    def _router_token(self, chunks: list[str], there: bool) -> None:
         # A router that ends closes one link after another: other agents' tokens go before ours.
-        if not there:
-            self._presence.link(False, self.now())
+        # Any client can declare and drop a token, so it is a reason to wait, and proves nothing.
+        if not there and chunks == [self.router]:
+            self._presence.inquire(self.now())
 
     def _agent_token(self, chunks: list[str], there: bool) -> None:
-        if len(chunks) == 2:
-            self._presence.token(chunks[0], chunks[1], there)
+        if len(chunks) == 2 and (refused := self._presence.token(chunks[0], chunks[1], there)):
+            logger.warning("%s", refused)
 
     def _linked(self, session: zenoh.Session, event: zenoh.LinkEvent) -> None:
         there = event.kind == zenoh.SampleKind.PUT

@@ -46,6 +46,7 @@ from armadico.core.messages import Command, Log, Message, MessageError, decode, 
 from armadico.core.resources import LEAST_SILENCE_S
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
+from armadico.mesh import sockets
 from armadico.mesh.base import Call, Mesh
 from armadico.mesh.topology import MeshError, TopologyError
 from armadico.runtime.blame import failure
@@ -71,6 +72,7 @@ BUNCHED_S: Final = 0.02
 
 JOIN_POLL_S: Final = 0.2  # how often a process that waits for its router checks whether to end, s
 LEAVE_S: Final = 3.0  # timeout from the signal to the end of the process, whatever hangs
+BY_SIGNAL: Final = "armadico stop"  # which sends the signal
 LOG_LINES: Final = 1000  # lines that wait for a blocked terminal or disk; further ones are dropped
 
 _Sent = tuple[Driver, Output, bytes | None]  # an output, and its bytes if encoded already
@@ -167,6 +169,15 @@ class AgentHost:
         """Make `live` return soon; may be called from another thread."""
         self._stopping.set()
         self.inbox.ring()
+
+    def latch(self) -> None:
+        """Latch the robot's stop, ordered by a signal; may be called from another thread."""
+
+        def stop() -> None:
+            for driver in self.drivers:
+                driver.latch(BY_SIGNAL, self._clock())
+
+        self.inbox.put("signal", stop, keep=1)
 
     def _join(self) -> None:
         """Subscribe before the drivers announce their agents."""
@@ -486,6 +497,7 @@ def serve(
     """
     host = AgentHost(agents, mesh, connect, wall=wall, head=head)
     _await_signal(host.request_stop)
+    _await_stop(host.latch)
     _log_from_a_thread()
     code = 0
     try:
@@ -542,6 +554,25 @@ def _log_from_a_thread() -> None:
     root.handlers[:] = [_Queued(lines)]
     listener.start()
     _listeners.append(listener)
+
+
+def _await_stop(stop: Callable[[], None]) -> None:
+    """Start a thread that stops the robot at each `STOP_SIGNAL`.
+
+    It needs no connection, so no program can be in its way. Zenoh's threads may receive the signal:
+    Python then writes its number to the pipe, whatever the main thread does.
+    """
+    numbers, written = os.pipe()
+    os.set_blocking(written, False)
+    signal.signal(sockets.STOP_SIGNAL, lambda *_: None)
+    signal.set_wakeup_fd(written, warn_on_full_buffer=False)
+
+    def wait() -> None:
+        while number := os.read(numbers, 1):
+            if number[0] == sockets.STOP_SIGNAL:
+                stop()
+
+    threading.Thread(target=wait, name="stop", daemon=True).start()
 
 
 def _await_signal(leave: Callable[[], None]) -> None:

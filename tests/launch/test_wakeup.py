@@ -488,9 +488,30 @@ def test_a_monitor_of_this_host_that_stops_reporting_is_killed() -> None:
     assert bench.pass_time(60.0) == [], "it has never said anything, nor has another"
     bench.receive(MonitorReport("monitor-1", 5, acts=True))
     assert bench.pass_time(MONITOR_S - 1.0) == []
-    assert bench.pass_time(2.0) == [(Do.KILL, "monitor")]
+    assert bench.pass_time(2.0) == [], "it is asked first"
+    asked = bench.queries[-1]
+    bench.agent.on_reply(asked.id, bench.card("monitor-1", 41), bench.now)
+    assert bench.pass_time(MONITOR_S - 1.0) == [], "it answers"
+    bench.pass_time(2.0)
+    bench.agent.on_reply(bench.queries[-1].id, None, bench.now)
+    assert bench.done() == [(Do.KILL, "monitor")]
+    assert "has not reported for" in bench.orders[-2].text
     bench.ends("monitor")
     assert bench.pass_time(1.0) == [(Do.START, "monitor")]
+
+
+def test_the_outage_of_the_router_is_in_no_process_s_account() -> None:
+    bench = Bench(processes={"monitor": ("monitor",)}, up=False)
+    bench.begins("monitor", 41)
+    bench.meet("monitor-1", 41)
+    bench.receive(MonitorReport("monitor-1", 5, acts=True))
+    bench.agent.router(False, bench.now)
+    bench.pass_time(2.0 * MONITOR_S)
+    bench.agent.router(True, bench.now)
+    bench.take()
+    asked = len(bench.queries)
+    assert bench.pass_time(MONITOR_S - 1.0) == []
+    assert len(bench.queries) == asked, "it had nothing to hear"
 
 
 # A machine that cannot keep up --------------------------------------------------------------------

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from armadico.mesh.presence import GRACE_S, Presence
+from armadico.mesh.presence import GRACE_S, MOST, Presence
 
 GOTO, AVOID = ("goto", "goto-1"), ("avoid", "avoid-1")
 
@@ -61,6 +61,36 @@ def process() -> Process:
     made.come(GOTO, AVOID)
     assert made.read() == [True, "+goto", "+avoid"]
     return made
+
+
+def test_a_forged_end_of_the_router_costs_a_delay_once_and_no_agent_its_life(
+    process: Process,
+) -> None:
+    process.presence.inquire(process.now)
+    process.go(GOTO)
+    assert process.read() == [], "wait: the link will show it"
+    process.wait(GRACE_S)
+    assert process.read() == ["-goto"], "the link stayed, so it was no end of the router"
+    process.presence.inquire(process.now)
+    process.go(AVOID)
+    assert process.read() == ["-avoid"], "once per link"
+
+
+def test_a_flood_of_tokens_is_bounded_and_reported_in_few_lines() -> None:
+    process = Process()
+    process.link()
+    process.come(GOTO)
+    lines = [process.presence.token("x", f"x-{n}", True) for n in range(2000)]
+    lines += [process.presence.token(f"n{n}", f"n{n}-1", True) for n in range(2000)]
+    lines += [
+        process.presence.token("a b", "c", True),
+        process.presence.token("a" * 999, "c", True),
+    ]
+    assert len(process.alive) == MOST
+    assert GOTO in process.alive
+    assert 0 < len([line for line in lines if line]) < MOST * 4
+    process.go(GOTO)
+    assert GOTO not in process.alive
 
 
 # Examples -----------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import json
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -549,3 +550,34 @@ def test_a_client_that_never_reads_delays_nothing_else(join: Join, spawn: Spawn)
     assert max(took) < 0.8 * LEASE_S
     assert max(sends) < 0.8 * LEASE_S
     process.send_signal(signal.SIGCONT)
+
+
+# Strangers ----------------------------------------------------------------------------------------
+
+
+def test_silent_connections_keep_no_client_out(spawn_router: SpawnRouter, client_of: Open) -> None:
+    port = free_port()
+    spawn_router(NAMESPACE, f"tcp/{LOOPBACK}:{port}")
+    with ExitStack() as stack:
+        for _ in range(300):
+            stack.enter_context(socket.create_connection((LOOPBACK, port), SOON))
+        assert client_of().wait_joined(SOON), "by the socket"
+        assert client_of(robot=f"tcp/{LOOPBACK}:{port}", here=False).wait_joined(SOON)
+
+
+def test_a_token_that_anyone_may_declare_does_not_end_a_link(robot: Robot) -> None:
+    robot.start()
+    watcher, goto, stranger = (robot.client() for _ in range(3))
+    goto.declare_alive(*GOTO)
+    news = News(watcher)
+    assert eventually(lambda: news.alive == {GOTO})
+    news.read()
+    for name in (watcher.router, "anything"):
+        session = stranger._open
+        token = session.liveliness().declare_token(f"{NAMESPACE}/router/{name}")
+        token.undeclare()
+    # What follows arrives after it, by the same link.
+    stranger.declare_alive(*AVOID)
+    assert eventually(lambda: AVOID in news.alive)
+    assert watcher.reachable
+    assert news.read() == ["+avoid"]
