@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
+    PORT,
     POSE,
     Command,
     argument,
@@ -43,6 +44,7 @@ EXAMPLES: Final = """\
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
   armadico up sc4                                  all agents on this machine
   armadico up house --page                         with the control page; Ctrl-C ends both
+  armadico up house --page-port 8090               with the page always at the same link
   armadico up rounds                               only the agents that the mission needs
   armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
@@ -93,6 +95,16 @@ class Options:
         "publish the inputs and outputs of all agents, so that a recording can be replayed"
     )
     page: bool = flag("serve the control page until this ends, and print its link")
+    page_port: int | None = option(
+        "serve the page on this port, also without --page (default: a free one)",
+        metavar="P",
+        must=PORT,
+    )
+    page_bind: str | None = option(
+        "serve the page on this address, also without --page: 0.0.0.0 for other machines that have"
+        " the token, which $ARMADICO_PAGE_TOKEN keeps the same (default: this machine only)",
+        metavar="ADDRESS",
+    )
     mesh: Mesh = group(Mesh, "the mesh")
 
 
@@ -201,12 +213,18 @@ def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
     mesh = where.mesh(starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
     budget = Budget(args.restarts, args.within)
+    page = [] if args.page_port is None else [f"--port={args.page_port}"]
+    page += [] if args.page_bind is None else [f"--bind={args.page_bind}"]
     try:
         with (
             PidFile(where.namespace, plan.host) as pid_file,
             mesh,
             beside(
-                args.mesh, "page", None if scenario is None else scenario.world, wanted=args.page
+                args.mesh,
+                "page",
+                None if scenario is None else scenario.world,
+                wanted=args.page or bool(page),
+                more=page,
             ),
             Upkeep(plan, mesh, _log, budget) as upkeep,
         ):

@@ -34,7 +34,9 @@ class NamespaceHosts:
 
     def start(self, host: str) -> None:
         self._bed.network.change(lambda switch: switch.plug(host, True))
-        self._up[host] = self._bed.start(host, host, ["up", self._scenario, *self._bed.joining(host)])
+        self._up[host] = self._bed.start(
+            host, host, ["up", self._scenario, *self._bed.joining(host)]
+        )
 
     def stop(self, host: str) -> None:
         """Take the host's network away, and its power."""

@@ -494,9 +494,7 @@ def commands() -> Iterator[str]:
                 code = agent(words) if program == "armadico-agent" else cli.main(words)
             except SystemExit as end:  # argparse
                 code = int(str(end.code))
-        # argparse's usage is not ours; it stands in front of its error.
-        said = re.sub(r"(?s)^usage:.*?(?=^armadico)", "", err.getvalue(), flags=re.MULTILINE)
-        yield f"$ {line}\n{said}exit {code}"
+        yield f"$ {line}\n{err.getvalue()}exit {code}"
 
 
 def scenarios() -> Iterator[str]:

@@ -431,7 +431,7 @@ def run_trials(
     hosts: dict[str, str] = {}
     if trial.hosts and table is not None:
         for name, host in table.hosts.items():  # of an agent on two hosts, the first has it
-            hosts = {agent: name for agent in host.agents} | hosts
+            hosts = dict.fromkeys(host.agents, name) | hosts
     while made < count and len(failed) < AGAIN:
         checker = Checker(replace(bounds_of(scenario), command_delay_s=COMMAND_DELAY_S))
         path = part(record, len(failed)) if record is not None and failed else record
