@@ -8,10 +8,9 @@ to make it known.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
-
-from msgspec import Struct
 
 UNKNOWN_EXIT: Final = 3
 """Exit code of a command whose result is unknown; 0 is yes and 1 no."""
@@ -27,7 +26,9 @@ _EXIT: Final = {Answer.YES: 0, Answer.NO: 1, Answer.UNKNOWN: UNKNOWN_EXIT}
 _RANK: Final = {Answer.YES: 0, Answer.UNKNOWN: 1, Answer.NO: 2}
 
 
-class Judgement(Struct, frozen=True):
+# No Struct: --help, which knows the exit code, imports no msgspec.
+@dataclass(frozen=True, slots=True)
+class Judgement:
     """One conclusion, made by `yes`, `no` or `unknown`.
 
     Attributes:

@@ -41,7 +41,6 @@ SUBSTITUTIONS: tuple[tuple[str, str, str], ...] = (
     (r"mission run surveillance\b", "mission run my/brief.toml", "whole, by `missions`"),
     (r"armadico bench\b.*", "armadico bench --list", "it measures for minutes"),
     (r"armadico experiment\b.*", "armadico experiment --list", "thirty seeds a cell take hours"),
-    (r"armadico identify LOG\.csv.*", "armadico identify --help", "a log of the reader's own"),
     (r"pip install -e '(\S+)\[test\]'", r"pip install \1", "pytest is here"),
     (
         r"pip install ",

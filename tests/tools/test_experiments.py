@@ -173,11 +173,11 @@ def test_a_folder_of_other_runs_is_moved_aside_and_more_runs_go_on(tmp_path: Pat
 
 
 def test_a_folder_that_no_experiment_made_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "identify").mkdir()
-    (tmp_path / "identify" / "letter.txt").write_text("mine", encoding="utf-8")
-    with pytest.raises(FailedError, match=r"identify.*--out"):
-        main(["identify", "--runs", "1", "--out", str(tmp_path)])
-    assert [path.name for path in (tmp_path / "identify").iterdir()] == ["letter.txt"]
+    (tmp_path / "narrow").mkdir()
+    (tmp_path / "narrow" / "letter.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(FailedError, match=r"narrow.*--out"):
+        main(["narrow", "--runs", "1", "--out", str(tmp_path)])
+    assert [path.name for path in (tmp_path / "narrow").iterdir()] == ["letter.txt"]
 
 
 def test_results_come_in_the_order_of_the_items() -> None:

@@ -84,7 +84,7 @@ def test_a_dense_log_has_the_half_maps_of_its_twin(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [["logs"], ["logs", "{folder}"], ["logs", "{folder}/nowhere"], ["identify", "{folder}"]],
+    [["logs"], ["logs", "{folder}"], ["logs", "{folder}/nowhere"], ["narrow", "{folder}"]],
 )
 def test_what_makes_no_sense_is_refused(
     tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]

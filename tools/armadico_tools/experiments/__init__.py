@@ -18,10 +18,6 @@ class Entry(NamedTuple):
 
 
 EXPERIMENTS: Final = {
-    "identify": Entry(
-        "Tables 4.4 to 4.6, figures 4.8 to 4.10: identification of the dynamics",
-        "identify:IDENTIFY",
-    ),
     "table-5.1": Entry(
         "Table 5.1: three controllers of goto in scenarios 1 to 4", "thesis:TABLE_5_1"
     ),
