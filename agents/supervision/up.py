@@ -27,7 +27,7 @@ from armadico.cli.parsing import (
     option,
     several,
 )
-from armadico.cli.run_options import X_Y_DEG, pose
+from armadico.cli.run_options import X_Y_DEG, pose, set_option
 from armadico.core.errors import UnknownNameError
 from armadico.mesh.endpoints import Endpoints
 
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from armadico.agents.supervision.supervisor import Plan
     from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
-    from armadico.launch.society import Member
 
 EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
@@ -64,9 +63,7 @@ class Options:
         "set the simulator's seed (default: the scenario's, or 0)", metavar="N"
     )
     parameters: str | None = option("use this set or file of agents' parameters", metavar="SET")
-    set: tuple[str, ...] = several(
-        "set one parameter of one agent; may be repeated", metavar="AGENT.KEY=VALUE"
-    )
+    set: tuple[str, ...] = set_option()
     more: tuple[str, ...] = several(
         "start one more agent, also if another host runs it; may be repeated",
         "--with",
@@ -256,7 +253,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     from armadico.config.scenarios import Scenario
     from armadico.core.resources import WHEELS
     from armadico.launch.society import Options as Chosen
-    from armadico.launch.society import names, needed, share, spare
+    from armadico.launch.society import check, names, needed, share, spare, with_sets
 
     assert where.table is not None, "an agent is on a host of one"
     host, own = where.host, str(where.name)
@@ -273,9 +270,11 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         namespace=where.namespace,
     )
     _check_more(args, [member.name for member in share(scenario, chosen, host)])
-    members = share(scenario, chosen, host, args.more)
+    members = with_sets(share(scenario, chosen, host, args.more), args.set)
     if not members:
         raise UsageError(f"host {own} has no agent of {args.scenario or 'the table'} to start")
+    if args.set or args.parameters is not None:  # else there is nothing to check
+        check(members)
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:
         raise UsageError(f"--robot {args.robot}: host {own} starts no robot agent")
@@ -294,7 +293,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     return Plan(
         own,
         where.namespace,
-        _set(args, members),
+        members,
         simulated,
         seed,
         tuple(where.words),
@@ -333,33 +332,6 @@ def _check_more(args: Options, here: Sequence[str]) -> None:
     for name in args.more:
         if name in here and (agent_class(name).alone or name in society().watch):
             raise UsageError(f"--with {name}: this host starts one already")
-
-
-def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:
-    """The members with `--set` applied. Raises ConfigError for invalid parameters."""
-    found = tuple(_with_sets(member, args.set, members) for member in members)
-    if args.set or args.parameters is not None:  # else there is nothing to check
-        from armadico.launch.society import check
-
-        check(found)
-    return found
-
-
-def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
-    """A member with its `--set` values. Raises UsageError for an agent that is not started."""
-    from armadico.launch.society import Member
-
-    mine = []
-    for setting in sets:
-        name, dot, rest = setting.partition(".")
-        if not dot or "=" not in rest:
-            raise UsageError(f"--set {setting}: expected AGENT.KEY=VALUE, as in avoid.v_max=0.3")
-        if name not in {other.name for other in members}:
-            here = ", ".join(dict.fromkeys(other.name for other in members))
-            raise UsageError(f"--set {setting}: agent {name} is not started here (started: {here})")
-        if name == member.name:
-            mine.append(rest)
-    return Member(member.name, (*member.sets, *mine))
 
 
 def _taken(namespace: str, host: str, share: object) -> str:
