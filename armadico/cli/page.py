@@ -74,10 +74,10 @@ def run(args: Options) -> int:
         first, *others = _addresses(args.bind)
         link = _link(first, server.port, guard.token)
         also = f" (also at {', '.join(others)})" if others else ""
-        print(f"page: {link}{also}", flush=True)
-        if not args.no_open and has_screen(os.environ):
-            webbrowser.open(link)
-        with suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt):  # which may come as soon as the link is printed
+            print(f"page: {link}{also}", flush=True)
+            if not args.no_open and has_screen(os.environ):
+                webbrowser.open(link)
             while True:
                 session.turn()
     return 0
