@@ -100,6 +100,9 @@ COMMANDS = """
 armadico gto
 armadico run
 armadico run sc1 --world sc1
+armadico run sc1 --sensor ideal
+armadico run sc1 --set gto.v_max=1
+armadico run sc1 --virtual --set goto.v_mx=1
 armadico run sc11
 armadico run missing.toml
 armadico run --world hous --goal 1 1 0
