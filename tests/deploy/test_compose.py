@@ -231,7 +231,7 @@ def test_the_scenario_and_other_peoples_files_reach_compose(
     assert seen() == ["house", "mine.yaml"]
 
 
-# The sequence, on hosts that are a script ----------------------------------------------------------
+# The sequence, on hosts that are a script ---------------------------------------------------------
 
 GOTO, TWIN, AVOID = "goto-a1", "goto-b2", "avoid-a3"
 
