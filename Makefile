@@ -68,14 +68,14 @@ docs: $(VENV)/.dev  ## the documentation as a site: build/site/index.html, from 
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "file://$(abspath build/site/index.html)"
 
-demo: $(VENV)/.tools  ## four hosts as containers, one of them lost in the middle of a run
+demo: $(VENV)/.tools  ## three hosts as containers: the one that drives is killed, another drives on
 	$(BIN)/python -m armadico_tools.hosts.compose $(SCENARIO)
 
 demo-down:  ## what a demo left that was killed
 	docker compose --file deploy/compose.yaml down --timeout 1
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
-	for lock in agents: run:--extra=plot,cdr "tools:--extra=plot,cdr requirements/tools.in" \
+	for lock in agents:--extra=record run:--extra=plot,record "tools:--extra=plot,record requirements/tools.in" \
 	    "dev:--extra=plot,record,dashboard,foxglove,ros2,docs,dev requirements/tools.in"; do \
 	  $(COMPILE) $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; \
 	done

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
+    PORT,
     POSE,
     Command,
     argument,
@@ -26,7 +27,7 @@ from armadico.cli.parsing import (
     option,
     several,
 )
-from armadico.cli.run_options import X_Y_DEG, pose
+from armadico.cli.run_options import X_Y_DEG, pose, set_option
 from armadico.core.errors import UnknownNameError
 from armadico.core.unseen import Rule
 from armadico.mesh.endpoints import Endpoints
@@ -37,13 +38,13 @@ if TYPE_CHECKING:
     from armadico.agents.supervision.supervisor import Plan
     from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
-    from armadico.launch.society import Member
 
 EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
   armadico up sc4                                  all agents on this machine
   armadico up house --page                         with the control page; Ctrl-C ends both
+  armadico up house --page-port 8090               with the page always at the same link
   armadico up rounds                               only the agents that the mission needs
   armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
@@ -63,9 +64,7 @@ class Options:
         "set the simulator's seed (default: the scenario's, or 0)", metavar="N"
     )
     parameters: str | None = option("use this set or file of agents' parameters", metavar="SET")
-    set: tuple[str, ...] = several(
-        "set one parameter of one agent; may be repeated", metavar="AGENT.KEY=VALUE"
-    )
+    set: tuple[str, ...] = set_option()
     more: tuple[str, ...] = several(
         "start one more agent, also if another host runs it; may be repeated",
         "--with",
@@ -95,6 +94,16 @@ class Options:
         "publish the inputs and outputs of all agents, so that a recording can be replayed"
     )
     page: bool = flag("serve the control page until this ends, and print its link")
+    page_port: int | None = option(
+        "serve the page on this port, also without --page (default: a free one)",
+        metavar="P",
+        must=PORT,
+    )
+    page_bind: str | None = option(
+        "serve the page on this address, also without --page: 0.0.0.0 for other machines that have"
+        " the token, which $ARMADICO_PAGE_TOKEN keeps the same (default: this machine only)",
+        metavar="ADDRESS",
+    )
     mesh: Mesh = group(Mesh, "the mesh")
 
 
@@ -207,12 +216,18 @@ def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
     mesh = where.mesh(starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
     budget = Budget(args.restarts, args.within)
+    page = [] if args.page_port is None else [f"--port={args.page_port}"]
+    page += [] if args.page_bind is None else [f"--bind={args.page_bind}"]
     try:
         with (
             PidFile(where.namespace, plan.host) as pid_file,
             mesh,
             beside(
-                args.mesh, "page", None if scenario is None else scenario.world, wanted=args.page
+                args.mesh,
+                "page",
+                None if scenario is None else scenario.world,
+                wanted=args.page or bool(page),
+                more=page,
             ),
             Upkeep(plan, mesh, _log, budget) as upkeep,
         ):
@@ -244,7 +259,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     from armadico.config.scenarios import Scenario
     from armadico.core.resources import WHEELS
     from armadico.launch.society import Options as Chosen
-    from armadico.launch.society import names, needed, share, spare
+    from armadico.launch.society import check, names, needed, share, spare, with_sets
 
     assert where.table is not None, "an agent is on a host of one"
     host, own = where.host, str(where.name)
@@ -261,9 +276,11 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         namespace=where.namespace,
     )
     _check_more(args, [member.name for member in share(scenario, chosen, host)])
-    members = share(scenario, chosen, host, args.more)
+    members = with_sets(share(scenario, chosen, host, args.more), args.set)
     if not members:
         raise UsageError(f"host {own} has no agent of {args.scenario or 'the table'} to start")
+    if args.set or args.parameters is not None:  # else there is nothing to check
+        check(members)
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:
         raise UsageError(f"--robot {args.robot}: host {own} starts no robot agent")
@@ -282,7 +299,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
     return Plan(
         own,
         where.namespace,
-        _set(args, members),
+        members,
         simulated,
         seed,
         tuple(where.words),
@@ -321,33 +338,6 @@ def _check_more(args: Options, here: Sequence[str]) -> None:
     for name in args.more:
         if name in here and (agent_class(name).alone or name in society().watch):
             raise UsageError(f"--with {name}: this host starts one already")
-
-
-def _set(args: Options, members: Sequence[Member]) -> tuple[Member, ...]:
-    """The members with `--set` applied. Raises ConfigError for invalid parameters."""
-    found = tuple(_with_sets(member, args.set, members) for member in members)
-    if args.set or args.parameters is not None:  # else there is nothing to check
-        from armadico.launch.society import check
-
-        check(found)
-    return found
-
-
-def _with_sets(member: Member, sets: Sequence[str], members: Sequence[Member]) -> Member:
-    """A member with its `--set` values. Raises UsageError for an agent that is not started."""
-    from armadico.launch.society import Member
-
-    mine = []
-    for setting in sets:
-        name, dot, rest = setting.partition(".")
-        if not dot or "=" not in rest:
-            raise UsageError(f"--set {setting}: expected AGENT.KEY=VALUE, as in avoid.v_max=0.3")
-        if name not in {other.name for other in members}:
-            here = ", ".join(dict.fromkeys(other.name for other in members))
-            raise UsageError(f"--set {setting}: agent {name} is not started here (started: {here})")
-        if name == member.name:
-            mine.append(rest)
-    return Member(member.name, (*member.sets, *mine))
 
 
 def _taken(namespace: str, host: str, share: object) -> str:

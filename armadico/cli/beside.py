@@ -39,6 +39,7 @@ def beside(
     *,
     wanted: bool = True,
     wait: bool = False,
+    more: Sequence[str] = (),
 ) -> Iterator[None]:
     """Run a dashboard or a page while this is entered, and print its link.
 
@@ -49,6 +50,7 @@ def beside(
         namespaces: The run's robots; by default the one of the options.
         wanted: If False, nothing is started.
         wait: Wait until a viewer connects, and at the end stay until Ctrl-C.
+        more: Options for the command, in place of those of `PORTS`.
 
     Raises:
         FailedError: It did not start; the reason is on stderr.
@@ -59,7 +61,7 @@ def beside(
     from armadico.launch.processes import command_line
     from armadico.runtime.programs import Program, end
 
-    words = [command, STARTING, *PORTS[command], *mesh.endpoints().words]
+    words = [command, STARTING, *PORTS[command], *more, *mesh.endpoints().words]
     words += [] if world is None else [f"--world={world}"]
     words += [f"--namespace={name}" for name in namespaces or (mesh.namespace,)]
     process = Program(command, command_line(words), None, listen=True)

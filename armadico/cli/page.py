@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
+from ipaddress import ip_address
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -70,11 +71,13 @@ def run(args: Options) -> int:
             server = stack.enter_context(Server(session, guard, args.bind, args.port))
         except ServerError as error:
             raise FailedError(str(error)) from None
-        link = _link(args.bind, server.port, guard.token)
-        print(f"page: {link}", flush=True)
-        if not args.no_open and has_screen(os.environ):
-            webbrowser.open(link)
-        with suppress(KeyboardInterrupt):
+        first, *others = _addresses(args.bind)
+        link = _link(first, server.port, guard.token)
+        also = f" (also at {', '.join(others)})" if others else ""
+        with suppress(KeyboardInterrupt):  # which may come as soon as the link is printed
+            print(f"page: {link}{also}", flush=True)
+            if not args.no_open and has_screen(os.environ):
+                webbrowser.open(link)
             while True:
                 session.turn()
     return 0
@@ -111,11 +114,39 @@ def _guard(args: Options) -> Guard:
         raise UsageError(str(error)) from None
 
 
-def _link(address: str, port: int, token: str) -> str:
+ANYWHERE: Final = {"0.0.0.0": socket.AF_INET, "::": socket.AF_INET6}
+"""Addresses to listen on that are no address to connect to."""
+
+
+def _addresses(bind: str) -> list[str]:
+    """Where other machines find a server that listens on `bind`, the best one first.
+
+    A phone resolves no host name of a small network, so the IP addresses come before it.
+    """
+    if bind not in ANYWHERE:
+        return [bind]
+    import psutil
+
+    family = ANYWHERE[bind]
+    up = {name for name, state in psutil.net_if_stats().items() if state.isup}
+    cards = [card for name, of in psutil.net_if_addrs().items() if name in up for card in of]
+    found = [card.address for card in cards if card.family == family]
+    found = [a for a in found if not (ip_address(a).is_loopback or ip_address(a).is_link_local)]
+    found.sort(key=_outward(family).__ne__)  # others, as of virtual machines, come behind it
+    return [*found, socket.gethostname()]
+
+
+def _outward(family: socket.AddressFamily) -> str:
+    """The address by which this machine reaches others; empty if it has none. Sends nothing."""
+    somewhere = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # for documentation
+    with socket.socket(family, socket.SOCK_DGRAM) as line, suppress(OSError):
+        line.connect((somewhere, 9))
+        return str(line.getsockname()[0])
+    return ""
+
+
+def _link(host: str, port: int, token: str) -> str:
     """The link to the page; browsers do not send what is behind the #."""
-    host = address
-    if address in ("0.0.0.0", "::"):
-        host = socket.gethostname()
     if ":" in host:
         host = f"[{host}]"
     return f"http://{host}:{port}/" + (f"#token={token}" if token else "")

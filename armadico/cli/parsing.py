@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, field, fields
 from importlib.metadata import PackageNotFoundError
@@ -27,17 +28,52 @@ from importlib.metadata import version as installed
 from math import inf, isfinite
 from pathlib import Path
 from types import UnionType
-from typing import Any, Final, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Final,
+    Generic,
+    NamedTuple,
+    NoReturn,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from armadico.core.errors import nearest
 
 T = TypeVar("T")
-
-ArgumentParser = argparse.ArgumentParser
 
 NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
 """A negative number: a value, not an option."""
 
 DECLARED: Final = "option"
 """The key of a field's declaration in its metadata."""
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """A parser whose errors are one line, instead of the usage of thirty options."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As in argparse; the first unknown option ends it, with the nearest one that exists."""
+        words = sys.argv[1:] if args is None else list(args)
+        for word in words[: words.index("--") if "--" in words else None]:
+            if word[:1] != "-" or word == "-" or " " in word or NEGATIVE.match(word):
+                continue  # argparse takes it for a value
+            name = word.partition("=")[0] if word.startswith("--") else word[:2]
+            if name not in self._option_string_actions:
+                self._no_such_option(name)
+        return super().parse_known_args(args, namespace)
+
+    def _no_such_option(self, name: str) -> NoReturn:
+        shown = (a.option_strings for a in self._actions if a.help != argparse.SUPPRESS)
+        near = nearest(name, {flag for flags in shown for flag in flags if flag.startswith("--")})
+        todo = f"did you mean {near}?" if near else f"see {self.prog} --help"
+        self.error(f"{name}: no such option; {todo}")
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and exit with 2."""
+        self.exit(2, f"{self.prog}: error: {message}\n")
 
 
 class UsageError(Exception):

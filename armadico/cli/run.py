@@ -46,6 +46,7 @@ EXAMPLES: Final = """\
   armadico run office.map --start 1 1.5 0 --goal 16.5 13.2 -90
   armadico run --for 60                        no goal and no walls; use armadico goto
   armadico run my.toml --controller fast --exchange abrupt --without gothrough
+  armadico run sc4 --virtual --set goto.v_max=0.3
   armadico run sc1 --robot serial:///dev/ttyUSB0
   armadico run sc4 --together encoder+sonar --together goto+avoid+gothrough
   armadico run sc4 --virtual --profile amigobot

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, Mesh, UsageError
@@ -33,6 +33,7 @@ STARTING: Final = (
     "seed",
     "controller",
     "parameters",
+    "set",
     "exchange",
     "redundant",
     "runs",
@@ -51,6 +52,11 @@ PICTURES: Final = (".pgm", ".png")
 X_Y_DEG: Final = ("X", "Y", "DEG")
 
 SEED: Final = between(0, 2**63 - 1, "expected 0 to 2^63 - 1")
+
+
+def set_option() -> Any:
+    """The field of the parameters that are set one by one."""
+    return several("set one parameter of one agent; may be repeated", metavar="AGENT.KEY=VALUE")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +95,7 @@ class Drive:
         "a set of agents' parameters: thesis, brisk, swift, or a TOML file (default: none)",
         metavar="SET",
     )
+    set: tuple[str, ...] = set_option()
     exchange: str | None = option(
         "how resources change hands (default: smooth)", choices=("abrupt", "smooth")
     )
@@ -165,6 +172,7 @@ class Drive:
             controller=self.controller,
             exchange=self.exchange,
             parameters=self.parameters,
+            sets=self.set,
             without=self.without,
             besides=self.besides,
             sensors=self.sensors,

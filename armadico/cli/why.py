@@ -32,7 +32,7 @@ ABOUT_S: Final = 10.0
 """Missing bids are recomputed for so long before and after an event."""
 
 MOST_LISTED: Final = 30
-"""Most exchanges that the summary of a recording lists."""
+"""Most exchanges, and most drives, that the summary of a recording lists."""
 
 EXAMPLES: Final = """\
   armadico why --live                        which agent drives now, and the others' bids
@@ -329,12 +329,15 @@ def _all(chronicle: Chronicle, ends: float) -> Answer:
         lines.append(f"            and {len(exchanges) - MOST_LISTED} more exchanges")
     lines += [f"{each.t:8.2f} s  stop {each.number}: by {each.by}" for each in presses]
     lines += [f"{each.t:8.2f} s  collision {each.number}: {each.cause.what}" for each in collisions]
+    lines += chronicle.drives.sentences(MOST_LISTED)
     lines += ["At its end:", *last.sentences]
     found = {
         "seconds": round(ends, 3),
         "exchanges": exchanges,
         "stops": presses,
         "collisions": collisions,
+        "drives": chronicle.drives.drives,
+        "unobeyed": chronicle.drives.unobeyed,
         "standing": last,
     }
     return Answer(lines, found)

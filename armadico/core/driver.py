@@ -49,6 +49,7 @@ OPEN_QUERIES: Final = 64  # queries that may wait for their answers; beyond, the
 LINES: Final = 30
 LINES_A_S: Final = 2.0
 REPORT_S: Final = 5.0  # shortest time between two reports of rejected and dropped messages, s
+SLOW_S: Final = 60.0  # shortest time between two reports of slow turns, s
 MOST_REASONS: Final = 64  # different reasons that are counted between two reports
 
 # If an agent is called later than it was due, by more than this (s), only this much time passes for
@@ -134,6 +135,8 @@ class Driver:
         self._lines_at = now
         self._left_out = 0
         self._reported_at = float("-inf")
+        self._slow: list[float] = []  # turns since the last report that were slow, s each
+        self._slow_at = float("-inf")
 
     # Life cycle ----------------------------------------------------------------------------------
 
@@ -225,7 +228,7 @@ class Driver:
             message = self._read(to.message, key, payload, now)
             if message is None:
                 return
-        if self.refused:
+        if self.refused or self._slow:
             self._report(now)  # may be due since
         if self.stage is Stage.JOINED:
             self.agent.receive(message, own)
@@ -339,14 +342,13 @@ class Driver:
         self.agent.update_link(up, why, self._pass(now))
 
     def slow(self, took: float) -> None:
-        """Log that one delivery or wake-up took `took` s, if that is longer than a cycle."""
-        period = self.agent.cycles.period
-        if took > period and self.stage is Stage.JOINED:
-            self.agent.log(
-                f"{self.agent.instance}: too slow: one turn took {took:.2f} s, a cycle is"
-                f" {period:g} s",
-                WARNING,
-            )
+        """Count a delivery or wake-up that took `took` s, if that is longer than a cycle.
+
+        The first one is logged at once, the others together, at most once in `SLOW_S`.
+        """
+        if took > self.agent.cycles.period and self.stage is Stage.JOINED:
+            self._slow.append(took)
+            self._report(self.now)
 
     def refuse(self, key: str, why: object, now: float) -> None:
         """Count a message of a key that was rejected or not sent, for the next report."""
@@ -369,11 +371,20 @@ class Driver:
         self._report(now)
 
     def _report(self, now: float) -> None:
+        instance = self.agent.instance
+        if self._slow and now - self._slow_at >= SLOW_S:
+            count, worst, since = len(self._slow), max(self._slow), now - self._slow_at
+            turns = "one turn" if count == 1 else f"{count} turns in {since:.0f} s, the longest"
+            period = self.agent.cycles.period
+            text = f"{instance}: too slow: {turns} took {worst:.2f} s, a cycle is {period:g} s"
+            self._slow_at = now
+            self._slow.clear()
+            self.agent.log(text, WARNING)
         if not self.refused or now - self._reported_at < REPORT_S:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
-        self.agent.log(f"{self.agent.instance}: rejected or dropped: {text}", WARNING)
+        self.agent.log(f"{instance}: rejected or dropped: {text}", WARNING)
         self.refused.clear()
 
     def _progress(self, now: float) -> None:

@@ -84,6 +84,7 @@ class Options:
     namespace: str = DEFAULT_NAMESPACE  # the robot's
     priority: float | None = None  # of a mission of several tasks; None: its own
     journal: bool = False  # live: the agents publish their inputs and outputs
+    sets: tuple[str, ...] = ()  # single parameters, as AGENT.KEY=VALUE
     margin: float | None = None  # by which a bid must be better; None: the resource's own
 
 
@@ -147,7 +148,7 @@ def prepared(
         if name not in free:
             taking = ", ".join(free)
             raise ConfigError(f"without {name}: {scenario.name} can be without {taking}")
-    if options.controller or options.parameters:
+    if options.controller or options.parameters or options.sets:
         check(members(scenario, options, ""))
     return scenario
 
@@ -178,7 +179,7 @@ def members(scenario: Scenario, options: Options, port: str) -> tuple[Member, ..
     """The agents of a run, the robot agent first; `port` is the address of the controller."""
     known = options.robot is None  # the simulator sets the start pose
     told = facts(scenario, options, port, placed=known)
-    return _launched(names(scenario, options.without), told, options)
+    return with_sets(_launched(names(scenario, options.without), told, options), options.sets)
 
 
 def share(
@@ -296,6 +297,25 @@ def _launched(
         check_rivals(names)
     given = load_set(options.parameters) if options.parameters else {}
     return tuple(Member(name, given.get(name, ()) + _settings(name, known)) for name in names)
+
+
+def with_sets(members: Sequence[Member], sets: Sequence[str]) -> tuple[Member, ...]:
+    """The members with single parameters, AGENT.KEY=VALUE, which `check` then checks.
+
+    Raises ConfigError for another form, and for an agent that is not among them.
+    """
+    here = dict.fromkeys(member.name for member in members)
+    given: dict[str, tuple[str, ...]] = {}
+    for each in sets:
+        name, dot, rest = each.partition(".")
+        if not dot or "=" not in rest:
+            raise ConfigError(f"--set {each}: expected AGENT.KEY=VALUE, as in avoid.v_max=0.3")
+        if name not in here:
+            raise ConfigError(
+                f"--set {each}: agent {name} is not started here (started: {', '.join(here)})"
+            )
+        given[name] = (*given.get(name, ()), rest)
+    return tuple(Member(m.name, (*m.sets, *given.get(m.name, ()))) for m in members)
 
 
 def _settings(name: str, known: Mapping[str, object]) -> tuple[str, ...]:

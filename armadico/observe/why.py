@@ -39,6 +39,7 @@ from armadico.core.services import matches
 from armadico.mobile.messages import MissionState, Pose, Truth
 from armadico.mobile.motion import Body
 from armadico.mobile.obstacles import Obstacles
+from armadico.observe.drives import Drives
 from armadico.observe.explained import (
     Bidding,
     Collision,
@@ -167,6 +168,7 @@ class Chronicle:
         self.exchanges: list[Exchange] = []
         self.collisions: list[Collision] = []
         self.moments: list[Moment] = []
+        self.drives = Drives(WHEELS.name)
         self._pressed: list[_Pressed] = []
         self._records: dict[tuple[str, str], deque[BidRecord]] = {}
         self._history: dict[str, _History] = {}  # by resource
@@ -315,6 +317,7 @@ class Chronicle:
         return self._history[name]
 
     def _on_ack(self, ack: Ack, t: float) -> None:
+        self.drives.update(ack, self.view.cards, t - self._begun)
         driver = self.view.driver(ack.resource, t)
         if driver is None or ack.obeyed is None:
             return

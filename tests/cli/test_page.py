@@ -9,16 +9,19 @@ import socket
 import subprocess
 import urllib.error
 import urllib.request
+from typing import NamedTuple
 
 import pytest
 
 from armadico.cli import main as armadico
+from armadico.cli import page
 from armadico.cli.beside import Helpers, beside
 from armadico.cli.options import Mesh
 from armadico.cli.page import TOKEN_VARIABLE
+from armadico.mesh.ports import free_port
 from tests.programs import heavy, imports_nothing, starter
 
-LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?\n")
+LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?(?: \(also at .*\))?\n")
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
@@ -54,6 +57,34 @@ def test_what_cannot_be_is_refused_before_anything_starts(
     assert expected in said
 
 
+class Address(NamedTuple):
+    family: socket.AddressFamily
+    address: str
+
+
+class State(NamedTuple):
+    isup: bool
+
+
+def test_for_other_machines_the_link_has_an_address_that_a_phone_needs_not_resolve(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cards = {
+        "lo": [Address(socket.AF_INET, "127.0.0.1")],
+        "br0": [Address(socket.AF_INET, "172.17.0.1")],
+        "wlan0": [Address(socket.AF_INET, "192.168.1.5"), Address(socket.AF_INET6, "2001:db8::5")],
+        "eth1": [Address(socket.AF_INET, "10.0.0.9")],
+    }
+    monkeypatch.setattr("psutil.net_if_addrs", lambda: cards)
+    monkeypatch.setattr("psutil.net_if_stats", lambda: {n: State(n != "eth1") for n in cards})
+    monkeypatch.setattr(page, "_outward", lambda family: "192.168.1.5")
+    monkeypatch.setattr("socket.gethostname", lambda: "bench")
+    assert page._addresses("0.0.0.0") == ["192.168.1.5", "172.17.0.1", "bench"]
+    assert page._addresses("::") == ["2001:db8::5", "bench"]
+    assert page._addresses("127.0.0.1") == ["127.0.0.1"]
+    assert page._link("2001:db8::5", 8090, "t") == "http://[2001:db8::5]:8090/#token=t"
+
+
 @pytest.mark.parametrize("words", [["--virtual"], ["--runs", "2"]])
 def test_beside_a_run_it_is_for_one_live_run(
     capsys: pytest.CaptureFixture[str], words: list[str]
@@ -79,8 +110,10 @@ def read(link: str) -> bytes:
 @pytest.mark.live
 def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
     with starter() as start:
-        process = start("up", "sc1", "--page", "--namespace=p")
+        port = free_port("127.0.0.1")
+        process = start("up", "sc1", f"--page-port={port}", "--namespace=p")
         link = page_of(process)
+        assert link == f"http://127.0.0.1:{port}/", "the same at each start"
         assert process.stdout is not None
         assert " is up after " in process.stdout.readline()
         assert b"<html" in read(link)

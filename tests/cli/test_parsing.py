@@ -81,11 +81,35 @@ def test_a_value_that_must_not_be_is_named(words: list[str], says: str) -> None:
         command.parse(["x", *words])
 
 
-@pytest.mark.parametrize("words", [["--quick", "--slow"], ["-n", "3"], ["--kinds", "c"], ["--qu"]])
-def test_what_cannot_be_read_ends_with_the_usage(words: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--quick", "--slow"], "--slow: not allowed with argument --quick"),
+        (["-n", "3"], "3 is odd"),
+        (["--kinds", "c"], "invalid choice: 'c'"),
+        (["--qu"], "--qu: no such option; did you mean --quick?"),
+        (["--star", "1", "-2", "0"], "--star: no such option; did you mean --start?"),
+        (["--job=3"], "--job: no such option; did you mean --jobs?"),
+        (["-x"], "-x: no such option; see armadico test --help"),
+        (["more"], "unrecognized arguments: more"),
+    ],
+)
+def test_what_cannot_be_read_is_named_in_one_line(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as end:
         command.parse(["x", *words])
     assert end.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("armadico test: error: ")
+    assert says in line
+
+
+def test_a_value_with_a_dash_is_no_option() -> None:
+    found = command.parse(["--without=-a", "--start", "-1", "-.5", "-1e1", "--", "-x"])
+    assert found.leave == ("-a",)
+    assert found.start == (-1.0, -0.5, -10.0)
+    assert found.file == Path("-x")
 
 
 def test_several_robots_are_each_named_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from armadico.config.loading import read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
 
-DEMO = {"robot": 11, "lab1": 12, "lab2": 13, "lab3": 14}
+DEMO = {"robot": 11, "lab1": 12, "lab2": 13}
 
 LAB = """\
 [robot]
@@ -45,7 +45,7 @@ def test_the_shipped_table_opens_no_port_and_runs_every_agent() -> None:
     assert table.fleet == ()
 
 
-def test_the_demos_table_is_four_hosts_that_run_every_agent_between_them() -> None:
+def test_the_demos_table_is_three_hosts_that_run_every_agent_between_them() -> None:
     table = load_hosts("demo")
     hosts = table.hosts
     assert {name: host.addresses for name, host in hosts.items()} == {
@@ -53,7 +53,7 @@ def test_the_demos_table_is_four_hosts_that_run_every_agent_between_them() -> No
     }
     assert (table.robots_host, table.robots_router) == ("robot", "tcp/10.77.0.11:7447")
     every = [agent for host in hosts.values() for agent in host.agents]
-    assert sorted(every) == sorted((society().robot, *society().agents))
+    assert {*every} == {society().robot, *society().agents, *society().watch}
 
 
 def test_a_table_is_a_file_or_a_shipped_name(

@@ -1,18 +1,20 @@
-"""The four hosts on a real engine: whole, without one, and whole again."""
+"""The demo on a real engine: a failover, and a page that this machine reaches."""
 
 from __future__ import annotations
 
+import re
 import subprocess
-from collections.abc import Iterator
+import urllib.request
 
 import pytest
 
-from armadico_tools.hosts.compose import ComposeHosts, lacking
+from armadico.core.judgement import Answer
+from armadico_tools.hosts.compose import ComposeHosts, demo, lacking
 from tests.house.tree import ROOT
 
 BASE = "python:3.11-slim-bookworm"
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.live, pytest.mark.long, pytest.mark.timeout(400)]
 
 
 def why_not() -> str | None:
@@ -37,30 +39,17 @@ def _out(*words: str) -> str:
     return done.stdout.strip()
 
 
-@pytest.fixture
-def hosts() -> Iterator[ComposeHosts]:
+def test_a_host_is_killed_and_another_takes_over_at_once() -> None:
     reason = why_not()
     if reason is not None:
         pytest.skip(reason)
-    with ComposeHosts("sc4", print) as up:
-        yield up
-
-
-def ps(hosts: ComposeHosts, host: str) -> tuple[int, str]:
-    """What lab3 sees of a host."""
-    process = hosts.popen("lab3", ["armadico", "ps", "--host", host])
-    output, _ = process.communicate(timeout=30)
-    return process.returncode, output
-
-
-def test_a_host_is_lost_and_comes_back_with_nothing_configured(hosts: ComposeHosts) -> None:
-    for host in hosts.names:
-        code, output = ps(hosts, host)
-        assert code == 0, output
-    hosts.stop("lab2")
-    code, output = ps(hosts, "lab2")
-    assert (code, output) == (1, "lab2: no agent is alive\n")
-    assert ps(hosts, "lab1")[0] == 0
-    hosts.start("lab2", wait=True)
-    code, output = ps(hosts, "lab2")
-    assert code == 0, output
+    lines: list[str] = []
+    with ComposeHosts("sc4", lines.append) as hosts:
+        (page,) = [line for line in lines if line.startswith("page: ")]
+        found = re.fullmatch(r"page: (http://127\.0\.0\.1:\d+/)#token=\S{32}", page)
+        assert found is not None, page
+        with urllib.request.urlopen(found[1], timeout=10.0) as answer:
+            assert b"<html" in answer.read()
+        judgement = demo(hosts, "sc4", lines.append)
+    assert judgement.answer is Answer.YES, "\n".join([str(judgement), *lines])
+    assert not _out("ps", "--all", "--quiet", "--filter", "name=armadico-demo")

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.hosts import load_hosts
+from armadico_tools.hosts.compose import DESK, DRIVER
 from tests.house.tree import PRODUCT, ROOT
 
 DEPLOY = ROOT / "deploy"
@@ -29,11 +30,21 @@ def services() -> dict[str, str]:
 
 def test_each_service_is_a_host_of_the_demo_at_its_address() -> None:
     hosts = load_hosts("demo").hosts
-    assert set(services()) == set(hosts)
+    assert set(services()) == {*hosts, DESK}
     for name, text in services().items():
+        if name == DESK:
+            continue
         assert re.findall(r"ipv4_address: ([\d.]+)", text) == list(hosts[name].addresses)
         assert f'command: [up, "${{SCENARIO:-sc4}}", --host, {name}' in text
         assert re.search(rf"test: \[CMD, armadico, ps, --host, {name}\]", text)
+
+
+def test_more_than_one_host_of_the_demo_can_drive_and_has_a_monitor() -> None:
+    table = load_hosts("demo")
+    drivers = [name for name, host in table.hosts.items() if DRIVER in host.agents]
+    assert len(drivers) > 1
+    assert table.robots_host not in drivers, "it is never killed"
+    assert all("monitor" in table.hosts[name].agents for name in drivers)
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
@@ -67,6 +78,7 @@ def test_the_image_is_given_every_package_and_all_that_it_copies() -> None:
 def test_the_image_installs_what_a_run_on_this_machine_has_without_what_draws() -> None:
     agents, run = (locked(ROOT / "requirements" / f"{name}.txt") for name in ("agents", "run"))
     assert agents < run
+    assert "mcap" in {name for name, _ in agents}, "a run is recorded where it is driven"
     assert not {name for name, _ in agents} & {"matplotlib", "rerun-sdk", "scipy"}
 
 

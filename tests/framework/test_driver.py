@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import pytest
 
-from armadico.core.agent import Agent, Answer, Identity, Question
-from armadico.core.driver import OPEN_QUERIES, Driver, Reply, SendQuery
+from armadico.core.agent import Agent, Answer, Identity, Publish, Question
+from armadico.core.driver import OPEN_QUERIES, SLOW_S, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
-from armadico.core.messages import PROTOCOL, Card, Message, Stop, encode
+from armadico.core.messages import PROTOCOL, Card, Log, Message, Stop, encode
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
 STOP = Stop(3, True, "a guest", 5)
@@ -123,3 +123,29 @@ def test_one_that_is_given_for_another_is_no_card_at_all() -> None:
     driver.on_reply(query.id, card("planner-2", tenure=10**6), now)
     assert driver.stage is Stage.LOOKING
     assert driver.refusal == ""
+
+
+# Slow turns ---------------------------------------------------------------------------------------
+
+
+def logged(driver: Driver) -> list[str]:
+    """The log lines among the outputs."""
+    sent = [item.message for item in driver.drain() if isinstance(item, Publish)]
+    return [message.text for message in sent if isinstance(message, Log)]
+
+
+def test_slow_turns_are_counted_and_logged_once_a_minute() -> None:
+    """A loaded machine does not flood the log; nothing that was counted is lost."""
+    _, driver, now = begun()
+    driver.slow(0.05)
+    assert logged(driver) == [], "as long as a cycle or shorter"
+    driver.slow(0.12)
+    assert logged(driver) == ["planner-5: too slow: one turn took 0.12 s, a cycle is 0.1 s"]
+    for took in (0.11, 0.31, 0.2):
+        deliver(driver, STOP, now := now + 1.0)
+        driver.slow(took)
+    assert logged(driver) == []
+    deliver(driver, STOP, now + SLOW_S)
+    (line,) = logged(driver)
+    assert "too slow: 3 turns in 6" in line
+    assert "the longest took 0.31 s" in line

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import subprocess
 from collections.abc import Sequence
-from typing import Any, Final, Self
+from pathlib import Path
+from typing import Any, Self
 
 from armadico.config.hosts import load_hosts
 from armadico.mesh.link_faults import LinkFaults
-from armadico_tools.testbed import TABLE, Namespaces
-
-BESIDE: Final = ("lab1", "avoid")
-"""Where a second avoid stands by, as in deploy/compose.yaml."""
+from armadico_tools.hosts.compose import DESK
+from armadico_tools.testbed import TABLE, WATCHER, Namespaces
 
 
 class NamespaceHosts:
     """Each host runs `armadico up`; all have the same faults on their links."""
 
-    def __init__(self, scenario: str, faults: LinkFaults) -> None:
+    def __init__(self, scenario: str, faults: LinkFaults, folder: Path) -> None:
+        """`folder` is for the recording."""
         self._scenario = scenario
+        self.recording = str(folder / "demo.mcap")
         self._up: dict[str, subprocess.Popen[bytes]] = {}
         self._bed = Namespaces(load_hosts(TABLE))
         self.names = self._bed.hosts
@@ -33,9 +34,9 @@ class NamespaceHosts:
 
     def start(self, host: str) -> None:
         self._bed.network.change(lambda switch: switch.plug(host, True))
-        beside = ("--with", BESIDE[1]) if host == BESIDE[0] else ()
-        words = ["up", self._scenario, *self._bed.joining(host), *beside]
-        self._up[host] = self._bed.start(host, host, words)
+        self._up[host] = self._bed.start(
+            host, host, ["up", self._scenario, *self._bed.joining(host)]
+        )
 
     def stop(self, host: str) -> None:
         """Take the host's network away, and its power."""
@@ -43,7 +44,9 @@ class NamespaceHosts:
         self._bed.network.hosts[host].kill()
 
     def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
-        return self._bed.popen(host, argv, stdout=subprocess.PIPE, text=True, bufsize=1, **options)
+        """Run a command on a host; the desk is the watcher, which no table names."""
+        where = WATCHER if host == DESK else host
+        return self._bed.popen(where, argv, stdout=subprocess.PIPE, text=True, bufsize=1, **options)
 
     def last_lines(self) -> str:
         return "\n".join(

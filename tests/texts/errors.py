@@ -100,6 +100,9 @@ COMMANDS = """
 armadico gto
 armadico run
 armadico run sc1 --world sc1
+armadico run sc1 --sensor ideal
+armadico run sc1 --set gto.v_max=1
+armadico run sc1 --virtual --set goto.v_mx=1
 armadico run sc11
 armadico run missing.toml
 armadico run --world hous --goal 1 1 0
@@ -494,9 +497,7 @@ def commands() -> Iterator[str]:
                 code = agent(words) if program == "armadico-agent" else cli.main(words)
             except SystemExit as end:  # argparse
                 code = int(str(end.code))
-        # argparse's usage is not ours; it stands in front of its error.
-        said = re.sub(r"(?s)^usage:.*?(?=^armadico)", "", err.getvalue(), flags=re.MULTILINE)
-        yield f"$ {line}\n{said}exit {code}"
+        yield f"$ {line}\n{err.getvalue()}exit {code}"
 
 
 def scenarios() -> Iterator[str]:

@@ -29,7 +29,7 @@ from armadico_tools.testbed import Namespaces, Place
 TWIN: Final = "goto-2"
 """A second instance of goto: its bids equal the first one's, which is not better, so it waits."""
 
-TWIN_HOST: Final = "lab3"
+TWIN_HOST: Final = "lab2"
 """The host of the second goto, if there are hosts."""
 
 CALM_S: Final = 0.6
@@ -430,7 +430,8 @@ def run_trials(
     rng = random.Random(f"{seed} {trial.name}")
     hosts: dict[str, str] = {}
     if trial.hosts and table is not None:
-        hosts = {agent: name for name, host in table.hosts.items() for agent in host.agents}
+        for name, host in table.hosts.items():  # of an agent on two hosts, the first has it
+            hosts = dict.fromkeys(host.agents, name) | hosts
     while made < count and len(failed) < AGAIN:
         checker = Checker(replace(bounds_of(scenario), command_delay_s=COMMAND_DELAY_S))
         path = part(record, len(failed)) if record is not None and failed else record
