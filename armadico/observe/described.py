@@ -10,9 +10,12 @@ from typing import Any
 
 import msgspec
 
+from armadico.core.judgement import Answer
 from armadico.core.services import service_at
 from armadico.mobile.errand import Progress
-from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
+from armadico.observe.diagnosis import diagnose
+from armadico.observe.findings import Demand, Finding, summary, those
+from armadico.observe.standing import standing
 from armadico.observe.view import Seen, View, agent_of
 
 Section = dict[str, Any]
@@ -98,11 +101,20 @@ def errand(of: Progress) -> Section:
     }
 
 
-def stands(
-    view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
-) -> Section:
-    found: Section = msgspec.to_builtins(standing(view, now, installed, hosts))
-    return found
+def diagnosis(view: View, now: float, demand: Demand) -> Section:
+    """Why the robot stands, and all findings that are not fine."""
+    findings = diagnose(view, demand, now)
+    off = [each for each in findings if each.answer is not Answer.YES]
+    found: Section = msgspec.to_builtins(standing(view, now, demand))
+    return found | {"summary": summary(findings), "findings": msgspec.to_builtins(off)}
+
+
+def also(found: Section) -> list[str]:
+    """What is wrong beside the cause of standing, in lines; and a summary, unless all is well."""
+    findings = [msgspec.convert(each, Finding) for each in found["findings"]]
+    own = found["cause"] and found["cause"]["what"]
+    wrong = [f"wrong: {each}" for each in those(findings, Answer.NO) if each.what != own]
+    return [*wrong, f"{found['summary']}: see `armadico doctor`"] if findings else wrong
 
 
 def resource(view: View, name: str, now: float) -> Section:
