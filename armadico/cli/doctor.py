@@ -65,7 +65,7 @@ def run(args: Options) -> int:
     for finding in examine(args.mesh):
         findings.append(finding)
         if not args.json:
-            _show(finding)
+            print(*lines(finding), sep="\n", flush=True)
     if args.json:
         import msgspec
 
@@ -85,12 +85,13 @@ def examine(chosen: options.Mesh) -> Iterator[Finding]:
     yield from society(chosen)
 
 
-def _show(finding: Finding) -> None:
+def lines(finding: Finding) -> Iterator[str]:
+    """A finding for people: its verdict and sentence, and below it the cure."""
     verdict = _WORDS[finding.answer, bool(finding.todo)]
     who = "" if finding.who in finding.what else f" {finding.who}"
-    print(options.shown(f"{verdict:<8} {finding.sort}{who}: {finding.what}"))
+    yield options.shown(f"{verdict:<8} {finding.sort}{who}: {finding.what}")
     if finding.todo:
-        print(options.shown(f"{'':<8} -> {finding.todo}"))
+        yield options.shown(f"{'':<8} -> {finding.todo}")
 
 
 _WORDS: Final = {

@@ -49,7 +49,7 @@ class AnyHost(options.Mesh):
 @dataclass(frozen=True, kw_only=True)
 class Options:
     json: bool = flag("print a JSON object")
-    timeout: float = options.timeout_option("wait at most so long for agents that have not answered", 4.5)
+    timeout: float = options.timeout_option("wait at most so long for an agent's answer", 4.5)
     mesh: AnyHost = group(AnyHost, "the mesh")
 
 
@@ -73,7 +73,7 @@ def run(args: Options) -> int:
             now = observer.now
     hosts = [each for each in hosts_of(view, demand, now) if host in (None, each.name)]
     if args.json:
-        print(json.dumps(_plain(view, hosts, findings), indent=2))
+        print(json.dumps(_plain(view, hosts, findings, host), indent=2))
     elif host is not None:
         _show_host(hosts[0])
     else:
@@ -89,14 +89,18 @@ def run(args: Options) -> int:
 
 
 def _plain(
-    view: View, hosts: Sequence[HostState], findings: Sequence[Finding]
+    view: View, hosts: Sequence[HostState], findings: Sequence[Finding], host: str | None
 ) -> dict[str, Any]:
     import msgspec
 
     return {
         "summary": summary(findings),
         "findings": [msgspec.to_builtins(f) for f in findings if f.answer is not Answer.YES],
-        "agents": [_plain_card(agent) for agent in view.agents],
+        "agents": [
+            _plain_card(agent)
+            for agent in view.agents
+            if agent.card is None or host in (None, agent.card.host)
+        ],
         "doubled": view.doubled,
         "hosts": [
             {

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from armadico.observe.explained import Collision, Exchange, Moment, Press
     from armadico.observe.recordings import Past, Row
     from armadico.observe.standing import Standing
+    from armadico.observe.view import View
     from armadico.observe.why import Chronicle
 
 Bids = dict[tuple[str, str], list["BidRecord"]]
@@ -153,7 +154,8 @@ def _live(args: Options) -> Answer:
             raise AbsentError("no agent is alive", robot.namespace)
         now = observer.now
         if args.standing:
-            return _standing(standing(chronicle.view, now, demand), findings)
+            lines = explained(chronicle.view, now, demand, findings)
+            return Answer(lines, standing(chronicle.view, now, demand))
         if args.stop is not None:
             return _one("stop", args.stop, chronicle.presses)
         chronicle.mark(now)
@@ -290,11 +292,17 @@ def _add(chronicle: Chronicle, row: Row, t: float) -> None:
 # Answers ------------------------------------------------------------------------------------------
 
 
-def _standing(found: Standing, findings: Sequence[Finding] = ()) -> Answer:
-    lines = list(found.sentences)
-    if found.cause is not None and found.cause.todo:
-        lines.append(f"-> {found.cause.todo}")
-    return Answer([*lines, *_beside(found.cause, findings)], found)
+def _standing(found: Standing) -> Answer:
+    todo = "" if found.cause is None else found.cause.todo
+    return Answer([*found.sentences, *([f"-> {todo}"] if todo else [])], found)
+
+
+def explained(view: View, now: float, demand: Demand, findings: Sequence[Finding]) -> list[str]:
+    """Why the robot of a live society stands, and what else is wrong."""
+    from armadico.observe.standing import standing
+
+    found = standing(view, now, demand)
+    return [*_standing(found).sentences, *_beside(found.cause, findings)]
 
 
 def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:

@@ -53,6 +53,9 @@ FAST_HZ: Final = 5.0
 """Rates below this are not compared within an observer's few seconds."""
 
 
+LONGER: Final = "observe the society for longer"
+
+
 def diagnose(view: View, demand: Demand = NOTHING, now: float = 0.0) -> tuple[Finding, ...]:
     """All findings, at most one for each code and subject; those of the first checks come first.
 
@@ -66,9 +69,8 @@ def diagnose(view: View, demand: Demand = NOTHING, now: float = 0.0) -> tuple[Fi
     for check in ROOTS:
         for each in check(case):
             found.setdefault((each.sort, each.who), each)
-    if found:  # the other checks would only name the consequences
-        return tuple(found.values())
-    for check in CHECKS:
+    # Behind a root the other checks would only name consequences.
+    for check in (_simulators,) if found else CHECKS:
         for each in check(case):
             found.setdefault((each.sort, each.who), each)
     return tuple(found.values())
@@ -167,9 +169,11 @@ def _router(case: _Case) -> Iterator[Finding]:
 def _nobody(case: _Case) -> Iterator[Finding]:
     if case.view.alive:
         return
-    if case.demand.hosts or case.view.gone:
-        found = standing(case.view, case.now, case.demand).cause
-        todo = UP if found is None or not found.todo else found.todo
+    if case.age_s < SEEN_S:
+        yield _young(Sort.ABSENT, "", case)
+    elif case.demand.hosts or case.view.gone:
+        starts = [f"`armadico up --host {host}`" for host in case.demand.hosts]
+        todo = f"{' and '.join(starts)} starts them" if starts else UP
         yield Finding(Sort.ABSENT, "", "No agent is alive.", todo)
     else:
         yield open_question(Sort.ABSENT, "", "No agent is alive, so nothing can be checked.", UP)
@@ -208,7 +212,7 @@ def _hosts(case: _Case) -> Iterator[Finding]:
 
 def _young(sort: Sort, who: str, case: _Case) -> Finding:
     what = f"{who or 'the society'} has been observed for only {case.age_s:.1f} s."
-    return open_question(sort, who, what, "observe it for longer")
+    return open_question(sort, who, what, LONGER)
 
 
 def _agents(case: _Case) -> Iterator[Finding]:
@@ -241,7 +245,8 @@ def _agents(case: _Case) -> Iterator[Finding]:
             yield open_question(Sort.ABSENT, name, what, f"`armadico-agent {name}` starts it")
         what = "Which agents should be alive is not known: there is no host table and no monitor"
         what += " here."
-        yield open_question(Sort.AGENTS, "", what, "--hosts TABLE names them; so does `armadico up`")
+        todo = "--hosts TABLE names them; so does `armadico up`"
+        yield open_question(Sort.AGENTS, "", what, todo)
     elif not missing:
         agents = f"{len(view.alive)} agents are alive"
         yield fine(Sort.AGENTS, "", f"{agents}; none is missing.")
@@ -272,7 +277,7 @@ def _answers(case: _Case, instance: str) -> Iterator[Finding]:
         yield Finding(Sort.LINK, name, what, "check the cable, the switch and the firewall there")
     elif card is None and asked_s > 0.0:
         what = f"{name} has not answered yet, after {asked_s:.1f} s."
-        yield open_question(Sort.SILENT, name, what, "observe it for longer")
+        yield open_question(Sort.SILENT, name, what, LONGER)
 
 
 def _versions(case: _Case) -> Iterator[Finding]:
@@ -304,7 +309,7 @@ def _tables(case: _Case) -> Iterator[Finding]:
 
 
 def _twice(case: _Case) -> Iterator[Finding]:
-    """Two robot agents, two publishers of a state, two simulators."""
+    """Two robot agents, or two publishers of a state."""
     robots = case.owners
     todo = "end one, or give each robot its own --namespace"
     if len(robots) > 1:
@@ -314,9 +319,12 @@ def _twice(case: _Case) -> Iterator[Finding]:
         if not {card.instance for card in robots}.issuperset(publishers):
             what = f"{key} is published by {' and '.join(publishers)}: subscribers receive both."
             yield Finding(Sort.TWICE, key, what, todo)
-    for name in case.view.strangers(case.now):
-        what = f"{name} is a second simulator in this namespace."
-        yield Finding(Sort.TWICE, "sim/truth", what, todo)
+
+
+def _simulators(case: _Case) -> Iterator[Finding]:
+    if names := case.view.strangers(case.now):
+        what = f"{', '.join(names)}: a second simulator in this namespace."
+        yield Finding(Sort.TWICE, "sim/truth", what, "end it, or give it its own --namespace")
 
 
 def _faults(case: _Case) -> Iterator[Finding]:
@@ -339,7 +347,8 @@ def _faults(case: _Case) -> Iterator[Finding]:
     graph = case.view.graph(case.now)
     if graph is not None and graph.uncertain:
         what = f"The map may be wrong: {graph.uncertain}."
-        yield open_question(Sort.MAP, "graph", what, "look at the map; drive its doubtful places again")
+        todo = "look at the map, and drive its doubtful places again"
+        yield open_question(Sort.MAP, "graph", what, todo)
 
 
 def _standing(case: _Case) -> Iterator[Finding]:
@@ -463,12 +472,14 @@ Check = Callable[[_Case], Iterator[Finding]]
 ROOTS: Final[tuple[Check, ...]] = (_router, _nobody, _deaf)
 
 CHECKS: Final[tuple[Check, ...]] = (
-    *(_hosts, _agents, _versions, _tables, _twice, _faults, _standing, _by_hand),
+    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _faults, _standing, _by_hand),
     *(_robot, _pose, _rates, _monitors, _clocks),
 )
 
 
 def settled(findings: Iterable[Finding]) -> bool:
-    """Whether a longer observation would not change a finding from unknown to something else."""
-    early = (Sort.STARTING, Sort.SILENT, Sort.HOST, Sort.UNREACHABLE, Sort.UNKNOWN)
-    return not any(f.answer is Answer.UNKNOWN and f.sort in early for f in findings)
+    """Whether a longer observation would change no finding from unknown to yes or no."""
+    return not any(
+        f.answer is Answer.UNKNOWN and (f.sort in (Sort.STARTING, Sort.UNKNOWN) or f.todo == LONGER)
+        for f in findings
+    )

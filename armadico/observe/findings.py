@@ -1,15 +1,14 @@
 """What an observer finds out about a society: one type for all commands (sans-IO).
 
-A finding has a code, what it is about, an answer, a sentence and a cure. `armadico.observe.standing`
-finds why the robot stands, `armadico.observe.diagnosis` makes all checks.
+A finding has a code, what it is about, an answer, a sentence and a cure. `observe.standing` finds
+why the robot stands; `observe.diagnosis` makes all checks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
 from typing import Final
 
 from msgspec import Struct
@@ -116,7 +115,6 @@ def open_question(sort: Sort, who: str, what: str, todo: str = "") -> Finding:
 
 Installed = Callable[[str], Iterable[str]]  # by key, the installed agents that publish on it
 Hosts = Mapping[str, Sequence[str]]  # by host, the agents that it should run
-NO_TABLE: Final[Hosts] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,7 @@ class Demand:
             before it started.
     """
 
-    hosts: Hosts = NO_TABLE
+    hosts: Hosts = field(default_factory=dict)
     table: str = ""
     installed: Installed = lambda _: ()
 

@@ -215,7 +215,7 @@ class _Chain:
             return self._held_up(name)
         if self._is_lost():
             return self._lost()
-        if (stood := self.now - (view.rests_since or self.now)) < YOUNG_S:
+        if (stood := self.now - (view.rests_since or self.now)) < STARTS_S:
             what = f"{name} drives; the robot has stood for only {stood:.1f} s."
             return self.end(Sort.STARTING, name, what)
         reason = (bid.reason if bid else "") or "no reason given"

@@ -89,7 +89,8 @@ def test_if_no_agent_is_alive_the_hosts_of_the_table_are_named() -> None:
     view = View()
     view.token("goto-1", there=True, t=0.0)
     view.token("goto-1", there=False, t=1.0)
-    cause = standing(view, 2.0, Demand({"lab1": ("goto",), "lab2": ("sonar",)}, installed=providers)).cause
+    table = {"lab1": ("goto",), "lab2": ("sonar",)}
+    cause = standing(view, 2.0, Demand(table, installed=providers)).cause
     assert cause is not None
     assert "--host lab1" in cause.todo
     assert "--host lab2" in cause.todo

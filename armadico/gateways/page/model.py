@@ -26,8 +26,8 @@ from armadico.mobile.messages import MapGraph, OccupancyGrid, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
 from armadico.observe.described import rounded
-from armadico.observe.pictures import colour
 from armadico.observe.findings import NOTHING, Demand
+from armadico.observe.pictures import colour
 from armadico.observe.view import View, agent_of
 
 # Largest numbers shown:
@@ -155,7 +155,7 @@ class Robot:
             "graph": self._graph,
             "slam": described.slam(view, t),
             "log": self._log(),
-            "standing": described.diagnosis(view, t, self._demand),
+            "standing": self.standing(t),
         }
         for part in self._parts:
             part.show(parts, t)
@@ -173,6 +173,10 @@ class Robot:
         for part in self._parts:
             found |= part.fixed
         return found
+
+    def standing(self, t: float) -> dict[str, Any]:
+        """Why the robot stands, and what else is wrong or not known."""
+        return described.diagnosis(self.view, t, self._demand)
 
     def _body(self) -> dict[str, Any] | None:
         body = self.view.description
