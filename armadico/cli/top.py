@@ -141,8 +141,6 @@ def tables(snapshot: dict[str, Any]) -> Group:
     from rich.console import Group
     from rich.text import Text
 
-    from armadico.observe import described
-
     heading = Text(options.shown(_heading(snapshot)), style="bold")
     agents = [
         (
@@ -178,7 +176,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
     ]
     standing = snapshot["standing"]
     why = [*standing["sentences"]] if standing["stands"] else []
-    why += described.also(standing)
+    why += standing["beside"]
     return Group(
         heading,
         *(Text(options.shown(sentence)) for sentence in why),

@@ -306,8 +306,8 @@ def explained(view: View, now: float, demand: Demand, findings: Sequence[Finding
 
 
 def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:
-    """What else is wrong."""
-    return short([each for each in findings if each != cause])
+    """What else is wrong, and the summary of all findings."""
+    return short(findings, () if cause is None else ((cause.sort, cause.who),))
 
 
 def _moment(found: Moment) -> Answer:

@@ -14,7 +14,7 @@ from armadico.core.judgement import Answer
 from armadico.core.services import service_at
 from armadico.mobile.errand import Progress
 from armadico.observe.diagnosis import diagnose
-from armadico.observe.findings import Demand, Finding, summary, those
+from armadico.observe.findings import Demand, short, summary
 from armadico.observe.standing import standing
 from armadico.observe.view import Seen, View, agent_of
 
@@ -102,19 +102,16 @@ def errand(of: Progress) -> Section:
 
 
 def diagnosis(view: View, now: float, demand: Demand) -> Section:
-    """Why the robot stands, and all findings that are not fine."""
-    findings = diagnose(view, demand, now)
+    """Why the robot stands, and all findings that are not fine.
+
+    `beside` has in lines what is wrong beside the cause, and the summary, unless all is well.
+    """
+    findings, why = diagnose(view, demand, now), standing(view, now, demand)
     off = [each for each in findings if each.answer is not Answer.YES]
-    found: Section = msgspec.to_builtins(standing(view, now, demand))
-    return found | {"summary": summary(findings), "findings": msgspec.to_builtins(off)}
-
-
-def also(found: Section) -> list[str]:
-    """What is wrong beside the cause of standing, in lines; and a summary, unless all is well."""
-    findings = [msgspec.convert(each, Finding) for each in found["findings"]]
-    own = found["cause"] and found["cause"]["what"]
-    wrong = [f"wrong: {each}" for each in those(findings, Answer.NO) if each.what != own]
-    return [*wrong, f"{found['summary']}: see `armadico doctor`"] if findings else wrong
+    found: Section = msgspec.to_builtins(why)
+    shown = () if why.cause is None else ((why.cause.sort, why.cause.who),)
+    found |= {"summary": summary(findings), "beside": short(findings, shown)}
+    return found | {"findings": msgspec.to_builtins(off)}
 
 
 def resource(view: View, name: str, now: float) -> Section:

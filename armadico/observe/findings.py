@@ -6,7 +6,7 @@ why the robot stands; `observe.diagnosis` makes all checks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
@@ -53,7 +53,7 @@ class Sort(StrEnum):
     VERSION = "version"  # of the program, or of its protocol
     TABLE = "table"  # host tables
     TWICE = "twice"  # two agents or simulators publish the same
-    FAULT = "fault"  # an agent reports that it cannot work, or distrusts its inputs
+    FAULT = "reported"  # an agent reports that it cannot work, or distrusts its inputs
     HAND = "by hand"  # a person drives
     BATTERY = "battery"
     LINE = "line"  # the bytes from the controller
@@ -162,14 +162,14 @@ def summary(findings: Sequence[Finding]) -> str:
     return f"{wrong} wrong, {unknown} unknown of {len(findings)} checks"
 
 
-def short(findings: Sequence[Finding]) -> list[str]:
+def short(findings: Sequence[Finding], without: Container[tuple[Sort, str]] = ()) -> list[str]:
     """What is wrong, a line for each, and where to read more; nothing if all is well.
 
-    For commands that show something else. What is unknown is only counted there.
+    For commands that show something else. What is unknown is only counted there, and findings
+    `without`, by code and subject, were shown already.
     """
-    wrong = those(findings, Answer.NO)
+    wrong = [each for each in those(findings, Answer.NO) if (each.sort, each.who) not in without]
     lines = [f"wrong: {each}" for each in wrong]
-    unknown = len(those(findings, Answer.UNKNOWN))
-    if wrong or unknown:
+    if judgement(findings).answer is not Answer.YES and findings:
         lines.append(f"{summary(findings)}: see `armadico doctor`")
     return lines

@@ -18,7 +18,7 @@ from armadico.cli import why as why_command
 from armadico.config.discovery import providers
 from armadico.core.agent import WARNING
 from armadico.core.exchange import Bid
-from armadico.core.messages import PROTOCOL, Log, MonitorReport, Stop
+from armadico.core.messages import PROTOCOL, Log, MonitorReport, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.gateways.page.model import Robot
 from armadico.mobile.messages import BatteryLevel, Correction, Truth
@@ -80,8 +80,9 @@ def says(message: Callable[[Observed], Any], every_s: float = 0.2) -> Callable[[
 
 
 def cycle(society: Observed) -> Any:
-    assert society.view.state is not None
-    return society.view.state.cycle
+    state = society.agent("goto").latest(RobotState)
+    assert state is not None
+    return state.cycle
 
 
 def lost(society: Observed) -> Correction:
@@ -122,7 +123,12 @@ def serial(society: Observed) -> None:
     society.mesh.cut(("device",), ("robot",))
     log = Log(WARNING, "cannot open /dev/ttyUSB0: permission denied")
     key = LOG.key_for(instance=society.agent("robot").instance)
-    society.mesh.call_at(society.mesh.now + 4.8, lambda _a, _b: society.mesh.publish(log, key=key))
+
+    def publish(_a: object = None, _b: object = None) -> None:
+        society.mesh.publish(log, key=key)
+        society.mesh.call_at(society.mesh.now + 0.1, publish)
+
+    publish()
 
 
 def clock_off(society: Observed) -> None:
