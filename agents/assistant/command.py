@@ -31,7 +31,6 @@ def run(args: Options) -> int:
     from armadico.agents.assistant.mcp_answers import Society
     from armadico.agents.assistant.mcp_lines import Lines
     from armadico.agents.assistant.mcp_server import Server
-    from armadico.config.discovery import providers
     from armadico.config.errands import load_mission
     from armadico.config.scenarios import society as standard
     from armadico.config.shipped import names
@@ -43,7 +42,7 @@ def run(args: Options) -> int:
     with ExitStack() as stack:
         stack.enter_context(mesh)
         watcher = Watcher([mesh])
-        society = Society(world, missions, providers, begun=watcher.clock() / 1e9)
+        society = Society(world, missions, args.mesh.demand(), begun=watcher.clock() / 1e9)
         watcher.watch_alive()
         watcher.watch_router(society.view)
         watcher.subscribe()

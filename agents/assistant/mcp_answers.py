@@ -17,7 +17,7 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
 from armadico.observe.described import rounded
 from armadico.observe.explained import Collision, Exchange, Press
-from armadico.observe.standing import Installed
+from armadico.observe.findings import NOTHING, Demand
 from armadico.observe.why import Chronicle
 
 RECORDS: Final = 200  # requests of programs kept for the history
@@ -44,7 +44,7 @@ class Society(Chronicle):
         self,
         world: World | None,
         missions: Mapping[str, str],
-        installed: Installed = lambda _: (),
+        demand: Demand = NOTHING,
         begun: float = 0.0,
     ) -> None:
         """Begin without any messages.
@@ -52,10 +52,10 @@ class Society(Chronicle):
         Args:
             world: The world of the robot, or None if unknown.
             missions: Titles of the missions that can be ordered, by name.
-            installed: See `standing`.
+            demand: What the society should be.
             begun: See `Chronicle`.
         """
-        super().__init__(installed=installed, begun=begun)
+        super().__init__(demand=demand, begun=begun)
         self._world = world
         self._missions = missions
         self._requests: deque[tuple[float, AssistantRecord]] = deque(maxlen=RECORDS)
@@ -140,8 +140,8 @@ class Society(Chronicle):
         }
 
     def why(self, now: float) -> dict[str, Any]:
-        """Return why the robot stands now."""
-        return described.stands(self.view, now, self.installed)
+        """Return why the robot stands now, and what else is wrong or not known."""
+        return described.diagnosis(self.view, now, self.demand)
 
     def moment(self) -> dict[str, Any]:
         """Return the moment marked last: the holders, and what the other agents would do."""

@@ -149,6 +149,7 @@ class Server:
         now = time.monotonic()
         if now - self._called_at < WATCHED_S and now - self._polled_at >= QUERY_S:
             self._polled_at = now
+            self._society.view.ask(self._watcher.clock() / 1e9)
             self._watcher.query_cards()
             self._watcher.query_bids()
         item = self._watcher.get(for_s)

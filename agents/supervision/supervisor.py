@@ -79,6 +79,8 @@ class Plan:
     """Agents of the whole society that the scenario cannot do without."""
     journal: bool = False
     """Whether the agents publish their inputs and outputs."""
+    table: str = ""
+    """The digest of the host table; empty: none."""
 
 
 @dataclass
@@ -180,7 +182,7 @@ class Upkeep:
             restarts=budget.restarts,
             within_s=budget.within_s,
         )
-        self.wakeup = Wakeup(identity(Wakeup.name, plan.host), parameters)
+        self.wakeup = Wakeup(identity(Wakeup.name, plan.host, plan.table), parameters)
         self._agents = AgentHost(
             [self.wakeup],
             mesh,

@@ -307,6 +307,7 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         spare(scenario, chosen, host, where.table),
         needed(scenario, chosen, where.table),
         args.journal,
+        where.digest,
     )
 
 

@@ -223,6 +223,7 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         self._kept = {label: _Process(names) for label, names in self.p.processes.items()}
         # Instances whose token is present: name, and the card once it is received.
         self._present: dict[str, tuple[str, Card | None]] = {}
+        self._other_tables: set[str] = set()  # digests of host tables that were reported
         self._shares: dict[str, HostShare] = {}  # of other hosts, by their wakeup agent
         self._half = b""  # incomplete last line
         self._load = 0.0
@@ -251,6 +252,11 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         if card.instance in self._present:
             self._present[card.instance] = (card.name, card)
             self._check_started()
+        own = self.identity.table
+        if own and card.table and card.table != own and card.table not in self._other_tables:
+            self._other_tables.add(card.table)
+            what = f"{card.host} has another host table ({card.table}) than {self.p.host} ({own})"
+            self.log(f"{what}: copy one to all hosts, and start their agents again", agent.WARNING)
 
     def on_router(self) -> None:
         """Restart every timeout that counts what other processes publish.

@@ -122,7 +122,7 @@ def _serve(args: Options) -> int:
     agents = []
     for kind, values in zip(kinds, parameters, strict=True):
         with attributed(kind):
-            agents.append(kind(identity(kind.name, where.name), values))
+            agents.append(kind(identity(kind.name, where.name, where.digest), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {device.instance: partial(open_port, device.address) for device in devices}
     serve(agents, mesh, connect, head=_head() if args.journal else None)

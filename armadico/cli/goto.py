@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
+from armadico.core.judgement import Answer
 from armadico.core.unseen import Rule
+from armadico.observe.findings import Finding, those
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.observe.standing import Hosts
+    from armadico.observe.findings import Demand
     from armadico.runtime.client import Client, Mission
 
 STARTS_S: Final = 20.0
@@ -95,7 +97,7 @@ def run(args: Options) -> int:
     mission = None
     try:
         with args.mesh.joined() as mesh, ExitStack() as stack:
-            client, reason = Client(mesh), Reason(mesh, args.mesh.agents_by_host())
+            client, reason = Client(mesh), Reason(mesh, args.mesh.demand())
             mission = _sent(client, args)
             if through := through_unseen(mission.unseen):
                 print(f"{through}: driven at the speed of sight", flush=True)
@@ -122,36 +124,26 @@ def run(args: Options) -> int:
 
 
 class Reason:
-    """Why the robot stands still, as in `armadico why --live --standing`."""
+    """Why the robot stands still and what else is wrong, by the diagnosis of all commands."""
 
-    def __init__(self, mesh: ZenohMesh, hosts: Hosts) -> None:
-        from armadico.observe.view import View
-        from armadico.observe.watching import Watcher
+    def __init__(self, mesh: ZenohMesh, demand: Demand) -> None:
+        from armadico.observe.watching import Observer
 
-        self._watcher, self._view = Watcher([mesh]), View()
-        self._hosts = hosts
-        self._query_at = 0.0
-        self._watcher.watch_alive()
-        self._watcher.watch_router(self._view)
-        self._watcher.subscribe()
+        self._observer = Observer(mesh, demand)
 
     def now(self) -> str:
-        """The cause and what to do; "" while it moves or stands as ordered."""
-        from armadico.config.discovery import providers
-        from armadico.observe.standing import NO_FAULT, standing
-        from armadico.observe.watching import QUERY_S, show
+        """The first finding that is wrong, with its cure; "" if none is."""
+        self._observer.take()
+        return remark(self._observer.findings)
 
-        if (now := time.monotonic()) >= self._query_at:
-            self._query_at = now + QUERY_S
-            self._watcher.query_cards()
-            self._watcher.query_bids()
-        while (item := self._watcher.get(0.0)) is not None:
-            show(self._view, item)
-        now = self._watcher.clock() / 1e9
-        cause = standing(self._view, now, providers, self._hosts).cause
-        if cause is None or cause.sort in NO_FAULT:
-            return ""
-        return options.shown(f"{cause.what} -> {cause.todo}" if cause.todo else cause.what)
+
+def remark(findings: Sequence[Finding]) -> str:
+    """What is wrong: the first finding, which the others may follow from, and their number."""
+    wrong = those(findings, Answer.NO)
+    if not wrong:
+        return ""
+    more = f" ({len(wrong) - 1} more: see `armadico doctor`)" if len(wrong) > 1 else ""
+    return options.shown(f"{wrong[0]}{more}")
 
 
 def _sent(client: Client, args: Options) -> Mission:
@@ -203,6 +195,7 @@ def _left_behind(client: Client) -> str:
 def _remark(mission: Mission, client: Client, reason: str) -> str:
     from armadico.core.hands import release
     from armadico.core.messages import RobotState
+    from armadico.observe.view import RESTS
 
     state, status = client.fresh(RobotState), mission.status
     if state is None:
@@ -212,7 +205,9 @@ def _remark(mission: Mission, client: Client, reason: str) -> str:
         return f"stopped by {by}; {how}"
     if status is not None and status.note:
         return options.shown(status.note)
-    return reason or ("stalled" if state.stalled else f"{state.v:.2f} m/s")
+    moves = max(abs(state.v), abs(state.w)) > RESTS
+    words = [f"{state.v:.2f} m/s"] * (moves or not reason) + [reason] * bool(reason)
+    return "stalled" if state.stalled and not reason else ", ".join(words)
 
 
 def _shower(stack: ExitStack, length: float) -> Callable[[float, str], None]:

@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from armadico.config.worlds import World
     from armadico.mesh.endpoints import Endpoints
     from armadico.mesh.zenoh import ZenohMesh
+    from armadico.observe.findings import Demand
     from armadico.runtime.client import Client
 
 __all__ = ["UsageError", "parser", "version"]  # imported from here by other packages' commands
@@ -187,16 +188,26 @@ class Mesh:
         report(f"another society is in namespace {DEFAULT_NAMESPACE!r}: this one is in {free!r}")
         return self.of(free)
 
-    def agents_by_host(self) -> dict[str, tuple[str, ...]]:
-        """The agents by host of the host table; {} without a table. Raises ConfigError."""
+    def demand(self) -> Demand:
+        """What the society should be, by the host table and what `armadico up` started here.
+
+        Raises ConfigError.
+        """
+        from armadico.config.discovery import providers
+        from armadico.launch.pidfile import shares
         from armadico.mesh.endpoints import table_of
+        from armadico.observe.findings import Demand
 
-        named = table_of(self.hosts, self.host, self.connect)
-        if named is None:
-            return {}
-        from armadico.config.hosts import load_hosts
+        named, hosts, digest = table_of(self.hosts, self.host, self.connect), {}, ""
+        if named is not None:
+            from armadico.config.hosts import load_hosts
 
-        return {name: host.agents for name, host in load_hosts(named).hosts.items()}
+            table = load_hosts(named)
+            digest = table.digest
+            hosts = {name: host.agents for name, host in table.hosts.items()}
+        with suppress(TopologyError):  # no folder for sockets: nothing was started here
+            hosts |= {share.host: share.agents for share in shares(self.namespace)}
+        return Demand(hosts, digest, providers)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from armadico.gateways.page.guard import Guard
     from armadico.gateways.page.session import Session, Spawns
     from armadico.mesh.base import Mesh
-    from armadico.observe.standing import Hosts
+    from armadico.observe.findings import Demand
 
 PORT: Final = 8090
 """The default port of the page."""
@@ -66,7 +66,8 @@ def run(args: Options) -> int:
         for mesh in meshes:
             stack.enter_context(mesh)
         helpers = stack.enter_context(Helpers(args.mesh))
-        session = made(meshes, world, helpers.start, args.mesh.agents_by_host())
+        demands = [args.mesh.of(mesh.namespace).demand() for mesh in meshes]
+        session = made(meshes, world, helpers.start, demands)
         try:
             server = stack.enter_context(Server(session, guard, args.bind, args.port))
         except ServerError as error:
@@ -83,19 +84,18 @@ def run(args: Options) -> int:
     return 0
 
 
-def made(meshes: Sequence[Mesh], world: World | None, start: Spawns, hosts: Hosts) -> Session:
+def made(
+    meshes: Sequence[Mesh], world: World | None, start: Spawns, demands: Sequence[Demand]
+) -> Session:
     """A session for robots with open meshes; `start` starts the teleop agent."""
-    from armadico.config.discovery import providers
     from armadico.config.scenarios import society
     from armadico.gateways.page.model import Robot
     from armadico.gateways.page.session import Session
 
     helpers = (society().by_hand,)
     robots = {
-        m.namespace: Robot(
-            m.namespace, world, partial(secrets.randbits, 63), helpers, providers, hosts
-        )
-        for m in meshes
+        m.namespace: Robot(m.namespace, world, partial(secrets.randbits, 63), helpers, demand)
+        for m, demand in zip(meshes, demands, strict=True)
     }
     return Session(robots, meshes, start)
 

@@ -7,22 +7,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
+from armadico.core.judgement import Answer
 from armadico.mesh.endpoints import Endpoints, endpoints, entry, table_of
+from armadico.observe.findings import Finding, short, summary
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from armadico.config.hosts import HostTable
     from armadico.core.messages import Card
-    from armadico.observe.hosts import HostState
+    from armadico.observe.diagnosis import HostState
     from armadico.observe.view import Seen, View
-    from armadico.runtime.client import Client
 
 EXAMPLES: Final = """\
   armadico ps                              all agents in this robot's namespace
@@ -50,74 +49,58 @@ class AnyHost(options.Mesh):
 @dataclass(frozen=True, kw_only=True)
 class Options:
     json: bool = flag("print a JSON object")
-    timeout: float = options.timeout_option("wait so long for an agent or its answer", 1.0)
+    timeout: float = options.timeout_option("wait at most so long for an agent's answer", 4.5)
     mesh: AnyHost = group(AnyHost, "the mesh")
 
 
 def run(args: Options) -> int:
     """Print the alive agents; returns 1 if there is none, or one is missing on the host."""
-    where, host = args.mesh.endpoints(), args.mesh.host
-    wanted = {} if where.table is None else _wanted(where.namespace, host, where.table)
+    where, host, demand = args.mesh.endpoints(), args.mesh.host, args.mesh.demand()
+    if host is not None:
+        demand = replace(demand, hosts={host: demand.hosts.get(host, ())})
+    findings: Sequence[Finding] = ()
     mesh = where.mesh(starts=True)
-    from armadico.observe.hosts import census
+    from armadico.observe.diagnosis import hosts_of
     from armadico.observe.view import View
-    from armadico.runtime.client import Client
+    from armadico.observe.watching import Observer
 
+    view, now = View(), 0.0
     with options.at_once(mesh):
-        client = Client(mesh)
         missing = "" if mesh.wait_joined(0.0) else mesh.missing
-        if missing:
-            cards = {}
-        elif host is None:
-            cards = client.cards(args.timeout)
-        else:
-            cards = _of_host(client, host, wanted[host], args.timeout)
-    view = View.of(cards)
-    hosts = census(view, wanted, client.ahead)
+        if not missing:
+            observer = Observer(mesh, demand, view)
+            findings = observer.settle(most_s=args.timeout)
+            now = observer.now
+    hosts = [each for each in hosts_of(view, demand, now) if host in (None, each.name)]
     if args.json:
-        print(json.dumps(_plain(view, hosts), indent=2))
+        print(json.dumps(_plain(view, hosts, findings, host), indent=2))
     elif host is not None:
-        _show_host(hosts[0], view)
+        _show_host(hosts[0])
     else:
         everyone = where.table is not None
         show(where.namespace, view, hosts, everyone=everyone, missing=bool(missing))
+        for line in short(findings):
+            print(options.shown(line))
     if missing:
         raise options.FailedError(missing)
     if host is not None:
-        return options.FAILED if hosts[0].lacks else 0
+        return options.FAILED if hosts[0].lacks or hosts[0].silent else 0
     return 0 if view.alive else options.FAILED
 
 
-def _wanted(namespace: str, host: str | None, table: HostTable) -> dict[str, tuple[str, ...]]:
-    """The expected agents by host: those started there if that is known, else the table's."""
-    from armadico.launch.pidfile import shares
+def _plain(
+    view: View, hosts: Sequence[HostState], findings: Sequence[Finding], host: str | None
+) -> dict[str, Any]:
+    import msgspec
 
-    names = table.hosts if host is None else [host]
-    started = {share.host: share.agents for share in shares(namespace)}
-    return {name: started.get(name, table.hosts[name].agents) for name in names}
-
-
-def _of_host(
-    client: Client, host: str, wanted: Sequence[str], timeout: float
-) -> dict[tuple[str, str], Card | None]:
-    """The cards of one host's agents, once all `wanted` have answered or the time is up."""
-    found: dict[tuple[str, str], Card | None] = {}
-
-    def complete() -> bool:
-        for agent in sorted(client.alive):
-            if agent[0] in wanted and agent not in found:
-                found[agent] = None
-                client.query_card(*agent, timeout, partial(found.__setitem__, agent))
-        here = [card.name for card in found.values() if card is not None and card.host == host]
-        return sorted(here) == sorted(wanted)
-
-    client.wait_for(complete, timeout)
-    return {agent: card for agent, card in found.items() if card is None or card.host == host}
-
-
-def _plain(view: View, hosts: Sequence[HostState]) -> dict[str, Any]:
     return {
-        "agents": [_plain_card(agent) for agent in view.agents],
+        "summary": summary(findings),
+        "findings": [msgspec.to_builtins(f) for f in findings if f.answer is not Answer.YES],
+        "agents": [
+            _plain_card(agent)
+            for agent in view.agents
+            if agent.card is None or host in (None, agent.card.host)
+        ],
         "doubled": view.doubled,
         "hosts": [
             {
@@ -141,11 +124,9 @@ def _plain_card(agent: Seen) -> dict[str, Any]:
     return {**plain(card), "answering": True}
 
 
-def _show_host(host: HostState, view: View) -> None:
-    silent = [agent.name for agent in view.agents if agent.card is None]
-    more = f"; not answering: {', '.join(silent)}" if host.lacks and silent else ""
+def _show_host(host: HostState) -> None:
     skew = f"; {host.skew}" if host.skew else ""
-    print(options.shown(f"{host.name}: {host.state}{more}{skew}"))
+    print(options.shown(f"{host.name}: {host.state}{skew}"))
 
 
 def show(
@@ -166,8 +147,6 @@ def show(
         tables = [_table(view, hosts, *narrow) for narrow in NARROWER]
         fitting = (table for table in tables if options.fits(table, console))
         console.print(next(fitting, tables[-1]))
-    for key, publishers in view.doubled.items():
-        print(options.shown(f"{key} is published by {' and '.join(publishers)}: end one"))
     for host in hosts:
         if everyone or host.skew:
             print(options.shown(f"{host.name}: {host.state}{'; ' if host.skew else ''}{host.skew}"))
@@ -178,7 +157,8 @@ NARROWER: Final = (
     (", ", ()),
     ("\n", ()),
     ("\n", ("VERSION", "PID")),
-    ("\n", ("VERSION", "PID", "INSTANCE", "HOST")),
+    ("\n", ("VERSION", "PID", "INSTANCE")),
+    ("\n", ("VERSION", "PID", "INSTANCE", "SHARES")),
 )
 """Formats of the table, widest first: the separator of keys, and the columns left out."""
 

@@ -6,26 +6,23 @@ import json
 import math
 import socket
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
-from armadico.config.discovery import providers
+from armadico.observe.findings import NOTHING, Demand
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
     import psutil
     from rich.console import Group
 
-    from armadico.observe.standing import Hosts
     from armadico.observe.view import Seen, View
-    from armadico.observe.watching import Watcher
+    from armadico.observe.watching import Observer
 
 SHOW_S: Final = 0.5
-QUERY_S: Final = 1.0
 MEGABYTE: Final = 1_000_000
 
 EXAMPLES: Final = """\
@@ -51,19 +48,15 @@ class Options:
 
 def run(args: Options) -> int:
     live = sys.stdout.isatty() and not (args.once or args.json)
-    from armadico.observe.view import View
-    from armadico.observe.watching import Watcher
+    from armadico.observe.watching import Observer
 
     with args.mesh.join(starts=True) if live else args.mesh.joined() as mesh:
-        watcher = Watcher([mesh])
-        watcher.watch_alive()
-        watcher.subscribe()
-        snapshots = Snapshots(View(), args.mesh.namespace, args.mesh.agents_by_host())
-        watcher.watch_router(snapshots.view)
+        observer = Observer(mesh, args.mesh.demand())
+        snapshots = Snapshots(observer.view, args.mesh.namespace, observer.demand)
         if live:
-            return _live(snapshots, watcher)
-        _measure(snapshots, watcher, args.for_s)
-        snapshot = snapshots.at(watcher.clock() / 1e9)  # before closing the mesh, which takes time
+            return _live(snapshots, observer)
+        _measure(snapshots, observer, args.for_s)
+        snapshot = snapshots.at(observer.now)  # before closing the mesh, which takes time
     if args.json:
         print(json.dumps(snapshot, indent=2))
     else:
@@ -78,8 +71,8 @@ def run(args: Options) -> int:
 class Snapshots:
     """A view as JSON objects, which `tables` shows."""
 
-    def __init__(self, view: View, namespace: str, hosts: Hosts | None = None) -> None:
-        self.view, self._hosts = view, hosts or {}
+    def __init__(self, view: View, namespace: str, demand: Demand = NOTHING) -> None:
+        self.view, self._demand = view, demand
         self._namespace = namespace
         self._processes: dict[int, psutil.Process] = {}
 
@@ -87,16 +80,14 @@ class Snapshots:
         """All that is shown; `now` is the watcher's clock, s."""
         from armadico.observe import described
 
-        view, stands = self.view, None
-        if view.state is not None:
-            stands = described.stands(view, now, providers, self._hosts)
+        view = self.view
         return {
             "namespace": self._namespace,
             "robot": described.robot(view),
             "pose": described.pose(view, now),
             "slam": described.slam(view, now),
             "mission": described.mission(view),
-            "standing": stands,
+            "standing": described.diagnosis(view, now, self._demand),
             "tasks": view.tasks,
             "resources": [described.resource(view, name, now) for name in view.resources],
             "agents": [described.agent(seen) | self._process(seen) for seen in view.agents],
@@ -118,46 +109,27 @@ class Snapshots:
             return {}
 
 
-def _measure(snapshots: Snapshots, watcher: Watcher, for_s: float) -> None:
-    from armadico.observe.watching import show
-
-    end = time.monotonic() + for_s
-    query_at = time.monotonic()
-    while (now := time.monotonic()) < end:
-        if now >= query_at:
-            query_at = now + (QUERY_S if snapshots.view.complete else SHOW_S / 2)
-            watcher.query_cards()
-            watcher.query_bids()
-            snapshots.at(watcher.clock() / 1e9)  # CPU is measured from here on
-        item = watcher.get(min(query_at, end) - now)
-        if item is not None:
-            show(snapshots.view, item)
-    over = watcher.clock()  # messages that arrived during a slow step still count
-    while (item := watcher.get(0.0)) is not None and item.at <= over:
-        show(snapshots.view, item)
+def _measure(snapshots: Snapshots, observer: Observer, for_s: float) -> None:
+    for _ in range(steps := max(round(for_s / SHOW_S), 1)):
+        snapshots.at(observer.now)  # CPU is measured from here on
+        observer.take(for_s / steps)
 
 
-def _live(snapshots: Snapshots, watcher: Watcher) -> int:
+def _live(snapshots: Snapshots, observer: Observer) -> int:
     from rich.console import Group
     from rich.live import Live
     from rich.text import Text
 
-    from armadico.observe.watching import show
-
-    (mesh,) = watcher.meshes
+    (mesh,) = observer.watcher.meshes
     with Live(auto_refresh=False, screen=True) as live:
         try:
             while True:
-                watcher.query_cards()
-                watcher.query_bids()
-                for _ in range(round(QUERY_S / SHOW_S)):
-                    for item in watcher.until(time.monotonic() + SHOW_S):
-                        show(snapshots.view, item)
-                    screen = tables(snapshots.at(watcher.clock() / 1e9))
-                    if not mesh.reachable:
-                        waiting = Text(options.shown(f"{mesh.missing}; waiting for it"))
-                        screen = Group(waiting, screen)
-                    live.update(screen, refresh=True)
+                observer.take(SHOW_S)
+                screen = tables(snapshots.at(observer.now))
+                if not mesh.reachable:
+                    waiting = Text(options.shown(f"{mesh.missing}; waiting for it"))
+                    screen = Group(waiting, screen)
+                live.update(screen, refresh=True)
         except KeyboardInterrupt:
             return 0
 
@@ -203,7 +175,8 @@ def tables(snapshot: dict[str, Any]) -> Group:
         for row in snapshot["services"]
     ]
     standing = snapshot["standing"]
-    why = [] if standing is None or not standing["stands"] else standing["sentences"]
+    why = [*standing["sentences"]] if standing["stands"] else []
+    why += standing["beside"]
     return Group(
         heading,
         *(Text(options.shown(sentence)) for sentence in why),

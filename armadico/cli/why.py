@@ -13,6 +13,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
 from armadico.config.discovery import providers
 from armadico.mesh.topology import default_namespace
+from armadico.observe.findings import Demand, Finding, short
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from armadico.observe.explained import Collision, Exchange, Moment, Press
     from armadico.observe.recordings import Past, Row
     from armadico.observe.standing import Standing
+    from armadico.observe.view import View
     from armadico.observe.why import Chronicle
 
 Bids = dict[tuple[str, str], list["BidRecord"]]
@@ -30,6 +32,9 @@ WHEELS: Final = "wheels"
 
 ABOUT_S: Final = 10.0
 """Missing bids are recomputed for so long before and after an event."""
+
+MOST_S: Final = 4.5
+"""Longest observation while an agent has not answered."""
 
 MOST_LISTED: Final = 30
 """Most exchanges, and most drives, that the summary of a recording lists."""
@@ -135,29 +140,29 @@ def _check(args: Options) -> None:
 
 def _live(args: Options) -> Answer:
     robot = args.mesh.of(args.mesh.namespace or default_namespace())
-    hosts = robot.agents_by_host()
+    demand = robot.demand()
     from armadico.observe.standing import standing
-    from armadico.observe.watching import Watcher, listen
+    from armadico.observe.watching import Observer
     from armadico.observe.why import LATER_S, Chronicle
 
     with robot.joined() as mesh:
-        watcher = Watcher([mesh])
-        chronicle = Chronicle(installed=providers, hosts=hosts, begun=watcher.clock() / 1e9)
-        watcher.watch_alive()
-        watcher.watch_router(chronicle.view)
-        watcher.subscribe()
-        listen(watcher, chronicle, args.for_s)
-        now = watcher.clock() / 1e9
+        chronicle = Chronicle(demand=demand)
+        observer = Observer(mesh, demand, chronicle)
+        chronicle.begin(observer.now)
+        findings = observer.settle(args.for_s, max(args.for_s, MOST_S))
         if not chronicle.view.alive:
             raise AbsentError("no agent is alive", robot.namespace)
+        now = observer.now
         if args.standing:
-            return _standing(standing(chronicle.view, now, providers, hosts))
+            lines = explained(chronicle.view, now, demand, findings)
+            return Answer(lines, standing(chronicle.view, now, demand))
         if args.stop is not None:
             return _one("stop", args.stop, chronicle.presses)
         chronicle.mark(now)
-        listen(watcher, chronicle, LATER_S)
+        observer.take(LATER_S)
     chronicle.finish()
-    return _moment(chronicle.moments[0])
+    moment = chronicle.moments[0]
+    return Answer([*moment.sentences, *_beside(moment.cause, findings)], moment)
 
 
 # A recording --------------------------------------------------------------------------------------
@@ -210,7 +215,8 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
     from armadico.observe.standing import standing
     from armadico.observe.why import LATER_S, Chronicle
 
-    chronicle, at = Chronicle(again, installed=providers), args.at
+    demand = Demand(installed=providers)
+    chronicle, at = Chronicle(again, demand=demand), args.at
     namespace, t = args.mesh.namespace, 0.0
     first: int | None = None
     found: Standing | None = None
@@ -223,7 +229,7 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
             continue
         t = (row.t - first) / 1e9
         if at is not None and found is None and t > at:
-            found = standing(chronicle.view, at, providers)
+            found = standing(chronicle.view, at, demand)
             chronicle.mark(at)
         if at is not None and t > at + LATER_S:
             break
@@ -238,7 +244,7 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
         raise UsageError(f"--at {at:g}: expected 0 to {t:.1f} s, the length of {args.file}")
     chronicle.finish()
     if args.standing:
-        return _standing(found or standing(chronicle.view, t, providers))
+        return _standing(found or standing(chronicle.view, t, demand))
     if at is not None:
         return _moment(chronicle.moments[0])
     return _event(args, chronicle, t)
@@ -287,10 +293,21 @@ def _add(chronicle: Chronicle, row: Row, t: float) -> None:
 
 
 def _standing(found: Standing) -> Answer:
-    lines = list(found.sentences)
-    if found.cause is not None and found.cause.todo:
-        lines.append(f"-> {found.cause.todo}")
-    return Answer(lines, found)
+    todo = "" if found.cause is None else found.cause.todo
+    return Answer([*found.sentences, *([f"-> {todo}"] if todo else [])], found)
+
+
+def explained(view: View, now: float, demand: Demand, findings: Sequence[Finding]) -> list[str]:
+    """Why the robot of a live society stands, and what else is wrong."""
+    from armadico.observe.standing import standing
+
+    found = standing(view, now, demand)
+    return [*_standing(found).sentences, *_beside(found.cause, findings)]
+
+
+def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:
+    """What else is wrong, and the summary of all findings."""
+    return short(findings, () if cause is None else ((cause.sort, cause.who),))
 
 
 def _moment(found: Moment) -> Answer:
@@ -310,7 +327,7 @@ def _all(chronicle: Chronicle, ends: float) -> Answer:
     from armadico.observe.standing import standing
     from armadico.observe.view import agent_of
 
-    last = standing(chronicle.view, ends, providers)
+    last = standing(chronicle.view, ends, chronicle.demand)
     exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
     counted: dict[str, Sequence[object]] = {
         "exchange": exchanges,

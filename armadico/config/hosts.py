@@ -15,7 +15,9 @@ from ipaddress import AddressValueError, IPv6Address
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import urlsplit
+from zlib import crc32
 
+import msgspec
 from msgspec import Struct
 
 from armadico.config.discovery import AGENTS, TRANSPORTS, installed, owners
@@ -72,6 +74,12 @@ class HostTable(Struct, frozen=True):
     fleet: tuple[str, ...] = ()
     """The router endpoints of all robots of a fleet, including this one's, in any order."""
     file: str = ""
+
+    @property
+    def digest(self) -> str:
+        """Eight hexadecimal digits of its contents, in any order of hosts, without comments."""
+        found = msgspec.json.encode((sorted(self.hosts.items()), self.fleet))
+        return f"{crc32(found):08x}"
 
     def host(self, name: str) -> Host:
         """A machine by name. Raises ConfigNameError."""

@@ -64,6 +64,7 @@ class Identity:
     pid: int = 0
     version: str = ""
     rng: random.Random = field(default_factory=random.Random, compare=False)
+    table: str = ""  # the digest of its host table; empty: it has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -601,6 +602,7 @@ class Agent:
             tenure=min(self.tenure, m.LONGEST_TENURE),
             declares=tuple(r.signature for r in resources),
             world=m.line(PurePath(str(getattr(self.p, "world", None) or "")).stem),
+            table=identity.table,
         )
 
     def _requests(self, to: Subscription) -> bool:

@@ -493,6 +493,9 @@ class Card(Message, frozen=True):
     world: Text = ""  # the name of the map that it was launched with; empty: none
     plans: tuple[Text, ...] = ()
     """The kinds of surprise that it plans for, if it is a planner agent."""
+    table: Text = ""
+    """The digest of the host table that it was launched with, to notice that hosts have different
+    ones; empty: none."""
 
 
 class BidRecord(Message, frozen=True):

@@ -51,6 +51,11 @@ class Endpoints:
         assert self.table is not None, "an agent of a table is on one of its hosts"
         return self.table.host(str(self.name))
 
+    @property
+    def digest(self) -> str:
+        """The digest of the table's file; empty without one."""
+        return self.table.digest if self.table is not None and self.table.file else ""
+
     def topology(self, *, router: bool = False) -> Topology:
         """Return how a process of this machine joins the mesh. Raises TopologyError."""
         if self.table is None:

@@ -10,10 +10,13 @@ from typing import Any
 
 import msgspec
 
+from armadico.core.judgement import Answer
 from armadico.core.services import service_at
 from armadico.mobile.errand import Progress
 from armadico.mobile.messages import unseen_m
-from armadico.observe.standing import NO_TABLE, Hosts, Installed, standing
+from armadico.observe.diagnosis import diagnose
+from armadico.observe.findings import Demand, short, summary
+from armadico.observe.standing import standing
 from armadico.observe.view import Seen, View, agent_of
 
 Section = dict[str, Any]
@@ -100,11 +103,17 @@ def errand(of: Progress) -> Section:
     }
 
 
-def stands(
-    view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
-) -> Section:
-    found: Section = msgspec.to_builtins(standing(view, now, installed, hosts))
-    return found
+def diagnosis(view: View, now: float, demand: Demand) -> Section:
+    """Why the robot stands, and all findings that are not fine.
+
+    `beside` has in lines what is wrong beside the cause, and the summary, unless all is well.
+    """
+    findings, why = diagnose(view, demand, now), standing(view, now, demand)
+    off = [each for each in findings if each.answer is not Answer.YES]
+    found: Section = msgspec.to_builtins(why)
+    shown = () if why.cause is None else ((why.cause.sort, why.cause.who),)
+    found |= {"summary": summary(findings), "beside": short(findings, shown)}
+    return found | {"findings": msgspec.to_builtins(off)}
 
 
 def resource(view: View, name: str, now: float) -> Section:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
-from armadico.observe.standing import Cause, Sort
+from armadico.observe.findings import Finding, Sort, cause
 from armadico.observe.view import agent_of
 
 
@@ -57,7 +57,7 @@ class Moment(Struct, frozen=True):
     stands: bool
     contests: tuple[Contest, ...]
     sentences: tuple[str, ...]
-    cause: Cause | None
+    cause: Finding | None
 
 
 class Exchange(Struct, frozen=True):
@@ -71,7 +71,7 @@ class Exchange(Struct, frozen=True):
     winner: str
     cycles: int  # in which the winner's action was blended with the loser's
     sentences: tuple[str, ...]
-    cause: Cause
+    cause: Finding
     bids: tuple[Bidding, ...]
 
 
@@ -85,7 +85,7 @@ class Press(Struct, frozen=True):
     released: float | None
     released_by: str
     sentences: tuple[str, ...]
-    cause: Cause
+    cause: Finding
 
 
 class Collision(Struct, frozen=True):
@@ -94,7 +94,7 @@ class Collision(Struct, frozen=True):
     number: int
     t: float
     sentences: tuple[str, ...]
-    cause: Cause
+    cause: Finding
     moment: Moment
 
 
@@ -151,7 +151,7 @@ def describe_bid(of: Bidding) -> str:
     return f"{of.agent} bid {of.utility:.2f}{critical}{to}{why}."
 
 
-def outbid(of: Contest) -> Cause | None:
+def outbid(of: Contest) -> Finding | None:
     """The best contender below the holder, as a cause; None if there is no other bid."""
     others = [b for b in of.bids if b.utility and b.instance != of.holder]
     if not of.holder or not others:
@@ -159,7 +159,7 @@ def outbid(of: Contest) -> Cause | None:
     best = max(others, key=lambda b: (b.utility or 0.0, b.critical))
     holder = agent_of(of.holder)
     what = f"{best.agent}'s bid of {best.utility:.2f} does not exceed {holder}'s {of.utility:.2f}."
-    return Cause(Sort.OUTBID, holder, what)
+    return cause(Sort.OUTBID, holder, what)
 
 
 def _old(age: int | None) -> str:

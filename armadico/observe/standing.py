@@ -12,9 +12,7 @@ publishes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from enum import StrEnum
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Final
 
 from msgspec import Struct
@@ -28,6 +26,7 @@ from armadico.core.services import QUIET_S, matches, service_of
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.messages import MissionState, Pose
 from armadico.mobile.obstacles import Obstacles
+from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 # A bid older than this many cycles is outdated: bids are queried once per second.
@@ -40,78 +39,12 @@ STARTS_S: Final = 1.0
 # publish at least once per second.
 DEAF_S: Final = 2.5
 
-# An agent younger than this has not failed yet: a controller takes a second to answer.
+# An agent younger than this has not failed yet: a controller takes a second to answer. Nor is it
+# known to bid in vain, or to find no path, before it has done so for this long.
 YOUNG_S: Final = 2.0
 
 # Age limit of a log line that explains the present state.
 RECENT_S: Final = 5.0
-
-
-class Sort(StrEnum):
-    """The kind of a cause."""
-
-    STOP = "stop"  # an emergency stop is latched
-    MOTORS = "motors"  # the motors are off
-    STARTING = "starting"  # the agent has just started to drive, or has just received its inputs
-    STALLED = "stalled"  # the wheels are blocked or not driven
-    CHARGING = "charging"
-    NO_GOAL = "no goal"
-    REFUSED_GOAL = "refused goal"  # the last goal was refused
-    PLANNING = "planning"
-    REACHED = "reached"
-    FAILED = "failed"  # the mission failed
-    NO_WAY = "no way"  # it waits for a path to become free
-    LOST = "lost"  # the pose is too uncertain to drive
-    BLOCKED = "blocked"  # the agent that drives finds no free path
-    ABSENT = "absent"  # an agent is not alive
-    SILENT = "silent"  # an agent is alive, has its inputs, and publishes nothing
-    UNREACHABLE = "unreachable"  # the robot's router, and with it all agents
-    HOST = "host"  # all agents of a host are gone, or the host is disconnected
-    LINK = "link"  # publications do not arrive
-    STALE = "stale"  # an agent publishes data of old cycles
-    DEVICE = "device"  # the controller, its line or its port
-    UNSOUND = "unsound"  # an agent's bid is invalid
-    REFUSED = "refused"  # the owner refuses the holder's commands
-    FOREIGN = "foreign"  # an agent uses another protocol or another declaration of a resource
-    OUTBID = "outbid"  # another agent's bid is better
-    RELEASED = "released"  # the holder released the resource
-    BUMPED = "bumped"  # a person walked into the robot
-    UNSEEN = "unseen"  # no sensor detected the obstacle that the robot touched
-    DRIVEN = "driven"  # the obstacle was detected, and the robot was driven into it
-    UNKNOWN = "unknown"  # the messages received do not show a cause
-
-
-NO_FAULT: Final = frozenset(  # no fault
-    {
-        Sort.NO_GOAL,
-        Sort.STARTING,
-        Sort.PLANNING,
-        Sort.REACHED,
-        Sort.CHARGING,
-        Sort.OUTBID,
-        Sort.RELEASED,
-    }
-)
-
-AT_FAULT: Final = frozenset(  # an agent, a machine or the robot needs repair
-    {
-        *(Sort.UNREACHABLE, Sort.ABSENT, Sort.SILENT, Sort.HOST, Sort.LINK, Sort.STALE),
-        *(Sort.DEVICE, Sort.UNSOUND, Sort.REFUSED, Sort.FOREIGN, Sort.DRIVEN, Sort.UNSEEN),
-    }
-)
-
-
-class Cause(Struct, frozen=True):
-    """The end of a chain of reasons: its kind, subject, text, and what to do.
-
-    `who` is an agent's name, a host, a key that no agent provides, a link (`a -> b`), or the
-    sender of the stop. It may be empty.
-    """
-
-    sort: Sort
-    who: str
-    what: str
-    todo: str = ""
 
 
 class Standing(Struct, frozen=True):
@@ -119,54 +52,44 @@ class Standing(Struct, frozen=True):
 
     stands: bool
     sentences: tuple[str, ...]
-    cause: Cause | None = None  # none: it moves
+    cause: Finding | None = None  # none: it moves
 
 
-Installed = Callable[[str], Iterable[str]]  # by key, the installed agents that publish on it
-Hosts = Mapping[str, Sequence[str]]  # by host of a host table, the agents that it runs
-NO_TABLE: Final[Hosts] = MappingProxyType({})
-
-
-def standing(
-    view: View, now: float, installed: Installed = lambda _: (), hosts: Hosts = NO_TABLE
-) -> Standing:
+def standing(view: View, now: float, demand: Demand = NOTHING) -> Standing:
     """Why the robot of a view stands.
 
     Args:
         view: The state of the society.
         now: The time by the view's clock, s.
-        installed: Candidates for missing agents. A new observer has no cards of agents that ended
-            before it started.
-        hosts: Where agents are configured to run.
+        demand: What the society should be.
     """
-    chain = _Chain(view, now, installed, hosts)
-    cause = chain.begin()
-    if cause is not None:
-        chain.close(cause)
-    return Standing(cause is not None, chain.sentences, cause)
+    chain = _Chain(view, now, demand)
+    found = chain.begin()
+    if found is not None:
+        chain.close(found)
+    return Standing(found is not None, chain.sentences, found)
 
 
 class _Chain:
     """One chain of reasons under construction."""
 
-    def __init__(self, view: View, now: float, installed: Installed, hosts: Hosts) -> None:
+    def __init__(self, view: View, now: float, demand: Demand) -> None:
         self.view = view
-        self._installed = installed
-        self._table = hosts
+        self._installed, self._table = demand.installed, demand.hosts
         self.now = now
         self._sentences: dict[str, list[str]] = {}
-        self._ends: dict[Cause, str] = {}  # with the sentence of each
+        self._ends: dict[Finding, str] = {}  # with the sentence of each
         self._followed: set[str] = set()  # keys
         self._complaints: set[str] = set()  # keys that contenders lack
 
-    def begin(self) -> Cause | None:
+    def begin(self) -> Finding | None:
         """Start from the robot's state; None if it moves."""
         view, state = self.view, self.view.state
         key = service_of(RobotState).key
         if view.cut_since is not None:
             return self._unreachable(self.now - view.cut_since)
-        if (cause := self._no_messages()) is not None:
-            return cause
+        if (found := self._no_messages()) is not None:
+            return found
         if state is None or self.silent(key):
             since = "" if state is None else f" for {self.silence(key):.1f} s"
             self.add(f"No {key} has been received from the robot{since}.")
@@ -193,20 +116,20 @@ class _Chain:
         if agent and agent not in names:
             names.append(agent)
 
-    def close(self, cause: Cause) -> None:
+    def close(self, found: Finding) -> None:
         """Move the cause to the end of the chain."""
-        text = self._ends.get(cause)
+        text = self._ends.get(found)
         if text is not None:
             self._sentences[text] = self._sentences.pop(text)
 
-    def _unreachable(self, since: float) -> Cause:
+    def _unreachable(self, since: float) -> Finding:
         # The robot agent's process is the router: without it nothing arrives.
         what = f"The robot agent has been unreachable for {since:.1f} s: "
         what += "it has ended, it hangs, or the network to it is interrupted."
         todo = "run `armadico doctor` on the robot's computer; `armadico up` starts the agent"
         return self.end(Sort.UNREACHABLE, self._owner(), what, todo)
 
-    def _no_messages(self) -> Cause | None:
+    def _no_messages(self) -> Finding | None:
         """The cause if the society has ended or this observer is disconnected."""
         view = self.view
         if view.gone and not view.alive:
@@ -222,7 +145,7 @@ class _Chain:
 
     # Conditions that do not depend on bids -------------------------------------------------------
 
-    def _stopped(self, state: RobotState) -> Cause | None:
+    def _stopped(self, state: RobotState) -> Finding | None:
         if state.stop.stopped:
             missing = [n for r in self.view.reports.values() if r.acts for n in r.missing]
             if missing:
@@ -234,7 +157,7 @@ class _Chain:
             return self.end(Sort.MOTORS, "", "Its motors are off.", todo)
         return None
 
-    def _mission(self) -> Cause | None:
+    def _mission(self) -> Finding | None:
         """The cause if there is no path to drive."""
         way, mission = self.view.trajectory, self.view.mission
         if way is not None and way.waypoints:
@@ -260,7 +183,7 @@ class _Chain:
 
     # The wheels ----------------------------------------------------------------------------------
 
-    def _wheels(self) -> Cause:
+    def _wheels(self) -> Finding:
         """Why the driving agent does not move the robot, or why no agent drives."""
         view = self.view
         driver = view.driver(WHEELS.name, self.now)
@@ -283,7 +206,7 @@ class _Chain:
             return self.absent(gone)
         return self.end(Sort.UNKNOWN, "", "No contender has reported a missing input.")
 
-    def _driven(self, driver: str) -> Cause:
+    def _driven(self, driver: str) -> Finding:
         view, name = self.view, agent_of(driver)
         claim = view.claim(WHEELS.name, self.now)
         wanted = () if claim is None or isinstance(claim.wanted, bytes) else claim.wanted
@@ -292,11 +215,14 @@ class _Chain:
             return self._held_up(name)
         if self._is_lost():
             return self._lost()
+        if (stood := self.now - (view.rests_since or self.now)) < STARTS_S:
+            what = f"{name} drives; the robot has stood for only {stood:.1f} s."
+            return self.end(Sort.STARTING, name, what)
         reason = (bid.reason if bid else "") or "no reason given"
         what = f"{name} drives but finds no free path: {reason}."
         return self.end(Sort.BLOCKED, name, what, "clear the obstacles near the robot")
 
-    def _held_up(self, name: str) -> Cause:
+    def _held_up(self, name: str) -> Finding:
         """The robot is commanded to move, but does not."""
         view, begun = self.view, self.view.held_since(WHEELS.name)
         since = min(self.now - begun, self.now - (view.rests_since or self.now))
@@ -315,7 +241,7 @@ class _Chain:
         owners = [a.name for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
         return owners[0] if owners else WHEELS.name
 
-    def _no_contender(self) -> Cause:
+    def _no_contender(self) -> Finding:
         """The cause if no live agent competes for the wheels."""
         if gone := self._lost_contenders():
             return self.absent(gone)
@@ -336,7 +262,7 @@ class _Chain:
             and WHEELS.name in cards[instance].resources
         ]
 
-    def _contender(self, instance: str) -> Cause | None:
+    def _contender(self, instance: str) -> Finding | None:
         """Why one contender does not drive; None if it has no reason to."""
         view, name = self.view, agent_of(instance)
         bid = view.bid(instance, WHEELS.name)
@@ -349,14 +275,14 @@ class _Chain:
         self.add(f"no bid ({bid.reason or 'no reason given'}).", name)
         if bid.unsound:
             todo = f"fix {name}; see `armadico logs {name}`"
-            return Cause(Sort.UNSOUND, name, f"{name}: {bid.reason}", todo)
+            return cause(Sort.UNSOUND, name, f"{name}: {bid.reason}", todo)
         if not (key := bid.lacks):
             return None
         if key == service_of(Pose).key and self._is_lost() and not self.silent(key):
             return self._lost()
         return self._just_received(key, instance) or self.lacking(key, instance)
 
-    def _just_received(self, key: str, instance: str) -> Cause | None:
+    def _just_received(self, key: str, instance: str) -> Finding | None:
         """STARTING if the missing input has arrived since the instance was last queried.
 
         Bids are queried once per second, so a reported reason may be out of date.
@@ -379,7 +305,7 @@ class _Chain:
         newest = state.cycle
         return bid.cycle.epoch != newest.epoch or newest.number - bid.cycle.number > MISSED
 
-    def _no_turn(self, instance: str, bid: BidRecord) -> Cause:
+    def _no_turn(self, instance: str, bid: BidRecord) -> Finding:
         """The newest bid is old: the inputs do not arrive, or the agent hangs."""
         view, name = self.view, agent_of(instance)
         self.add(f"no bid computed since cycle {bid.cycle.number}.", name)
@@ -413,7 +339,7 @@ class _Chain:
         times += [line.at for line in self.view.logs if line.instance == instance]
         return max(times) > since + QUIET_S
 
-    def _unobeyed(self, instance: str, bid: BidRecord) -> Cause:
+    def _unobeyed(self, instance: str, bid: BidRecord) -> Finding:
         """The cause if an agent bids, but is not obeyed."""
         name = agent_of(instance)
         self.add(f"bids {bid.utility:.2f}, but is not obeyed.", name)
@@ -423,6 +349,9 @@ class _Chain:
         to = self._owner()
         if refused := self._recent(LogEvent.COMMANDS_REFUSED):
             return self.end(Sort.REFUSED, name, f"{to} reports: {refused}.")
+        if (bids := self.view.bids_for(instance, WHEELS.name, self.now)) < YOUNG_S:
+            what = f"{name} has bid for only {bids:.1f} s."
+            return self.end(Sort.STARTING, name, what)
         what = f"Commands from {name} do not reach {to}."
         return self.end(Sort.LINK, f"{name} -> {to}", what, "check the network between them")
 
@@ -443,14 +372,14 @@ class _Chain:
         pose = self.view.pose
         return pose is not None and pose.deviation > LOST_M
 
-    def _lost(self) -> Cause:
+    def _lost(self) -> Finding:
         where = self.view.pose_text(self.now)
         todo = "wait until an agent has localized it; check that it is within the map"
         return self.end(Sort.LOST, "", f"The robot is lost: {where}.", todo)
 
     # From a missing input to its provider --------------------------------------------------------
 
-    def lacking(self, key: str, instance: str) -> Cause:
+    def lacking(self, key: str, instance: str) -> Finding:
         """Why an input of an instance is not fresh; "" stands for this observer."""
         self._followed.add(key)
         alive = [a.instance for a in self.view.agents if a.card and key in a.card.provides]
@@ -486,7 +415,7 @@ class _Chain:
         own = card.provides if card else ()
         return sorted((k for k in found if k not in own), key=lambda k: (self._last(k), k))
 
-    def _not_arriving(self, key: str, instance: str, alive: list[str]) -> Cause:
+    def _not_arriving(self, key: str, instance: str, alive: list[str]) -> Finding:
         """The cause if an input is published: it is stale, or it does not arrive."""
         name = agent_of(instance)
         if (late := self.stale(key)) and alive:
@@ -503,7 +432,7 @@ class _Chain:
         what = f"{key} is published, but does not arrive."
         return self.end(Sort.LINK, f"{agent_of(by)} -> {name}", what, todo, name)
 
-    def _unprovided(self, key: str) -> Cause:
+    def _unprovided(self, key: str) -> Finding:
         gone = [i for i in self.view.gone if self._provided(i, key)]
         if gone:
             return self.absent(gone)
@@ -519,7 +448,7 @@ class _Chain:
         what = f"No agent that provides {key} is alive; {' or '.join(named)} would provide it."
         return self.end(Sort.ABSENT, named[0], what, f"`armadico-agent {named[0]}` starts it")
 
-    def _host_down(self, able: Sequence[str] | None) -> Cause | None:
+    def _host_down(self, able: Sequence[str] | None) -> Finding | None:
         """The first host of the table that should run one of these agents and has none alive."""
         there = {self.host(instance) for instance in self.view.alive}
         for host, agents in self._table.items():
@@ -540,7 +469,7 @@ class _Chain:
         owned = () if card is None else tuple(f"resource/{each}/ack" for each in card.owns)
         return card is not None and key in (*card.provides, *owned)
 
-    def absent(self, gone: list[str]) -> Cause:
+    def absent(self, gone: list[str]) -> Finding:
         """The cause if these instances have ended: an agent, or a whole host."""
         last = max(gone, key=lambda instance: self.view.gone[instance])
         name, host = agent_of(last), self.host(last)
@@ -561,13 +490,17 @@ class _Chain:
         what += self._last_error(last)
         return self.end(Sort.ABSENT, name, what, f"start it again: `armadico-agent {name}`")
 
-    def quiet(self, instance: str, key: str = "") -> Cause:
+    def quiet(self, instance: str, key: str = "") -> Finding:
         """The cause if an agent has its inputs, but publishes nothing on a key, or does nothing."""
         name, host, card = agent_of(instance), self.host(instance), self.view.cards.get(instance)
         since = self._last(key)
         came = self.view.alive.get(instance, float("-inf"))
         if self.now - came <= YOUNG_S and since <= came and not self._complaint(instance, came):
+            # The tokens of a new observer all appear at once, whatever the age of the agents.
+            new = came - (self.view.began or 0.0) <= QUIET_S
             what = f"{name} started only {self.now - came:.1f} s ago."
+            if new:
+                what = f"{name} has been observed for only {self.now - came:.1f} s."
             return self.end(Sort.STARTING, name, what)
         if key and self._responds(instance, since):
             words = self._complaint(instance, since)
@@ -599,12 +532,12 @@ class _Chain:
 
     # Facts ---------------------------------------------------------------------------------------
 
-    def end(self, sort: Sort, who: str, what: str, todo: str = "", of: str = "") -> Cause:
+    def end(self, sort: Sort, who: str, what: str, todo: str = "", of: str = "") -> Finding:
         """End the chain with a cause; `of` is the contender that `what` is about."""
         self.add(what, of)
-        cause = Cause(sort, who, f"{of}: {what}" if of else what, todo)
-        self._ends[cause] = what
-        return cause
+        found = cause(sort, who, f"{of}: {what}" if of else what, todo)
+        self._ends[found] = what
+        return found
 
     def host(self, instance: str) -> str:
         """The host of an instance; empty if it is not known."""

@@ -50,6 +50,8 @@ FRESH_CYCLES: Final = 3  # a command obeyed longer ago no longer counts as obeye
 RESTS: Final = 0.01  # m/s and rad/s: a slower robot stands
 WINDOW_S: Final = 5.0  # period over which rates are computed
 
+ASKS_S: Final = 2.0  # an observer that has not queried cards for this long queries none
+
 # How many of the newest are kept:
 GONE: Final = 100  # instances that are gone, with their cards
 LINES: Final = 200  # log lines
@@ -130,6 +132,8 @@ class View:
     """The state of one society, updated by `update`, `learn`, `token` and `router`.
 
     Attributes:
+        began: When the first input arrived; None: none yet. What was not received since then is
+            evidence of that length only.
         alive: Instances with a liveliness token, and since when.
         gone: Instances whose token disappeared, and when.
         cut_since: When the link to the robot's router was lost; None: the router can be reached.
@@ -140,6 +144,7 @@ class View:
         rates: By key, the rate of publication.
         newest: By key, the newest state.
         answered: By instance, when it last answered a query for its card or bids.
+        ahead: By instance, the clock of its machine minus the observer's, s, if it is known.
         logs: The newest log lines, newest last.
         reports: By monitor, its newest report.
         errands: By kind of message, the progress of errands.
@@ -152,6 +157,7 @@ class View:
     """
 
     def __init__(self) -> None:
+        self.began: float | None = None
         self.alive: dict[str, float] = {}
         self.gone: dict[str, float] = {}
         self.cut_since: float | None = None
@@ -161,6 +167,10 @@ class View:
         self.rates: dict[str, Rate] = {}
         self.newest: dict[str, Message] = {}
         self.answered: dict[str, float] = {}
+        self.ahead: dict[str, float] = {}
+        self._asked_at: float | None = None  # the newest query for cards
+        self._asking_since = 0.0  # without a pause until then
+        self._bidding: dict[tuple[str, str], float] = {}  # since when without a pause
         self.logs: deque[LogLine] = deque(maxlen=LINES)
         self.reports: dict[str, MonitorReport] = {}
         self.errands: dict[type[Message], tuple[Progress, ...]] = {}
@@ -185,6 +195,17 @@ class View:
 
     # Input ---------------------------------------------------------------------------------------
 
+    def begin(self, t: float) -> None:
+        """Record that the observation began; an input does so, too."""
+        if self.began is None:
+            self.began = t
+
+    def ask(self, t: float) -> None:
+        """Record that all cards are queried now, which an observer does each second, or not."""
+        if self._asked_at is None or t - self._asked_at > ASKS_S:
+            self._asking_since = t
+        self._asked_at = t
+
     def router(self, *, there: bool, t: float) -> None:
         """Record whether the robot's router can be reached.
 
@@ -194,6 +215,7 @@ class View:
 
     def token(self, instance: str, *, there: bool, t: float) -> bool:
         """Process a liveliness token that appeared or disappeared; False if nothing changed."""
+        self.begin(t)
         if (instance in self.alive) == there:
             return False
         if there:
@@ -202,7 +224,7 @@ class View:
             return True
         del self.alive[instance]
         self.gone[instance] = t
-        for known in (self.cards, self.bids, self.answered):
+        for known in (self.cards, self.bids, self.answered, self.ahead):
             for gone in [each for each in known if each not in self.alive][:-GONE]:
                 del known[gone]
         for gone in list(self.gone)[:-GONE]:
@@ -226,6 +248,7 @@ class View:
 
     def learn(self, message: Message, t: float) -> None:
         """Process a message, published or a reply."""
+        self.begin(t)
         if isinstance(message, _LATEST):
             self._latest[type(message)] = message, t
         match message:
@@ -255,6 +278,11 @@ class View:
                 for bid in message.bids:
                     known.pop(bid.resource, None)
                     known[bid.resource] = bid, t
+                for name, (bid, _) in known.items():
+                    if bid.utility:
+                        self._bidding.setdefault((message.instance, name), t)
+                    else:
+                        self._bidding.pop((message.instance, name), None)
 
     # The newest messages -------------------------------------------------------------------------
 
@@ -404,6 +432,23 @@ class View:
         known = self.bids.get(instance, {})
         found = known.get(resource) if resource else next(reversed(known.values()), None)
         return None if found is None else found[0]
+
+    def bids_for(self, instance: str, resource: str, now: float) -> float:
+        """For how long an instance is known to have bid for a resource without a pause, s."""
+        return now - self._bidding.get((instance, resource), now)
+
+    def unanswered_s(self, instance: str, now: float) -> float:
+        """For how long a live instance has been queried and has not answered, s."""
+        if self._asked_at is None:
+            return 0.0
+        last = self.answered.get(instance, float("-inf"))
+        return min(now, self._asked_at + ASKS_S) - max(
+            last, self.alive[instance], self._asking_since
+        )
+
+    def age(self, now: float) -> float:
+        """For how long the society has been observed, s."""
+        return 0.0 if self.began is None else now - self.began
 
     def state_is_fresh(self, now: float) -> bool:
         """Whether the newest robot state is fresh."""

@@ -17,18 +17,22 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import msgspec
 from msgspec import inspect
 
-from armadico.core.messages import Ask, JournalRequest, Message, MessageError, decode
+from armadico.core.messages import Ask, Card, JournalRequest, Message, MessageError, decode
 from armadico.core.services import BIDS, CARD, Kind, service_at, service_of
+from armadico.observe.diagnosis import diagnose, settled
+from armadico.observe.findings import NOTHING, Demand, Finding
+from armadico.observe.view import View
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.observe.view import View
     from armadico.observe.why import Chronicle
 
 M = TypeVar("M", bound=Message)
 
 WAITING: Final = 20_000  # capacity of the queue: half a minute of messages of 20 agents
 QUERY_S: Final = 1.0  # interval of the queries for cards and bids
+LEAST_S: Final = 1.2  # within this time each description, mission status and card has arrived
+MOST_S: Final = 4.5  # longest observation of a short command
 EVERYTHING: Final = "**"
 HEX: Final = "_hex"  # suffix of the name of a field of bytes, written as hexadecimal text
 
@@ -165,26 +169,73 @@ def read_or_none(item: Received) -> Message | None:
         return None
 
 
-def show(view: View | Chronicle, item: Received | Presence) -> None:
+def show(to: View | Chronicle, item: Received | Presence) -> None:
     """Pass one item to a view or a chronicle."""
+    t = item.at / 1e9
     if isinstance(item, Presence):
-        view.token(item.instance, there=item.there, t=item.at / 1e9)
+        to.token(item.instance, there=item.there, t=t)
         return
     message = read_or_none(item)
     if not item.on_query:
-        view.update(item.key, message, item.at / 1e9)
+        to.update(item.key, message, t)
     elif message is not None:
-        view.learn(message, item.at / 1e9)
+        to.learn(message, t)
+        if isinstance(message, Card) and message.clock:
+            to.ahead[message.instance] = message.clock - t
 
 
-def listen(watcher: Watcher, to: View | Chronicle, for_s: float) -> None:
-    """Update a view for `for_s` seconds, and query cards and bids meanwhile."""
-    end = time.monotonic() + for_s
-    while (now := time.monotonic()) < end:
-        watcher.query_cards()
-        watcher.query_bids()
-        for item in watcher.until(min(end, now + QUERY_S)):
-            show(to, item)
+class Observer:
+    """Observes one society: a watcher, the view that it updates, and queries once per second."""
+
+    def __init__(
+        self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Chronicle | None = None
+    ) -> None:
+        """Subscribe on an open mesh. `to` receives everything; by default a new view."""
+        self.watcher, self.demand = Watcher([mesh]), demand
+        self.to: View | Chronicle = View() if to is None else to
+        self.view = self.to if isinstance(self.to, View) else self.to.view
+        self._query_at = float("-inf")
+        self.view.begin(self.now)
+        self.watcher.watch_alive()
+        self.watcher.watch_router(self.view)
+        self.watcher.subscribe()
+
+    @property
+    def now(self) -> float:
+        """The time by the view's clock, s."""
+        return self.watcher.clock() / 1e9
+
+    def take(self, for_s: float = 0.0) -> None:
+        """Receive for a time, s; 0: take what has arrived."""
+        end = time.monotonic() + for_s
+        while True:
+            if (now := time.monotonic()) >= self._query_at:
+                self._query_at = now + (QUERY_S if self.view.complete else QUERY_S / 4)
+                self.view.ask(self.now)
+                self.watcher.query_cards()
+                self.watcher.query_bids()
+            for item in self.watcher.until(min(end, self._query_at)):
+                show(self.to, item)
+            if time.monotonic() >= end:
+                break
+        over = self.watcher.clock()  # what arrived during a slow step still counts
+        while (arrived := self.watcher.get(0.0)) is not None:
+            show(self.to, arrived)
+            if arrived.at > over:
+                break
+
+    def settle(self, least_s: float = LEAST_S, most_s: float = MOST_S) -> tuple[Finding, ...]:
+        """The diagnosis, as soon as a longer observation would not change it."""
+        self.take(least_s)
+        end = time.monotonic() + most_s - least_s
+        while not settled(found := self.findings) and time.monotonic() < end:
+            self.take(QUERY_S / 4)
+        return found
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The diagnosis of what was received so far."""
+        return diagnose(self.view, self.demand, self.now)
 
 
 def as_object(value: Any) -> Any:

@@ -52,7 +52,8 @@ from armadico.observe.explained import (
     describe_contest,
     outbid,
 )
-from armadico.observe.standing import NO_TABLE, Cause, Hosts, Installed, Sort, standing
+from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
+from armadico.observe.standing import standing
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
 
 T = TypeVar("T")
@@ -99,7 +100,7 @@ class _Snapshot:
     state: RobotState | None
     sentences: tuple[str, ...]  # about the robot
     stands: bool
-    cause: Cause | None
+    cause: Finding | None
     contests: list[Contest]
     contenders: dict[str, list[tuple[str, str]]]  # by resource: instance and host
     newest: dict[str, Message]
@@ -138,7 +139,7 @@ class _Touch:
     felt: bool = False  # the robot reports contact now
 
 
-_Pending = _Snapshot | _Takeover | tuple[_Snapshot, Cause, str]  # the tuple is a collision
+_Pending = _Snapshot | _Takeover | tuple[_Snapshot, Finding, str]  # the tuple is a collision
 
 
 class Chronicle:
@@ -148,8 +149,7 @@ class Chronicle:
         self,
         recomputed: Mapping[tuple[str, str], Sequence[BidRecord]] | None = None,
         *,
-        installed: Installed = lambda _: (),
-        hosts: Hosts = NO_TABLE,
+        demand: Demand = NOTHING,
         begun: float = 0.0,
     ) -> None:
         """Start without messages.
@@ -157,11 +157,10 @@ class Chronicle:
         Args:
             recomputed: Bids replayed from journals, by instance and resource, oldest first. They
                 replace bids that were not queried in time.
-            installed: See `standing`.
-            hosts: See `standing`.
+            demand: What the society should be.
             begun: Start of the observation, s; reported times count from it.
         """
-        self.installed, self.hosts, self._begun = installed, hosts, begun
+        self.demand, self._begun = demand, begun
         self.view = View()
         self.now = 0.0
         self._recomputed = recomputed or {}
@@ -178,6 +177,11 @@ class Chronicle:
         self._touch = _Touch()
 
     # Input ---------------------------------------------------------------------------------------
+
+    def begin(self, t: float) -> None:
+        """Record that the observation began; reported times count from it."""
+        self._begun = t
+        self.view.begin(t)
 
     def token(self, instance: str, *, there: bool, t: float) -> None:
         self._advance(t)
@@ -213,6 +217,11 @@ class Chronicle:
                 )
                 if bid not in kept:
                     kept.append(bid)
+
+    @property
+    def ahead(self) -> dict[str, float]:
+        """As of the view."""
+        return self.view.ahead
 
     def mark(self, t: float) -> None:
         """Explain the present moment once its bids are known; the result is added to `moments`."""
@@ -339,7 +348,7 @@ class Chronicle:
 
     def _snapshot(self) -> _Snapshot:
         view, now = self.view, self.now
-        found = standing(view, now, self.installed, self.hosts)
+        found = standing(view, now, self.demand)
         names = [WHEELS.name, *(name for name in view.claimed if name != WHEELS.name)]
         contenders = {
             name: [
@@ -497,7 +506,7 @@ class Chronicle:
             bids,
         )
 
-    def _how(self, of: _Takeover, bids: tuple[Bidding, ...]) -> Cause:
+    def _how(self, of: _Takeover, bids: tuple[Bidding, ...]) -> Finding:
         """Why the loser lost or released the resource."""
         loser, winner = agent_of(of.lost), agent_of(of.winner)
         ballot, last = of.ack.obeyed, of.loser
@@ -505,31 +514,31 @@ class Chronicle:
         gone = self.view.gone.get(of.lost)
         if gone is not None and gone - self._begun - of.t <= GONE_S:
             what = f"{loser} was no longer alive: it was killed, it crashed, or its host failed."
-            return Cause(Sort.ABSENT, loser, what, f"see `armadico logs {loser}`")
+            return cause(Sort.ABSENT, loser, what, f"see `armadico logs {loser}`")
         if last is None:
-            return Cause(Sort.UNKNOWN, loser, f"No claim of {loser} was received.")
+            return cause(Sort.UNKNOWN, loser, f"No claim of {loser} was received.")
         if last.utility is None:
             record = self._record(of.lost, of.ack.resource, last.cycle, of.t)
             why = f": {record.reason}" if record is not None and record.reason else ""
             ago = of.t + self._begun - of.claimed_at
             what = f"{loser} had released it {ago:.1f} s earlier{why}."
-            return Cause(Sort.RELEASED, loser, what)
+            return cause(Sort.RELEASED, loser, what)
         theirs = self._first(of)
         if theirs is not None and theirs[0] - of.claimed_at > SILENCE * self._clock.period:
             what = f"{loser} had published no claim for {theirs[0] - of.claimed_at:.2f} s."
-            return Cause(Sort.SILENT, loser, what, f"see `armadico logs {loser}`")
+            return cause(Sort.SILENT, loser, what, f"see `armadico logs {loser}`")
         bid = Bid(ballot.utility, (), ballot.critical)
         resource = declared(of.ack.resource)
         if not beats(bid, last, 0.0 if resource is None else resource.margin):
             what = f"{loser} still claimed it with {last.utility:.2f}, but was not obeyed."
-            return Cause(Sort.LINK, loser, what, f"check the network connection of {loser}")
+            return cause(Sort.LINK, loser, what, f"check the network connection of {loser}")
         if ballot.critical and not last.critical:
             what = f"{winner}'s bid was critical (a collision was near), "
             what += f"{loser}'s bid of {last.utility:.2f} was not."
         else:
             what = f"{winner}'s bid of {ballot.utility:.2f} beat {loser}'s {last.utility:.2f}."
         why = next((each.reason for each in bids if each.instance == of.winner), "")
-        return Cause(Sort.OUTBID, winner, what + (f" {winner}: {why}." if why else ""))
+        return cause(Sort.OUTBID, winner, what + (f" {winner}: {why}." if why else ""))
 
     def _first(self, of: _Takeover) -> tuple[float, Claim] | None:
         claims = self._of(of.ack.resource).claims
@@ -556,37 +565,37 @@ class Chronicle:
             )
         else:
             found.append("It has not been released.")
-        cause = Cause(Sort.STOP, by, found[0], release(of.stop))
+        latched = cause(Sort.STOP, by, found[0], release(of.stop))
         stood = None if of.before else of.stood
-        return Press(of.number, of.t, by, stood, of.released, of.released_by, tuple(found), cause)
+        return Press(of.number, of.t, by, stood, of.released, of.released_by, tuple(found), latched)
 
     # A collision ---------------------------------------------------------------------------------
 
-    def _struck_by(self, *, bumped: bool) -> Cause:
+    def _struck_by(self, *, bumped: bool) -> Finding:
         """The cause of a collision, from the state just before it."""
         view = self.view
         if bumped:
-            return Cause(Sort.BUMPED, "", "A person walked into the robot.")
+            return cause(Sort.BUMPED, "", "A person walked into the robot.")
         driver = view.driver(WHEELS.name, self.now) or view.last_driver(WHEELS.name)
         name = agent_of(driver) if driver else "no agent"
         found = [o for o in view.newest.values() if isinstance(o, Obstacles)]
         if not found:
-            return Cause(Sort.UNSEEN, "", "No agent had published obstacles.")
+            return cause(Sort.UNSEEN, "", "No agent had published obstacles.")
         for each in found:
             age = _age(each.cycle, None if view.state is None else view.state.cycle)
             if age is None or age > FRESH_CYCLES:
                 old = "many" if age is None else age
                 what = f"The obstacles published by {each.sensor} were {old} cycles old."
-                return Cause(Sort.STALE, each.sensor, what)
+                return cause(Sort.STALE, each.sensor, what)
         near = self._nearest(found)
         if near is None or near > NEAR_M:
             far = "no obstacle" if near is None else f"no obstacle nearer than {near:.2f} m"
             sensors = " and ".join(sorted({each.sensor for each in found}))
             what = f"The obstacle was not detected: {sensors} reported {far}."
-            return Cause(Sort.UNSEEN, sensors, what)
+            return cause(Sort.UNSEEN, sensors, what)
         what = f"The obstacle was detected, {max(near, 0.0):.2f} m from the footprint, "
         what += f"and {name} drove."
-        return Cause(Sort.DRIVEN, name, what, f"check {name}'s bids before the collision")
+        return cause(Sort.DRIVEN, name, what, f"check {name}'s bids before the collision")
 
     def _nearest(self, found: list[Obstacles]) -> float | None:
         """Distance from the robot's footprint to the nearest obstacle point, m."""

@@ -462,8 +462,11 @@ def _urgent(item: Output) -> bool:
     return type(item) is Write or (type(item) is Publish and type(item.message) is Command)
 
 
-def identity(name: str, host: str | None = None) -> Identity:
-    """Return a new instance's identity; its id is the name and 64 random bits."""
+def identity(name: str, host: str | None = None, table: str = "") -> Identity:
+    """Return a new instance's identity; its id is the name and 64 random bits.
+
+    `table` is the digest of the host table that the process was launched with.
+    """
     rng = random.SystemRandom()
     return Identity(
         instance=f"{name}-{rng.getrandbits(64):016x}",
@@ -471,6 +474,7 @@ def identity(name: str, host: str | None = None) -> Identity:
         pid=os.getpid(),
         version=installed_version(),
         rng=random.Random(rng.getrandbits(64)),
+        table=table,
     )
 
 

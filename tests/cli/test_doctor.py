@@ -1,13 +1,11 @@
-"""What `armadico doctor` says of clocks; the rest of it meets a society in test_terminal.py."""
+"""What `armadico doctor` says of this machine; tests/observe/test_diagnosis.py has the society."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Generator
 from importlib import metadata
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,101 +14,63 @@ from rich.console import Console
 
 from armadico.cli import doctor, top
 from armadico.cli import main as armadico
-from armadico.cli.options import Mesh
-from armadico.core.messages import PROTOCOL, Card, Cycle, Line, MonitorReport, RobotState, Stop
+from armadico.core.judgement import Answer
+from armadico.core.messages import Cycle, Line, RobotState, Stop
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import BatteryLevel, Correction, MissionState, MissionStatus, Pose
-from armadico.observe.standing import standing
+from armadico.observe.findings import Finding, Sort, fine, open_question, those
 from armadico.observe.view import View
-
-
-def returned(findings: Generator[doctor.Finding, None, set[str]]) -> set[str]:
-    while True:
-        try:
-            next(findings)
-        except StopIteration as end:
-            names: set[str] = end.value
-            return names
-
-
-@pytest.mark.parametrize("offsets", [{}, {"lab1": None}, {"lab1": 0.4, "lab2": -1.9}])
-def test_clocks_that_agree_or_of_one_machine_are_well(offsets: dict[str, float | None]) -> None:
-    assert doctor.clocks(offsets).verdict == "ok"
-
-
-def test_a_clock_that_is_off_is_named_with_how_far_and_what_to_do() -> None:
-    finding = doctor.clocks({"lab2": 3600.2, "lab1": 0.1, "lab3": -5.0})
-    assert finding.verdict == "note"
-    assert "lab2 +3600 s, lab3 -5 s" in finding.what
-    assert "lab1" not in finding.what
-    assert "chronyc" in finding.todo
-
-
-def test_the_clock_of_a_host_that_does_not_answer_is_not_known() -> None:
-    finding = doctor.clocks({"lab1": 0.0, "lab2": None})
-    assert finding.verdict == "note"
-    assert "lab2" in finding.what
-
-
-def test_the_machines_are_those_of_the_host_table(tmp_path: Path) -> None:
-    table = tmp_path / "hosts.toml"
-    table.write_text('[lab1]\nrouter = "udp/127.0.0.1:7501"\n[lab2]\naddress = "127.0.0.2"\n')
-    on_query = Mesh(hosts=str(table))
-    assert returned(doctor.hosts(on_query)) == {"lab1", "lab2"}
-    assert returned(doctor.hosts(Mesh())) == set()
-
-
-def test_what_agents_report_of_themselves_is_shown() -> None:
-    card = Card("robot", "robot-1", "here", 1, "1", PROTOCOL, (), (), ())
-    assert list(doctor._faults([card])) == []
-    (fault,) = doctor._faults([replace(card, fault="another controller")])
-    assert (fault.subject, fault.verdict, fault.what) == ("robot", "wrong", "another controller")
-    (doubt,) = doctor._faults([replace(card, doubts="another laser")])
-    assert (doubt.verdict, doubt.what) == (doctor.NOTE, "another laser")
-
 
 WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
 
 
-def test_what_its_battery_and_its_line_are_like_is_said() -> None:
-    battery, line = doctor.robot(WELL)
-    assert (battery.verdict, battery.what) == (doctor.OK, "12.0 V")
-    assert (line.subject, line.verdict) == ("line", "ok")
-    counts = Line(dropped=7, resets=2)
-    low = BatteryLevel(Cycle(1, 1), 10.2, 0.07, 5e4)
-    found = list(doctor.robot(replace(WELL, line=counts), low))
-    assert [f.subject for f in found] == ["battery", "line"]
-    assert {f.verdict for f in found} == {"note"}
-    assert "nearly empty: 12.0 V, 7 %" in found[0].what
-    assert "7 bytes dropped, 2 odometry resets" in found[1].what
-    charging = next(iter(doctor.robot(replace(WELL, charging=True), low)))
-    assert (charging.verdict, charging.what) == (doctor.OK, "12.0 V, 7 %, charging")
-
-
 @pytest.mark.parametrize(
-    ("changed", "verdict", "says"),
+    ("shares", "wrong"),
     [
-        ({"v": 0.4}, doctor.OK, "moves at 0.40 m/s"),
-        ({}, doctor.OK, "It has no goal."),
-        ({"stop": Stop(1, stopped=True, by="anna")}, doctor.NOTE, "It is stopped by anna."),
-        ({"motors": False}, doctor.NOTE, "Its motors are off."),
+        ((0.5, 0.5, 4.0), []),  # busy, and well
+        ((0.01, 0.5, 1.0), ["memory"]),
+        ((0.5, 0.01, 1.0), ["disk"]),
+        ((0.5, 0.5, 60.0), ["processor"]),
     ],
 )
-def test_why_the_robot_stands_is_said(changed: dict[str, Any], verdict: str, says: str) -> None:
-    view = View()
-    view.update("robot/state", replace(WELL, **changed), 0.0)
-    found = doctor.stands(standing(view, 0.1))
-    assert (found.subject, found.verdict) == ("standing", verdict)
-    assert says in found.what
-    late = doctor.stands(standing(view, 2.0))
-    assert late.verdict == doctor.WRONG
-    assert "2.0 s" in late.what
+def test_a_machine_without_memory_disk_or_processor_is_named(
+    shares: tuple[float, float, float], wrong: list[str]
+) -> None:
+    found = those(doctor.resources(*shares), Answer.NO)
+    assert [each.who for each in found] == wrong
+    assert all(each.todo for each in found)
+
+
+def test_a_serial_line_without_permission_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ttyUSB0").touch()
+    monkeypatch.setattr(doctor.os, "access", lambda *_: False)
+    (finding,) = doctor.serial_ports(tmp_path)
+    assert finding.answer is Answer.NO
+    assert "permission denied" in finding.what
+    assert "dialout" in finding.todo
+
+
+def test_a_finding_is_shown_with_its_verdict_and_cure() -> None:
+    words = {
+        fine(Sort.LINE, "", "No errors."): "ok ",
+        fine(Sort.LINE, "", "7 bytes dropped.", "check it"): "note ",
+        open_question(Sort.AGENTS, "", "Not known.", "--hosts"): "unknown ",
+        Finding(Sort.HOST, "lab2", "lab2 is off.", "switch it on"): "wrong ",
+    }
+    for finding, verdict in words.items():
+        first, *cure = doctor.lines(finding)
+        assert first.startswith(verdict)
+        assert finding.what in first
+        assert cure == ([f"         -> {finding.todo}"] if finding.todo else [])
 
 
 def test_top_says_why_the_robot_stands() -> None:
     view = View()
     stop = Stop(1, stopped=True, by="anna")
+    view.token("robot-1", there=True, t=0.0)
     view.update("robot/state", replace(WELL, stop=stop), 0.0)
     snapshot = top.Snapshots(view, "robot1").at(0.1)
     assert snapshot["standing"]["cause"]["who"] == "anna"
@@ -118,21 +78,6 @@ def test_top_says_why_the_robot_stands() -> None:
     with console.capture() as shown:
         console.print(top.tables(snapshot))
     assert "It is stopped by anna." in shown.get()
-
-
-def test_what_the_monitor_that_acts_misses_is_wrong() -> None:
-    def verdicts(*reports: MonitorReport) -> list[str]:
-        return [found.verdict for found in doctor.monitors(reports)]
-
-    acts, waits = MonitorReport("monitor-1", 90, True), MonitorReport("monitor-2", 20, False)
-    assert verdicts() == []
-    assert verdicts(waits, acts) == [doctor.OK]
-    assert verdicts(waits) == [doctor.NOTE]
-    lacks = replace(acts, missing=("encoder", "sonar"), note="b is asked to start encoder")
-    (found,) = doctor.monitors([lacks, waits])
-    assert found.verdict == doctor.WRONG
-    assert "encoder, sonar (b is asked to start encoder)" in found.what
-    assert "armadico logs encoder" in found.todo
 
 
 def test_top_says_what_is_left_of_the_battery() -> None:
@@ -182,19 +127,6 @@ def test_top_says_where_it_is_how_surely_and_for_how_long_it_has_been_lost() -> 
     assert snapshots.at(14.0)["pose"]["lost_s"] == 12.0
 
 
-@pytest.mark.parametrize(
-    ("variance", "verdict", "deviation"),
-    [(0.0025, "ok", "+-0.05 m"), (1.96, "note", "+-1.40 m")],
-)
-def test_the_deviation_of_the_pose_is_reported(
-    variance: float, verdict: str, deviation: str
-) -> None:
-    found = doctor.pose(posed(variance))
-    assert found.verdict == verdict
-    assert deviation in found.what
-    assert doctor.pose(replace(posed(1.0), covariance=())).verdict == doctor.NOTE
-
-
 def test_top_says_why_a_mission_is_not_driven() -> None:
     view = View()
     view.learn(WELL, 0.0)
@@ -210,14 +142,6 @@ def test_top_says_why_a_mission_is_not_driven() -> None:
     assert "driving, waits: door D is shut" in top._heading(snapshot)
 
 
-def test_a_host_without_a_router_in_the_table_is_not_looked_for(tmp_path: Path) -> None:
-    table = tmp_path / "hosts.toml"
-    table.write_text('[lab1]\nagents = ["goto"]\n')
-    on_query = Mesh(hosts=str(table))
-    (finding,) = doctor.hosts(on_query)
-    assert (finding.subject, finding.verdict) == ("host lab1", "ok")
-
-
 def test_a_folder_for_sockets_that_others_can_write_to_is_wrong(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -225,7 +149,7 @@ def test_a_folder_for_sockets_that_others_can_write_to_is_wrong(
     (tmp_path / "armadico").mkdir()
     (tmp_path / "armadico").chmod(0o777)
     (finding,) = doctor.router("doctor-test")
-    assert (finding.subject, finding.verdict) == ("socket", "wrong")
+    assert (finding.who, finding.answer) == ("socket", Answer.NO)
     assert "chmod 700" in finding.what
 
 
@@ -237,17 +161,10 @@ def test_where_no_socket_can_be_made_that_is_found_and_the_rest_as_well(
     folder.mkdir()
     monkeypatch.setenv(RUNTIME_VARIABLE, str(folder))
     assert armadico(["doctor", "--json", "--namespace", "doctor-test"]) == 1
-    findings = {f["subject"]: f for f in json.loads(capsys.readouterr().out)}
-    assert findings["socket"]["verdict"] == "wrong"
+    findings = {f["who"]: f for f in json.loads(capsys.readouterr().out)}
+    assert findings["socket"]["answer"] == "no"
     assert "too long" in findings["socket"]["what"]
-    assert {"mesh", "clocks", "graphics"} <= set(findings)
-
-
-@pytest.mark.live
-def test_clocks_are_among_the_findings(capsys: pytest.CaptureFixture[str]) -> None:
-    armadico(["doctor", "--json", "--namespace", "doctor-test"])
-    findings = {f["subject"]: f for f in json.loads(capsys.readouterr().out)}
-    assert findings["clocks"]["verdict"] == "ok"
+    assert {"mesh", "memory", "graphics"} <= set(findings)
 
 
 @pytest.mark.parametrize(
@@ -282,5 +199,5 @@ def test_an_extra_that_is_not_there_is_named_with_what_brings_it(
         return metadata.version(name)
 
     monkeypatch.setattr(doctor, "version", version)
-    (found,) = [each for each in doctor.versions() if each.subject == package]
+    (found,) = [each for each in doctor.versions() if each.who == package]
     assert f"pip install 'armadico[{extra}]'" in found.todo

@@ -17,7 +17,8 @@ from armadico.cli.run import Options, exit_code
 from armadico.core.judgement import no, unknown, yes
 from armadico.core.messages import PROTOCOL, Card
 from armadico.mobile.messages import MissionState, MissionStatus
-from armadico.observe.hosts import census
+from armadico.observe.diagnosis import hosts_of
+from armadico.observe.findings import NOTHING
 from armadico.observe.measures import Result, RunWatch
 from armadico.observe.view import View
 from tests.house.tree import ROOT
@@ -95,7 +96,7 @@ def test_ps_breaks_no_name_in_a_narrow_terminal(
     silent = ("wall-follower", "wall-follower-0123456789abcdef")
     card = Card(*who, "lab1", 1, "1", PROTOCOL, keys, (), ("wheels",))
     view = View.of({who: card, silent: None})
-    ps.show("r", view, census(view, {}, {}), everyone=False)
+    ps.show("r", view, hosts_of(view, NOTHING, 0.0), everyone=False)
     said = capsys.readouterr().out.split()
     assert {who[0], silent[0], *keys, "not", "answering"} <= set(said)
 
@@ -116,3 +117,17 @@ def test_the_table_names_what_is_unknown(capsys: pytest.CaptureFixture[str]) -> 
     assert "no truth" in capsys.readouterr().out
     show("sc4", [replace(RUN, judgement=yes()), lost])
     assert "1 of 2 runs reached the goal, no collision, 1 unknown" in capsys.readouterr().out
+
+
+def test_ps_keeps_the_hosts_at_80_columns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    keys = ("localization/correction", "localization/particles", "interface/request")
+    names = ("path-planning", "path-planning-0123456789abcdef")
+    card = Card(*names, "laboratory-2", 1234567, "1.0.0", PROTOCOL, keys, (), ("wheels", "planner"))
+    view = View.of({names: card})
+    ps.show("r", view, hosts_of(view, NOTHING, 0.0), everyone=False)
+    shown = capsys.readouterr().out
+    assert "HOST" in shown.splitlines()[0]
+    assert "laboratory-2" in shown

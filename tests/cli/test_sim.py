@@ -409,6 +409,6 @@ def test_the_truth_is_published_once_there_is_a_robot_and_two_simulators_are_nam
         assert second.stderr is not None
         assert name in second.stderr.readline()
         found = json.loads(call("doctor", "--json", env=alone).stdout)
-        (truth,) = (f for f in found if f["subject"] == "sim/truth")
-        assert truth["verdict"] == "wrong"
+        (truth,) = (f for f in found if f["who"] == "sim/truth")
+        assert truth["answer"] == "no"
         assert name in truth["what"]

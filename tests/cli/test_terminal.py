@@ -24,6 +24,7 @@ import pytest
 from armadico.bridge.simulator.server import TcpLine
 from armadico.cli import doctor, main, top
 from armadico.cli.options import Mesh
+from armadico.core.judgement import Answer
 from armadico.core.messages import (
     PROTOCOL,
     Ack,
@@ -360,17 +361,18 @@ def test_logs_of_the_newest_run_say_which_run_that_was(
 
 
 def test_doctor_finds_the_society(run: Run, society: Society) -> None:
-    findings = {f["subject"]: f for f in json.loads(run("doctor", "--json").stdout)}
-    assert findings["mesh"]["what"].startswith("1 agents")
+    found = json.loads(run("doctor", "--json").stdout)
+    findings = {f["who"]: f for f in found}
+    assert any(f["sort"] == "agents" and "not known" in f["what"] for f in found)
     assert {"python", "packages", "socket", "port 8101", "serial", "graphics"} <= set(findings)
-    assert findings["socket"]["verdict"] == "ok"
+    assert findings["socket"]["answer"] == "yes"
     assert f"(pid {os.getpid()})" in findings["socket"]["what"], "the router's process is named"
     assert {"ports", "multicast"}.isdisjoint(findings)
 
 
-@pytest.mark.parametrize(("answers", "verdict"), [(True, "ok"), (False, "wrong")])
+@pytest.mark.parametrize(("answers", "named"), [(True, []), (False, ["robot"])])
 def test_doctor_says_whether_the_robots_router_answers(
-    tmp_path: Path, answers: bool, verdict: str
+    tmp_path: Path, answers: bool, named: list[str]
 ) -> None:
     table = tmp_path / "hosts.toml"
     with socket.socket() as place:
@@ -381,16 +383,16 @@ def test_doctor_says_whether_the_robots_router_answers(
         table.write_text(
             f'[robot]\nrouter = "tcp/127.0.0.1:{port}"\n[lab1]\naddress = "203.0.113.1"\n'
         )
-        hosts = doctor.hosts(Mesh(hosts=str(table)))
-        assert {f.subject: f.verdict for f in hosts} == {"host robot": verdict, "host lab1": "ok"}
+        assert [f.who for f in doctor.routers(Mesh(hosts=str(table)))] == named
 
 
 def test_doctor_says_what_to_do_about_a_port_that_is_locked(tmp_path: Path) -> None:
     (finding,) = doctor.serial_ports(tmp_path)
-    assert finding.verdict == "note"
+    assert finding.answer is Answer.YES
+    assert finding.todo
     (tmp_path / "ttyUSB0").touch()
     (finding,) = doctor.serial_ports(tmp_path)
-    assert (finding.verdict, finding.what) == ("ok", str(tmp_path / "ttyUSB0"))
+    assert (finding.answer, finding.what) == (Answer.YES, f"serial: {tmp_path / 'ttyUSB0'}")
 
 
 def test_doctor_knows_who_listens() -> None:
@@ -483,7 +485,7 @@ class Hostile:
         (("graph",), "[/nope]"),
         (("graph", "--dot"), "[/nope]"),
         (("graph", "--mermaid"), "[/nope]"),
-        (("doctor",), "m-1 is alive and does not answer"),
+        (("doctor",), "m is alive, but has not answered"),
         (("logs", "-f", "--timeout", "1"), "ERROR [/nope]"),
         (("echo", "**", "-n", "20"), "a/key/"),
         (("hz", "**", "-n", "20"), "a/key/"),
@@ -645,9 +647,9 @@ def test_a_robot_agent_that_hangs_is_not_waited_for_forever(
 
 
 def test_doctor_finds_a_robot_agent_that_hangs(run: Run, hung: Path) -> None:
-    findings = {f["subject"]: f for f in json.loads(run("doctor", "--json").stdout)}
+    findings = {f["who"]: f for f in json.loads(run("doctor", "--json").stdout)}
     assert f"(pid {os.getpid()})" in findings["socket"]["what"]
-    assert findings["mesh"]["verdict"] == "wrong"
+    assert findings["mesh"]["answer"] == "no"
     assert "does not answer" in findings["mesh"]["what"]
 
 

@@ -119,7 +119,8 @@ SANS_IO = (
     ),
     *(
         "core.membership",
-        "observe.hosts",
+        "observe.diagnosis",
+        "observe.findings",
         "observe.standing",
         "observe.view",
         "core.restart_policy",

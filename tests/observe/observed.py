@@ -86,6 +86,7 @@ class Observed(Driven):
 
     def _answer_queries(self) -> None:
         now = self.mesh.now
+        self.view.ask(now)
         for node in self.mesh.nodes:
             agent = node.agent
             self.chronicle.token(agent.instance, there=node.alive, t=now)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from armadico.core.messages import PROTOCOL, Card
-from armadico.observe.hosts import census
+from armadico.observe.diagnosis import HostState, hosts_of
+from armadico.observe.findings import Demand, Hosts
 from armadico.observe.view import View
 
 
@@ -17,10 +18,14 @@ def seen(*cards: Card) -> View:
     return View.of({(card.name, card.instance): card for card in cards})
 
 
+def census(view: View, wanted: Hosts, now: float = 0.0) -> list[HostState]:
+    return hosts_of(view, Demand(wanted), now)
+
+
 def test_each_host_has_its_agents_and_the_missing_ones() -> None:
     view = seen(card("goto", "lab2"), card("encoder", "lab1"), card("avoid", "desk"))
     wanted = {"robot": ("robot",), "lab1": ("encoder", "sonar"), "lab2": ("goto",), "lab4": ()}
-    found = {host.name: host for host in census(view, wanted, {})}
+    found = {host.name: host for host in census(view, wanted)}
     assert {name: (host.agents, host.lacks) for name, host in found.items()} == {
         "robot": ((), ("robot",)),
         "lab1": (("encoder",), ("sonar",)),
@@ -33,7 +38,7 @@ def test_each_host_has_its_agents_and_the_missing_ones() -> None:
 
 
 def test_two_instances_of_an_agent_count_as_two() -> None:
-    (host,) = census(seen(card("avoid", "lab1")), {"lab1": ("avoid", "avoid")}, {})
+    (host,) = census(seen(card("avoid", "lab1")), {"lab1": ("avoid", "avoid")})
     assert host.lacks == ("avoid",)
 
 
@@ -50,6 +55,8 @@ def test_two_instances_of_an_agent_count_as_two() -> None:
 def test_the_skew_is_the_median_offset(offsets: tuple[float | None, ...], named: str) -> None:
     names = [f"a{number}" for number in range(len(offsets))]
     ahead = {f"{n}-1": o for n, o in zip(names, offsets, strict=True) if o is not None}
-    (host,) = census(seen(*(card(name, "lab2") for name in names)), {}, ahead)
+    view = seen(*(card(name, "lab2") for name in names))
+    view.ahead |= ahead
+    (host,) = census(view, {})
     assert named in host.skew
     assert bool(host.skew) == bool(named)

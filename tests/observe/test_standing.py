@@ -15,7 +15,8 @@ from armadico.mobile.messages import (
     Trajectory,
     Waypoint,
 )
-from armadico.observe.standing import Cause, Sort, standing
+from armadico.observe.findings import Demand, Finding, Sort
+from armadico.observe.standing import standing
 from armadico.observe.view import View
 from armadico.observe.why import Chronicle
 from tests.observe.observed import Observed
@@ -61,7 +62,7 @@ def test_a_new_observer_names_the_installed_agent_that_provides_the_missing_key(
     society.chronicle = Chronicle()
     society.let_pass(2.0)
     unknown = society.standing.cause
-    known = standing(society.view, society.mesh.now, providers).cause
+    known = standing(society.view, society.mesh.now, Demand(installed=providers)).cause
     assert unknown is not None
     assert known is not None
     assert (unknown.sort, unknown.who) == (Sort.ABSENT, "sonar/obstacles")
@@ -76,7 +77,7 @@ def test_a_host_of_the_table_without_agents_is_named_with_the_command_to_start_i
     society.let_pass(2.0)
     here = [name for name in society.view.names if name != "sonar"]
     table = {"lab1": here, "lab2": ("sonar",)}
-    found = standing(society.view, society.mesh.now, providers, table)
+    found = standing(society.view, society.mesh.now, Demand(table, installed=providers))
     assert found.cause is not None
     assert (found.cause.sort, found.cause.who) == (Sort.HOST, "lab2")
     assert "lab2" in found.sentences[-1]
@@ -88,11 +89,12 @@ def test_if_no_agent_is_alive_the_hosts_of_the_table_are_named() -> None:
     view = View()
     view.token("goto-1", there=True, t=0.0)
     view.token("goto-1", there=False, t=1.0)
-    cause = standing(view, 2.0, providers, {"lab1": ("goto",), "lab2": ("sonar",)}).cause
+    table = {"lab1": ("goto",), "lab2": ("sonar",)}
+    cause = standing(view, 2.0, Demand(table, installed=providers)).cause
     assert cause is not None
     assert "--host lab1" in cause.todo
     assert "--host lab2" in cause.todo
-    without_table = standing(view, 2.0, providers).cause
+    without_table = standing(view, 2.0, Demand(installed=providers)).cause
     assert without_table is not None
     assert (without_table.sort, without_table.who) == (cause.sort, cause.who)
     assert "--host" not in without_table.todo
@@ -131,7 +133,7 @@ def test_a_society_that_has_ended_or_is_out_of_reach_has_no_agent_as_its_cause()
 WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
 
 
-def cause_after(*messages: Message, t: float = 0.0) -> Cause | None:
+def cause_after(*messages: Message, t: float = 0.0) -> Finding | None:
     """The cause for a robot that stands, after some messages."""
     view = View()
     for message in (WELL, *messages):

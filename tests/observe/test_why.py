@@ -23,7 +23,7 @@ from armadico.mesh.link_faults import WHOLE
 from armadico.mobile.messages import Correction, MissionRequest, Waypoint
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import why
-from armadico.observe.standing import Cause, Sort
+from armadico.observe.findings import Finding, Sort
 from armadico.observe.why import Chronicle
 from tests.launch.test_blocked import ONE_DOOR, door
 from tests.observe.observed import LINE, Observed
@@ -36,21 +36,21 @@ def two_hosts(name: str) -> str:
     return "base" if name in BASE else "lab"
 
 
-def standing(society: Observed) -> Cause | None:
+def standing(society: Observed) -> Finding | None:
     """Why it stands, as soon as it does."""
     while not society.standing.stands and society.mesh.now < 60.0:
         society.let_pass(1.0)
     return society.standing.cause
 
 
-def exchange(society: Observed) -> Cause | None:
+def exchange(society: Observed) -> Finding | None:
     """The cause of the first exchange of the wheels after the fault."""
     society.chronicle.finish()
     found = [each for each in society.chronicle.exchanges if each.resource == "wheels"]
     return next((each.cause for each in found if each.t > society.planted), None)
 
 
-def collision(society: Observed) -> Cause | None:
+def collision(society: Observed) -> Finding | None:
     """The cause of the first collision, as soon as there is one."""
     while not society.chronicle.collisions and society.mesh.now < 60.0:
         society.let_pass(1.0)
@@ -64,7 +64,7 @@ class Incident:
     plant: Callable[[Observed], object]
     sort: Sort
     subject: str
-    query: Callable[[Observed], Cause | None] = standing
+    query: Callable[[Observed], Finding | None] = standing
     seconds: float = 3.0
     begin: Callable[[Path], Observed] = lambda _: Observed().drive()
 
@@ -256,7 +256,7 @@ INCIDENTS: dict[str, Incident] = {
 }
 
 
-def found(name: str, folder: Path) -> Cause | None:
+def found(name: str, folder: Path) -> Finding | None:
     incident = INCIDENTS[name]
     society = incident.begin(folder)
     society.planted = society.mesh.now

@@ -26,8 +26,8 @@ from armadico.mobile.messages import MapGraph, OccupancyGrid, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
 from armadico.observe.described import rounded
+from armadico.observe.findings import NOTHING, Demand
 from armadico.observe.pictures import colour
-from armadico.observe.standing import NO_TABLE, Hosts, Installed
 from armadico.observe.view import View, agent_of
 
 # Largest numbers shown:
@@ -57,8 +57,7 @@ class Robot:
         world: World | None = None,
         bits64: Callable[[], int] = lambda: 1,
         helpers: Collection[str] = (),
-        installed: Installed = lambda _: (),
-        hosts: Hosts = NO_TABLE,
+        demand: Demand = NOTHING,
     ) -> None:
         """Start without messages.
 
@@ -67,8 +66,7 @@ class Robot:
             world: Its walls are shown.
             bits64: Returns the random number of a stop.
             helpers: Agents that can be started beside the page if no host can start them.
-            installed: See `standing`.
-            hosts: See `standing`.
+            demand: What the society should be.
         """
         self.namespace = namespace
         self.view = View()
@@ -78,7 +76,7 @@ class Robot:
         own = (Goals(self._desk), StopLatch(self._desk), Parameters(self._desk))
         self._parts: tuple[Part, ...] = (*own, Starting(self._desk, helpers, added), *added)
         self._handlers = {kind: part for part in self._parts for kind in part.requests}
-        self._installed, self._hosts = installed, hosts
+        self._demand = demand
         self._near: dict[str, tuple[list[list[float]], float]] = {}
         self._grid: dict[str, Any] | None = None
         self._graph: dict[str, Any] | None = None
@@ -157,7 +155,7 @@ class Robot:
             "graph": self._graph,
             "slam": described.slam(view, t),
             "log": self._log(),
-            "standing": described.stands(view, t, self._installed, self._hosts),
+            "standing": self.standing(t),
         }
         for part in self._parts:
             part.show(parts, t)
@@ -175,6 +173,10 @@ class Robot:
         for part in self._parts:
             found |= part.fixed
         return found
+
+    def standing(self, t: float) -> dict[str, Any]:
+        """Why the robot stands, and what else is wrong or not known."""
+        return described.diagnosis(self.view, t, self._demand)
 
     def _body(self) -> dict[str, Any] | None:
         body = self.view.description

@@ -218,6 +218,7 @@ class Session:
         """Query cards, bids and parameters, if a browser is connected."""
         if not self._shown:
             return
+        robot.view.ask(now)
         mesh, receiver = self._meshes[robot.namespace], self._receiver(robot, is_reply=True)
         queries: list[tuple[Service, Message]] = [(CARD, Ask()), (BIDS, Ask())]
         if now >= self._tuned_at:

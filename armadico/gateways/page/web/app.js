@@ -144,10 +144,13 @@ function why() {
   const going = !found.stands && mission.state === "driving" ? ` ${(mission.to_go ?? 0).toFixed(1)} m to go${mission.unseen_m ? `; ${mission.unseen_m.toFixed(1)} m of the path lead through what nobody has seen` : ""}.` : "";
   put($("whyhead"), (first ?? "").replace(/ at ([\d.-]+) m\/s, [\d.-]+ rad\/s/, " at $1 m/s") + going);
   if (mission.tasks) rest.push(mission.tasks);
+  const wrong = (found.beside ?? []).filter((text) => text.startsWith("wrong: "));
+  rest.push(...(found.beside ?? []).map((text) => text.replaceAll("`", "")));
   rows($("whylines"), rest.map((text, i) => ({ text, i })), (r) => r.i, (child, r) => put(child, r.text));
-  const todo = found.cause?.sort === "stop" ? "Resume releases it" : (found.cause?.todo ?? "").replaceAll("`", "");
+  const doable = { stop: "Resume releases it", "no goal": "Click the map to set one" };
+  const todo = doable[found.cause?.sort] ?? (found.cause?.todo ?? "").replaceAll("`", "");
   put($("whytodo"), found.stands && todo ? `${todo[0].toUpperCase()}${todo.slice(1)}.` : "");
-  card.className = `card ${!parts.motion?.heard ? "dead" : found.stands ? "stands" : ""}`;
+  card.className = `card ${!parts.motion?.heard ? "dead" : found.stands || wrong.length ? "stands" : ""}`;
 }
 
 const colourOf = (name) => {
@@ -196,7 +199,7 @@ function slam() {
 
 function others() {
   const found = here().parts.resources ?? [];
-  put($("others"), found.map((r) => `${r.resource}: ${r.obeyed ?? "no agent"}`).join(" · "));
+  put($("others"), found.map((r) => `${r.resource}: ${r.obeyed ?? (r.contenders.length ? `${r.contenders.join(", ")} (idle)` : "no agent")}`).join(" · "));
 }
 
 function ago(t) {
