@@ -60,6 +60,8 @@ def text(info: types.Type) -> str:
             return cls.__name__
         case types.EnumType(cls=cls):
             return " / ".join(f'"{member.value}"' for member in cls)
+        case types.LiteralType(values=values):
+            return " / ".join(f'"{value}"' for value in values)
         case types.FloatType():
             return "float / int"
         case types.IntType(ge=low, le=high):
