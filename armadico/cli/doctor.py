@@ -278,8 +278,7 @@ def graphics() -> Iterator[Finding]:
     if not list(Path("/dev/dri").glob("renderD*")):
         lacks.append("no graphics device in /dev/dri, so the CPU draws")
     if lacks:
-        yield _fine("graphics", "; ".join(lacks), "armadico dashboard --web needs no window"
-        )
+        yield _fine("graphics", "; ".join(lacks), "armadico dashboard --web needs no window")
     else:
         yield _fine("graphics", "display, Vulkan and a graphics device are available")
 

@@ -189,7 +189,9 @@ BREAKAGES: Mapping[str, Breakage] = {
     ),
     "host cut off": Breakage(
         lambda society: (
-            society.mesh.cut(BASE, LAB), society.mesh.cut(LAB, BASE), hang(*LAB)(society)
+            society.mesh.cut(BASE, LAB),
+            society.mesh.cut(LAB, BASE),
+            hang(*LAB)(society),
         ),
         Sort.HOST,
         "lab",
@@ -210,9 +212,7 @@ BREAKAGES: Mapping[str, Breakage] = {
     "planner hung": Breakage(hang("path-planning"), Sort.SILENT, "path-planning"),
     "robot agent hung": Breakage(hang("robot"), Sort.SILENT, "robot"),
     "agent slow": Breakage(thinned, Sort.SLOW, "sonar"),
-    "agent of another version": Breakage(
-        card("avoid", version="0.0.1"), Sort.VERSION, "0.0.1"
-    ),
+    "agent of another version": Breakage(card("avoid", version="0.0.1"), Sort.VERSION, "0.0.1"),
     "agent of another protocol": Breakage(
         card("avoid", protocol=PROTOCOL + 1), Sort.VERSION, "protocol"
     ),
@@ -232,10 +232,15 @@ BREAKAGES: Mapping[str, Breakage] = {
     "router unreachable": Breakage(away, Sort.UNREACHABLE, "unreachable"),
     "clock off by a minute": Breakage(clock_off, Sort.CLOCK, "clock 60 s"),
     "agent cannot work": Breakage(
-        card("robot", fault="another controller than the profile's"), Sort.FAULT, "another controller"
+        card("robot", fault="another controller than the profile's"),
+        Sort.FAULT,
+        "another controller",
     ),
     "agents with different maps": Breakage(
-        lambda society: (on_card(society, "sonar", world="flat"), on_card(society, "avoid", world="hall")),
+        lambda society: (
+            on_card(society, "sonar", world="flat"),
+            on_card(society, "avoid", world="hall"),
+        ),
         Sort.MAP,
         "flat",
     ),
@@ -283,7 +288,9 @@ def shown(society: Observed, demand: Demand = DEMAND) -> Shown:
         console.print(top.tables(top.Snapshots(view, "robot1", demand).at(now)))
     why = why_command.explained(view, now, demand, findings)
     texts = {
-        "doctor": "\n".join([*(line for f in findings for line in doctor.lines(f)), summary(findings)]),
+        "doctor": "\n".join(
+            [*(line for f in findings for line in doctor.lines(f)), summary(findings)]
+        ),
         "why": "\n".join(why),
         "goto": goto.remark(findings),
         "ps": "\n".join(short(findings)),
@@ -292,4 +299,3 @@ def shown(society: Observed, demand: Demand = DEMAND) -> Shown:
         "mcp": json.dumps(mcp.why(now)),
     }
     return Shown(findings, texts)
-
