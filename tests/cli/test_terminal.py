@@ -22,7 +22,7 @@ from typing import Any, Self
 import pytest
 
 from armadico.bridge.simulator.server import TcpLine
-from armadico.cli import doctor, main, top
+from armadico.cli import doctor, main
 from armadico.cli.options import Mesh
 from armadico.core.judgement import Answer
 from armadico.core.messages import (
@@ -43,8 +43,7 @@ from armadico.mesh.sockets import socket_of
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.mobile.messages import Pose
-from armadico.observe.view import View
-from armadico.observe.watching import Received, Watcher
+from armadico.observe.watching import Observer, Received
 from tests.programs import BIN, Done, call, heavy, imports_nothing
 
 pytestmark = pytest.mark.live
@@ -272,19 +271,15 @@ def test_why_live_tells_the_moment_and_whether_it_stands(run: Run, society: Soci
     assert said.startswith(found["sentences"][1])
 
 
-def test_what_comes_while_top_looks_is_no_silence(monkeypatch: pytest.MonkeyPatch) -> None:
-    now, watcher, view = [0.0], Watcher([]), View()
-
-    class Slow(top.Snapshots):
-        def at(self, _: float) -> dict[str, Any]:
-            now[0] += 5.0
-            for _ in range(9):
-                watcher._put(Received(NAMESPACE, "encoder/pose", b"", watcher.clock()))
-            return {}
-
-    monkeypatch.setattr(top, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    top._measure(Slow(view, NAMESPACE), watcher, 1.0)
-    assert view.rates["encoder/pose"].count == 9
+def test_what_arrives_during_a_slow_step_of_top_is_no_silence() -> None:
+    calls = ("subscribe", "watch_alive", "watch_router", "query")
+    mesh: Any = SimpleNamespace(namespace=NAMESPACE, **dict.fromkeys(calls, lambda *_: None))
+    observer = Observer(mesh)
+    for _ in range(9):
+        now = observer.watcher.clock()
+        observer.watcher._put(Received(NAMESPACE, "encoder/pose", b"", now))
+    observer.take(0.0)
+    assert observer.view.rates["encoder/pose"].count == 9
 
 
 def on_a_terminal(environment: dict[str, str], until: bytes) -> bytes:

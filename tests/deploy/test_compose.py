@@ -245,6 +245,7 @@ CARDS = [
     card("goto", TWIN, "lab2"),
     card("goto", GOTO, "lab1", "wheels"),
     card("avoid", AVOID, "lab1"),
+    *(card(name, f"{name}-c", "lab2") for name in ("gothrough", "relocate", "monitor")),
 ]
 
 
@@ -289,7 +290,6 @@ def script(**changes: tuple[int, str]) -> Script:
     says = {
         "run": (0, "sc4 2.1 s, goto drives, 12 V\nsc4 4.2 s, goto drives, 12 V\nsc4: reached\n"),
         "ps --json": (0, json.dumps({"agents": CARDS})),
-        "ps --host lab1": (0, ""),
         "why /tmp/demo.mcap --json": (0, FAILOVER),
         "why /tmp/demo.mcap": (0, "4 exchanges\n1.0 to 5.0 s  goto on lab1 drives\n"),
     }
@@ -312,6 +312,8 @@ def test_the_host_that_drives_is_killed_and_comes_back_and_why_is_printed() -> N
     looked = [f"{DESK}: run", f"{DESK}: ps", "stop lab1", "start lab1", f"{DESK}: ps"]
     assert hosts.done == [*started, *looked, f"{DESK}: why", f"{DESK}: why"]
     assert said[-2:] == ["4 exchanges", "1.0 to 5.0 s  goto on lab1 drives"]
+    back = "lab1 is back; gothrough stays on lab2; relocate stays on lab2; monitor stays on lab2"
+    assert said[-3] == back
 
 
 @pytest.mark.usefixtures("at_once")
@@ -333,7 +335,7 @@ def test_a_demo_that_shows_no_failover_does_not_pass(
 def test_a_host_that_had_no_time_to_come_back_is_no_failover() -> None:
     judgement = demo(script(), "sc4", lambda _: None)
     assert judgement.answer is Answer.NO
-    assert "lab1 did not come back" in judgement.reason
+    assert "lab1 is not back" in judgement.reason
 
 
 LATE = why((GOTO, "lab1", 1.0, 5.0), (TWIN, "lab2", 13.0, 30.0))

@@ -58,7 +58,7 @@ def test_the_host_that_drives_is_killed_another_takes_over_and_it_comes_back(
         "whose goto drives, is killed",
         "is started again",
         "sc4: reached",
-        "has all its agents again",
+        " is back",
         "goto was no longer alive",
         "Longest time without an obeyed command",
     ]
