@@ -10,7 +10,6 @@ costs anything, and the loss of the link is known from the link alone.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable
 from math import inf
@@ -18,8 +17,8 @@ from typing import Final
 
 GRACE_S: Final = 1.5  # others find a returned router within 0.5 s, or after a lease (1 s)
 
-WELL_FORMED: Final = re.compile(r"[\w.%-]{1,128}")
-"""A name or an instance in a token."""
+LONGEST: Final = 128
+"""Characters of a name or an instance in a token."""
 
 MOST_OF_A_NAME: Final = 32
 """Instances of one name. A society has one or a few; two thousand cost each agent its cycles."""
@@ -107,8 +106,8 @@ class Presence:
         return ""
 
     def _refusal(self, name: str, instance: str) -> str:
-        if not (WELL_FORMED.fullmatch(name) and WELL_FORMED.fullmatch(instance)):
-            return "the name is malformed"
+        if max(len(name), len(instance)) > LONGEST:
+            return f"a name has more than {LONGEST} characters"
         if sum(of == name for of, _ in self._there) >= MOST_OF_A_NAME:
             return f"there are {MOST_OF_A_NAME} instances of {name!r}"
         return f"there are {MOST} instances" if len(self._there) >= MOST else ""
