@@ -72,7 +72,8 @@ _YES: Final = frozenset(
 _OPEN: Final = frozenset({Sort.STARTING, Sort.UNKNOWN})
 
 
-@dataclass(frozen=True, slots=True)  # no Struct: --help of the commands imports no msgspec
+# No Struct: --help of the commands imports no msgspec.
+@dataclass(frozen=True, slots=True)
 class Finding:
     """The result of one check, or the cause of an event.
 
