@@ -23,6 +23,7 @@ from armadico.agents.supervision.monitor import Monitor, Parameters
 from armadico.agents.supervision.wakeup import Load, Wakeup, lines
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario, with_sensors
+from armadico.core.agent import DeviceAgent
 from armadico.core.messages import Message, MonitorReport, RobotState, Stop
 from armadico.core.restart_policy import Budget
 from armadico.core.services import service_of
@@ -507,3 +508,15 @@ def test_an_agent_that_comes_and_goes_does_not_hide_one_that_hangs() -> None:
         monitor.on_disappeared("guest", f"guest-{turn}")
         society.let_pass(1.5)
     assert society.more().get("goto", 0) >= 1
+
+
+def test_a_silence_of_the_robot_is_no_agents_fault() -> None:
+    """Without cycles no agent has anything to publish; afterwards each has time to begin again."""
+    society = Society(LOCALIZED, SC4).let_pass(8.0)
+    robot = society.mesh.node("robot").agent
+    assert isinstance(robot, DeviceAgent)
+    hears, robot.on_bytes = robot.on_bytes, lambda _: None  # type: ignore[method-assign]
+    society.let_pass(12.0)
+    robot.on_bytes = hears  # type: ignore[method-assign]
+    society.let_pass(20.0)
+    assert (society.notes, society.more()) == ([], {})
