@@ -130,6 +130,8 @@ def run(args: Options) -> int:
     if related is not None and not related.used:
         say(f"{args.relations}: none of its times are times of scans: is it of this log?")
     log_file.conclude(judged, "the map is right, as far as the log shows", say)
+    if figures.uncertain and figures.uncertain not in judged.reason:  # what is wrong outweighs it
+        say(f"the map may be wrong: {figures.uncertain}")
     return judged.exit_code
 
 

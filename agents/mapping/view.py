@@ -28,14 +28,23 @@ def picture(cells: Cells, slam: Slam) -> Image.Image:
     Walls that other scans looked through are marked in magenta, with a circle around each place.
     """
     shades = np.flipud(SHADES[np.where(cells.states == OCCUPIED, 2, cells.states == FREE)])
-    image = Image.fromarray(shades)
-    factor = SIZE / max(image.size)
-    size = max(1, round(image.width * factor)), max(1, round(image.height * factor))
-    image = image.resize(size, Image.Resampling.BOX).convert("RGB")
-    scale, height = factor / cells.cell_m, image.height
+    grid = Image.fromarray(shades)
+    corner = np.array([cells.x, cells.y])
+    # The grid has a largest size; the path and doubtful places may be beyond it.
+    places = np.vstack([slam.poses[:, :2], *(place.cells for place in slam.contradictions)])
+    end = corner + cells.cell_m * np.array(grid.size)
+    every = np.vstack([places, corner, end])
+    west, south = every.min(axis=0).tolist()
+    wide, tall = (np.ptp(every, axis=0) / cells.cell_m).tolist()
+    factor = SIZE / max(wide, tall)
+    scale, height = factor / cells.cell_m, max(1, round(tall * factor))
+    image = Image.new("RGB", (max(1, round(wide * factor)), height), (int(SHADES[0]),) * 3)
+    size = max(1, round(grid.width * factor)), max(1, round(grid.height * factor))
+    left, top = round((cells.x - west) * scale), height - round((cells.y - south) * scale) - size[1]
+    image.paste(grid.resize(size, Image.Resampling.BOX).convert("RGB"), (left, top))
 
     def spot(x: float, y: float) -> tuple[float, float]:
-        return (x - cells.x) * scale, height - (y - cells.y) * scale
+        return (x - west) * scale, height - (y - south) * scale
 
     spots = [spot(x, y) for x, y, _ in slam.poses.tolist()]
     draw = ImageDraw.Draw(image)

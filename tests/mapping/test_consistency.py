@@ -172,6 +172,16 @@ def test_a_folded_map_says_so_and_its_picture_shows_where() -> None:
     assert (x - 5.0, 15.0 - y) == pytest.approx((12.0, 0.0), abs=1.0)
 
 
+def test_a_doubtful_place_beyond_the_grid_is_on_the_picture() -> None:
+    slam = folded()
+    cells = Cells(0.0, -1.5, 0.05, np.full((60, 80), FREE, dtype=np.uint8))  # x from 0 to 4 m
+    shades = np.asarray(view.picture(cells, slam))
+    assert (shades == view.DOUBT).all(axis=2).any()
+    free = np.argwhere((shades == 255).all(axis=2))
+    scale = len(shades) / 21.5  # m: the way through the second corridor
+    assert np.ptp(free, axis=0) / scale == pytest.approx((3.0, 4.0), abs=0.2)
+
+
 def test_while_driving_a_map_is_checked_as_it_grows_and_after_each_optimisation() -> None:
     slam = folded()
     slam.contradictions, slam._checked = [], (0, 0)
