@@ -28,6 +28,7 @@ class Kept(Message, frozen=True):
     pid: Counter = 0  # 0: none now
     lent: bool = False  # started on request, in place of a host that is gone
     why: Text = ""  # reason, if waiting or ended
+    killed: Text = ""  # why its host killed it within the last minute, not on request
 
 
 class HostShare(Message, frozen=True):

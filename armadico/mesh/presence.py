@@ -24,15 +24,15 @@ WELL_FORMED: Final = re.compile(r"[\w.%-]{1,128}")
 """A name or an instance in a token."""
 
 MOST_OF_A_NAME: Final = 32
-"""Instances of one name, and new ones of it within `NEW_S`. A society has one or a few; two thousand
-cost each agent its cycles."""
+"""Instances of one name, and new ones of it within `NEW_S`. A society has one or a few; two
+thousand cost each agent its cycles."""
 
 MOST: Final = 512
 """Instances of all names, and new ones within `NEW_S`."""
 
 NEW_S: Final = 30.0
-"""Period in which new instances are counted, s. A token that is declared and dropped again and again
-costs as much as many tokens."""
+"""Period in which new instances are counted, s: a token that is declared and dropped again and
+again costs as much as many tokens."""
 
 MOST_WAITING: Final = 4096
 """Instances that wait for room; further ones are forgotten until the next link."""

@@ -5,6 +5,7 @@ Agents die, hang with or without their token, or stop publishing; hosts go and c
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import Any
 
@@ -438,6 +439,29 @@ def test_a_monitor_that_hung_itself_requests_no_restarts() -> None:
         node.resume()
         society.let_pass(12.0)
     assert (society.notes, society.more()) == ([], {})
+
+
+def test_what_a_robot_did_not_say_is_in_no_agents_account() -> None:
+    society = Society(LOCALIZED, SC4).let_pass(8.0)
+    node = society.mesh.node("robot")
+    vars(node)["received"] = lambda *_: None  # its controller is silent
+    society.let_pass(12.0)
+    del vars(node)["received"]
+    society.let_pass(15.0)
+    assert society.run.watch.view.state_is_fresh(society.mesh.now)
+    assert (society.notes, society.more(), society.host_notes()) == ([], {}, [])
+
+
+def test_a_restart_is_requested_with_what_the_monitor_itself_received_and_missed() -> None:
+    society = Society().let_pass(8.0)
+    society.mesh.node("encoder").hang()
+    society.back("encoder", 12.0)
+    evidence = [note for note in society.notes if "encoder" in note]
+    assert "its token has been gone for 2." in evidence[0]
+    assert "the monitor of here has been linked for " in evidence[0]
+    heard, others = re.findall(r"received (\d+) of (\d+) other agents", evidence[0])[0]
+    assert int(heard) > 2
+    assert int(heard) <= int(others)
 
 
 # When it cannot be whole --------------------------------------------------------------------------
