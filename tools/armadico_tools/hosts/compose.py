@@ -155,8 +155,6 @@ def judged(lost: Lost, code: int, why: str, *, back: bool) -> Judgement:
     """
     run = {0: yes(), 3: unknown("the run's own result is unknown (exit code 3)")}
     came = yes() if back else no(f"{lost.host} is not back, or one of its agents runs nowhere")
-        yes() if back else no(f"{lost.host} did not come back, or one of its agents runs nowhere")
-    )
     return all_of(
         [
             _taken_over(lost, why),
