@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from armadico.mesh.presence import GRACE_S, MOST, MOST_OF_A_NAME, NEW_S, ROOM_S, Presence
+from armadico.mesh.presence import GRACE_S, MOST, MOST_NEW, MOST_OF_A_NAME, NEW_S, ROOM_S, Presence
 
 GOTO, AVOID = ("goto", "goto-1"), ("avoid", "avoid-1")
 
@@ -88,6 +88,8 @@ def test_a_flood_of_tokens_is_bounded_and_reported_in_few_lines(process: Process
     lines += [
         process.presence.token(*agent, True, 0.0) for agent in [("a b", "c"), ("a" * 999, "c")]
     ]
+    assert len(process.alive) == MOST_NEW
+    process.wait(MOST / MOST_NEW * 2 * NEW_S)
     assert len(process.alive) == MOST
     assert GOTO in process.alive
     assert 0 < len(lines) < 20
