@@ -12,7 +12,6 @@ room; one that is known already is never displaced.
 
 from __future__ import annotations
 
-import re
 from collections import Counter, deque
 from collections.abc import Callable
 from math import inf
@@ -20,8 +19,8 @@ from typing import Final
 
 GRACE_S: Final = 1.5  # others find a returned router within 0.5 s, or after a lease (1 s)
 
-WELL_FORMED: Final = re.compile(r"[\w.%-]{1,128}")
-"""A name or an instance in a token."""
+LONGEST: Final = 128
+"""Characters of a name or an instance in a token."""
 
 MOST_OF_A_NAME: Final = 32
 """Instances of one name, and new ones of it within `NEW_S`. A society has one or a few; two
@@ -127,8 +126,8 @@ class Presence:
             return ""
         if agent in self._there or agent in self._waiting:
             return ""
-        if not (WELL_FORMED.fullmatch(name) and WELL_FORMED.fullmatch(instance)):
-            return self._refuse("ignored", "malformed names")
+        if max(len(name), len(instance)) > LONGEST:
+            return self._refuse("ignored", f"more than {LONGEST} characters in a name")
         if agent not in self.reported and (why := self._lacks_room(name, now)):
             if len(self._waiting) < MOST_WAITING:
                 self._waiting[agent] = None

@@ -11,8 +11,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-from msgspec import Struct
-
 from armadico.core.judgement import Answer, Judgement, all_of
 
 
@@ -75,7 +73,9 @@ _YES: Final = frozenset(
 _OPEN: Final = frozenset({Sort.STARTING, Sort.UNKNOWN})
 
 
-class Finding(Struct, frozen=True):
+# No Struct: --help of the commands imports no msgspec.
+@dataclass(frozen=True, slots=True)
+class Finding:
     """The result of one check, or the cause of an event.
 
     Attributes:

@@ -24,6 +24,7 @@ from armadico.agents.supervision.monitor import Monitor, Parameters
 from armadico.agents.supervision.wakeup import Load, Wakeup, lines
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario, with_sensors
+from armadico.core.agent import DeviceAgent
 from armadico.core.messages import Message, MonitorReport, RobotState, Stop
 from armadico.core.restart_policy import Budget
 from armadico.core.services import service_of
@@ -296,7 +297,11 @@ def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
     society = Society().let_pass(6.0)
     society.mesh.node("monitor").hang()
     society.back("monitor", 12.0)
-    assert "monitor is killed" in society.host_notes()[0]
+    killed = society.host_notes()[0]
+    assert killed.startswith("monitor is killed: its monitor has not reported for ")
+    assert "has been linked to the router for " in killed
+    society.let_pass(2.0)
+    assert f"here: {killed}" in society.notes, "the monitor passes it on, for `why`"
     society.mesh.node("goto").hang()
     society.back("goto", 6.0)
 
@@ -441,17 +446,6 @@ def test_a_monitor_that_hung_itself_requests_no_restarts() -> None:
     assert (society.notes, society.more()) == ([], {})
 
 
-def test_what_a_robot_did_not_say_is_in_no_agents_account() -> None:
-    society = Society(LOCALIZED, SC4).let_pass(8.0)
-    node = society.mesh.node("robot")
-    vars(node)["received"] = lambda *_: None  # its controller is silent
-    society.let_pass(12.0)
-    del vars(node)["received"]
-    society.let_pass(15.0)
-    assert society.run.watch.view.state_is_fresh(society.mesh.now)
-    assert (society.notes, society.more(), society.host_notes()) == ([], {}, [])
-
-
 def test_a_restart_is_requested_with_what_the_monitor_itself_received_and_missed() -> None:
     society = Society().let_pass(8.0)
     society.mesh.node("encoder").hang()
@@ -531,3 +525,15 @@ def test_an_agent_that_comes_and_goes_does_not_hide_one_that_hangs() -> None:
         monitor.on_disappeared("guest", f"guest-{turn}")
         society.let_pass(1.5)
     assert society.more().get("goto", 0) >= 1
+
+
+def test_a_silence_of_the_robot_is_no_agents_fault() -> None:
+    """Without cycles no agent has anything to publish; afterwards each has time to begin again."""
+    society = Society(LOCALIZED, SC4).let_pass(8.0)
+    robot = society.mesh.node("robot").agent
+    assert isinstance(robot, DeviceAgent)
+    hears, robot.on_bytes = robot.on_bytes, lambda _: None  # type: ignore[method-assign]
+    society.let_pass(12.0)
+    robot.on_bytes = hears  # type: ignore[method-assign]
+    society.let_pass(20.0)
+    assert (society.notes, society.more()) == ([], {})

@@ -202,6 +202,23 @@ def test_shares_longest_times_and_events() -> None:
     assert found.events == (Event(8.0, "lost", 4.0, 0.9, 0.9), Event(10.0, "found", 5.0, 0.1, 0.1))
 
 
+@pytest.mark.parametrize(
+    ("moments", "answer", "why"),
+    [
+        ([moment(k, 0.1) for k in range(4)], "yes", ""),
+        ([moment(k, 0.1) for k in range(1)], "unknown", "nothing was tested"),
+        ([moment(k, 0.1, known=False) for k in range(4)], "unknown", "no reference"),
+        ([moment(k, 0.6 * (k == 2)) for k in range(4)], "no", "wrong and sure at 25.0 %"),
+        ([moment(k, 0.4) for k in range(4)], "no", "more than 0.3 m off"),
+        ([moment(k, 0.1, lost=True) for k in range(4)], "no", "reported lost"),
+    ],
+)
+def test_what_a_run_concludes(log: Log, moments: list[Moment], answer: str, why: str) -> None:
+    found = localizing.judgement(log, summary(Track(moments, [0.001] * len(moments))))
+    assert found.answer == answer
+    assert why in found.reason
+
+
 def test_a_run_that_is_always_lost_has_no_time_to_be_found() -> None:
     found = summary(Track([moment(k, 5.0, lost=True) for k in range(4)], [0.001] * 4))
     assert found.found_s is None
