@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -28,6 +28,9 @@ class Kept(Message, frozen=True):
     pid: Counter = 0  # 0: none now
     lent: bool = False  # started on request, in place of a host that is gone
     why: Text = ""  # reason, if waiting or ended
+    killed: Text = ""  # why its host killed it within the last minute, not on request
+
+    appended: ClassVar[int] = 1
 
 
 class HostShare(Message, frozen=True):

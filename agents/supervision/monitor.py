@@ -200,6 +200,8 @@ class Monitor(Agent, overrides=("receive",)):
         self._habits: dict[str, _Habit] = {}  # by key
         self._lost: dict[_Process, float] = {}  # up without a token, since
         self._resumed_at = 0.0  # when the robot's cycles came back
+        self._linked_at = 0.0  # since when this monitor could receive
+        self._kills: set[str] = set()  # that hosts report as done by themselves
         # Lateness counts from here, after a change of the society or a hang of this monitor.
         self._late_from = 0.0
         self._missing: dict[str, float] = {}  # needed agents that are not well, since
@@ -213,7 +215,7 @@ class Monitor(Agent, overrides=("receive",)):
     # Inputs --------------------------------------------------------------------------------------
 
     def on_start(self) -> None:
-        self._late_from = self.now
+        self._late_from = self._linked_at = self.now
         self._check_at = self.now + PERIOD_S
         self.wake_at(self._check_at)
 
@@ -270,6 +272,15 @@ class Monitor(Agent, overrides=("receive",)):
         ended = {n for kept in share.kept if kept.state is KeptState.ENDED for n in kept.agents}
         self._dismissed -= agents - ended
         self._dismissed |= ended
+        self._note_kills(share)
+
+    def _note_kills(self, share: HostShare) -> None:
+        """Pass on why a host killed a process by itself: observers receive only this report."""
+        there = {f"{share.host}: {kept.killed}" for kept in share.kept if kept.killed}
+        if new := sorted(there - self._kills):
+            self._note = line("; ".join(new))
+        others = {text for text in self._kills if not text.startswith(f"{share.host}: ")}
+        self._kills = others | there
 
     def on_monitor_report(self, report: MonitorReport) -> None:
         self._note_answer(report.instance)
@@ -296,7 +307,8 @@ class Monitor(Agent, overrides=("receive",)):
             for instance, why in faulty.items():
                 self._restart(self._process_of(self._known[instance]), f"{instance}: {why}")
             for process in lost:
-                self._restart(process, f"its token has been gone for {self.p.lost_s:g} s")
+                gone_s = self.now - self._lost[process]
+                self._restart(process, f"its token has been gone for {gone_s:.1f} s")
             busy: set[str] = set()  # one start per host and check: the next sees the new loads
             for name, since in self._missing.items():
                 self._replace(name, self.now - since, busy)
@@ -309,7 +321,7 @@ class Monitor(Agent, overrides=("receive",)):
 
     def _restart_timers(self) -> None:
         """Restart all timers, because this monitor could not receive anything."""
-        self._late_from = self.now
+        self._late_from = self._linked_at = self.now
         for known in self._known.values():
             known.answered_at = self.now
         for habit in self._habits.values():
@@ -546,13 +558,24 @@ class Monitor(Agent, overrides=("receive",)):
         if self._restart_requests.has_refused(share, name, self.now):
             return
         if self._restart_requests.has_budget(self.p, share.host, self.now):
-            self._request(WakeupOrder.RESTART, name, share, why, pid)
+            evidence = f"{why}; {self._received(name)}"
+            self._request(WakeupOrder.RESTART, name, share, evidence, pid)
             return
         p = self.p
         note = f"{share.host}: its {p.restarts} restarts in {p.within_s:g} s are spent"
         if note != self._note:
             self._note = note
             self.log(note, WARNING)
+
+    def _received(self, besides: str) -> str:
+        """What this monitor itself received meanwhile: the evidence that it could receive."""
+        others = [known for known in self._known.values() if known.name != besides]
+        answered = sum(self.now - known.answered_at <= 2.0 * PROBE_S for known in others)
+        linked_s = self.now - self._linked_at
+        return (
+            f"the monitor of {self.identity.host} has been linked for {linked_s:.0f} s, and"
+            f" received {answered} of {len(others)} other agents within {2.0 * PROBE_S:g} s"
+        )
 
     def _replace(self, name: str, missed_s: float, busy: set[str]) -> None:
         """Request a start of a missing agent on the least loaded host that can start it."""

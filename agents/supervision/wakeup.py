@@ -38,6 +38,9 @@ from armadico.core.restart_policy import MISUSED, Budget, slower
 CARD_S: Final = 0.5
 """Timeout of a query for a card, s, before it is repeated."""
 
+KILLED_S: Final = 60.0
+"""How long the share has the reason of a kill, s."""
+
 INQUIRY_S: Final = 1.5
 """Timeout of a query to a process before it is killed, s, times `slower`."""
 
@@ -158,6 +161,7 @@ class _Process:
     lent: bool = False
     held: bool = False  # back, because the machine is overloaded
     why: str = ""
+    killed: tuple[float, str] = (-inf, "")  # by this agent, not on request: when and why
     began_at: float | None = None  # started at, until it is on the mesh
     back_at: float = inf  # lent: since when its own host has it again
     reported_at: float | None = None  # last report of a monitor in it
@@ -231,6 +235,7 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         self._share_at = self._shares_at = self._due_at = 0.0
         self._pace = _Pace()
         self._cut_at = inf  # the robot's router is unreachable since
+        self._linked_at = 0.0  # reachable since, if it is
         self._early: list[Event] = []  # refusals, kept until other hosts' shares are received
 
     # Other agents --------------------------------------------------------------------------------
@@ -238,6 +243,7 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
     def on_start(self) -> None:
         self._shares_at = self.now + SHARES_S
         self._cut_at = inf if self.reachable else self.now
+        self._linked_at = self.now
         self._publish_share()
 
     def on_appeared(self, name: str, instance: str) -> None:
@@ -265,6 +271,7 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         """
         self._cut_at = inf if self.reachable else self.now
         if self.reachable:
+            self._linked_at = self.now
             self._shares_at = self.now + SHARES_S
             for process in self._kept.values():
                 process.restart_timeouts(self.now)
@@ -514,12 +521,17 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
             if refusal := self._spent():
                 return refusal
             process.requested = True
-            self._kill(label, _reason(request))
+            self._kill(label, _reason(request), requested=True)
         return ""
 
-    def _kill(self, label: str, why: str) -> None:
-        self._order(Do.SAY, text=f"{label} is killed: {why}")
+    def _kill(self, label: str, why: str, *, requested: bool = False) -> None:
+        """Kill a process, with the evidence for the log and for observers."""
+        text = f"{label} is killed: {why}"
+        if not requested:  # the evidence of a request is that of the monitor, which reports it
+            self._kept[label].killed = self.now, text
+        self._order(Do.SAY, text=text)
         self._order(Do.KILL, label)
+        self._publish_share()
 
     def _end(self, request: WakeupRequest, found: list[str]) -> str:
         if not found:
@@ -575,13 +587,16 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
                 cut_s, self._cut_at = self.now - self._cut_at, self.now
                 self._kill(
                     label,
-                    f"this process has had no link to its router for {cut_s:.0f} s, and opens none",
+                    f"this process ({self.instance}) has had no link to its router for"
+                    f" {cut_s:.0f} s, and the router accepts none",
                 )
             elif not self.reachable and not self._is_router(process):
                 continue  # no agent can be seen
             elif process.began_at is not None and self.now - process.began_at >= start_s:
                 process.began_at = None
-                self._kill(label, f"it cannot be seen on the mesh after {start_s:.0f} s")
+                self._kill(
+                    label, f"it cannot be seen on the mesh after {start_s:.0f} s; {self._received}"
+                )
             elif (
                 process.reported_at is not None
                 and self.now - process.reported_at >= MONITOR_S * times
@@ -600,15 +615,22 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
             if found is not None or process.pid != pid or not self.reachable:
                 return
             process.reported_at = None
-            heard = len(self._shares)
             self._kill(
                 label,
                 f"its monitor has not reported for {silent_s:.0f} s and does not answer;"
-                f" {heard} other host(s) and {len(self._present)} agents are received here",
+                f" {self._received}",
             )
 
         name = process.reporter.rpartition("-")[0]
         self.query_card(name, process.reporter, on_card, INQUIRY_S * slower(self._load))
+
+    @property
+    def _received(self) -> str:
+        """What this process itself receives: the evidence that it could."""
+        return (
+            f"this process ({self.instance}) has been linked to the router for"
+            f" {self.now - self._linked_at:.0f} s and sees {len(self._present)} agents"
+        )
 
     def _is_router(self, process: _Process) -> bool:
         return self.p.router in process.agents
@@ -658,13 +680,18 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
 
     def _publish_share(self, *, leaving: bool = False) -> None:
         kept = tuple(
-            Kept(p.agents, p.state, p.pid, p.lent, line(p.why)) for p in self._kept.values()
+            Kept(p.agents, p.state, p.pid, p.lent, line(p.why), self._killed(p))
+            for p in self._kept.values()
         )
         can = tuple(name for name in self.p.can if not any(name in k.agents for k in kept))
         needs = () if leaving else self.p.needs
         self.publish(HostShare(self.instance, self.p.host, kept, can, needs, leaving, self._load))
         self._share_at = self.now + SHARE_S
         self._schedule()
+
+    def _killed(self, process: _Process) -> str:
+        at, why = process.killed
+        return line(why) if self.now - at <= KILLED_S else ""
 
     def stop(self, now: float) -> None:
         """Leave in order: no other host replaces these agents, unless this host gave up."""

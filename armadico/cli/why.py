@@ -13,7 +13,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
 from armadico.config.discovery import providers
 from armadico.mesh.topology import default_namespace
-from armadico.observe.findings import Demand, Finding, short
+from armadico.observe.findings import Demand, Finding, Sort, short
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -306,8 +306,9 @@ def explained(view: View, now: float, demand: Demand, findings: Sequence[Finding
 
 
 def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:
-    """What else is wrong, and the summary of all findings."""
-    return short(findings, () if cause is None else ((cause.sort, cause.who),))
+    """What was restarted or stopped and on which evidence, and what else is wrong."""
+    actions = [each.what for each in findings if each.sort is Sort.ACTION]
+    return [*actions, *short(findings, () if cause is None else ((cause.sort, cause.who),))]
 
 
 def _moment(found: Moment) -> Answer:

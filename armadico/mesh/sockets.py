@@ -16,6 +16,7 @@ import socket
 import stat
 import struct
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -51,7 +52,12 @@ def folder() -> Path:
         path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
         # Another user can make it first, in a folder that everyone may write to.
         if path.is_symlink() or (path.exists() and path.lstat().st_uid != os.getuid()):
-            path = Path.home() / ".armadico.run"
+            try:
+                path = Path.home() / ".armadico.run"
+            except RuntimeError:  # a user without an entry in the list of users
+                raise TopologyError(
+                    f"{path} belongs to another user; set {RUNTIME_VARIABLE}"
+                ) from None
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = path.stat()
@@ -106,17 +112,28 @@ def holder(path: Path) -> Holder | None:
 
 
 def owner(path: Path) -> int | None:
-    """Return the pid of the process that has a socket's lock; None if none has.
+    """Return the pid of this user's process that has a socket's lock; None if none has.
 
     Unlike `holder` it needs nothing of that process, however busy it is.
     """
+    lock = path.with_name(f"{path.name}.lock")
     try:
-        inode = path.with_name(f"{path.name}.lock").stat().st_ino
+        inode = lock.stat().st_ino
         rows = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
     except OSError:
         return None
     found = [row for row in rows if row[1] == "FLOCK" and row[5].rpartition(":")[2] == str(inode)]
-    return int(found[0][4]) if found and int(found[0][4]) > 0 else None
+    return next((pid for row in found if _has_open(pid := int(row[4]), lock)), None)
+
+
+def _has_open(pid: int, path: Path) -> bool:
+    """Return whether a process has a file open; another file system may have its inode, too."""
+    with suppress(OSError):  # no such process, or another user's
+        for number in Path(f"/proc/{pid}/fd").iterdir():
+            with suppress(OSError):  # closed meanwhile
+                if number.samefile(path):
+                    return True
+    return False
 
 
 def stop(namespace: str) -> int | None:

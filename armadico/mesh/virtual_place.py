@@ -60,7 +60,7 @@ class Place:
 
     def update_token(self, name: str, instance: str, there: bool) -> None:
         """Process that a token appeared (`there`) or disappeared."""
-        self.presence.token(name, instance, there)
+        self.presence.token(name, instance, there, self.mesh.now)
         self.schedule_poll()
 
     def schedule_poll(self) -> None:

@@ -505,7 +505,7 @@ class ZenohMesh(Reader, Monotonic):
 
         def declare(session: zenoh.Session) -> None:
             self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))
-            self._presence.token(name, instance, True)
+            self._presence.token(name, instance, True, self.now())
 
         self._declare(declare)
 
@@ -551,8 +551,10 @@ class ZenohMesh(Reader, Monotonic):
             self._presence.inquire(self.now())
 
     def _agent_token(self, chunks: list[str], there: bool) -> None:
-        if len(chunks) == 2 and (refused := self._presence.token(chunks[0], chunks[1], there)):
-            logger.warning("%s", refused)
+        if len(chunks) == 2:
+            refused = self._presence.token(chunks[0], chunks[1], there, self.now())
+            if refused:
+                logger.warning("%s", refused)
 
     def _linked(self, session: zenoh.Session, event: zenoh.LinkEvent) -> None:
         there = event.kind == zenoh.SampleKind.PUT

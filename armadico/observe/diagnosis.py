@@ -449,11 +449,13 @@ def _monitors(case: _Case) -> Iterator[Finding]:
         what = f"{len(reports)} monitors stand by, and none is active: no agent is restarted."
         yield open_question(Sort.MONITOR, "", what, "wait a second; then read their logs")
     for report in acting:
-        note = f" ({report.note})" if report.note else ""
+        if report.note:
+            what = f"Last action of {report.instance}: {report.note.rstrip('.')}."
+            yield fine(Sort.ACTION, report.instance, what)
         lacks = f"missing: {', '.join(report.missing)}" if report.missing else "none is missing"
         spare = len(reports) - len(acting)
         others = f"; {spare} stand by" if spare else ""
-        yield fine(Sort.MONITOR, report.instance, f"{report.instance}: {lacks}{note}{others}.")
+        yield fine(Sort.MONITOR, report.instance, f"{report.instance}: {lacks}{others}.")
 
 
 def _clocks(case: _Case) -> Iterator[Finding]:

@@ -60,6 +60,7 @@ class Sort(StrEnum):
     CLOCK = "clock"
     SLOW = "slow"  # an agent publishes less often than it promises
     MONITOR = "monitor"
+    ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
 
 

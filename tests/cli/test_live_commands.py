@@ -18,9 +18,11 @@ import pytest
 
 from armadico.agents.missions.messages import MissionOrder
 from armadico.core.messages import Cycle, Message, RobotState, Stop, decode
+from armadico.core.services import service_of
+from armadico.mesh import sockets
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.mobile.messages import MissionReply, Trajectory, Truth
+from armadico.mobile.messages import MissionReply, MissionRequest, Trajectory, Truth
 from armadico.runtime.client import Client
 from tests.programs import BIN, Done, Start, call, starter
 
@@ -142,6 +144,21 @@ def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
         done = run(command, "--timeout", "10")
         assert done.returncode == 0, done.stderr
         assert says in done.stdout
+
+
+def test_a_stop_by_signal_is_latched_and_needs_no_connection(
+    run: Run, environment: dict[str, str], robot: None
+) -> None:
+    row = who(run, "robot")["robot"]
+    with joined(environment) as mesh:
+        client = Client(mesh)
+        assert client.latest(RobotState, SOON)
+        assert sockets.stop(mesh.namespace) == row["pid"]
+        state = client.wait_for(
+            lambda: (s := client.latest(RobotState)) and s.stop.stopped and s, SOON
+        )
+    assert state
+    assert state.stop.requester == "armadico stop"
 
 
 @pytest.mark.long
@@ -301,6 +318,19 @@ def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run, router: Zen
     done = run("goto", "1", "2", "90")
     assert done.returncode == 1
     assert "no agent that takes missions" in done.stderr
+
+
+@pytest.mark.long
+def test_a_goal_of_which_nothing_more_is_received_is_unknown_and_stands(
+    run: Run, router: ZenohMesh
+) -> None:
+    key = service_of(MissionRequest).key
+    router.answer(key, lambda call: call.reply(key, MissionReply(7)))
+    done = run("goto", "1", "2", "90", "--direct")
+    assert done.returncode == 3, done.stderr
+    assert "no status of the mission for 5 s" in done.stderr
+    assert "The mission stands" in done.stderr
+    assert "`armadico stop` stops it" in done.stderr
 
 
 @pytest.mark.long

@@ -5,6 +5,7 @@ Agents die, hang with or without their token, or stop publishing; hosts go and c
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import Any
 
@@ -296,7 +297,11 @@ def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
     society = Society().let_pass(6.0)
     society.mesh.node("monitor").hang()
     society.back("monitor", 12.0)
-    assert "monitor is killed" in society.host_notes()[0]
+    killed = society.host_notes()[0]
+    assert killed.startswith("monitor is killed: its monitor has not reported for ")
+    assert "has been linked to the router for " in killed
+    society.let_pass(2.0)
+    assert f"here: {killed}" in society.notes, "the monitor passes it on, for `why`"
     society.mesh.node("goto").hang()
     society.back("goto", 6.0)
 
@@ -439,6 +444,18 @@ def test_a_monitor_that_hung_itself_requests_no_restarts() -> None:
         node.resume()
         society.let_pass(12.0)
     assert (society.notes, society.more()) == ([], {})
+
+
+def test_a_restart_is_requested_with_what_the_monitor_itself_received_and_missed() -> None:
+    society = Society().let_pass(8.0)
+    society.mesh.node("encoder").hang()
+    society.back("encoder", 12.0)
+    evidence = [note for note in society.notes if "encoder" in note]
+    assert "its token has been gone for 2." in evidence[0]
+    assert "the monitor of here has been linked for " in evidence[0]
+    heard, others = re.findall(r"received (\d+) of (\d+) other agents", evidence[0])[0]
+    assert int(heard) > 2
+    assert int(heard) <= int(others)
 
 
 # When it cannot be whole --------------------------------------------------------------------------

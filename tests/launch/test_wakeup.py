@@ -495,7 +495,10 @@ def test_a_monitor_of_this_host_that_stops_reporting_is_killed() -> None:
     bench.pass_time(2.0)
     bench.agent.on_reply(bench.queries[-1].id, None, bench.now)
     assert bench.done() == [(Do.KILL, "monitor")]
-    assert "has not reported for" in bench.orders[-2].text
+    evidence = bench.orders[-2].text
+    assert "has not reported for" in evidence
+    assert "has been linked to the router for 82 s and sees 1 agents" in evidence
+    assert bench.share().kept[0].killed == evidence
     bench.ends("monitor")
     assert bench.pass_time(1.0) == [(Do.START, "monitor")]
 

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from armadico.mesh.presence import GRACE_S, MOST, Presence
+from armadico.mesh.presence import GRACE_S, MOST, MOST_NEW, MOST_OF_A_NAME, NEW_S, ROOM_S, Presence
 
 GOTO, AVOID = ("goto", "goto-1"), ("avoid", "avoid-1")
 
@@ -32,11 +32,11 @@ class Process:
 
     def come(self, *agents: tuple[str, str]) -> None:
         for name, instance in agents:
-            self.presence.token(name, instance, True)
+            self.presence.token(name, instance, True, self.now)
 
     def go(self, *agents: tuple[str, str]) -> None:
         for name, instance in agents:
-            self.presence.token(name, instance, False)
+            self.presence.token(name, instance, False, self.now)
 
     def wait(self, seconds: float) -> None:
         """Let time pass; `look` is called whenever it is due."""
@@ -76,19 +76,65 @@ def test_a_forged_end_of_the_router_costs_a_delay_once_and_no_agent_its_life(
     assert process.read() == ["-avoid"], "once per link"
 
 
-def test_a_flood_of_tokens_is_bounded_and_reported_in_few_lines() -> None:
-    process = Process()
-    process.link()
-    process.come(GOTO)
-    lines = [process.presence.token("x", f"x-{n}", True) for n in range(2000)]
-    lines += [process.presence.token(f"n{n}", f"n{n}-1", True) for n in range(2000)]
-    lines.append(process.presence.token("a" * 999, "c", True))
-    assert lines[-1]
+def flood(process: Process, names: int, each: int) -> list[str]:
+    """Tokens of a stranger, and the lines for the log that they cost."""
+    agents = [(f"n{n}", f"n{n}-{i}") for n in range(names) for i in range(each)]
+    lines = [process.presence.token(*agent, True, process.now) for agent in agents]
+    return [line for line in lines if line]
+
+
+def test_a_flood_of_tokens_is_bounded_and_reported_in_few_lines(process: Process) -> None:
+    lines = flood(process, 1, 2000) + flood(process, 2000, 1)
+    lines += [process.presence.token("a" * 999, "c", True, 0.0)]
+    assert "more than 128 characters" in lines[-1]
+    assert len(process.alive) == MOST_NEW
+    process.wait(MOST / MOST_NEW * 2 * NEW_S)
     assert len(process.alive) == MOST
     assert GOTO in process.alive
-    assert 0 < len([line for line in lines if line]) < MOST * 4
+    assert 0 < len(lines) < 20
+    assert any("'n0'" in line for line in lines), "whose tokens they are"
     process.go(GOTO)
     assert GOTO not in process.alive
+
+
+def test_an_agent_that_waits_for_room_is_reported_once_the_flood_is_over(process: Process) -> None:
+    flood(process, MOST, 1)
+    process.come(("sonar", "sonar-1"))
+    process.wait(NEW_S)
+    assert ("sonar", "sonar-1") not in process.alive
+    process.go(*[(f"n{n}", f"n{n}-0") for n in range(MOST)])
+    process.wait(NEW_S + 2 * ROOM_S)
+    assert process.alive == {GOTO, AVOID, ("sonar", "sonar-1")}
+    assert process.presence.due == float("inf"), "and nothing is left to do"
+
+
+def test_one_that_is_dropped_while_it_waits_is_never_reported(process: Process) -> None:
+    flood(process, MOST, 1)
+    process.come(("sonar", "sonar-1"))
+    process.go(("sonar", "sonar-1"))
+    process.wait(3 * NEW_S)
+    assert "+sonar" not in process.read()
+
+
+def test_a_token_declared_and_dropped_again_and_again_costs_no_more_than_many_tokens(
+    process: Process,
+) -> None:
+    for n in range(1000):
+        process.come(("x", f"x-{n}"))
+        process.go(("x", f"x-{n}"))
+    assert process.read().count("+x") == MOST_OF_A_NAME
+    process.come(("sonar", "sonar-1"))
+    assert process.read() == ["+sonar"], "others are not delayed"
+
+
+def test_a_flood_that_comes_before_the_known_agents_displaces_none(process: Process) -> None:
+    process.link(False)
+    process.link()
+    flood(process, 1, 2 * MOST)
+    flood(process, 2 * MOST, 1)
+    process.come(GOTO, AVOID)
+    process.wait(2 * GRACE_S)
+    assert not [news for news in process.read() if news in ("-goto", "-avoid")]
 
 
 # Examples -----------------------------------------------------------------------------------------

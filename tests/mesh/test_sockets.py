@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import socket
 import stat
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -20,6 +22,7 @@ from armadico.mesh.sockets import (
     folder,
     holder,
     socket_of,
+    stop,
 )
 from armadico.mesh.topology import MeshError, TopologyError, topology
 from armadico.mesh.zenoh import ZenohMesh
@@ -107,6 +110,69 @@ def test_a_folder_of_another_user_is_refused(base: Path) -> None:
     os.chown(folder(), os.getuid() + 1, -1)
     with pytest.raises(TopologyError, match=f"{base / 'armadico'} belongs to another user"):
         folder()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to another user")
+@pytest.mark.parametrize("home", [True, False])
+def test_beside_temporary_files_another_user_can_be_first_and_it_costs_nothing(
+    without_runtime_folder: Path, monkeypatch: pytest.MonkeyPatch, home: bool
+) -> None:
+    os.chown(folder(), 65534, 65534)
+    if home:
+        monkeypatch.setenv("HOME", str(without_runtime_folder))
+        assert folder() == without_runtime_folder / ".armadico.run"
+        assert folder().stat().st_uid == os.getuid()
+        return
+
+    def none() -> Path:
+        raise RuntimeError("could not determine home directory")
+
+    monkeypatch.setattr(Path, "home", none)
+    with pytest.raises(TopologyError, match=f"another user; set {RUNTIME_VARIABLE}"):
+        folder()
+
+
+@pytest.mark.live
+def test_a_folder_where_the_socket_would_be_is_an_error_that_says_so(base: Path) -> None:
+    socket_of("robot1").mkdir()
+    mesh = ZenohMesh("robot1", topology(router=True))
+    with pytest.raises(MeshError, match="is a folder, and the socket would be there: remove it"):
+        mesh.open()
+    assert base.exists()
+
+
+CAUGHT = """
+import fcntl, signal, sys
+signal.signal(signal.SIGUSR1, lambda *_: print("stopped", flush=True))
+file = open(sys.argv[1], "w")
+fcntl.flock(file, fcntl.LOCK_EX)
+print("locked", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_stop_is_a_signal_to_the_process_that_has_the_lock_if_it_knows_the_signal(
+    base: Path,
+) -> None:
+    assert base.exists()
+    lock = socket_of("robot1").with_name("robot1.sock.lock")
+    pipe = subprocess.PIPE
+    words = [sys.executable, "-c", CAUGHT, str(lock)]
+    assert stop("robot1") is None, "no process"
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "locked\n"
+        assert stop("robot2") is None, "another robot"
+        assert stop("robot1") == process.pid
+        assert process.stdout.readline() == "stopped\n"
+        process.communicate("")
+    words[2] = "\n".join(row for row in CAUGHT.splitlines() if "SIGUSR1" not in row)
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        assert stop("robot1") is None, "the signal would end it"
+        process.communicate("")
+        assert process.returncode == 0
 
 
 @pytest.mark.live
