@@ -28,6 +28,7 @@ from armadico.cli.parsing import (
 )
 from armadico.config.errors import ConfigError
 from armadico.core.errors import UnknownNameError
+from armadico.core.judgement import UNKNOWN_EXIT
 from armadico.core.unseen import RULES, Rule
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
@@ -56,7 +57,7 @@ __all__ = ["UsageError", "parser", "version"]  # imported from here by other pac
 
 FAILED: Final = 1
 USAGE: Final = 2
-UNKNOWN: Final = 3  # `core.judgement.UNKNOWN_EXIT`, which `--help` need not import
+UNKNOWN: Final = UNKNOWN_EXIT
 INTERRUPTED: Final = 130
 
 JOIN_S: Final = 1.0
