@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options
+from armadico.cli.additions import Addition, added
 from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, option
 from armadico.cli.run import answering, drive, refused
@@ -37,12 +37,10 @@ class Options(Drive):
         "the rectangle to explore, m (default: the world's; without one 10 m around 0 0)",
         metavar=("X1", "Y1", "X2", "Y2"),
     )
-    map: Path | None = option(
-        "write the map to FILE (.yaml, with its graph, or .map)", metavar="FILE"
-    )
     resume: str | None = option(
         "extend the saved map FILE (.yaml); the robot finds its place on it", metavar="FILE"
     )
+    additions: tuple[Addition, ...] = added("explore")
 
     @property
     def anywhere(self) -> bool:
@@ -77,18 +75,12 @@ def _check(args: Options) -> None:
         raise UsageError(
             "--resume needs a mapping agent of this run; with --attach use `armadico map load`"
         )
-    if args.map is None and args.resume is None:
-        return
-    from armadico.config import grid_map
-
     if args.resume is not None:
+        from armadico.config import grid_map
+
         if Path(args.resume).suffix not in (".yaml", ".yml"):
             raise UsageError(f"--resume {args.resume}: expected the .yaml of a saved map")
         grid_map.read(args.resume)
-    if args.map is not None:
-        if args.runs is not None:
-            raise UsageError("--map keeps one run's map, not those of --runs")
-        options.check_map(args.map)
 
 
 def _check_sensors(args: Options, scenario: Scenario) -> None:

@@ -8,15 +8,15 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.additions import Addition, Start, added, beside, checked
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
-    PORT,
     POSE,
     Command,
     argument,
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from armadico.agents.supervision.supervisor import Plan
     from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
+    from armadico.core.restart_policy import Budget
 
 EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
@@ -93,27 +94,23 @@ class Options:
     journal: bool = flag(
         "publish the inputs and outputs of all agents, so that a recording can be replayed"
     )
-    page: bool = flag("serve the control page until this ends, and print its link")
-    page_port: int | None = option(
-        "serve the page on this port, also without --page (default: a free one)",
-        metavar="P",
-        must=PORT,
-    )
-    page_bind: str | None = option(
-        "serve the page on this address, also without --page: 0.0.0.0 for other machines that have"
-        " the token, which $ARMADICO_PAGE_TOKEN keeps the same (default: this machine only)",
-        metavar="ADDRESS",
-    )
+    additions: tuple[Addition, ...] = added("up")
     mesh: Mesh = group(Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
     """Keep the share up until interrupted. Return 0 after SIGTERM (`armadico down`)."""
+    from armadico.core.restart_policy import Budget
+
     scenario = _started(args, _scenario(args))
     where = _place(args.mesh, scenario)
+    start = Start(scenario=scenario, mesh=args.mesh, namespaces=(where.namespace,))
+    checked(args.additions, start)
     with _signals() as received:
+        plan = _plan(args, where, scenario)
+        budget = Budget(args.restarts, args.within)
         try:
-            _keep(args, where, scenario)
+            _keep(plan, where, budget, beside(args.additions, start))
         except KeyboardInterrupt:
             if signal.SIGTERM in received:
                 return 0
@@ -202,33 +199,24 @@ def _is_mission(name: str) -> bool:
     return "steps" in document(read_text(path), path)
 
 
-def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
+def _keep(
+    plan: Plan, where: Endpoints, budget: Budget, company: AbstractContextManager[None]
+) -> None:
+    """Start the agents of a plan, with `company` beside them, and keep them running."""
     from armadico.agents.supervision.supervisor import Upkeep
-    from armadico.cli.beside import beside
     from armadico.config.discovery import owners
     from armadico.core.resources import WHEELS
-    from armadico.core.restart_policy import Budget
     from armadico.launch.pidfile import PidFile, Share, TakenError
     from armadico.runtime.errors import RunFailedError
 
-    plan = _plan(args, where, scenario)
     has_robot = any(owners((member.name for member in plan.members), WHEELS))
     mesh = where.mesh(starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
-    budget = Budget(args.restarts, args.within)
-    page = [] if args.page_port is None else [f"--port={args.page_port}"]
-    page += [] if args.page_bind is None else [f"--bind={args.page_bind}"]
     try:
         with (
             PidFile(where.namespace, plan.host) as pid_file,
             mesh,
-            beside(
-                args.mesh,
-                "page",
-                None if scenario is None else scenario.world,
-                wanted=args.page or bool(page),
-                more=page,
-            ),
+            company,
             Upkeep(plan, mesh, _log, budget) as upkeep,
         ):
             running = tuple(member.name for member in plan.members)

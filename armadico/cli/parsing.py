@@ -21,7 +21,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import MISSING, field, fields
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
@@ -139,6 +139,10 @@ class _Group(NamedTuple):
     title: str
 
 
+class _Added(NamedTuple):
+    find: Callable[[Collection[str]], Sequence[type]]
+
+
 def option(
     help: str | None,  # noqa: A002 - as argparse calls it
     *flags: str,
@@ -194,6 +198,15 @@ def argument(
 def group(kind: type, title: str = "") -> Any:
     """A field whose value is another dataclass of options, with a title in `--help`."""
     return field(default_factory=kind, metadata={DECLARED: _Group(kind, title)})
+
+
+def added(find: Callable[[Collection[str]], Sequence[type]]) -> Any:
+    """A field for a tuple of other dataclasses of options, one of each class that `find` returns.
+
+    `find` gets the flags that exist. The attribute `title` of a class is that of its group in
+    `--help`.
+    """
+    return field(default=(), metadata={DECLARED: _Added(find)})
 
 
 class Command(Generic[T]):
@@ -273,14 +286,49 @@ def together(
     return made
 
 
-def _declare(made: argparse._ActionsContainer, kind: Any) -> None:
-    """Add the options of a dataclass to a parser or a group."""
+def flags_of(kind: type) -> list[str]:
+    """The flags of a dataclass of options, without those that packages add."""
+    found: list[str] = []
+    for each in fields(kind):
+        declared = each.metadata.get(DECLARED)
+        if isinstance(declared, _Group):
+            found += flags_of(declared.kind)
+        elif isinstance(declared, _Option) and not declared.positional:
+            found += declared.flags or (_flag(each.name),)
+    return found
+
+
+def given(options: Any) -> list[str]:
+    """The flags of the options that do not have their default values."""
+    declared = ((each, each.metadata.get(DECLARED)) for each in fields(options))
+    return [
+        (*how.flags, _flag(each.name))[0]
+        for each, how in declared
+        if isinstance(how, _Option) and getattr(options, each.name) != each.default
+    ]
+
+
+def _place(kind: type) -> str:
+    """The prefix of an added dataclass: another one may have a field of the same name."""
+    return f"{kind.__module__}.{kind.__qualname__}."
+
+
+def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> None:
+    """Add the options of a dataclass to a parser or a group; `place` is before their names."""
     hints, alternatives = get_type_hints(kind), dict[str, Any]()
     for each in fields(kind):
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, _Group):
             titled = bool(declared.title)
-            _declare(made.add_argument_group(declared.title) if titled else made, declared.kind)
+            group = made.add_argument_group(declared.title) if titled else made
+            _declare(group, declared.kind, place)
+        elif isinstance(declared, _Added):
+            groups: dict[str, Any] = {}
+            for other in declared.find(flags_of(kind)):
+                title: str = getattr(other, "title")  # noqa: B009
+                into = groups.get(title) or made.add_argument_group(title)
+                groups[title] = into
+                _declare(into, other, _place(other))
         elif isinstance(declared, _Option):
             into = made
             if declared.either:
@@ -292,10 +340,12 @@ def _declare(made: argparse._ActionsContainer, kind: Any) -> None:
             if declared.read is not None:
                 how["type"] = declared.read
             if declared.positional:
-                into.add_argument(each.name, **how, **_default(each))
+                into.add_argument(place + each.name, **how, **_default(each))
             else:
                 flags = declared.flags or (_flag(each.name),)
-                into.add_argument(*flags, dest=each.name, **how, **_default(each))
+                if place and "choices" not in how and how.get("action") != "store_true":
+                    how.setdefault("metavar", each.name.upper())
+                into.add_argument(*flags, dest=place + each.name, **how, **_default(each))
 
 
 def _reading(hint: Any) -> dict[str, Any]:
@@ -325,15 +375,18 @@ def _flag(name: str) -> str:
     return "--" + name.replace("_", "-")
 
 
-def _built(kind: type[T], found: argparse.Namespace) -> T:
+def _built(kind: type[T], found: argparse.Namespace, place: str = "") -> T:
     """The dataclass with the parsed values."""
     values: dict[str, Any] = {}
     for each in fields(kind):  # type: ignore[arg-type]
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, _Group):
-            values[each.name] = _built(declared.kind, found)
+            values[each.name] = _built(declared.kind, found, place)
+        elif isinstance(declared, _Added):
+            kinds = declared.find(flags_of(kind))
+            values[each.name] = tuple(_built(other, found, _place(other)) for other in kinds)
         elif isinstance(declared, _Option):
-            values[each.name] = _frozen(getattr(found, each.name))
+            values[each.name] = _frozen(getattr(found, place + each.name))
     return kind(**values)
 
 
@@ -343,6 +396,9 @@ def _check(options: Any) -> None:
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
         if isinstance(declared, _Group):
             _check(value)
+        if isinstance(declared, _Added):
+            for other in value:
+                _check(other)
         if not isinstance(declared, _Option) or declared.must is None or value is None:
             continue
         if not declared.must.holds(value):

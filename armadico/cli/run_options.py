@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
+from armadico.cli.additions import Addition, Start, changed
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
     POSE,
-    RECORDING,
     argument,
     at_least,
     between,
@@ -119,23 +119,6 @@ class Drive:
         "return 0 instead of 3 for a run whose result is unknown, as on a real robot, of which"
         " nothing counts collisions"
     )
-    plot: Path | None = option(
-        "write the picture to a PNG file (default: runs/SCENARIO.png if live, else none)",
-        metavar="FILE",
-    )
-    no_plot: bool = flag("draw no picture")
-    dashboard: bool = flag("show a live run in Rerun, and print the link")
-    page: bool = flag(
-        "serve the control page beside a live run, and print the link; without --for the society"
-        " stays until Ctrl-C"
-    )
-    wait: bool = flag("show a dashboard, begin when a viewer connects, and stay until Ctrl-C")
-    rrd: Path | None = option("write a Rerun file of a virtual run", metavar="FILE")
-    record: Path | None = option(
-        "record all messages as armadico record does, and what armadico replay needs",
-        metavar="FILE.mcap",
-        must=RECORDING,
-    )
     robot: str | None = option(
         "drive the robot at this address (default: start a simulator)", metavar="URL"
     )
@@ -150,8 +133,8 @@ class Drive:
     attach: bool = flag(
         "drive with a running society, here or elsewhere; Ctrl-C only stops the robot"
     )
+    additions: tuple[Addition, ...] = ()
     priority: float | None = None
-    map: Path | None = None
     resume: str | None = None
     mesh: Mesh = group(Mesh, "the mesh")
 
@@ -160,9 +143,19 @@ class Drive:
         """Whether it may drive without a scenario or a world, in the empty world."""
         return self.limit is not None or self.goal is not None
 
-    def of_run(self, path: Path, seed: int) -> Path:
-        """The file of one run; with several runs its name ends with the seed."""
-        return path if self.runs is None else path.with_stem(f"{path.stem}-{seed}")
+    def starting(self, scenario: Scenario, seeds: Sequence[int], *, alone: bool = True) -> Start:
+        """The start of a run as the additions see it; `alone`: of one robot."""
+        return Start(
+            scenario=scenario,
+            mesh=self.mesh,
+            namespaces=(self.mesh.namespace,),
+            alone=alone,
+            virtual=self.virtual,
+            limit=self.limit,
+            seeds=seeds,
+            seed=seeds[0],
+            series=self.runs is not None,
+        )
 
     def chosen(self) -> Options:
         """The options that change the scenario."""
@@ -184,7 +177,6 @@ class Drive:
             resume=self.resume,
             limit=self.limit,
             priority=self.priority,
-            journal=self.record is not None and not self.virtual,
         )
 
 
@@ -201,7 +193,7 @@ def choose(
     the scenario's goal or mission; for `change` see `prepared`. Raises UsageError, ConfigError,
     UnknownNameError or FailedError.
     """
-    chosen = args.chosen()
+    chosen = changed(args.additions, args.chosen())
     scenario = _scenario(args, chosen, somewhere=somewhere, mission=mission, change=change)
     return scenario, chosen
 
@@ -222,7 +214,6 @@ def _scenario(
         raise UsageError("name a scenario or a world, not both")
     if both := sorted({*args.besides} & {*args.without}):
         raise UsageError(f"--with {both[0]} --without {both[0]}: use one of them")
-    _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot is for live runs; --virtual has its own simulator")
     for name, given in _way(args) if args.virtual else ():
@@ -279,20 +270,6 @@ def _world(args: Drive) -> str | None:
         return named
     scenario: str = args.scenario
     return scenario
-
-
-def _check_shown(args: Drive) -> None:
-    """Raises UsageError for views and recordings that this kind of run does not have."""
-    if args.wait and args.runs is not None:
-        raise UsageError("--wait is for one run, without --runs")
-    if (args.dashboard or args.wait) and args.virtual:
-        raise UsageError("--dashboard is for live runs; use --rrd FILE for a virtual one")
-    if args.page and (args.virtual or args.runs is not None):
-        raise UsageError("--page is for one live run, without --virtual and --runs")
-    if args.rrd is not None and not args.virtual:
-        raise UsageError(
-            "--rrd is for --virtual; use armadico dashboard --record FILE for a live run"
-        )
 
 
 def _check_robot(url: str) -> None:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from io import BytesIO
 from math import inf
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
 
+from armadico.config.discovery import DRAWINGS, installed
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.agent import Agent
 from armadico.launch.society import Options, prepared
@@ -24,9 +24,6 @@ from armadico.observe.measures import Mark, Result, RunWatch
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from armadico.observe.pictures import Run as Picture
-
 
 SEEDS: Final = 2**63
 """Seeds are smaller than this."""
@@ -106,7 +103,7 @@ class Run:
 
         Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
         """
-        self._draw(file)
+        _drawing("picture")(self, file)
         return Path(file)
 
     def animate(self, file: str | Path, *, speed: float | None = None) -> Path:
@@ -121,40 +118,8 @@ class Run:
             OSError: The file cannot be written, or ffmpeg is missing.
             ImportError: matplotlib is missing (`pip install 'armadico[plot]'`).
         """
-        from armadico.config.worlds import load_world
-        from armadico.observe.films import film_run
-
-        film_run(load_world(self.scenario.world), self._picture(), file, speed)
+        _drawing("film")(self, file, speed)
         return Path(file)
-
-    def _draw(self, out: str | Path | BinaryIO) -> None:
-        from armadico.config.worlds import load_world
-        from armadico.observe.pictures import draw_run
-
-        draw_run(load_world(self.scenario.world), self._picture(), out)
-
-    def _picture(self) -> Picture:
-        from armadico.config.grid_map import cells_of
-        from armadico.config.profile import load_profile
-        from armadico.observe.pictures import Run as Picture
-
-        mapped = None
-        if self.grid is not None:
-            with suppress(ValueError):  # the published map may be invalid
-                mapped = cells_of(self.grid)
-        goal = self.scenario.goal
-        first = self.marks[0] if self.marks else None
-        return Picture(
-            path=self.marks,
-            start=self.scenario.start if first is None else (first.x, first.y, first.theta),
-            goal=goal,
-            body=load_profile(self.scenario.robot).body,
-            waypoints=self.waypoints[:-1] if self.grid is None else (),  # exploring has many
-            echoes=self.echoes,
-            title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
-            caption=(self.measures.verdict,),
-            mapped=mapped,
-        )
 
 
 def run(
@@ -317,6 +282,15 @@ def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
+def _drawing(name: str) -> Callable[..., None]:
+    """What draws runs, "picture" or "film". Raises ImportError if it is not installed."""
+    found = installed(DRAWINGS).get(name)
+    if found is None:
+        raise ImportError(f"no installed package has a {name} of a run ({DRAWINGS})")
+    draw: Callable[..., None] = found.load()
+    return draw
+
+
 def _display() -> Callable[..., Any]:
     """IPython's function that displays below a cell; checked before the robot moves.
 
@@ -335,6 +309,6 @@ def _display() -> Callable[..., Any]:
 def _shown(run: Run, display: Callable[..., Any] | None) -> Run:
     if display is not None:
         drawn = BytesIO()
-        run._draw(drawn)
+        _drawing("picture")(run, drawn)
         display({"image/png": drawn.getvalue()}, raw=True)
     return run

@@ -58,7 +58,7 @@ def test_a_module_that_ends_the_program_is_named_and_ends_nothing(
     with pytest.raises(ImportError, match=r"ends \(elsewhere_ends:Agent\) cannot be loaded"):
         discovery.agent_class("ends")
     load_all.__wrapped__()
-    assert "the messages of 'ends' cannot be imported: 7" in caplog.text
+    assert "package elsewhere: armadico.messages, ends = elsewhere_ends is left out" in caplog.text
 
 
 def test_what_is_not_there_is_answered_with_what_is() -> None:

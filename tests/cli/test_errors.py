@@ -82,7 +82,7 @@ def test_a_picture_that_was_asked_for_and_cannot_be_written_is_a_failure(
 def test_so_is_one_that_nothing_can_draw(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("armadico.cli.run.find_spec", lambda _: None)
+    monkeypatch.setattr("armadico.cli.picture_option.find_spec", lambda _: None)
     assert cli.main(["run", "sc1", "--virtual", "--plot", "x.png"]) == options.FAILED
     assert "matplotlib is missing" in capsys.readouterr().err
 

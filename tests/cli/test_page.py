@@ -15,9 +15,12 @@ import pytest
 
 from armadico.cli import main as armadico
 from armadico.cli import page
-from armadico.cli.beside import Helpers, beside
+from armadico.cli.additions import Start
+from armadico.cli.beside import Helpers
 from armadico.cli.options import Mesh
 from armadico.cli.page import TOKEN_VARIABLE
+from armadico.cli.page_option import OfRun
+from armadico.config.scenarios import load_scenario
 from armadico.mesh.ports import free_port
 from tests.programs import heavy, imports_nothing, starter
 
@@ -176,8 +179,10 @@ def test_a_token_of_ones_own_is_not_seen_among_the_processes(
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    args = Mesh(namespace="p")
-    with beside(args, "page", "sc1", ["p/r1", "p/r2"]):
+    start = Start(
+        scenario=load_scenario("sc1"), mesh=Mesh(namespace="p"), namespaces=["p/r1", "p/r2"]
+    )
+    with OfRun(page=True).beside(start):
         found = LINK.fullmatch(capsys.readouterr().err)
         assert found is not None
         with urllib.request.urlopen(found[1], timeout=20) as answer:

@@ -150,7 +150,7 @@ def test_every_agent_goes_by_the_name_of_its_entry_point() -> None:
 def test_every_agent_and_command_has_an_entry_point() -> None:
     announced = {value.partition(":")[0] for _, _, value in POINTS}
     helpers = ("options", "parsing", "beside", "latch", "agent", "pool", "measures")
-    driving = ("run_options", "progress", "log_file")
+    driving = ("run_options", "progress", "log_file", "additions")
     not_commands = {f"armadico.cli.{name}" for name in (*helpers, *driving)}
     rooms = ("armadico.cli.", "armadico_tools.commands.")
     there = {name for name in modules() if name.count(".") == 2 and name.startswith(rooms)}

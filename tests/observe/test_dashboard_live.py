@@ -20,8 +20,10 @@ pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 from armadico.cli import dashboard as command
 from armadico.cli import main as armadico
-from armadico.cli.beside import beside
+from armadico.cli.additions import Start
+from armadico.cli.dashboard_option import Dashboard
 from armadico.cli.options import FailedError, Mesh
+from armadico.config.scenarios import Scenario
 from armadico.core import messages as m
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
@@ -169,13 +171,18 @@ def publish_until_received(mesh: ZenohMesh, listener: Client) -> None:
         listener.wait_for(lambda: None, 0.02)
 
 
+def starting(world: str) -> Start:
+    """The start of a live run in a world."""
+    scenario = Scenario(world=world, start=(0, 0, 0))
+    return Start(scenario=scenario, mesh=Mesh(namespace=NAMESPACE), namespaces=(NAMESPACE,))
+
+
 @pytest.mark.long
 @pytest.mark.live
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    args = Mesh(namespace=NAMESPACE)
-    with beside(args, "dashboard", "sc1"):
+    with Dashboard(dashboard=True).beside(starting("sc1")):
         page = capsys.readouterr().err.removeprefix(LINK).strip()
         with urllib.request.urlopen(page, timeout=20) as answer:
             assert answer.status == 200
@@ -188,7 +195,6 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
 def test_a_run_waits_for_a_viewer_and_its_dashboard_stays_until_ctrl_c(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    args = Mesh(namespace=NAMESPACE)
     happened: list[str] = []
     read, write = os.pipe()
 
@@ -207,7 +213,7 @@ def test_a_run_waits_for_a_viewer_and_its_dashboard_stays_until_ctrl_c(
     with os.fdopen(write, "w", buffering=1) as stderr:
         monkeypatch.setattr("sys.stderr", stderr)
         connecting.start()
-        with beside(args, "dashboard", "sc1", wait=True):
+        with Dashboard(wait=True).beside(starting("sc1")):
             happened.append("runs")
         connecting.join()
     assert happened == ["connects", "runs", "leaves"]
@@ -222,8 +228,8 @@ def test_a_port_is_watched_if_a_viewer_is_connected() -> None:
 
 
 def test_without_its_world_the_dashboard_does_not_start_and_the_run_neither() -> None:
-    args = Mesh(namespace=NAMESPACE)
-    with pytest.raises(FailedError), beside(args, "dashboard", "nowhere"):
+    dashboard = Dashboard(dashboard=True)
+    with pytest.raises(FailedError), dashboard.beside(starting("nowhere")):
         pytest.fail("it has not started")
 
 
