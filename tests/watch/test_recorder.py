@@ -24,6 +24,8 @@ from mcap.records import Chunk
 from armadico.core import messages as m
 from armadico.core.services import services
 from armadico.mobile.messages import Echo, Origin, Pose, Sonar
+from armadico.observe import salvage
+from armadico.observe.salvage import MAGIC
 from armadico.observe.watching import (
     Presence,
     Received,
@@ -32,11 +34,9 @@ from armadico.observe.watching import (
     json_schema,
     kind_at,
 )
-from armadico.watch import salvage
 from armadico.watch.export import Tables, to_rrd
 from armadico.watch.recorder import TRIES, Gaps, Recording, record
 from armadico.watch.recordings import RecordingError, Row, rows
-from armadico.watch.salvage import MAGIC
 from tests.programs import call
 
 CYCLE = m.Cycle(2**62 + 1, 7)

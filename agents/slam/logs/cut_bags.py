@@ -151,7 +151,7 @@ def _sqlite(path: Path) -> Iterator[Found]:
 def _mcap(path: Path) -> Iterator[Found]:
     from mcap.records import Channel, Message, Schema
 
-    from armadico.watch import salvage
+    from armadico.observe import salvage
 
     schemas: dict[int, Schema] = {}
     topics: dict[int, Topic] = {}
@@ -172,7 +172,7 @@ def _mcap(path: Path) -> Iterator[Found]:
 
 def _mcap_records(file: BinaryIO) -> Iterator[Any]:
     """The records of intact chunks, and of the last one as far as it goes."""
-    from armadico.watch import salvage
+    from armadico.observe import salvage
 
     for record, (at, _) in salvage.records(file):
         if record is not None:
