@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from armadico.cli.options import BROKEN, WRONGLY_USED, Mesh
 from armadico.cli.parsing import Command, UsageError, flags_of, given
 from armadico.cli.parsing import added as declared
-from armadico.config.discovery import OPTIONS
+from armadico.core.discovery import OPTIONS
 from armadico.core.installed import left_out, loaded
 
 if TYPE_CHECKING:
@@ -45,8 +45,9 @@ DRIVING: Final = ("run", "explore", "mission run")
 REFUSALS: Final[tuple[type[Exception], ...]] = (
     *WRONGLY_USED,
     *(error for error in BROKEN if error is not ImportError),
+    OSError,
 )
-"""What an addition raises to end the command; other errors are its own faults."""
+"""What an addition may raise; other errors are its own faults."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +153,7 @@ def _excused(addition: Addition) -> Iterator[None]:
     """Report an error of an addition's own code, and continue."""
     try:
         yield
-    except (*REFUSALS, OSError):
+    except REFUSALS:
         raise
     except Exception as error:
         for point, kind in loaded(OPTIONS, Addition):

@@ -13,8 +13,8 @@ from armadico.cli.parsing import option
 from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
+    from armadico.launch.client import Client
     from armadico.launch.run import RobotRun
-    from armadico.runtime.client import Client
 
 
 @dataclass(frozen=True, kw_only=True)

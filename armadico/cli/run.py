@@ -27,7 +27,7 @@ from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import POSE, Command, flag, option
 from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
-from armadico.config.errors import ConfigError
+from armadico.core.config_errors import ConfigError
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def run(args: Options) -> int:
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
-            from armadico.config.discovery import RUNS, find
+            from armadico.core.discovery import RUNS, find
 
             code: int = find(RUNS, "tasks").load()(args, scenario, chosen)
             return code

@@ -12,9 +12,9 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
 
-from armadico.config.discovery import DRAWINGS, installed
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.agent import Agent
+from armadico.core.discovery import PICTURES, installed
 from armadico.launch.society import Options, prepared
 from armadico.mesh.topology import several
 from armadico.mobile.geometry import Pose2
@@ -235,8 +235,8 @@ def run(
             rehearsal.add(kind)
         rehearsal.run(progress, warnings.append)
         return _shown(Run.of(chosen, rehearsal.watch, warnings), display)
+    from armadico.launch.client import connect as joined
     from armadico.launch.local import Launcher
-    from armadico.runtime.client import connect as joined
 
     joining = [word for endpoint in several(connect) for word in ("--connect", endpoint)]
     with (
@@ -284,9 +284,9 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 def _drawing(name: str) -> Callable[..., None]:
     """What draws runs, "picture" or "film". Raises ImportError if it is not installed."""
-    found = installed(DRAWINGS).get(name)
+    found = installed(PICTURES).get(name)
     if found is None:
-        raise ImportError(f"no installed package has a {name} of a run ({DRAWINGS})")
+        raise ImportError(f"no installed package has a {name} of a run ({PICTURES})")
     draw: Callable[..., None] = found.load()
     return draw
 
