@@ -2,8 +2,9 @@
 
 The documents link each other as files of the checkout, for reading on GitHub. For the site the
 README becomes the first page. Linked files outside `docs/` are added, Markdown as pages and others
-as files. Generated parts are filled in (`armadico_tools.docs`). Diagrams, which would need a script,
-are drawn before (`armadico_tools.diagrams`). The reference has a page for each part of what `armadico` exports, from its docstrings.
+as files. Generated parts are filled in (`armadico_tools.docs`). Diagrams, which would need a
+script, are drawn before (`armadico_tools.diagrams`). The reference has a page for each part of what
+`armadico` exports, from its docstrings.
 """
 
 from __future__ import annotations
