@@ -16,7 +16,7 @@ from armadico.cli.parsing import Command, argument, flag, group, option
 
 if TYPE_CHECKING:
     from armadico.bridge.ros2.samples import Address
-    from armadico.gateways.gateway import Gateway
+    from armadico.gateways.ros2.gateway import Gateway
     from armadico.gateways.ros2.society import Society
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -59,7 +59,7 @@ def run(args: Options) -> int:
     namespaces = [mesh.namespace for mesh in meshes]
     societies = _societies(args, namespaces, address.namespace)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    from armadico.gateways.gateway import serve
+    from armadico.gateways.ros2.gateway import serve
 
     with ExitStack() as stack:
         try:
@@ -98,7 +98,7 @@ def _gateway(
 ) -> Gateway:
     """The gateway of one robot. Raises OSError."""
     from armadico.bridge.ros2.addresses import join
-    from armadico.gateways.gateway import Gateway
+    from armadico.gateways.ros2.gateway import Gateway
     from armadico.gateways.ros2.outside import NODE, SocietyNode
 
     report = options.reporter("armadico ros2")
@@ -106,7 +106,7 @@ def _gateway(
     stack.callback(wire.close)
     goals = None if args.no_goals else society.goals
     outside = SocietyNode(wire, society.channels, goals, report, beside=args.beside)
-    return Gateway(stack.enter_context(mesh), [society], outside, report)
+    return Gateway(stack.enter_context(mesh), society, outside, report)
 
 
 main: Final = Command(

@@ -1,1 +1,1 @@
-"""Gateways from a society to other tools: a web page, Foxglove, ROS 2."""
+"""Gateways from a society to other tools: a web page, ROS 2."""
