@@ -15,9 +15,9 @@ from math import ceil, hypot
 from pathlib import Path
 from typing import IO, Any, Final
 
-import armadico
 from armadico.config.profile import load_profile
 from armadico.config.worlds import World, load_world
+from armadico.launch.api import run as run_scenario
 from armadico.observe.pictures import (
     DPI,
     INK,
@@ -143,7 +143,7 @@ class _Scene:
 
 
 def main() -> None:
-    done = armadico.run("sc4", virtual=True, seed=7)
+    done = run_scenario("sc4", virtual=True, seed=7)
     run = Run(
         path=done.marks,
         start=done.scenario.start,
