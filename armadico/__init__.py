@@ -27,10 +27,9 @@ if TYPE_CHECKING:
         Stand,
         Task,
     )
-    from armadico.agents.teleop.messages import Stick, TeleopStatus
-    from armadico.config.errors import ConfigError
     from armadico.config.scenarios import Scenario
     from armadico.core.agent import Agent, DeviceAgent, Identity, Question
+    from armadico.core.config_errors import ConfigError
     from armadico.core.errors import UnknownNameError
     from armadico.core.exchange import Bid
     from armadico.core.messages import (
@@ -58,6 +57,7 @@ if TYPE_CHECKING:
     from armadico.core.resources import WHEELS, Resource
     from armadico.core.services import Kind, Service, register
     from armadico.launch.api import Holding, Run, run
+    from armadico.launch.client import Client, Mission, connect
     from armadico.mesh.topology import MeshError, TopologyError
     from armadico.mobile.behaviour import Behaviour
     from armadico.mobile.messages import (
@@ -83,7 +83,6 @@ if TYPE_CHECKING:
     from armadico.mobile.resources import PLANNER
     from armadico.mobile.route import Route
     from armadico.observe.measures import Mark, Result
-    from armadico.runtime.client import Client, Mission, connect
     from armadico.runtime.errors import (
         AbsentError,
         AgentFailedError,
@@ -94,6 +93,7 @@ if TYPE_CHECKING:
         SocietyError,
         StopError,
     )
+    from armadico.watch.teleop.messages import Stick, TeleopStatus
 
 __all__ = [
     "PLANNER",
@@ -210,11 +210,11 @@ _MODULES = {
         "Stand",
         "Task",
     ),
-    "agents.teleop.messages": (
+    "watch.teleop.messages": (
         "Stick",
         "TeleopStatus",
     ),
-    "config.errors": ("ConfigError",),
+    "core.config_errors": ("ConfigError",),
     "config.scenarios": ("Scenario",),
     "core.agent": (
         "Agent",
@@ -273,7 +273,7 @@ _MODULES = {
         "Mark",
         "Result",
     ),
-    "runtime.client": (
+    "launch.client": (
         "Client",
         "Mission",
         "connect",

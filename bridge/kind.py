@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from armadico.bridge.session import Session, Unfit
 from armadico.bridge.simulator.traps import KIND, Trap
-from armadico.config.errors import ConfigError
 from armadico.config.profile import RobotProfile, load_kind, load_profile
+from armadico.core.config_errors import ConfigError
 
 if TYPE_CHECKING:
     from armadico.bridge.simulator.plant import Streams

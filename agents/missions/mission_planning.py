@@ -64,12 +64,12 @@ from armadico.agents.missions.wanted import (
     since,
     wanted,
 )
-from armadico.config.errors import ConfigError
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import WARNING, Question
+from armadico.core.config_errors import ConfigError
 from armadico.core.exchange import Bid
 from armadico.core.messages import Card, Message, Point, RobotState, line, next_count
 from armadico.core.resources import Resource

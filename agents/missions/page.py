@@ -10,9 +10,9 @@ from armadico.agents.missions.messages import MissionCancel
 from armadico.agents.missions.mission_file import Mission, load_mission
 from armadico.config.shipped import names
 from armadico.core.messages import Name
-from armadico.gateways.page.part import Part
-from armadico.gateways.page.requests import Asked, Number, RequestError, bits
 from armadico.observe import described
+from armadico.observe.page_part import Part
+from armadico.observe.page_requests import Asked, Number, RequestError, bits
 
 
 class Order(Asked, frozen=True, tag="order"):

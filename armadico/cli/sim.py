@@ -378,7 +378,7 @@ def _ros2(address: str, robot: str, name: str, stack: ExitStack) -> Line:
     """The line of a ROS 2 robot at an address. Raises UsageError or FailedError."""
     from armadico.bridge.ros2 import addresses
     from armadico.bridge.ros2.profile import Ros2Robot
-    from armadico.bridge.simulator.ros2_line import Ros2Line
+    from armadico.bridge.ros2.simulated_line import Ros2Line
     from armadico.config.profile import load_profile
 
     profile = load_profile(robot)

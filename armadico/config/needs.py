@@ -9,11 +9,11 @@ from typing import Final
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigNameError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import Scenario, mission_of, planned, society
 from armadico.config.shipped import folder
+from armadico.core.config_errors import ConfigNameError
 
 TABLE: Final = "needs.toml"
 

@@ -16,10 +16,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
-from armadico.config.discovery import AGENTS
-from armadico.config.discovery import find as find_installed
 from armadico.config.errands import Mission, load_mission
-from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
 from armadico.config.moving import Moving
@@ -27,6 +24,9 @@ from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
 from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
+from armadico.core.config_errors import ConfigError, ConfigNameError, advice
+from armadico.core.discovery import AGENTS
+from armadico.core.discovery import find as find_installed
 from armadico.core.errors import UnknownNameError
 from armadico.core.unseen import Rule
 

@@ -15,9 +15,7 @@ from pathlib import Path
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from armadico.config.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
 from armadico.config.errands import Mission
-from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.needs import minimum, needs, tasks
@@ -42,6 +40,8 @@ from armadico.config.scenarios import (
 from armadico.config.shipped import counted_from
 from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
+from armadico.core.config_errors import ConfigError, ConfigNameError, advice
+from armadico.core.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
 from armadico.core.resources import WHEELS, Resource
 from armadico.core.unseen import Rule
 from armadico.mesh.topology import DEFAULT_NAMESPACE

@@ -18,7 +18,7 @@ from typing import IO, Any, Final
 from armadico.config.profile import load_profile
 from armadico.config.worlds import World, load_world
 from armadico.launch.api import run as run_scenario
-from armadico.observe.pictures import (
+from armadico.watch.pictures import (
     DPI,
     INK,
     NOSE,
