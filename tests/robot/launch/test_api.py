@@ -75,7 +75,7 @@ def test_holders_are_who_drove_one_after_another(sc4: Run) -> None:
 def test_a_gap_ends_a_holding() -> None:
     watch = RunWatch("made up", (1.0, 0.0, 0.0))
     who = ("a", "a", None, None, "a", "b")
-    watch.path += [Mark(5.0 + t, 0.0, 0.0, 0.0, name) for t, name in enumerate(who)]
+    watch.driven.marks += [Mark(5.0 + t, 0.0, 0.0, 0.0, name) for t, name in enumerate(who)]
     assert Run.of(SHORT, watch).holders == (
         Holding("a", 0.0, 2.0),
         Holding("a", 4.0, 5.0),
