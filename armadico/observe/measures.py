@@ -79,7 +79,7 @@ class TaskResult(Struct, frozen=True):
 
     step: str
     end: str
-    said: str
+    note: str
     at_s: float
 
 
