@@ -103,22 +103,7 @@ class Run:
 
         Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
         """
-        _drawing("picture")(self, file)
-        return Path(file)
-
-    def animate(self, file: str | Path, *, speed: float | None = None) -> Path:
-        """Write a film of the robot and its path; returns the file.
-
-        Args:
-            file: A .gif, or an .mp4 if ffmpeg is on the path.
-            speed: Factor to real time; by default the film takes 12 s.
-
-        Raises:
-            ValueError: A file of another kind, or an invalid speed.
-            OSError: The file cannot be written, or ffmpeg is missing.
-            ImportError: matplotlib is missing (`pip install 'armadico[plot]'`).
-        """
-        _drawing("film")(self, file, speed)
+        _drawing()(self, file)
         return Path(file)
 
 
@@ -282,11 +267,11 @@ def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def _drawing(name: str) -> Callable[..., None]:
-    """What draws runs, "picture" or "film". Raises ImportError if it is not installed."""
-    found = installed(PICTURES).get(name)
+def _drawing() -> Callable[..., None]:
+    """What draws a run. Raises ImportError if it is not installed."""
+    found = installed(PICTURES).get("run")
     if found is None:
-        raise ImportError(f"no installed package has a {name} of a run ({PICTURES})")
+        raise ImportError(f"no installed package draws a run ({PICTURES})")
     draw: Callable[..., None] = found.load()
     return draw
 
@@ -309,6 +294,6 @@ def _display() -> Callable[..., Any]:
 def _shown(run: Run, display: Callable[..., Any] | None) -> Run:
     if display is not None:
         drawn = BytesIO()
-        _drawing("picture")(run, drawn)
+        _drawing()(run, drawn)
         display({"image/png": drawn.getvalue()}, raw=True)
     return run

@@ -1,4 +1,4 @@
-"""A finished run as a picture and as a film, for `armadico.Run.plot` and `animate`."""
+"""A finished run as a picture, for `armadico.Run.plot`."""
 
 from __future__ import annotations
 
@@ -20,14 +20,6 @@ def draw(run: Run, out: str | Path | BinaryIO) -> None:
     from armadico.watch.pictures import draw_run
 
     draw_run(load_world(run.scenario.world), _picture(run), out)
-
-
-def film(run: Run, file: str | Path, speed: float | None = None) -> None:
-    """Write a film of the robot and its path; errors as in `armadico.Run.animate`."""
-    from armadico.config.worlds import load_world
-    from armadico.watch.films import film_run
-
-    film_run(load_world(run.scenario.world), _picture(run), file, speed)
 
 
 def _picture(run: Run) -> Picture:
