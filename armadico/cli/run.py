@@ -25,9 +25,11 @@ from armadico.cli.additions import (
 )
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import POSE, Command, flag, option
-from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
+from armadico.cli.parsing import Command, flag, option
+from armadico.cli.run_options import Drive, check_connect, choose
 from armadico.core.config_errors import ConfigError
+from armadico.launch.options import X_Y_DEG
+from armadico.mobile.geometry import Pose2
 from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
@@ -67,8 +69,8 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Drive):
-    goal: tuple[float, float, float] | None = option(
-        "drive to this pose: m, m, degrees (default: the scenario's)", metavar=X_Y_DEG, must=POSE
+    goal: Pose2 | None = option(
+        "drive to this pose: m, m, degrees (default: the scenario's)", **X_Y_DEG
     )
     robots: int | None = option(
         "number of robots of a fleet; with --attach, the least number to wait for"

@@ -17,7 +17,6 @@ from armadico.cli import options
 from armadico.cli.additions import Addition, Start, added, beside, checked
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
-    POSE,
     Command,
     argument,
     at_least,
@@ -27,10 +26,11 @@ from armadico.cli.parsing import (
     option,
     several,
 )
-from armadico.cli.run_options import X_Y_DEG, pose, set_option
 from armadico.config.endpoints import Endpoints
 from armadico.core.errors import UnknownNameError
 from armadico.core.unseen import Rule
+from armadico.launch.options import X_Y_DEG, set_option, unseen_option
+from armadico.mobile.geometry import Pose2
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -65,20 +65,18 @@ class Options:
         "set the simulator's seed (default: the scenario's, or 0)", metavar="N"
     )
     parameters: str | None = option("use this set or file of agents' parameters", metavar="SET")
-    set: tuple[str, ...] = set_option()
+    sets: tuple[str, ...] = set_option()
     more: tuple[str, ...] = several(
         "start one more agent, also if another host runs it; may be repeated",
         "--with",
         metavar="AGENT",
     )
     without: tuple[str, ...] = several("leave out one agent; may be repeated", metavar="AGENT")
-    start: tuple[float, float, float] | None = option(
-        "set this robot's start pose (default: the scenario's)", metavar=X_Y_DEG, must=POSE
-    )
+    start: Pose2 | None = option("set this robot's start pose (default: the scenario's)", **X_Y_DEG)
     robot: str | None = option(
         "connect to this controller (default: the host entry's)", metavar="URL"
     )
-    unseen: Rule | None = options.unseen_option("the scenario's, else the map file's, else drive")
+    unseen: Rule | None = unseen_option("the scenario's, else the map file's, else drive")
     restarts: int = option(
         "give up after N restarts within --within (default: %(default)s)",
         default=5,
@@ -171,14 +169,15 @@ def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
         if scenario is None:
             raise UsageError("--unseen needs a scenario: add its name")
         scenario = replace(scenario, unseen=args.unseen)
-    start = pose(args.start)
-    if start is None:
+    if args.start is None:
         return scenario
     if scenario is None:
         raise UsageError("--start needs a scenario: add its name")
     from armadico.config.scenarios import scenario_from
 
-    return replace(scenario, start=scenario_from(scenario.world, start, None, scenario.robot).start)
+    return replace(
+        scenario, start=scenario_from(scenario.world, args.start, None, scenario.robot).start
+    )
 
 
 def _is_mission(name: str) -> bool:
@@ -264,10 +263,10 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         namespace=where.namespace,
     )
     _check_more(args, [member.name for member in share(scenario, chosen, host)])
-    members = with_sets(share(scenario, chosen, host, args.more), args.set)
+    members = with_sets(share(scenario, chosen, host, args.more), args.sets)
     if not members:
         raise UsageError(f"host {own} has no agent of {args.scenario or 'the table'} to start")
-    if args.set or args.parameters is not None:  # else there is nothing to check
+    if args.sets or args.parameters is not None:  # else there is nothing to check
         check(members)
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:

@@ -251,7 +251,7 @@ def share(name: str, holders: list[str | None]) -> float:
 
 def complete(options: Options) -> Options:
     """The options of the same society with all agents."""
-    return Options(options.seed, options.controller, options.exchange, options.parameters)
+    return replace(options, without=())
 
 
 def scenario_of(cell: Cell) -> Scenario:
@@ -266,7 +266,12 @@ def scenario_of(cell: Cell) -> Scenario:
 
 def options_of(cell: Cell) -> Options:
     """The cell as options of the command line."""
-    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
+    return Options(
+        controller=cell.controller,
+        exchange=cell.exchange,
+        parameters=cell.parameters,
+        without=cell.without,
+    )
 
 
 def conditions_of(cell: Cell) -> Conditions:
