@@ -63,8 +63,9 @@ def test_what_is_not_given_has_its_default() -> None:
 
 
 def test_values_are_as_they_are_annotated() -> None:
-    words = "x --jobs 3 --quick --start 1 -2.5 -1e1 --heading 180 --without a --without b --kinds a b -n 4"
-    found = command.parse([*words.split(), "--also", "r", "1", "--also", "s", "2"])
+    words = "x --jobs 3 --quick --start 1 -2.5 -1e1 --without a --without b --kinds a b -n 4"
+    more = "--also r 1 --also s 2 --heading 180"
+    found = command.parse([*words.split(), *more.split()])
     assert (found.jobs, found.quick, found.slow) == (3, True, False)
     assert found.start == (1.0, -2.5, -10.0)
     assert found.heading == pi
