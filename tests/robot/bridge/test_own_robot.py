@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.once import Once
-from tests.programs import SOON, call, starter
+from tests.programs import NO_PICTURE, SOON, call, starter
 from tests.whole.house.tree import ROOT
 
 EXAMPLE = ROOT / "examples" / "create2"
@@ -44,7 +44,7 @@ def test_its_own_tests_pass(env: dict[str, str]) -> None:
 def test_its_profile_is_found_by_its_name_and_reaches_the_goal_of_scenario_4(
     env: dict[str, str],
 ) -> None:
-    words = ("run", "sc4", "--virtual", "--profile", "create2", "--sensors", "ideal", "--no-plot")
+    words = ("run", "sc4", "--virtual", "--profile", "create2", "--sensors", "ideal")
     done = call(*words, env=env)
     assert done.returncode == 0, done.stderr
     assert "sc4: reached" in done.stdout
@@ -132,7 +132,7 @@ def test_live_it_is_driven_over_a_serial_line_and_its_collisions_are_counted(
         assert simulator.stdout is not None
         assert "serial://" in simulator.stdout.readline()
         words = ("--robot", f"serial://{line}?baud=115200", "--profile", "create2", "--json")
-        words += ("--no-plot", "--simulator", "sim-create2")
+        words += (*NO_PICTURE, "--simulator", "sim-create2")
         run = start("run", "sc1", "--goal", "0.6", "0", "0", *words, *namespace)
         out, errors = run.communicate(timeout=SOON)
         assert run.returncode == 0, errors

@@ -40,8 +40,8 @@ class Lamp(Addition):
         if self.lamp == "full":
             raise OSError("the lamp is full")
 @dataclass(frozen=True, kw_only=True)
-class Page(Addition):
-    page: bool = flag("another page")
+class Seed(Addition):
+    seed: bool = flag("another seed")
 @dataclass(frozen=True, kw_only=True)
 class Older(Addition):
     old: bool = flag("of an older core")
@@ -63,8 +63,8 @@ LEFT_OUT = {
     "armadico.options, chair = toy:Chair": "must be a class derived from Addition",
     "armadico.options, ends = toy_ends:Lamp": "SystemExit: 7",
     "armadico.options, older = toy:Older": "check must take (self, start",
-    "armadico.options, page-too = toy:Page": "the option --page exists",
-    "armadico.options, page = toy:Lamp": "armadico has an entry point of this name",
+    "armadico.options, seed = toy:Seed": "the option --seed exists",
+    "armadico.options, map = toy:Lamp": "armadico has an entry point of this name",
     "armadico.options, typo = toy:Typo": "name 'NoSuchType' is not defined",
     "armadico.agents, sonar = toy:Chair": "armadico has an entry point of this name",
     "armadico.commands, run = toy:Chair": "armadico has an entry point of this name",

@@ -102,7 +102,7 @@ def test_a_new_robot_resource_and_task_are_installed_and_keep_their_contracts(
     folders = [f"./{name}" for name in OTHERS.values()]
     quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
     python(tmp_path, "-m", "pip", "install", *quietly, *folders)
-    drive = ("run", "sc1", "--virtual", "--profile", "own-robot", "--no-plot")
+    drive = ("run", "sc1", "--virtual", "--profile", "own-robot")
     assert "sc1: reached" in python(tmp_path, "-m", "armadico", *drive)
     judged = python(tmp_path, "-m", "armadico.contracts", "robot", "own-robot")
     assert "counts_a_collision " in judged

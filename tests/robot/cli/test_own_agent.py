@@ -93,7 +93,7 @@ def run(package: Path) -> Run:
         agents = ["encoder", "sonar", "goto", "path-planning", "interface", *names]
         text = f'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 0, 0]\nagents = {agents}\n'
         (package / "mine.toml").write_text(text, encoding="utf-8")
-        return of(package, "run", str(package / "mine.toml"), "--no-plot", *words)
+        return of(package, "run", str(package / "mine.toml"), *words)
 
     return run
 
