@@ -91,13 +91,19 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True)
 class Addition:
-    """The options of a package, and what it does; the methods are called in this order."""
+    """The options of a package, and what it does; the methods are called in this order.
+
+    `armadico up` calls `check` and `beside` only.
+    """
 
     commands: ClassVar[Collection[str]] = DRIVING
     """The commands that have these options: those of `DRIVING`, or "up"."""
 
     title: ClassVar[str] = "from other packages"
     """The title of these options in `--help`."""
+
+    examples: ClassVar[Sequence[str]] = ()
+    """Further examples for `--help` of the command that each begins with."""
 
     fleets: ClassVar[bool] = False
     """Whether the options are for runs of several robots, too; `driven` and `done` are not."""
@@ -106,7 +112,7 @@ class Addition:
         """Raise UsageError or FailedError before anything starts."""
 
     def changed(self, options: Options) -> Options:
-        """The options of the run with what this needs; not for `armadico up`."""
+        """The options of the run with what this needs."""
         return options
 
     def beside(self, start: Start) -> AbstractContextManager[object]:  # noqa: ARG002

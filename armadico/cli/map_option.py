@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 class MapFile(Addition):
     commands = ("explore",)
     title = "the map"
+    examples = (
+        "armadico explore house --profile jackal --virtual --map house.yaml",
+        "armadico explore house --profile jackal --resume house.yaml --map house.yaml",
+    )
 
     map: Path | None = option(
         "write the map to FILE (.yaml, with its graph, or .map)", metavar="FILE"

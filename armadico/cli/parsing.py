@@ -21,7 +21,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import MISSING, fields, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError
@@ -160,7 +160,8 @@ class Command(Generic[T]):
         return _turned(found)
 
     def parser(self) -> ArgumentParser:
-        made = parser(self.program, self.description, self.examples)
+        examples = (self.examples, *_examples(self.options, self.program))
+        made = parser(self.program, self.description, "".join(examples))
         _declare(made, self.options)
         return made
 
@@ -206,6 +207,14 @@ def together(
     return made
 
 
+def _examples(kind: type, program: str) -> Iterator[str]:
+    """The examples of a program with options that packages add."""
+    for each in fields(kind):
+        if isinstance(declared := each.metadata.get(DECLARED), Added):
+            lines = (line for other in declared.find(flags_of(kind)) for line in other.examples)
+            yield from (f"  {line}\n" for line in lines if line.startswith(f"{program} "))
+
+
 def _place(kind: type) -> str:
     """The prefix of an added dataclass: another one may have a field of the same name."""
     return f"{kind.__module__}.{kind.__qualname__}."
@@ -223,9 +232,8 @@ def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> No
         elif isinstance(declared, Added):
             groups: dict[str, Any] = {}
             for other in declared.find(flags_of(kind)):
-                title: str = getattr(other, "title")  # noqa: B009
-                into = groups.get(title) or made.add_argument_group(title)
-                groups[title] = into
+                into = groups.get(other.title) or made.add_argument_group(other.title)
+                groups[other.title] = into
                 _declare(into, other, _place(other))
         elif isinstance(declared, Option):
             into = made

@@ -47,7 +47,7 @@ RUNS_FOR_A_WORKER: Final = 4
 """Runs per worker at least: a worker takes as long to start as two or three runs."""
 
 EXAMPLES: Final = """\
-  armadico run sc4                             separate processes on this machine, with a picture
+  armadico run sc4                             separate processes on this machine
   armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
   armadico run house --virtual --runs 20 --json
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
@@ -61,7 +61,6 @@ EXAMPLES: Final = """\
   armadico run sc4 --redundant                 two of each behaviour
   armadico run sc4 --sensors ideal             as in the thesis: without localization
   armadico run sc4 --attach --hosts lab.toml   with a society that `armadico up` has started
-  armadico run --world house --start 1 1.5 0 --for 600 --page    click on a map to drive
   armadico run fleet --robots 3                three robots share a list of tasks
   armadico run fleet --attach --namespace lab  running robots lab/r1, lab/r2, ... do the tasks
 """

@@ -44,8 +44,6 @@ EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
   armadico up sc4                                  all agents on this machine
-  armadico up house --page                         with the control page; Ctrl-C ends both
-  armadico up house --page-port 8090               with the page always at the same link
   armadico up rounds                               only the agents that the mission needs
   armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, fields
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
 DECLARED: Final = "option"
 """The key of a field's declaration in its metadata."""
@@ -80,10 +80,17 @@ class Group(NamedTuple):
     title: str
 
 
+class Titled(Protocol):
+    """A dataclass of options that a package adds."""
+
+    title: ClassVar[str]
+    examples: ClassVar[Sequence[str]]
+
+
 class Added(NamedTuple):
     """The declaration of those that packages add."""
 
-    find: Callable[[Collection[str]], Sequence[type]]
+    find: Callable[[Collection[str]], Sequence[type[Titled]]]
 
 
 def option(
@@ -144,11 +151,11 @@ def group(kind: type, title: str = "") -> Any:
     return field(default_factory=kind, metadata={DECLARED: Group(kind, title)})
 
 
-def added(find: Callable[[Collection[str]], Sequence[type]]) -> Any:
+def added(find: Callable[[Collection[str]], Sequence[type[Titled]]]) -> Any:
     """A field for a tuple of other dataclasses of options, one of each class that `find` returns.
 
-    `find` gets the flags that exist. The attribute `title` of a class is that of its group in
-    `--help`.
+    `find` gets the flags that exist. For `--help` each class has the attributes `title` (of its
+    group) and `examples`.
     """
     return field(default=(), metadata={DECLARED: Added(find)})
 

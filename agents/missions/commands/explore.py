@@ -18,12 +18,10 @@ if TYPE_CHECKING:
 
 EXAMPLES: Final = """\
   armadico explore house --profile jackal --virtual --seed 7    in one process, repeatable
-  armadico explore house --profile jackal --virtual --map house.yaml
-  armadico explore rooms-a --profile turtlebot3-burger --dashboard
-  armadico explore house --profile jackal --resume house.yaml --map house.yaml
+  armadico explore house --profile jackal --resume house.yaml
   armadico explore --world plan.map --profile jackal --start 1 1 0 --within 0 0 8 6
   armadico explore house --sensors ideal --virtual      by sonars, without errors
-  armadico explore --profile turtlebot4 --robot ros2:// --map flat.yaml    around a real robot
+  armadico explore --profile turtlebot4 --robot ros2://    around a real robot
   armadico explore my.toml --attach --hosts lab.toml    in a running society
 """
 

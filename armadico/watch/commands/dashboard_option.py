@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class Dashboard(Addition):
     title = "to watch, draw and record"
+    examples = (
+        "armadico run sc4 --dashboard                 watch it in Rerun",
+        "armadico explore rooms-a --profile turtlebot3-burger --dashboard",
+    )
 
     dashboard: bool = flag("show a live run in Rerun, and print the link")
     wait: bool = flag("show a dashboard, begin when a viewer connects, and stay until Ctrl-C")

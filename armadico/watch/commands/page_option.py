@@ -21,6 +21,9 @@ ENDS: Final = "the page ends with this run; `armadico up SCENARIO --page` serves
 @dataclass(frozen=True, kw_only=True)
 class OfRun(Addition):
     title = "to watch, draw and record"
+    examples = (
+        "armadico run --world house --start 1 1.5 0 --for 600 --page    click on a map to drive",
+    )
     fleets = True
 
     page: bool = flag(
@@ -64,6 +67,10 @@ class OfRun(Addition):
 class OfSociety(Addition):
     commands = ("up",)
     title = "the control page"
+    examples = (
+        "armadico up house --page                         with the control page; Ctrl-C ends both",
+        "armadico up house --page-port 8090               with the page always at the same link",
+    )
 
     page: bool = flag("serve the control page until this ends, and print its link")
     page_port: int | None = option(
