@@ -252,21 +252,7 @@ def test_a_stop_is_never_refused_for_its_arguments(text: str) -> None:
     assert [stop.stopped for stop in counter.stops] == [True]
 
 
-def test_a_clock_that_steps_back_adds_no_tokens() -> None:
-    counter = Counter(a_second=1.0, at_once=1)
-    counter.request("who")
-    counter.now = 0.0
-    assert counter.refusal("who")
-
-
 def test_the_robots_state_suffices_to_know_of_a_stop() -> None:
     counter = Counter()
     counter.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, STOPPED))
     assert "ann" in counter.request("stop").said  # type: ignore[union-attr]
-
-
-def test_codes_tell_stops_apart() -> None:
-    rng = random.Random(5)
-    codes = {Stop(1, True, "", rng.getrandbits(63)).code for _ in range(1000)}
-    assert len(codes) == 1000
-    assert all(len(code) == 6 for code in codes)

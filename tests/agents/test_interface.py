@@ -11,7 +11,6 @@ from armadico.agents.missions.interface import Interface, Parameters
 from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core.agent import WARNING, Identity
 from armadico.core.messages import (
-    LARGEST_COUNT,
     Cycle,
     Log,
     Point,
@@ -20,7 +19,6 @@ from armadico.core.messages import (
     decode,
     encode,
 )
-from armadico.core.services import service_of
 from armadico.mobile.messages import (
     WAYPOINTS,
     InitialPose,
@@ -332,10 +330,6 @@ def test_a_mission_that_it_is_told_late_goes_on_too(desk: Desk) -> None:
     )
 
 
-def test_only_one_may_be_there() -> None:
-    assert Interface.alone
-
-
 @pytest.mark.parametrize(
     ("goal", "over"),
     [
@@ -396,20 +390,6 @@ def test_a_plan_that_nobody_could_be_told_of_is_refused(
     driving.moved(0.2)
     driving.moved(0.3)
     assert driving.last(MissionStatus).state is MissionState.DRIVING
-
-
-def test_after_the_largest_counter_there_is_one_more_for_a_mission(desk: Desk) -> None:
-    desk.agent.memory.note(Trajectory(LARGEST_COUNT, 1, ()))
-    on_query = desk.request(MissionRequest(GOAL, planned=False))
-    assert not desk.replies[on_query].refusal
-    assert desk.last(Trajectory).counter == 0
-
-
-def test_it_says_how_far_it_is_as_often_as_the_table_promises_with_nothing_to_do_too() -> None:
-    """Else whoever watches an idle society is told of silences that are none."""
-    promised = service_of(MissionStatus).rate_hz
-    assert promised is not None
-    assert promised * Interface.parameters().repeat_s <= 1.0
 
 
 # A robot that is lost -----------------------------------------------------------------------------

@@ -373,26 +373,6 @@ def test_at_the_true_place_no_reading_favours_another() -> None:
     assert alternative(particles, found.pose) is None, "there is no reading since"
 
 
-def test_as_many_particles_as_the_spread_needs() -> None:
-    particles = filtered()
-    particles.start_anywhere()
-    assert len(particles.poses) == particles.settings.most
-    follow(particles, START, 600)
-    assert len(particles.poses) <= 2 * particles.settings.least
-    particles.start_at(START, 2.0, 1.0)
-    assert len(particles.poses) == particles.settings.most
-
-
-def test_the_same_seed_gives_the_same_particles() -> None:
-    poses = []
-    for _ in range(2):
-        particles = filtered(seed=5)
-        particles.start_anywhere()
-        follow(particles, START, 60)
-        poses.append(particles.poses)
-    assert np.array_equal(*poses)
-
-
 def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
     particles = filtered()
     particles.start_at(START, 0.3, 0.2)
@@ -418,22 +398,6 @@ def test_an_echo_from_far_beyond_the_map_is_no_error(echo: Echo) -> None:
     particles.start_at(START, 0.1, 0.05)
     particles.weigh([echo])
     assert np.isfinite(particles.weights).all()
-
-
-def test_drawing_a_sample_is_by_weight_and_changes_nothing() -> None:
-    looked, alone = filtered(), filtered()
-    for particles in (looked, alone):
-        particles.start_anywhere()
-        particles.weights[:] = 0.0
-        particles.weights[[5, 9]] = 0.75, 0.25
-    drawn = looked.drawn(100)
-    assert drawn.shape == (100, 3)
-    assert (drawn[:, 0] == looked.poses[5, 0]).sum() == 75
-    assert (drawn[:, 0] == looked.poses[9, 0]).sum() == 25
-    for particles in (looked, alone):
-        particles.move((0.1, 0.0, 0.0))
-    assert np.array_equal(looked.poses, alone.poses)
-    assert filtered().drawn(100).shape == (0, 3)
 
 
 def lost(
@@ -1146,15 +1110,6 @@ def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None
     assert cached.read_bytes() == whole
 
 
-def test_a_file_that_lacks_an_array_is_made_anew(cache: Path) -> None:
-    made = modelled()
-    (cached,) = cache.iterdir()
-    with np.load(cached) as whole:
-        parts = {name: whole[name] for name in whole.files[1:]}
-    np.savez(cached, **parts)
-    assert np.array_equal(modelled(), made)
-
-
 def test_what_a_killed_process_has_left_does_not_stay_for_ever(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -1178,20 +1133,6 @@ def test_what_a_killed_process_has_left_does_not_stay_for_ever(
 def test_where_nothing_can_be_kept_nothing_is(cache: Path) -> None:
     cache.write_bytes(b"a file where the folder should be")
     assert np.array_equal(modelled(), modelled())
-
-
-def test_another_map_is_another_file(cache: Path) -> None:
-    modelled()
-    sonar_model(Grid(WALLS[:-1], (0.0, 0.0, 6.0, 4.0)), radians(30.0), 5.0)
-    sonar_model(GRID, radians(30.0), 4.0)
-    assert len(list(cache.iterdir())) == 3
-
-
-def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
-    for reach in (3.0, 4.0, 5.0):
-        sonar_model(GRID, radians(30.0), reach)
-    assert len(list(cache.iterdir())) == 2
 
 
 def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,8 +15,8 @@ from armadico.agents.perception.mapping import Mapping, Parameters
 from armadico.config import grid_map
 from armadico.config.errors import ConfigError
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
-from armadico.core.agent import WARNING, Answer, Identity, Publish, Question
-from armadico.core.messages import Cycle, Log, RobotState
+from armadico.core.agent import Answer, Identity, Publish, Question
+from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.messages import Echo, MapRequest, OccupancyGrid, Pose, Scan, Sonar
 from armadico.mobile.scans import message_of
 from tests.framework.robots import described
@@ -209,21 +209,6 @@ def test_it_resumes_a_saved_map_or_reports_the_error(tmp_path: Path) -> None:
     image.unlink()
     with pytest.raises(ConfigError, match=r"saved\.pgm"):
         Mapping(Identity("mapping-2"), Parameters(resume=str(file)))
-
-
-def test_it_logs_once_where_the_map_can_grow_no_more() -> None:
-    ring = Ring()
-    logged = []
-    for x in (2.0, 150.0, 250.0, 260.0, 2.0):
-        ring.cycle(x=x)
-        messages, ring.agent.outbox = ring.agent.outbox, []
-        logged += [
-            (x, "250.0" in o.message.text, o.message.level)
-            for o in messages
-            if isinstance(o, Publish) and isinstance(o.message, Log)
-        ]
-    assert logged == [(250.0, True, WARNING)]
-    assert ring.agent._map.cells().bounds[2] < 200.0
 
 
 # A laser ------------------------------------------------------------------------------------------

@@ -49,11 +49,6 @@ def test_the_script_has_every_command_with_its_options(
         assert word in text
 
 
-def test_every_command_of_ours_has_a_parser() -> None:
-    for found in installed(COMMANDS).values():
-        assert completion.parser_of(found) is not None, found.name
-
-
 def test_a_command_that_cannot_be_imported_or_has_no_parser_is_completed_by_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import resource
 import signal
@@ -15,7 +14,6 @@ from typing import Any
 import pytest
 
 from armadico import cli
-from armadico.agents.supervision import up
 from armadico.cli import goto, options
 from armadico.core.messages import Cycle, RobotState, Stop
 from tests.programs import BIN, SOON, Done, call
@@ -48,23 +46,7 @@ def test_a_name_in_brackets_is_a_name(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "[/nope][red]x: reached" in capsys.readouterr().out
 
 
-def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        cli.main(["help", "run"])
-    assert end.value.code == 0
-    assert "usage: armadico run" in capsys.readouterr().out
-
-
 # Pictures and recordings --------------------------------------------------------------------------
-
-
-def test_a_folder_that_a_picture_is_to_go_to_is_not_made(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["run", "sc1", "--virtual", "--plot", str(tmp_path / "nope" / "x.png")]
-    assert cli.main(words) == options.FAILED
-    assert "cannot write the picture" in capsys.readouterr().err
-    assert not (tmp_path / "nope").exists()
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
@@ -77,14 +59,6 @@ def test_a_picture_that_was_asked_for_and_cannot_be_written_is_a_failure(
     said = capsys.readouterr()
     assert "no picture: cannot write" in said.err
     assert "reached" in said.out, "the measures are there"
-
-
-def test_so_is_one_that_nothing_can_draw(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("armadico.cli.run.find_spec", lambda _: None)
-    assert cli.main(["run", "sc1", "--virtual", "--plot", "x.png"]) == options.FAILED
-    assert "matplotlib is missing" in capsys.readouterr().err
 
 
 @pytest.mark.long(but=("--record-run.mcap",))
@@ -143,15 +117,6 @@ def test_a_run_goes_on_when_what_it_reports_cannot_be_written() -> None:
     assert '"reached": true' in done.stdout
 
 
-@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
-def test_a_society_stays_up_when_that_it_is_up_cannot_be_written(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with FULL.open("w") as full:
-        monkeypatch.setattr("sys.stdout", full)
-        up._ready("lab1", "robot, goto")(1.0)
-
-
 @pytest.mark.long(but=(">&- 2>&- <&-",))
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
 def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
@@ -169,21 +134,6 @@ def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert bool(done.stdout) == (">&-" not in closed.split())
-
-
-def test_tables_on_a_full_disk_are_named_and_not_what_they_are_made_of(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("mcap")
-
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("armadico.observe.recordings.rows", full)
-    recording = tmp_path / "run.mcap"
-    recording.touch()
-    assert cli.main(["export", str(recording), "--to", "csv"]) == options.FAILED
-    assert f"{tmp_path}/run-csv: No space left on device" in capsys.readouterr().err
 
 
 # Limits, Ctrl-C, characters -----------------------------------------------------------------------

@@ -228,19 +228,3 @@ def test_what_cannot_be_written_stays_as_it_is(
         save(path, "goto", {"v_max": 0.4})
     assert _identity(path) == before
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("name", ["no/such/folder.toml", "a\0b"])
-def test_a_name_that_no_file_may_have_is_said(name: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be written"):
-        save(tmp_path / name, "goto", {"v_max": 0.4})
-
-
-def test_what_was_changed_is_said_though_it_cannot_be_saved(
-    crowd: Crowd, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    path = tmp_path / "no" / "such.toml"
-    assert cli.main(["set", "goto", "v_max=0.4", "--file", str(path)]) == 2
-    told = capsys.readouterr()
-    assert "v_max = 0.4 m/s" in told.out
-    assert f"{path}: cannot be written: No such file or directory" in told.err

@@ -264,14 +264,6 @@ def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("TMPDIR", str(tmp_path))
 
 
-def test_a_serial_port_that_is_not_there_is_said_at_once(apart: None, capsys: Captured) -> None:
-    code, out, errors = run(capsys, "sc1", "--robot", "serial:///dev/nonexistent?baud=9600")
-    assert code == 1
-    assert "--robot serial:///dev/nonexistent?baud=9600" in errors
-    assert "starting" not in errors, "no process was started"
-    assert not out
-
-
 @pytest.mark.long
 @pytest.mark.live
 def test_a_robot_that_is_not_there_is_said_with_what_to_do(apart: None) -> None:

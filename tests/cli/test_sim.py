@@ -195,15 +195,6 @@ def test_a_simulator_that_was_held_up_does_not_jump() -> None:
     assert robot.controller.time_s == pytest.approx(before + 0.1)
 
 
-def test_a_line_that_cannot_be_hung_up_is_read_on() -> None:
-    simulated, robot, line, _ = simulation()
-    robot.controller.hangs_up = True
-    line.says = [b"SYNC0"]
-    simulated.step()
-    assert [data for data, _ in robot.heard] == [b"SYNC0"]
-    assert robot.controller.disconnected == 0
-
-
 # A client and its port ----------------------------------------------------------------------------
 
 
@@ -362,16 +353,6 @@ def test_a_client_that_wants_nothing_of_a_ros2_robot_does_not_hold_the_port(
 
 
 # The command --------------------------------------------------------------------------------------
-
-
-@pytest.mark.live
-def test_a_port_that_is_taken_is_named() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
-        done = call("sim", "sc1", "--port", port)
-    assert done.returncode == 1
-    assert port in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.live

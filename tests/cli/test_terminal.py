@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Self
 
 import pytest
@@ -24,7 +23,6 @@ import pytest
 from armadico.bridge.simulator.server import TcpLine
 from armadico.cli import doctor, main
 from armadico.cli.options import Mesh
-from armadico.core.judgement import Answer
 from armadico.core.messages import (
     PROTOCOL,
     Ack,
@@ -43,8 +41,7 @@ from armadico.mesh.sockets import socket_of
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import Call, ZenohMesh
 from armadico.mobile.messages import Pose
-from armadico.observe.watching import Observer, Received
-from tests.programs import BIN, Done, call, heavy, imports_nothing
+from tests.programs import BIN, Done, call
 
 pytestmark = pytest.mark.live
 
@@ -271,17 +268,6 @@ def test_why_live_tells_the_moment_and_whether_it_stands(run: Run, society: Soci
     assert said.startswith(found["sentences"][1])
 
 
-def test_what_arrives_during_a_slow_step_of_top_is_no_silence() -> None:
-    calls = ("subscribe", "watch_alive", "watch_router", "query")
-    mesh: Any = SimpleNamespace(namespace=NAMESPACE, **dict.fromkeys(calls, lambda *_: None))
-    observer = Observer(mesh)
-    for _ in range(9):
-        now = observer.watcher.clock()
-        observer.watcher._put(Received(NAMESPACE, "encoder/pose", b"", now))
-    observer.take(0.0)
-    assert observer.view.rates["encoder/pose"].count == 9
-
-
 def on_a_terminal(environment: dict[str, str], until: bytes) -> bytes:
     """What `armadico top` shows until it has shown that, and Ctrl-C has ended it."""
     ours, theirs = pty.openpty()
@@ -342,19 +328,6 @@ def test_logs_of_a_run_come_in_order(run: Run, tmp_path: Path) -> None:
     assert run("logs", "nobody", "--folder", str(tmp_path)).returncode == 1
 
 
-def test_logs_of_the_newest_run_say_which_run_that_was(
-    run: Run, environment: dict[str, str], tmp_path: Path
-) -> None:
-    environment["TMPDIR"] = str(tmp_path)
-    for age, name in enumerate(("armadico-new", "armadico-old")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "goto.log").write_text(f"10:00:00.000 goto INFO {name}\n")
-        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
-    done = run("logs")
-    assert done.stdout.split()[-1] == "armadico-new"
-    assert f"from {tmp_path / 'armadico-new'}" in done.stderr
-
-
 def test_doctor_finds_the_society(run: Run, society: Society) -> None:
     found = json.loads(run("doctor", "--json").stdout)
     findings = {f["who"]: f for f in found}
@@ -379,24 +352,6 @@ def test_doctor_says_whether_the_robots_router_answers(
             f'[robot]\nrouter = "tcp/127.0.0.1:{port}"\n[lab1]\naddress = "203.0.113.1"\n'
         )
         assert [f.who for f in doctor.routers(Mesh(hosts=str(table)))] == named
-
-
-def test_doctor_says_what_to_do_about_a_port_that_is_locked(tmp_path: Path) -> None:
-    (finding,) = doctor.serial_ports(tmp_path)
-    assert finding.answer is Answer.YES
-    assert finding.todo
-    (tmp_path / "ttyUSB0").touch()
-    (finding,) = doctor.serial_ports(tmp_path)
-    assert (finding.answer, finding.what) == (Answer.YES, f"serial: {tmp_path / 'ttyUSB0'}")
-
-
-def test_doctor_knows_who_listens() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        owner = doctor.listener(port)
-    assert owner is not None
-    assert str(os.getpid()) in owner
-    assert doctor.listener(port) is None
 
 
 def test_the_port_of_a_simulator_that_is_driven_is_not_free() -> None:
@@ -509,34 +464,6 @@ def test_a_hostile_name_does_not_end_the_live_view(
 # Used wrongly, or alone ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("command", "code", "says"),
-    [
-        (("echo", "a//b"), 2, "KEYEXPR"),
-        (("echo", "robot/st*te"), 2, "KEYEXPR"),
-        (("echo", "**/**"), 2, "KEYEXPR"),
-        (("echo", "robot/state", "--namespace", "a*"), 2, "namespace"),
-        (("echo", "robot/state", "-n", "0"), 2, "from 1"),
-        (("hz", "robot/state", "--json"), 2, "-n N"),
-        (("logs", "-f", "--folder", "x"), 2, "--folder"),
-        (("logs", "--folder", "/no/such"), 2, "no such folder"),
-        (("record", "run.bag"), 2, ".mcap"),
-        (("record", "run.mcap", "--max-size", "0"), 2, "--max-size"),
-        (("record", "/no/such/run.mcap"), 1, "cannot write"),
-        (("record", "run.mcap", "--namespace", "a", "--namespace", "b*"), 2, "namespace"),
-        (("export", "/no/such.mcap", "--to", "csv"), 2, "no such file"),
-        (("completion", "tcsh"), 2, "tcsh"),
-    ],
-)
-def test_a_wrong_use_is_told_clearly(
-    run: Run, command: tuple[str, ...], code: int, says: str
-) -> None:
-    done = run(*command)
-    assert done.returncode == code, done.stderr
-    assert says in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 ABSENT = {
     ("echo", "robot/state", "--timeout", "0.3"): "nothing is published on robot/state",
     ("hz", "robot/state", "--timeout", "0.3"): "nothing is published on robot/state",
@@ -646,14 +573,3 @@ def test_doctor_finds_a_robot_agent_that_hangs(run: Run, hung: Path) -> None:
     assert f"(pid {os.getpid()})" in findings["socket"]["what"]
     assert findings["mesh"]["answer"] == "no"
     assert "does not answer" in findings["mesh"]["what"]
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["record", "export", "top", "echo", "hz", "graph", "logs", "doctor", "why", "completion"],
-)
-def test_help_imports_nothing_heavy_and_has_examples(name: str) -> None:
-    among = ("numpy", "zenoh", "cbor2", "msgspec", "rich", "rerun", "mcap", "psutil")
-    done = heavy("armadico.cli", [name, "--help"], among)
-    assert imports_nothing(done)
-    assert done.stdout.partition("examples:")[2].count(f"armadico {name}") >= 2

@@ -62,16 +62,6 @@ def test_a_mission_without_a_scenario_is_refused(tmp_path: Path) -> None:
         plan(str(file))
 
 
-def test_a_scenario_is_whom_it_names_and_who_watches() -> None:
-    assert set(names(plan("sc4"))) == {society().robot, *society().agents, *society().watch}
-
-
-def test_without_either_it_is_the_hosts_entry() -> None:
-    found = plan()
-    assert set(names(found)) == {society().robot, *society().agents, *society().watch}
-    assert "path-planning" in found.needs
-
-
 def test_agents_are_told_the_namespace_that_they_are_in() -> None:
     found = {member.name: member.sets for member in plan("sc4", "--namespace", "robot7").members}
     assert "namespace=robot7" in found["sonar"]

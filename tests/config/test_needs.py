@@ -6,16 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from armadico.config.discovery import AGENTS, installed
 from armadico.config.errors import ConfigNameError
-from armadico.config.needs import needs, table, tasks
+from armadico.config.needs import needs, tasks
 from armadico.config.scenarios import exploring, ideal, load_scenario, society, with_sensors
 
 SC4 = load_scenario("sc4")
-
-
-def test_everybody_who_is_needed_is_installed() -> None:
-    assert {name for need in table().values() for name in need.agents} <= installed(AGENTS).keys()
 
 
 def test_to_go_to_a_point_needs_what_the_thesis_says() -> None:
@@ -60,9 +55,3 @@ def test_a_table_that_is_like_nothing_is_refused_with_file_and_line(tmp_path: Pa
     with pytest.raises(ConfigNameError) as caught:
         needs(["move"], file)
     assert (caught.value.file, caught.value.line, caught.value.name) == (str(file), 2, "dirve")
-
-
-def test_tasks_that_are_like_each_other_are_each_once(tmp_path: Path) -> None:
-    file = tmp_path / "needs.toml"
-    file.write_text("[a]\nlike = ['b']\nagents = ['x']\n[b]\nlike = ['a']\nagents = ['y']\n")
-    assert needs(["a"], file) == (society().robot, "y", "x")

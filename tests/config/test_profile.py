@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.config.errors import ConfigError, ConfigNameError, ConfigValueError
 from armadico.config.loading import find, names
@@ -26,21 +25,6 @@ def written(folder: Path, text: str) -> Path:
     path = folder / "own.toml"
     path.write_text(text)
     return path
-
-
-@pytest.mark.parametrize("name", names("robots"))
-def test_each_shipped_robot_is_of_a_kind_that_is_ours(name: str) -> None:
-    profile = load_profile(name)
-    assert profile.name == name
-    assert isinstance(profile, (P2osRobot, Ros2Robot))
-    assert profile.reach_m > 1.0
-    assert profile.body.circle_m < 1.0
-
-
-@pytest.mark.parametrize("name", names("robots"))
-def test_the_numbers_of_a_robot_have_a_source_or_are_said_to_be_chosen(name: str) -> None:
-    text = find("robots", name).read_text()
-    assert "hosen" in text or "able" in text
 
 
 def test_a_base_is_told_no_more_than_it_can_do() -> None:

@@ -22,12 +22,7 @@ WATCHED_AND_NOT = ("jackal", "turtlebot3-burger")
 """One with a watchdog of its own, and one without."""
 
 
-@pytest.mark.long(
-    but=(
-        "sc3-turtlebot3-burger",
-        "sc4-pioneer-3dx",
-    )
-)
+@pytest.mark.long(but=("sc3-turtlebot3-burger",))
 @pytest.mark.parametrize(
     ("name", "robot"),
     [
@@ -74,7 +69,7 @@ class Watched(Driven):
         assert self.plant.speeds[0] > at_least
 
 
-@pytest.mark.long(but=("turtlebot3-burger",))
+@pytest.mark.long
 @pytest.mark.parametrize("robot", WATCHED_AND_NOT)
 def test_a_robot_agent_that_is_killed_and_started_again_goes_on(robot: str) -> None:
     watched = Watched(robot)

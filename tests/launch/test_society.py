@@ -19,15 +19,12 @@ from armadico.launch.society import (
     Member,
     Options,
     errand,
-    least,
     members,
     mission,
-    needed,
     prepared,
     processes,
     share,
     spare,
-    time_limit,
 )
 from armadico.mobile.messages import Waypoint
 
@@ -112,14 +109,6 @@ def test_a_host_could_start_what_another_has_but_for_who_owns_a_device() -> None
     ]
 
 
-def test_what_is_needed_is_what_takes_part_and_has_a_place() -> None:
-    needed_here = needed(SC4, Options(without=("avoid",)), LAB)
-    assert needed_here == ("robot", "encoder", "sonar", "goto", "interface", "path-planning")
-    assert needed(None, Options(), LAB) == (
-        *("robot", "encoder", "sonar", "goto", "avoid", "interface", "path-planning"),
-    )
-
-
 def test_whoever_is_not_wanted_is_left_out() -> None:
     without = by_name(Options(without=("gothrough", "avoid")))
     assert set(by_name()) - set(without) == {"gothrough", "avoid"}
@@ -178,12 +167,6 @@ def test_a_mission_over_waypoints_brings_them() -> None:
     assert on_query.waypoints[0].theta == pytest.approx(pi / 2)
 
 
-def test_the_time_limit_is_five_times_the_way_at_0_3_m_s_and_a_minute_at_least() -> None:
-    assert time_limit(12.0, Options()) == pytest.approx(200.0)
-    assert time_limit(0.5, Options()) == 60.0
-    assert time_limit(12.0, Options(limit=7.0)) == 7.0
-
-
 def test_without_a_goal_there_is_no_mission() -> None:
     assert mission(msgspec.structs.replace(SC4, goal=None)) is None
 
@@ -204,12 +187,6 @@ def test_an_exploration_leaves_out_the_mission() -> None:
     found = exploring(prepared(load_scenario("surveillance"), Options(), profile="jackal"))
     assert isinstance(errand(found, Options()), ExploreRequest)
     assert not {"mission-planning", "battery-charger", "dock"} & set(found.agents)
-
-
-def test_what_an_exploration_by_slam_needs() -> None:
-    found = set(least(exploring(JACKAL)).agents)
-    assert {"slam", "explore"} < found
-    assert not {"localization", "mapping"} & found
 
 
 @pytest.mark.parametrize("rival", ["localization", "mapping"])

@@ -83,6 +83,7 @@ def told(process: subprocess.Popen[str], what: str) -> None:
         said += line
 
 
+@pytest.mark.long
 def test_two_robots_do_two_tasks_and_leave_nothing_and_a_second_fleet_is_refused(
     run: Start, tmp_path: Path
 ) -> None:

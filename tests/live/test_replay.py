@@ -19,6 +19,7 @@ from tests.programs import Start
 pytestmark = pytest.mark.live
 
 
+@pytest.mark.long
 def test_all_decisions_of_all_agents_are_equal(
     run: Start,  # noqa: F811
     observer: Observer,

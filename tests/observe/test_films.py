@@ -13,7 +13,7 @@ from armadico.config.worlds import load_world
 
 pytest.importorskip("matplotlib")
 
-from armadico.observe.films import FRAMES_S, LASTS_S, RESTS_S, film_run
+from armadico.observe.films import FRAMES_S, RESTS_S, film_run
 from armadico.observe.pictures import Run, Step, colour
 
 BODY = load_profile("pioneer-2dx").body
@@ -89,43 +89,6 @@ def test_the_path_grows_in_its_holders_colours(gif: Image.Image) -> None:
     assert reach[0][2] < reach[1][2]
 
 
-@pytest.mark.long
-def test_a_long_run_is_accelerated_and_a_short_one_is_not_slowed_down(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("armadico.observe.films.FRAMES_S", 1.25)  # fewer frames, for the test
-    for name, seconds, lasts in (("short", 4.0, 4.0), ("long", 600.0, LASTS_S)):
-        steps: list[Step] = [(seconds * i, 1.0 + i, 0.5, 0.0, "goto") for i in (0.0, 0.5, 1.0)]
-        film_run(WORLD, made_up(steps), tmp_path / f"{name}.gif")
-        with Image.open(tmp_path / f"{name}.gif") as film:
-            took = sum(frame.info["duration"] for frame in ImageSequence.Iterator(film))
-        assert took / 1000 == pytest.approx(lasts + RESTS_S, abs=1.0)
-
-
-@pytest.mark.long
-def test_a_run_that_never_began_is_a_still(tmp_path: Path) -> None:
-    film_run(WORLD, made_up([]), tmp_path / "run.gif")
-    with Image.open(tmp_path / "run.gif") as film:
-        assert film.size == FRAME
-
-
-@pytest.mark.parametrize(
-    ("name", "speed", "named"),
-    [
-        ("run.avi", None, r"run\.avi.*\.gif.*\.mp4"),
-        ("run", None, r"\.gif.*\.mp4"),
-        ("run.gif", 0.0, "speed.*0"),
-        ("run.gif", float("nan"), "speed.*nan"),
-    ],
-)
-def test_another_ending_or_speed_is_refused(
-    tmp_path: Path, name: str, speed: float | None, named: str
-) -> None:
-    with pytest.raises(ValueError, match=named):
-        film_run(WORLD, made_up(DRIVEN), tmp_path / "new" / name, speed)
-    assert not (tmp_path / "new").exists()
-
-
 def test_without_ffmpeg_an_mp4_is_refused_and_a_gif_suggested(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,11 +130,3 @@ def test_ffmpegs_error_is_quoted_and_an_incomplete_film_removed(
     with pytest.raises(OSError, match=r"run\.mp4: ffmpeg: no encoder for it"):
         film_run(WORLD, made_up(DRIVEN), out, speed=10.0)
     assert not out.exists()
-
-
-@pytest.mark.long
-def test_a_film_that_cannot_be_written_removes_nothing(tmp_path: Path) -> None:
-    (tmp_path / "run.gif").mkdir()
-    with pytest.raises(OSError, match="directory"):
-        film_run(WORLD, made_up(DRIVEN), tmp_path / "run.gif")
-    assert (tmp_path / "run.gif").is_dir()

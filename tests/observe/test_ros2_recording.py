@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import subprocess
 from collections import Counter
 from pathlib import Path
@@ -23,7 +22,6 @@ from rosbags.typesys import Stores, get_typestore
 from armadico.bridge.ros2 import cdr
 from armadico.cli import export as command
 from armadico.cli import run
-from armadico.cli.options import FailedError, UsageError
 from armadico.core import messages as m
 from armadico.mobile.messages import Cell, Echo, LocalMap, Pose, Sonar, Trajectory, Waypoint
 from armadico.mobile.obstacles import Obstacles
@@ -263,20 +261,6 @@ def test_one_robot_of_several_becomes_a_bag(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     recorded(path, "robot1", "robot2")
     check(rosbags_reader(exported(path, "--namespace", "robot2")))
-
-
-def test_an_existing_bag_an_unknown_robot_and_another_ending_are_errors(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    recorded(path, "robot1")
-    bag = exported(path)
-    with pytest.raises(FailedError, match=re.escape(str(bag))):
-        exported(path)
-    bag.unlink()
-    with pytest.raises(FailedError, match="robot9"):
-        exported(path, "--namespace", "robot9")
-    assert not bag.exists()
-    with pytest.raises(UsageError, match=r"\.mcap"):
-        exported(path, "--out", str(tmp_path / "bag"))
 
 
 def test_recordings_keep_armadicos_metadata(tmp_path: Path) -> None:

@@ -100,22 +100,6 @@ def test_if_no_agent_is_alive_the_hosts_of_the_table_are_named() -> None:
     assert "--host" not in without_table.todo
 
 
-def test_no_sentence_is_repeated_and_the_cause_comes_last() -> None:
-    society = Observed().drive()
-    society.mesh.node("sonar").hang()
-    found = society.let_pass(3.0).standing
-    assert found.cause is not None
-    assert found.sentences[-1] == found.cause.what
-    assert len(set(found.sentences)) == len(found.sentences)
-
-
-def test_installed_agents_are_found_by_key() -> None:
-    assert providers("encoder/pose") == ("encoder",)
-    assert providers("sonar/obstacles") == ("sonar",)
-    assert providers("resource/wheels/ack") == ("robot",)
-    assert providers("no/such/key") == ()
-
-
 def test_a_society_that_has_ended_or_is_out_of_reach_has_no_agent_as_its_cause() -> None:
     society = Observed().drive()
     gap = standing(society.view, society.mesh.now + 10.0).cause

@@ -14,9 +14,9 @@ from armadico.agents.missions.messages import (
 )
 from armadico.agents.teleop.messages import TeleopStatus
 from armadico.core import messages as m
-from armadico.core.services import QUIET_S, services
+from armadico.core.services import QUIET_S
 from armadico.mobile.messages import Correction, MissionState, MissionStatus, Pose, Truth
-from armadico.observe.view import FRESH_CYCLES, GONE, Rate, View, driver
+from armadico.observe.view import FRESH_CYCLES, Rate, View, driver
 
 GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 BALLOT = m.Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
@@ -216,21 +216,6 @@ def test_tokens_show_live_agents_and_cards_describe_them() -> None:
     assert view.cards[GOTO].host == "here", "the card is kept"
 
 
-def test_only_the_newest_instances_that_are_gone_are_kept() -> None:
-    view = View()
-    view.token(GOTO, there=True, t=0.0)
-    view.learn(card(GOTO), 0.0)
-    for number in range(GONE + 9):
-        view.token(f"a-{number}", there=True, t=1.0)
-        view.learn(card(f"a-{number}"), 1.0)
-        view.learn(m.BidHistory(f"a-{number}", (BID,)), 1.0)
-        view.token(f"a-{number}", there=False, t=1.0)
-    assert len(view.cards) == GONE + 1
-    assert GOTO in view.cards
-    assert "a-8" not in view.cards
-    assert len(view.bids) == GONE
-
-
 BID = m.BidRecord(m.Cycle(1, 7), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
 
 
@@ -281,14 +266,6 @@ def test_the_rate_falls_during_a_pause_and_counts_missed_deadlines() -> None:
     rate.add(61.0)
     rate.add(62.0)
     assert rate.missed == 2
-
-
-def test_only_periodic_services_have_a_deadline() -> None:
-    found = {s.key: s.deadline_s for s in services()}
-    assert found["robot/state"] == pytest.approx(0.3)
-    assert found["sonar/map"] == pytest.approx(1.0)
-    assert found["resource/{resource}/utility"] is None
-    assert found["log/{instance}"] is None
 
 
 def test_the_active_mission_of_a_board_is_described() -> None:

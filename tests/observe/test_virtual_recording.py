@@ -124,11 +124,3 @@ def test_run_writes_one_file_per_run_and_overwrites_none(
     assert str(path) in capsys.readouterr().err
     cli.main([*words, "--runs", "2"])
     assert {p.name for p in tmp_path.iterdir()} == {"run.mcap", "run-0.mcap", "run-1.mcap"}
-
-
-@pytest.mark.parametrize("words", [[], ["--virtual"]])
-def test_a_file_without_mcap_at_its_end_is_a_usage_error(
-    words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["run", "sc1", *words, "--record", "run.bag"]) == 2
-    assert ".mcap" in capsys.readouterr().err

@@ -21,7 +21,6 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.mobile.map_graphs import message_of as graph_message
-from armadico.mobile.messages import Truth
 from armadico.runtime.latch import REST_M_S, REST_RAD_S
 from tests.gateways.page.stage import HOME, Shown, Stage
 
@@ -85,12 +84,6 @@ def test_the_default_heading_is_the_direction_to_the_goal(stage: Stage) -> None:
     x, y = (stage.parts["motion"][name] for name in "xy")
     (goal,) = stage.parts["mission"]["way"][-1:]
     assert abs(goal[2] - pi / 4) < 0.3, (x, y)
-
-
-def test_a_heading_is_reached(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "go", x=0.4, y=0.0, theta=-pi / 2))
-    stage.until(lambda: reached(stage))
-    assert abs(stage.parts["motion"]["theta"] + pi / 2) < 0.1
 
 
 def test_a_goal_in_a_wall_is_refused_by_the_planner() -> None:
@@ -217,29 +210,6 @@ def test_a_resume_cancels_an_unacknowledged_stop(stage: Stage) -> None:
 
 def test_a_robot_that_is_not_stopped_cannot_be_released(stage: Stage) -> None:
     assert not stage.answer(stage.request("page 1", "resume", press="0"))["ok"]
-
-
-# No effect on agents ------------------------------------------------------------------------------
-
-
-def path(*, watched: bool) -> list[tuple[float, float, float, float]]:
-    """The robot's poses; the page is killed in the middle."""
-    stage = Stage(seed=11)
-    steps: list[tuple[float, float, float, float]] = []
-    stage.mesh.watch(lambda _, p, t: steps.append((t, p.x, p.y, p.theta)), Truth)
-    if watched:
-        stage.session.on_connect("page 1")
-        stage.session.on_connect("page 2")
-    stage.run_for(2.0)
-    stage.client.goto(*GOAL)
-    stage.run_for(4.0)
-    stage.place.kill()
-    stage.mesh.run(14.0)
-    return steps
-
-
-def test_browsers_and_the_end_of_the_page_do_not_change_the_path() -> None:
-    assert path(watched=True) == path(watched=False)
 
 
 # Browsers -----------------------------------------------------------------------------------------
@@ -376,15 +346,6 @@ def test_why_it_stands_has_the_cause(stage: Stage) -> None:
     stage.mesh.node("robot").kill()
     stage.until(lambda: stage.parts["standing"]["cause"]["sort"] == "unreachable")
     assert stage.parts["standing"]["cause"]["who"] == "robot"
-
-
-def test_unsupervised_agents_are_not_restarted(stage: Stage) -> None:
-    rows = {row["name"]: row for row in stage.parts["agents"]}
-    assert rows["goto"]["alive"]
-    assert not rows["goto"]["kept"]
-    answer = stage.answer(stage.request("page 1", "restart", agent="goto"))
-    assert not answer["ok"]
-    assert "goto" in answer["text"]
 
 
 def test_a_supervised_agent_is_restarted_by_its_hosts_wakeup_agent() -> None:
