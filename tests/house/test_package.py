@@ -80,6 +80,7 @@ def built(copy: Path, what: str, folder: str = ".") -> Path:
     return archive
 
 
+@pytest.mark.long
 def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_path: Path) -> None:
     copy = checkout(tmp_path, (*FOLDERS, *BESIDES), (*LEAST, *TEXTS))
     with tarfile.open(built(copy, "--sdist")) as archive:
@@ -95,18 +96,20 @@ def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_pa
     assert not {name for name, _ in package_files() if name.startswith("armadico/")} - inside
 
 
-@pytest.mark.long(but=("armadico_tools",))
+@pytest.mark.long(but=("armadico",))
 def test_the_wheel_is_the_tree(wheel: set[str], package: str) -> None:
     """So no experiment is in the product's."""
     inside = {name for name in wheel if ".dist-info/" not in name}
     assert inside == {name for name, _ in package_files() if Path(name).parts[0] == package}
 
 
+@pytest.mark.long(but=("armadico",))
 def test_the_wheel_has_the_licence_and_the_type_marker(wheel: set[str], package: str) -> None:
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in wheel)
     assert f"{package}/py.typed" in wheel
 
 
+@pytest.mark.long(but=("armadico",))
 def test_it_takes_one_name_among_other_peoples_packages(wheel: set[str], package: str) -> None:
     assert {Path(name).parts[0].partition("-")[0] for name in wheel} == {package}
 

@@ -72,6 +72,7 @@ def test_a_gif_has_the_duration_of_the_run_and_loops(gif: Image.Image) -> None:
     assert took[-1] > took[0] == 1000 / FRAMES_S
 
 
+@pytest.mark.long
 def test_the_path_grows_in_its_holders_colours(gif: Image.Image) -> None:
     drawn = [frame.copy() for frame in ImageSequence.Iterator(gif)]
     first, half, last = drawn[0], drawn[len(drawn) // 2 - 1], drawn[-1]
