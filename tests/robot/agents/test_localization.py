@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import random
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from math import cos, hypot, pi, radians, sin, sqrt, tau
+from math import cos, hypot, pi, radians, sin, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
-from armadico.agents.localization import reflectors
 from armadico.agents.localization.global_search import Alternative, Place, Search, uniform_poses
 from armadico.agents.localization.localization import (
     LASER,
@@ -39,9 +36,7 @@ from armadico.agents.localization.sonar_model import (
     SonarModel,
 )
 from armadico.agents.methods.grid import Grid
-from armadico.config.loading import load_entry
-from armadico.config.profile import NARROW, Odometry, SensorProfile, load_profile
-from armadico.config.shipped import find
+from armadico.config.profile import Odometry, load_profile
 from armadico.config.worlds import load_world
 from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.config_errors import ConfigError
@@ -175,36 +170,6 @@ def test_a_wall_behind_a_nearer_one_does_not_answer() -> None:
     assert one((1.5, 1.5, pi / 2), 2.5) < 0.1
 
 
-def test_the_likeliest_reflectors_are_kept_and_hide_those_behind() -> None:
-    """Looked at one by one, beside all at once."""
-    rng = np.random.default_rng(9001)
-    made = reflectors.of_walls(GRID.walls)
-    cells, nothing = 40, len(made.x) - 1
-    in_sight = np.arange(reflectors.NEAREST) < rng.integers(0, reflectors.NEAREST + 1, (cells, 1))
-    which = np.where(in_sight, rng.integers(0, nothing, in_sight.shape), nothing).astype(np.int32)
-    ways = np.where(in_sight, rng.uniform(0.1, 5.0, in_sight.shape), 0.0).astype(np.float32)
-    angles = rng.uniform(-pi, pi, in_sight.shape).astype(np.float32)
-    table = np.empty(cells * reflectors.HEADINGS, dtype=reflectors.ROW)
-    reflectors._fill_table(made, which, ways, angles, table)
-    for number, row in enumerate(table.tolist()):
-        cell, heading = divmod(number, reflectors.HEADINGS)
-        silent, answers = 1.0, [(0.0, nothing)] * reflectors.LIKELY
-        for one, way, angle in zip(which[cell], ways[cell], angles[cell], strict=True):
-            off = abs(wrap(float(angle) - heading * tau / reflectors.HEADINGS))
-            if one == nothing or off >= reflectors.GONE_RAD:
-                continue
-            fades = min(1.0, float(made.fades_m[one]) / float(way))
-            chance = silent * float(made.chance[one]) * fades * float(reflectors._fade(off))
-            silent -= chance
-            answers.append((chance, int(one)))
-        best = sorted(answers, key=lambda answer: -answer[0])[: reflectors.LIKELY]
-        assert list(row[0]) == [one for _, one in best]
-        assert list(row[1]) == pytest.approx(
-            [reflectors.FULL * chance for chance, _ in best], abs=0.51
-        )
-        assert row[2] == pytest.approx(reflectors.FULL * silent, abs=0.51)
-
-
 def test_echoes_are_weighed_together_as_each_alone() -> None:
     """Many at once, with some that found nothing among them, at places in the map and beyond it."""
     rng = np.random.default_rng(9001)
@@ -217,17 +182,6 @@ def test_echoes_are_weighed_together_as_each_alone() -> None:
     for coarse in (False, True):
         alone = [MODEL.likelihood(poses, [echo], coarse=coarse) for echo in echoes]
         assert (MODEL.likelihood(poses, echoes, coarse=coarse) == np.hstack(alone)).all()
-
-
-def test_the_default_odometry_covers_the_simulated_wheels() -> None:
-    """A wheel slips by its own share of each 0.1 m, and wheels differ in size (docs/worlds.md)."""
-    real = load_entry(find("robots", "sensors"), SensorProfile, "real")
-    track = 2.0 * load_profile("pioneer-2dx").body.half_track_m
-    slips = 2**0.5 * real.slip * 0.1 / track * 10**0.5  # rad in a metre
-    drift = hypot(slips, real.drift_rad_m / 3**0.5)  # uniform, up to that
-    assert NARROW.alpha2 == pytest.approx(drift, rel=0.2)
-    assert NARROW.alpha1 > real.turn_error / 3**0.5
-    assert NARROW.alpha3 > real.way_error / 3**0.5
 
 
 def test_a_robot_beyond_the_map_is_no_error() -> None:
@@ -382,14 +336,6 @@ def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
     assert not particles.due
     particles.move((particles.settings.moved_m, 0.0, 0.0))
     assert particles.due
-
-
-def test_no_readings_change_nothing() -> None:
-    particles = filtered()
-    particles.start_at(START, 0.1, 0.1)
-    before = particles.weights.copy()
-    particles.weigh([])
-    assert np.array_equal(particles.weights, before)
 
 
 @pytest.mark.parametrize("echo", [Echo(0.1, 0.0, 0.3, 100.0), Echo(1e4, -1e4, 0.3, 1.0)])
@@ -808,18 +754,6 @@ def test_another_place_that_fits_much_better_in_search_after_search_makes_it_los
     assert all(slow(one) for one in published if one.elsewhere)
 
 
-@pytest.mark.long
-def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
-    world: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    confirm = replace(SONARS, verdicts=3)
-    verdicts = [other(SURE, 0.6)] * 2
-    robot = doubting(world, monkeypatch, *verdicts, None, *verdicts, None, confirm=confirm)
-    published = carried(robot, 200, (0.02, 0.0, 0.0))
-    assert not lost_in(published)
-    assert sum(a.elsewhere < b.elsewhere for a, b in pairwise(published)) == 2
-
-
 @pytest.mark.long(but=("False",))
 @pytest.mark.parametrize("goes_along", [True, False])
 def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
@@ -837,19 +771,6 @@ def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
     assert lost_in(carried(robot, 130, (0.04, 0.0, 0.06))) == goes_along
 
 
-@pytest.mark.long
-def test_verdicts_of_before_the_robot_was_found_do_not_count(
-    world: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clear = other(SURE, 0.9)
-    robot = doubting(world, monkeypatch, clear, clear, clear, None, confirm=LASER)
-    published: list[Correction] = []
-    while not lost_in(published):
-        published = carried(robot, 1, (0.02, 0.0, 0.0))
-    robot.agent.receive(InitialPose(*START), robot.begun + 0.1 * robot.number)
-    assert not lost_in(carried(robot, 80, (0.02, 0.0, 0.0)))
-
-
 @pytest.mark.long(but=("0.7-False",))
 @pytest.mark.parametrize(("fit", "lost"), [(0.9, True), (0.7, False)])
 def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
@@ -860,21 +781,6 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     again = replace(elsewhere, pose=(3.0, 1.5, 2.0))
     robot = doubting(world, monkeypatch, elsewhere, again, None, confirm=LASER)
     assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
-
-
-@pytest.mark.long
-def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
-    world: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    robot, requested = doubting(world, monkeypatch, other(SURE, 0.6)), []
-
-    def staying(_search: Search, here: Pose2, _odds: float) -> None:
-        requested.append(here)
-
-    monkeypatch.setattr(Search, "staying", staying)
-    assert lost_in(carried(robot, 60, (0.1, 0.0, 0.0)))
-    assert requested
-    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in requested)
 
 
 def test_a_suspicion_that_a_robot_at_rest_cannot_settle_makes_it_lost(
@@ -990,31 +896,6 @@ def test_what_was_not_counted_makes_a_lost_robot_no_surer_of_one_place(world: st
     assert spreads[1] > 0.7 * spreads[0]
 
 
-def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_it(
-    world: str,
-) -> None:
-    robot = Robot(Parameters(world=world))
-    for pose, motion in drive(START, 150):
-        robot.at(pose, motion, pose)
-    robot.agent._search = robot.agent._filter.search()  # under way
-    robot.restart((0.0, 0.0, 0.0), anew=True)
-    robot.at(pose, (0.0, 0.0, 0.0), pose)
-    assert len(robot.agent._filter.history) <= 1
-    assert robot.agent._search is None
-
-
-def test_an_uncertain_initial_heading_spreads_the_particles(world: str) -> None:
-    """The encoder agent publishes that half a radian was not counted."""
-    off = 0.5
-    covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
-    for by_encoder, least in ((covariance, 0.5 * off), ((), 0.0)):
-        robot = Robot(Parameters(world=world))
-        robot.at(START, (0.0, 0.0, 0.0), START, by_encoder)
-        headings = robot.agent._filter.poses[:, 2] - START[2]
-        assert float(np.std(headings)) > least
-        assert bool(least) == (float(np.std(headings)) > radians(10.0))
-
-
 def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
@@ -1110,36 +991,9 @@ def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None
     assert cached.read_bytes() == whole
 
 
-def test_what_a_killed_process_has_left_does_not_stay_for_ever(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def killed(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
-    with monkeypatch.context() as patch:
-        patch.setattr("numpy.savez", killed)
-        patch.setattr(Path, "unlink", killed)
-        with pytest.raises(KeyboardInterrupt):
-            modelled()
-    (left,) = cache.iterdir()
-    os.utime(left, (0, 0))
-    for reach in (3.0, 4.0):
-        sonar_model(GRID, radians(30.0), reach)
-    assert len(list(cache.iterdir())) == 2
-    assert not left.exists()
-
-
 def test_where_nothing_can_be_kept_nothing_is(cache: Path) -> None:
     cache.write_bytes(b"a file where the folder should be")
     assert np.array_equal(modelled(), modelled())
-
-
-def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST_BYTES", 1)
-    for reach in (3.0, 4.0):
-        sonar_model(GRID, radians(30.0), reach)
-        assert len(list(cache.iterdir())) == 1
 
 
 # Bad input ----------------------------------------------------------------------------------------
