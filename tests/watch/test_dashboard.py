@@ -36,7 +36,7 @@ from armadico.watch.dashboard.server import close, keep
 from armadico.watch.dashboard.virtual_run import Rehearsed
 from armadico_tools.dashboard_picture import photograph
 from tests.core.framework.robots import described
-from tests.robot.observe.kept import (
+from tests.watch.kept import (
     AVOID,
     GOTO,
     Kept,

@@ -30,7 +30,7 @@ from armadico.observe.screen import has_screen
 from armadico.watch.commands import dashboard as command
 from armadico.watch.dashboard import viewer
 from tests.programs import starter
-from tests.robot.observe.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, state
+from tests.watch.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, state
 
 LINK = "dashboard: "
 FLOOD = 10_000

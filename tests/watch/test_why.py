@@ -25,7 +25,7 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import Finding, Sort
 from armadico.watch.why import Chronicle
 from tests.robot.launch.test_blocked import ONE_DOOR, door
-from tests.robot.observe.observed import LINE, Observed
+from tests.watch.observed import LINE, Observed
 
 BASE = ("robot", "encoder", "sonar")
 LAB = ("goto", "avoid", "interface", "path-planning")

@@ -19,7 +19,7 @@ from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
 from armadico.watch.recordings import rows
 from armadico.watch.virtual_recording import BEGUN, Recorded
-from tests.robot.observe.observed import LINE
+from tests.watch.observed import LINE
 
 Ask = Callable[..., Any]
 

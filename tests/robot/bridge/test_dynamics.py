@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
-from tests.ros2.kit import PROFILE
+from tests.robot.bridge.kit import PROFILE
 
 STEP_S = 0.005
 

@@ -35,8 +35,8 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Origin, Sonar
+from tests.robot.bridge.kit import PROFILE
 from tests.robot.bridge.robot_bench import BALLOT, NAMES, TICK, Bench, names_of
-from tests.ros2.kit import PROFILE
 
 CLOSE = command(Cmd.CLOSE)
 AT_REST = Status(

@@ -15,7 +15,7 @@ from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.sonar import Sonars, Surfaces, echo, fan, in_cone
 from armadico.bridge.simulator.walls import DEAD, Box, Surface, Wall, Walls
 from armadico.config.profile import SensorProfile
-from tests.ros2.kit import EXACT, HOME, IDEAL, PROFILE, REAL
+from tests.robot.bridge.kit import EXACT, HOME, IDEAL, PROFILE, REAL
 
 RING = PROFILE.sonar
 MIRRORS = msgspec.structs.replace(

@@ -8,19 +8,12 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
-from msgspec.structs import replace
-from rich.console import Console
 
 from armadico.cli import doctor
 from armadico.cli import main as armadico
 from armadico.core.judgement import Answer
-from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.observe.findings import those
-from armadico.observe.view import View
-from armadico.watch.commands import top
-
-WELL = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, motors=True, stalled=False)
 
 
 @pytest.mark.parametrize(
@@ -49,19 +42,6 @@ def test_a_serial_line_without_permission_is_wrong(
     assert finding.answer is Answer.NO
     assert "permission denied" in finding.what
     assert "dialout" in finding.todo
-
-
-def test_top_says_why_the_robot_stands() -> None:
-    view = View()
-    stop = Stop(1, stopped=True, by="anna")
-    view.token("robot-1", there=True, t=0.0)
-    view.update("robot/state", replace(WELL, stop=stop), 0.0)
-    snapshot = top.Snapshots(view, "robot1").at(0.1)
-    assert snapshot["standing"]["cause"]["who"] == "anna"
-    console = Console(width=120)
-    with console.capture() as shown:
-        console.print(top.tables(snapshot))
-    assert "It is stopped by anna." in shown.get()
 
 
 def test_a_folder_for_sockets_that_others_can_write_to_is_wrong(

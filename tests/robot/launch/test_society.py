@@ -6,22 +6,17 @@ from math import pi
 
 import msgspec
 import pytest
-from msgspec.structs import replace
 
-from armadico.agents.missions.messages import ExploreRequest
 from armadico.config.hosts import Host, HostTable, load_hosts
 from armadico.config.loading import load_parameters
-from armadico.config.scenarios import exploring, load_scenario, with_sensors
+from armadico.config.scenarios import load_scenario
 from armadico.core.agent import Agent
-from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import AGENTS, agent_class, load
 from armadico.launch.society import (
     Member,
     Options,
-    errand,
     members,
     mission,
-    prepared,
     processes,
     share,
     spare,
@@ -56,7 +51,6 @@ def test_each_is_told_what_it_must_know_of_the_scenario() -> None:
     ("plan", "robot", "told"),
     [
         ("seen", "pioneer-2dx", ("safety.unmapped=true",)),
-        ("seen", "jackal", ()),
         ("rooms", "pioneer-2dx", ()),
     ],
 )
@@ -169,29 +163,3 @@ def test_a_mission_over_waypoints_brings_them() -> None:
 
 def test_without_a_goal_there_is_no_mission() -> None:
     assert mission(msgspec.structs.replace(SC4, goal=None)) is None
-
-
-JACKAL = prepared(load_scenario("house"), Options(), profile="jackal")
-
-
-def test_a_robot_with_a_laser_and_real_sensors_explores_by_slam() -> None:
-    found = [member.name for member in members(exploring(JACKAL), Options(), "memory:")]
-    assert {"slam", "explore", "laser", "path-planning"} < set(found)
-    assert not {"localization", "relocate", "mapping"} & set(found)
-    exact = exploring(with_sensors(JACKAL, "ideal"))
-    assert "mapping" in exact.agents
-    assert not {"slam", "path-planning"} & set(exact.agents)
-
-
-def test_an_exploration_leaves_out_the_mission() -> None:
-    found = exploring(prepared(load_scenario("surveillance"), Options(), profile="jackal"))
-    assert isinstance(errand(found, Options()), ExploreRequest)
-    assert not {"mission-planning", "battery-charger", "dock"} & set(found.agents)
-
-
-@pytest.mark.parametrize("rival", ["localization", "mapping"])
-def test_slam_beside_an_agent_that_publishes_the_same_is_refused(rival: str) -> None:
-    agents = (*exploring(JACKAL).agents, rival)
-    with pytest.raises(ConfigError, match=f"agents slam and {rival}: .*--without {rival}"):
-        members(replace(JACKAL, agents=agents), Options(), "memory:")
-    members(replace(JACKAL, agents=agents), Options(without=(rival,)), "memory:")

@@ -4,19 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.agents.missions.messages import (
-    Board,
-    BoardMission,
-    Course,
-    MissionEnd,
-    StepEnd,
-    StepResult,
-)
 from armadico.core import messages as m
 from armadico.core.services import QUIET_S
 from armadico.mobile.messages import Correction, MissionState, MissionStatus, Pose, Truth
 from armadico.observe.view import FRESH_CYCLES, Rate, View, driver
-from armadico.watch.teleop.messages import TeleopStatus
 
 GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 BALLOT = m.Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
@@ -154,17 +145,14 @@ def test_an_exchange_has_the_claim_of_the_new_holder() -> None:
     assert view.exchanges[2].claim is None
 
 
-def test_stop_and_hand_are_not_known_without_fresh_messages() -> None:
+def test_a_stop_is_not_known_without_fresh_messages() -> None:
     view = View()
     assert view.stopped(0.0) is None
     stop = m.Stop(1, True, "me")
     view.learn(m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, 0, 12.5, True, False, stop), 1.0)
-    status = TeleopStatus(m.Cycle(1, 1), "ann", True, 0, 0, 1, 1)
-    view.learn(status, 1.0)
     assert view.stopped(1.0 + QUIET_S) is True
     assert view.stopped(1.1 + QUIET_S) is None
     assert view.stop == stop, "the last one received"
-    assert [view.hand(at) for at in (2.9, 3.1)] == [status, None]
 
 
 def test_an_owner_with_long_cycles_does_not_time_out_between_them() -> None:
@@ -266,25 +254,3 @@ def test_the_rate_falls_during_a_pause_and_counts_missed_deadlines() -> None:
     rate.add(61.0)
     rate.add(62.0)
     assert rate.missed == 2
-
-
-def test_the_active_mission_of_a_board_is_described() -> None:
-    view = View()
-    assert view.tasks == ""
-    done = StepResult("move(hall)", StepEnd.DONE)
-    course = Course(results=(done, StepResult("dock", StepEnd.FAILED)))
-    active = BoardMission(
-        7,
-        "survey",
-        0.5,
-        MissionEnd.ACTIVE,
-        course=course,
-        doing="take-photo",
-        ahead=("wait(5.0)",),
-        note="slow",
-    )
-    waits = BoardMission(8, "later", 0.2, MissionEnd.QUEUED)
-    view.learn(Board(3, 1, (waits, active)), 1.0)
-    assert view.tasks == "survey: 1 done, take-photo, 1 to come, slow"
-    view.learn(Board(4, 1, (waits,)), 2.0)
-    assert view.tasks == ""

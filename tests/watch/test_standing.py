@@ -19,7 +19,7 @@ from armadico.observe.findings import Demand, Finding, Sort
 from armadico.observe.standing import standing
 from armadico.observe.view import View
 from armadico.watch.why import Chronicle
-from tests.robot.observe.observed import Observed
+from tests.watch.observed import Observed
 
 
 def test_a_moving_robot_has_no_cause_and_a_robot_without_a_goal_has_that_cause() -> None:
