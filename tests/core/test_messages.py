@@ -23,6 +23,7 @@ from armadico.core.messages import (
     encode,
     line,
 )
+from armadico.core.services import message_types
 from armadico.mobile.messages import (
     Correction,
     Echo,
@@ -33,9 +34,8 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.mobile.obstacles import Obstacles
-from armadico_tools.docs_fields import ours
 
-KINDS = sorted(ours()[1], key=lambda kind: kind.__name__)
+KINDS = sorted(message_types(), key=lambda kind: kind.__name__)
 
 
 LINES = [*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029]

@@ -22,7 +22,7 @@ from armadico.mobile.driven import Stage
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import BatteryLevel, Pose, Truth, Waypoint
 from armadico.mobile.resources import TRAJECTORY
-from tests.robot.agents.senders import Sender
+from tests.missions.senders import Sender
 
 CHARGING = ("battery-sensor", "battery-charger", "dock")
 E = Waypoint(12.6, 1.2, -1.57)

@@ -13,7 +13,7 @@ from armadico.core.agent import Identity, Question
 from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.messages import Echo, MapRequest, Pose, Scan, Sonar
 from armadico.mobile.scans import message_of
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 
 def scan(*rays: tuple[float, float], cycle: Cycle = Cycle(1, 1)) -> Scan:  # noqa: B008 - frozen

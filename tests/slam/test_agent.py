@@ -26,7 +26,7 @@ from armadico.mobile.messages import (
     Scan,
 )
 from armadico.mobile.scans import message_of, ranges_of
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 from tests.slam.worlds import BEARINGS, cast, drifted, ring, square
 
 MAPPED = OnMap(world="sc1")

@@ -9,7 +9,6 @@ import zlib
 import pytest
 
 from armadico.agents.interface.messages import MissionCancel, MissionOrder
-from armadico.agents.missions.messages import Board, BoardMission, MissionEnd
 from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
@@ -174,18 +173,6 @@ def test_an_unknown_mission_is_refused_and_no_file_is_read(name: str) -> None:
     refusal = Counter().refusal("mission", name=name)
     assert repr(name) in refusal
     assert "surveillance" in refusal, "the known ones are listed"
-
-
-def test_only_its_own_missions_are_cancelled() -> None:
-    counter = Counter()
-    ended = MissionEnd.ACTIVE
-    mine = BoardMission(5, "rounds", 0.0, ended, by="assistant: model")
-    anns = BoardMission(6, "surveillance", 0.5, ended, by="ann")
-    counter.receive(Board(1, 9, (mine, anns)), STOPPED)
-    assert "ann" in counter.refusal("cancel", number="6")
-    assert "7" in counter.refusal("cancel", number="7")
-    counter.request("cancel", number="5")  # even while it is stopped
-    assert counter.queries[-1].request == MissionCancel(5, "assistant: model")
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ from armadico.watch.dashboard.scene import Scene
 from armadico.watch.dashboard.server import close, keep
 from armadico.watch.dashboard.virtual_run import Rehearsed
 from armadico_tools.dashboard_picture import photograph
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 from tests.watch.kept import (
     AVOID,
     GOTO,

@@ -17,8 +17,8 @@ from armadico.mobile.messages import MissionStatus, Truth
 from armadico.observe.view import driver
 from armadico.watch.teleop.messages import Stick, TeleopStatus
 from armadico.watch.teleop.teleop import Teleop
-from tests.core.framework.robots import body
 from tests.driven import Driven
+from tests.robot.robots import body
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 

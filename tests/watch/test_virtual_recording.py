@@ -22,7 +22,7 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mobile.geometry import Pose2, compose, to_world
 from armadico.watch.recordings import rows
 from armadico.watch.virtual_recording import BEGUN, Recorded
-from tests.ros2.ros2_reader import mcap_support
+from tests.watch.ros2_reader import mcap_support
 
 
 def run(path: Path | None, profile: str = "pioneer-2dx", limit: float = 6.0) -> Rehearsal:

@@ -37,7 +37,7 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles
 from armadico.testing import Alone, covariance
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
 DOOR = Waypoint(1.0, 0.0, 0.0)

@@ -23,7 +23,7 @@ from armadico.mobile.geometry import Pose2, relative
 from armadico.mobile.messages import Pose, Scan
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import message_of
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
 LASER = Laser(0.1, 0.0, 0.0, 0.1, 10.0, -135.0, 135.0, 541, 10.0, 0.0)

@@ -18,7 +18,7 @@ from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle
 from armadico.mobile.messages import Echo, MapRequest, OccupancyGrid, Pose, Scan, Sonar
 from armadico.mobile.scans import message_of
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 HALF = radians(15.0)
 HERE = Placed(0.0, 0.0, 0.0)

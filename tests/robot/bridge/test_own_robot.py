@@ -13,7 +13,8 @@ import pytest
 
 from tests.once import Once
 from tests.programs import SOON, call, starter
-from tests.whole.house.tree import ROOT
+
+ROOT = Path(__file__).resolve().parents[3]
 
 EXAMPLE = ROOT / "examples" / "create2"
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.fleet.commands.run import FleetRehearsal
 from armadico.agents.supervision.messages import HostShare, Kept, KeptState
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import load_scenario
@@ -20,9 +19,8 @@ from armadico.mesh.virtual_session import VirtualSession
 from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.runtime.latch import REST_M_S, REST_RAD_S
 from armadico.watch.page.model import Robot
-from armadico.watch.page.session import Session
 from armadico.watch.teleop.messages import Stick
-from tests.watch.page.stage import HOME, Shown, Stage
+from tests.watch.page.stage import HOME, Stage
 
 GOAL = (1.2, 0.0)
 
@@ -430,22 +428,6 @@ def test_a_parameter_of_an_agent_that_has_ended_is_not_set(stage: Stage) -> None
 
 
 # Several robots -----------------------------------------------------------------------------------
-
-
-def test_one_of_several_robots_is_stopped_alone() -> None:
-    fleet = FleetRehearsal(load_scenario("fleet"), Options(seed=3), 2, "f")
-    names = fleet.names
-    places = [VirtualSession(fleet.mesh, name) for name in names]
-    session, shown = Session({name: Robot(name) for name in names}, places), Shown()
-    session.browsers = shown
-    session.on_connect("page 1")
-    while fleet.mesh.now < 3.0:
-        session.turn()
-    assert set(shown.parts) == set(names)
-    session.on_message("page 1", json.dumps({"do": "stop", "id": 1, "robot": names[1]}))
-    while fleet.mesh.now < 5.0:
-        session.turn()
-    assert [shown.parts[name]["stop"]["held"] for name in names] == [False, True]
 
 
 def test_a_contender_for_two_resources_is_shown_with_its_bid_for_the_wheels() -> None:

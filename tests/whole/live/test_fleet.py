@@ -17,7 +17,7 @@ from armadico.cli.options import UNKNOWN
 from armadico.launch.client import Client
 from tests.programs import Start, call, starter
 from tests.robot.hosts.conftest import wait_for_line
-from tests.whole.live.society import SOON, mesh_of
+from tests.robot.society import SOON, mesh_of
 from tests.whole.live.test_run import all_gone, children
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]

@@ -13,7 +13,7 @@ pytest.importorskip("mcap")
 from armadico.watch.recordings import Past
 from armadico.watch.replay import replayed
 from tests.programs import Start
-from tests.whole.live.society import SOON, Observer
+from tests.robot.society import SOON, Observer
 from tests.whole.live.test_run import run  # noqa: F401 - a fixture
 
 pytestmark = pytest.mark.live
