@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import random
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from armadico.agents.missions import mission_file as missions
 from armadico.agents.missions.mission_file import Mission, Step, load_mission, read_mission
-from armadico.agents.missions.task import Task
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.shipped import names
@@ -107,33 +104,6 @@ def test_around_a_building_nobody_is_and_where_nothing_has_a_name_anywhere(
     assert Places(nameless, load_profile("pioneer-2dx").body).inhabited(points).all()
 
 
-def test_what_can_be_got_to_is_what_a_flood_from_there_reaches() -> None:
-    body = load_profile("pioneer-2dx").body
-    box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 6.0), (6.0, 6.0, 0.0, 6.0), (0.0, 6.0, 0.0, 0.0))
-    for seed in range(5):
-        rng = random.Random(seed)
-        ends = ([rng.uniform(0.0, 6.0) for _ in range(4)] for _ in range(9))
-        walls = tuple((x, y, x + 0.4 * (a - 3.0), y + 0.4 * (b - 3.0)) for x, y, a, b in ends)
-        goals = {f"g{n}": (rng.uniform(0, 6), rng.uniform(0, 6), 0.0) for n in range(40)}
-        world = World("w", box + walls, (0.0, 0.0, 6.0, 6.0), goals=goals)
-        places = Places(world, body)
-        start = next(goal[:2] for goal in goals.values() if places._free[places._cell(*goal[:2])])
-        reached, edge = set[tuple[int, int]](), [places._cell(*start)]
-        while edge:
-            column, row = cell = edge.pop()
-            inside = 0 <= column < places._free.shape[0] and 0 <= row < places._free.shape[1]
-            if cell not in reached and inside and places._free[cell]:
-                reached.add(cell)
-                edge += [(column + 1, row), (column - 1, row), (column, row + 1), (column, row - 1)]
-        cut_off = set[str]()
-        for name, goal in goals.items():
-            column, row = cell = places._cell(*goal[:2])
-            beside = {(column + a, row + b) for a in (-1, 0, 1) for b in (-1, 0, 1)}
-            if not reached & ({cell} if places._free[cell] else beside):
-                cut_off.add(name)
-        assert {*places.unreachable(start, goals)} == cut_off
-
-
 def test_in_a_room_it_stands_in_the_middle_or_as_near_to_it_as_there_is_room() -> None:
     house = Places(load_world("house"), load_profile("pioneer-2dx").body)
     assert house.of("A") == (2.3, 2.0, None)
@@ -153,27 +123,6 @@ def test_procedures_are_nested_up_to_a_limit() -> None:
     chain = [f'[procedures.p{n}]\nsteps = [{{ do = "p{n + 1}" }}]' for n in range(9)]
     last = '[procedures.p9]\nsteps = [{ do = "take-photo" }]'
     assert " 8 " in fault("\n".join([steps('do = "p0"'), *chain, last]))
-
-
-def test_a_task_may_be_told_whole_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Counts(Task):
-        """Somebody's task."""
-
-        class Arguments(Task.Arguments, frozen=True):
-            times: int
-            pair: tuple[int, ...] = ()
-            share: float = 0.0
-
-    monkeypatch.setattr(missions, "task_class", lambda _: Counts)
-    row = 'do = "wait", times = 3, pair = [1, 2], share = 2'
-    (step,) = read_mission(steps(row), "m").procedures[""].steps
-    told = missions.arguments_of(step)
-    assert (told.times, told.pair, told.share) == (3, (1, 2), 2.0)
-    assert isinstance(told.times, int)
-    assert isinstance(told.share, float)
-    assert "steps[0].times = 2.5: expected a whole number" in fault(
-        steps('do = "wait", times = 2.5')
-    )
 
 
 def test_its_scenario_counts_from_its_own_folder_and_is_looked_for_at_once(tmp_path: Path) -> None:
