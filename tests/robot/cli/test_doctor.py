@@ -69,9 +69,7 @@ def test_where_no_socket_can_be_made_that_is_found_and_the_rest_as_well(
     assert {"mesh", "memory", "graphics"} <= set(findings)
 
 
-@pytest.mark.parametrize(
-    ("package", "extra"), [("cyclonedds", "ros2"), ("foxglove-sdk", "foxglove")]
-)
+@pytest.mark.parametrize(("package", "extra"), [("cyclonedds", "ros2"), ("mcap", "record")])
 def test_an_extra_that_is_not_there_is_named_with_what_brings_it(
     package: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
