@@ -14,6 +14,13 @@ from armadico.core.config_errors import ConfigError, ConfigNameError, ConfigValu
 from tests.robot.config.test_profile import without, written
 
 
+def test_a_robot_of_two_kinds_is_refused(tmp_path: Path) -> None:
+    text = find("robots", "pioneer-2dx").read_text() + "[ros2]\ncycle_s = 0.1\n"
+    line = len(text.splitlines()) - 1
+    with pytest.raises(ConfigError, match=rf":{line}: .*\[p2os\].*\[ros2\]"):
+        load_profile(written(tmp_path, text))
+
+
 def test_a_base_is_told_no_more_than_it_can_do() -> None:
     for name in names("robots"):
         profile = load_profile(name)

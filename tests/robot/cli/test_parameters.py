@@ -152,10 +152,10 @@ def test_the_rest_of_a_set_stays_as_it_is(tmp_path: Path) -> None:
     path.write_text("# mine\n[goto]  # slow\nv_max = 0.3\npark_m = 0.5\n\n[avoid]\nv_top = 0.2\n")
     save(path, "goto", {"v_max": 0.4, "safety.margin_m": 0.1})
     save(path, "avoid", {"v_top": None, "w_max": 1.0})
-    save(path, "dock", {"v": 0.1})
+    save(path, "gothrough", {"v_max": 0.1})
     assert path.read_text() == (
         "# mine\n[goto]  # slow\nsafety.margin_m = 0.1\nv_max = 0.4\npark_m = 0.5\n\n"
-        "[avoid]\nw_max = 1.0\n\n[dock]\nv = 0.1\n"
+        "[avoid]\nw_max = 1.0\n\n[gothrough]\nv_max = 0.1\n"
     )
     assert load_set(path)["goto"] == ("safety.margin_m=0.1", "v_max=0.4", "park_m=0.5")
 

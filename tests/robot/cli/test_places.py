@@ -98,8 +98,8 @@ def test_a_robot_knows_the_routers_of_all_others_of_its_fleet(table: Path, own: 
     router = "" if own is None else f'router = "{own}"\n'
     table.write_text(f'fleet = {FLEET}\n[robot]\n{router}agents = ["robot"]\n')
     where = found(hosts=table)
-    assert where.topology(router=True).fleet == tuple(each for each in FLEET if each != own)
-    assert where.topology().fleet == (), "others have nothing to do with it"
+    assert where.topology(router=True).peers == tuple(each for each in FLEET if each != own)
+    assert where.topology().peers == (), "others have nothing to do with it"
 
 
 def test_the_environment_names_a_table_unless_the_command_line_says_where_to_look(

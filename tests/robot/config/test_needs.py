@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from armadico.config.needs import needs, tasks
-from armadico.config.scenarios import exploring, ideal, load_scenario, society, with_sensors
+from armadico.config.scenarios import ideal, load_scenario, with_sensors
 from armadico.core.config_errors import ConfigNameError
 
 SC4 = load_scenario("sc4")
@@ -21,13 +21,6 @@ def test_to_go_to_a_point_needs_what_the_thesis_says() -> None:
     }
 
 
-def test_several_tasks_need_all_that_each_of_them_does_once_and_the_robot_first() -> None:
-    both = needs(["explore", "move"])
-    assert both[0] == society().robot
-    assert len(both) == len(set(both))
-    assert {"mapping", "path-planning"} < set(both)
-
-
 @pytest.mark.parametrize(
     ("scenario", "kinds"),
     [
@@ -35,7 +28,6 @@ def test_several_tasks_need_all_that_each_of_them_does_once_and_the_robot_first(
         (ideal(SC4), ("move",)),
         (load_scenario("sc1"), ("drive",)),
         (with_sensors(load_scenario("sc1"), "real"), ("drive", "localize")),
-        (exploring(SC4), ("explore",)),
         (None, ("move", "localize")),
     ],
 )

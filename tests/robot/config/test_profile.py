@@ -58,13 +58,6 @@ efficiency = 0.5
         load_profile(path)
 
 
-def test_a_robot_of_two_kinds_is_refused(tmp_path: Path) -> None:
-    text = find("robots", "pioneer-2dx").read_text() + "[ros2]\ncycle_s = 0.1\n"
-    line = len(text.splitlines()) - 1
-    with pytest.raises(ConfigError, match=rf":{line}: .*\[p2os\].*\[ros2\]"):
-        load_profile(written(tmp_path, text))
-
-
 def test_an_array_of_tables_where_a_table_belongs_is_refused_with_its_line(tmp_path: Path) -> None:
     text = find("robots", "pioneer-2dx").read_text().replace("[p2os]", "[[p2os]]")
     line = text.splitlines().index("[[p2os]]") + 1
