@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import random
-import zlib
 
 import pytest
 
-from armadico.agents.interface.messages import MissionCancel, MissionOrder
 from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
@@ -143,36 +141,6 @@ def test_a_release_is_only_requested_of_people_with_the_stops_code() -> None:
     (line,) = [message.text for message in counter.published if isinstance(message, Log)]
     assert "the cat has gone" in line
     assert not counter.stops, "it publishes no release"
-
-
-def test_no_mission_begins_while_the_robot_is_stopped() -> None:
-    """The release would set the robot in motion unexpectedly."""
-    counter = Counter()
-    counter.receive(STOPPED)
-    for refusal in (
-        counter.refusal("goto", x=1, y=0),
-        counter.refusal("mission", name="surveillance"),
-    ):
-        assert "ann" in refusal
-    assert not counter.queries
-
-
-def test_a_mission_is_ordered_by_its_name_at_the_lowest_priority() -> None:
-    counter = Counter()
-    counter.request("mission", name="surveillance")
-    order = counter.queries[-1].request
-    assert isinstance(order, MissionOrder)
-    assert (order.name, order.priority, order.by) == ("surveillance", 0.0, "assistant: model")
-    assert b"# Thesis 3.6.1" in zlib.decompress(order.text)
-    counter.reply_to_query(None)
-    assert counter.queries[-1].request == MissionCancel(order.mission, order.by), "or done later"
-
-
-@pytest.mark.parametrize("name", ["/etc/passwd", "../surveillance.toml", "surveillanse", "."])
-def test_an_unknown_mission_is_refused_and_no_file_is_read(name: str) -> None:
-    refusal = Counter().refusal("mission", name=name)
-    assert repr(name) in refusal
-    assert "surveillance" in refusal, "the known ones are listed"
 
 
 @pytest.mark.parametrize(

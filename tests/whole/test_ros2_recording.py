@@ -31,7 +31,7 @@ from armadico.watch.export import Tables, to_rrd
 from armadico.watch.recorder import Recording
 from armadico.watch.recordings import rows
 from tests import real_ros
-from tests.watch.ros2_reader import mcap_support
+from tests.ros2.ros2_reader import mcap_support
 
 READS = Path(__file__).parents[1] / "ros2" / "gateway" / "rclpy_reads.py"
 # Real ROS 2 here has neither this package nor tf2_msgs.

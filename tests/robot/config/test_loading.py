@@ -26,6 +26,7 @@ from armadico.config.loading import (
 )
 from armadico.config.profile import SensorProfile
 from armadico.core.config_errors import ConfigError, ConfigNameError, ConfigValueError
+from tests.robot.robots import LASER
 
 
 class Zones(Struct, frozen=True):
@@ -266,21 +267,6 @@ def test_what_is_divided_by_is_not_too_small_for_that(tmp_path: Path, key: str) 
     path.write_text(re.sub(rf"^{key} *=.*", f"{key} = 1e-300", text, flags=re.MULTILINE))
     with pytest.raises(ConfigError, match=rf"{key} = 1e-300: expected a number >= "):
         load(path, P2osRobot)
-
-
-LASER = """
-[laser]
-x_m = 0.12
-y_m = 0.0
-bearing_deg = 0.0
-min_m = 0.1
-max_m = 30.0
-angle_min_deg = -135.0
-angle_max_deg = 135.0
-rays = 720
-rate_hz = 40.0
-noise_m = 0.01
-"""
 
 
 def test_a_robot_may_have_a_laser(tmp_path: Path) -> None:

@@ -378,14 +378,6 @@ def test_a_share_under_another_instances_name_is_ignored(stage: Stage, name: str
         assert agent in answer["text"]
 
 
-def test_missions_are_ordered_by_name_and_unknown_names_are_refused(stage: Stage) -> None:
-    answer = stage.answer(stage.request("page 1", "order", mission="elsewhere"))
-    assert not answer["ok"]
-    assert "'elsewhere'" in answer["text"]
-    answer = stage.answer(stage.request("page 1", "order", mission="surveillance"))
-    assert not answer["ok"]  # no agent plans missions here
-
-
 def test_without_capabilities_the_page_drives_and_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("armadico.watch.page.model.capabilities", lambda: ())
     stage = Stage()

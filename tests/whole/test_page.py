@@ -1,8 +1,10 @@
-"""The page of a fleet."""
+"""The page of a fleet, and of missions."""
 
 from __future__ import annotations
 
 import json
+
+import pytest
 
 from armadico.agents.fleet.commands.run import FleetRehearsal
 from armadico.config.scenarios import load_scenario
@@ -10,7 +12,14 @@ from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.watch.page.model import Robot
 from armadico.watch.page.session import Session
-from tests.watch.page.stage import Shown
+from tests.watch.page.stage import Shown, Stage
+
+
+@pytest.fixture
+def stage() -> Stage:
+    made = Stage()
+    made.ready()
+    return made
 
 
 def test_one_of_several_robots_is_stopped_alone() -> None:
@@ -27,3 +36,11 @@ def test_one_of_several_robots_is_stopped_alone() -> None:
     while fleet.mesh.now < 5.0:
         session.turn()
     assert [shown.parts[name]["stop"]["held"] for name in names] == [False, True]
+
+
+def test_missions_are_ordered_by_name_and_unknown_names_are_refused(stage: Stage) -> None:
+    answer = stage.answer(stage.request("page 1", "order", mission="elsewhere"))
+    assert not answer["ok"]
+    assert "'elsewhere'" in answer["text"]
+    answer = stage.answer(stage.request("page 1", "order", mission="surveillance"))
+    assert not answer["ok"]  # no agent plans missions here
