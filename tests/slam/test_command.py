@@ -357,7 +357,6 @@ CUT = {
     "bag": lambda folder: ros1(folder / "room.bag"),
     "db3": lambda folder: next(ros2(folder / "room").glob("*.db3")),
     "folder": lambda folder: ros2(folder / "room"),
-    "mcap": lambda folder: next(ros2(folder / "room", mcap=True).glob("*.mcap")),
 }
 
 

@@ -52,7 +52,7 @@ def dense_step(graph: PoseGraph, poses: Floats) -> Floats:
     return solved
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000), count=st.integers(3, 60), loops=st.integers(0, 40))
 def test_a_step_is_that_of_least_squares_on_any_graph(seed: int, count: int, loops: int) -> None:
     rng = np.random.default_rng(seed)
