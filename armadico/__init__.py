@@ -12,21 +12,6 @@ robot (`armadico.bridge.kind`, `armadico.bridge.session`):
 
 TYPE_CHECKING = False  # type checkers treat it as true by its name; importing `typing` is slow
 if TYPE_CHECKING:
-    from armadico.agents.missions.messages import PlanStep, SubplanRequest
-    from armadico.agents.missions.planner import Planner, Surprise
-    from armadico.agents.missions.task import (
-        Beliefs,
-        Charge,
-        Done,
-        Drive,
-        Explore,
-        Failed,
-        Going,
-        Progress,
-        Reach,
-        Stand,
-        Task,
-    )
     from armadico.config.scenarios import Scenario
     from armadico.core.agent import Agent, DeviceAgent, Identity, Question
     from armadico.core.config_errors import ConfigError
@@ -93,7 +78,6 @@ if TYPE_CHECKING:
         SocietyError,
         StopError,
     )
-    from armadico.watch.teleop.messages import Stick, TeleopStatus
 
 __all__ = [
     "PLANNER",
@@ -105,13 +89,11 @@ __all__ = [
     "Ask",
     "Ballot",
     "Behaviour",
-    "Beliefs",
     "Bid",
     "BidHistory",
     "BidRecord",
     "Card",
     "Cell",
-    "Charge",
     "Claim",
     "Client",
     "Command",
@@ -119,12 +101,7 @@ __all__ = [
     "Cycle",
     "Description",
     "DeviceAgent",
-    "Done",
-    "Drive",
     "Echo",
-    "Explore",
-    "Failed",
-    "Going",
     "Holding",
     "Identity",
     "Kind",
@@ -150,15 +127,11 @@ __all__ = [
     "ParametersReply",
     "Plan",
     "PlanRequest",
-    "PlanStep",
     "PlanTask",
     "Planned",
-    "Planner",
     "Point",
     "Pose",
-    "Progress",
     "Question",
-    "Reach",
     "Resource",
     "Result",
     "RobotState",
@@ -170,14 +143,8 @@ __all__ = [
     "Service",
     "SocietyError",
     "Sonar",
-    "Stand",
-    "Stick",
     "Stop",
     "StopError",
-    "SubplanRequest",
-    "Surprise",
-    "Task",
-    "TeleopStatus",
     "TopologyError",
     "Trajectory",
     "Truth",
@@ -189,31 +156,6 @@ __all__ = [
 ]
 
 _MODULES = {
-    "agents.missions.messages": (
-        "PlanStep",
-        "SubplanRequest",
-    ),
-    "agents.missions.planner": (
-        "Planner",
-        "Surprise",
-    ),
-    "agents.missions.task": (
-        "Beliefs",
-        "Charge",
-        "Done",
-        "Drive",
-        "Explore",
-        "Failed",
-        "Going",
-        "Progress",
-        "Reach",
-        "Stand",
-        "Task",
-    ),
-    "watch.teleop.messages": (
-        "Stick",
-        "TeleopStatus",
-    ),
     "core.config_errors": ("ConfigError",),
     "config.scenarios": ("Scenario",),
     "core.agent": (

@@ -13,15 +13,14 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.agents.interface.nearing import Contacts, Nearing
-from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
-from armadico.agents.missions.messages import (
+from armadico.agents.interface.messages import (
     MissionCancel,
     MissionOrder,
     MissionProposal,
     MissionWithdrawal,
 )
-from armadico.agents.missions.wanted import since
+from armadico.agents.interface.nearing import Contacts, Nearing, since
+from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import (

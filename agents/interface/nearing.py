@@ -8,6 +8,13 @@ from math import hypot, inf
 from armadico.core.messages import RobotState
 
 
+def since(before: float | None, holds: bool, now: float) -> float | None:
+    """Return since when a condition has held, s; None: it does not hold."""
+    if not holds:
+        return None
+    return now if before is None else before
+
+
 @dataclass(frozen=True)
 class Nearing:
     """How near to its goal a mission has come.

@@ -13,8 +13,9 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from armadico.agents.interface.messages import MissionOrder
 from armadico.agents.missions import procedures
-from armadico.agents.missions.messages import Board, BoardMission, MissionEnd, MissionOrder
+from armadico.agents.missions.messages import Board, BoardMission, MissionEnd
 from armadico.agents.missions.mission_file import LONGEST, Mission, read_mission
 from armadico.config.places import Places
 from armadico.core.config_errors import ConfigError

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
-from armadico.agents.missions.messages import MissionOrder, Told
+from armadico.agents.interface.messages import MissionOrder
+from armadico.agents.missions.messages import Told
 from armadico.agents.missions.task import Task
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text

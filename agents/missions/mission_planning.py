@@ -12,6 +12,8 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.agents.interface.messages import MissionProposal, MissionWithdrawal
+from armadico.agents.interface.nearing import since
 from armadico.agents.methods.utility import of_mission
 from armadico.agents.missions.alarms import Alarms
 from armadico.agents.missions.board import Entry, Missions, RefusedError
@@ -30,8 +32,6 @@ from armadico.agents.missions.messages import (
     ExploreState,
     ExploreStatus,
     MissionEnd,
-    MissionProposal,
-    MissionWithdrawal,
     NamedPlace,
     Photo,
     PlanStep,
@@ -61,7 +61,6 @@ from armadico.agents.missions.wanted import (
     Patience,
     Standing,
     Wanted,
-    since,
     wanted,
 )
 from armadico.config.places import Places

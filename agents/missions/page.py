@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from armadico.agents.missions.messages import MissionCancel
+from armadico.agents.interface.messages import MissionCancel
 from armadico.agents.missions.mission_file import Mission, load_mission
 from armadico.config.shipped import names
 from armadico.core.messages import Name

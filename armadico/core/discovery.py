@@ -58,6 +58,15 @@ TRANSPORTS: Final = "armadico.transports"
 TRANSLATORS: Final = "armadico.translators"
 """Translators of the society's messages for other tools."""
 
+SLOTS: Final = "armadico.slots"
+"""What a capability changes in the list of a society's agents, and what its tasks need."""
+
+RECORDINGS: Final = "armadico.recordings"
+"""Readers of Armadico's recordings: the messages of one robot."""
+
+PICTURES: Final = "armadico.pictures"
+"""By what is drawn: the function that draws a picture of it."""
+
 MAPPERS: Final = "armadico.mappers"
 """Makers of an occupancy grid from readings at known poses."""
 

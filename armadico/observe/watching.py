@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from enum import Enum
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 import msgspec
 from msgspec import inspect
@@ -25,7 +25,6 @@ from armadico.observe.view import View
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.watch.why import Chronicle
 
 M = TypeVar("M", bound=Message)
 
@@ -169,8 +168,21 @@ def read_or_none(item: Received) -> Message | None:
         return None
 
 
-def show(to: View | Chronicle, item: Received | Presence) -> None:
-    """Pass one item to a view or a chronicle."""
+class Listener(Protocol):
+    """What items are passed to: a view, or what keeps one and more."""
+
+    @property
+    def ahead(self) -> dict[str, float]: ...
+
+    def token(self, instance: str, *, there: bool, t: float) -> object: ...
+
+    def update(self, key: str, message: Message | None, t: float) -> None: ...
+
+    def learn(self, message: Message, t: float) -> None: ...
+
+
+def show(to: Listener, item: Received | Presence) -> None:
+    """Pass on one item."""
     t = item.at / 1e9
     if isinstance(item, Presence):
         to.token(item.instance, there=item.there, t=t)
@@ -188,12 +200,23 @@ class Observer:
     """Observes one society: a watcher, the view that it updates, and queries once per second."""
 
     def __init__(
-        self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Chronicle | None = None
+        self,
+        mesh: ZenohMesh,
+        demand: Demand = NOTHING,
+        view: View | None = None,
+        to: Listener | None = None,
     ) -> None:
-        """Subscribe on an open mesh. `to` receives everything; by default a new view."""
+        """Subscribe on an open mesh.
+
+        Args:
+            mesh: Of the society.
+            demand: What the society should be.
+            view: It is updated; by default a new one.
+            to: It receives everything, and updates the view; by default the view itself.
+        """
         self.watcher, self.demand = Watcher([mesh]), demand
-        self.to: View | Chronicle = View() if to is None else to
-        self.view = self.to if isinstance(self.to, View) else self.to.view
+        self.view = View() if view is None else view
+        self._to: Listener = self.view if to is None else to
         self._query_at = float("-inf")
         self.view.begin(self.now)
         self.watcher.watch_alive()
@@ -215,12 +238,12 @@ class Observer:
                 self.watcher.query_cards()
                 self.watcher.query_bids()
             for item in self.watcher.until(min(end, self._query_at)):
-                show(self.to, item)
+                show(self._to, item)
             if time.monotonic() >= end:
                 break
         over = self.watcher.clock()  # what arrived during a slow step still counts
         while (arrived := self.watcher.get(0.0)) is not None:
-            show(self.to, arrived)
+            show(self._to, arrived)
             if arrived.at > over:
                 break
 

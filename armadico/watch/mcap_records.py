@@ -88,7 +88,10 @@ def payloads(places: Iterable[Place]) -> Iterator[bytes]:
                 stream.seek(at)
                 opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
                 found = _parsed(opcode, stream.read(min(length, LARGEST)))
-            kept: list[bytes] = [found[number].data for number in numbers]
+            chosen = [found[number] for number in numbers]
+            kept = [record.data for record in chosen if isinstance(record, Message)]
+            if len(kept) < len(chosen):
+                raise ValueError("another record is there")
         except OSError:
             raise
         except Exception as error:  # decoders can raise anything on changed bytes

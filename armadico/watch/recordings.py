@@ -23,6 +23,7 @@ from armadico.core.messages import (
     JournalPiece,
     Message,
     MessageError,
+    TomlValue,
     decode,
 )
 from armadico.core.services import message_types
@@ -164,6 +165,42 @@ def _read_pieces(places: Iterable[Place]) -> Iterator[bytes]:
 
     for data in payloads(places):
         yield decode(data, JournalPiece).data
+
+
+def messages_of(
+    path: Path, kinds: Collection[type[Message]], namespace: str | None, warn: Warn
+) -> tuple[list[tuple[float, Message]], dict[str, TomlValue]]:
+    """One robot's messages of some kinds in a recording, with their times, s.
+
+    With them the parameters of its agents that the journals have: the world, the robot's profile.
+    Raises RecordingError and OSError.
+
+    Args:
+        path: The file, or the first of several.
+        kinds: The types of messages.
+        namespace: The robot; None: the only one.
+        warn: Receives a text about each damaged or incomplete file.
+    """
+    past = Past(path, warn)
+    past.check()
+    schemas = {SCHEMA_PREFIX + kind.__name__ for kind in kinds}
+    found: dict[str, list[tuple[float, Message]]] = {}
+    for row in past.rows():
+        if row.schema in schemas and (message := row.message) is not None:
+            found.setdefault(row.namespace, []).append((row.t / 1e9, message))
+    names = ", ".join(sorted(found))
+    if namespace is not None and namespace not in found:
+        raise RecordingError(f"holds no messages of {namespace!r}; it has {names}")
+    if namespace is None and len(found) > 1:
+        raise RecordingError(f"holds several robots: choose one of {names}")
+    if not found:
+        raise RecordingError("holds no odometry: no state of a robot")
+    robot = namespace or next(iter(found))
+    given: dict[str, TomlValue] = {}
+    for each in past.journals():
+        if each.namespace == robot and each.head:
+            given = {k: v for k, v in each.head.parameters.items() if v} | given
+    return found[robot], given
 
 
 class Past:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from armadico.bridge.kind import RobotKind
+from armadico.bridge.kind import Network, RobotKind
 from armadico.bridge.ros2.addresses import SCHEMES
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.session import Session
@@ -26,10 +26,17 @@ def _simulated(profile: Ros2Robot, stage: Stage) -> SimulatedRobot:
     return Ros2SimulatedRobot(profile, stage)
 
 
+def _network() -> Network[Ros2Robot]:
+    from armadico.bridge.ros2 import network
+
+    return network
+
+
 ROS2: Final = RobotKind(
     Ros2Robot,
     _session,
     _simulated,
     schemes=(*SCHEMES, "serial", "tcp"),  # over the latter two it is one of ours that is simulated
+    network=_network,
     needs={"pycdr2": "armadico[ros2]"},
 )

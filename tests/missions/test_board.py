@@ -8,13 +8,13 @@ import zlib
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.interface.messages import MissionOrder
 from armadico.agents.missions.board import Missions, RefusedError, text_of
 from armadico.agents.missions.messages import (
     Board,
     BoardMission,
     Course,
     MissionEnd,
-    MissionOrder,
     StepEnd,
     StepResult,
 )

@@ -10,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
+from armadico.agents.interface.messages import MissionOrder
 from armadico.agents.missions import procedures
 from armadico.agents.missions.messages import (
     Alarm,
@@ -18,7 +19,6 @@ from armadico.agents.missions.messages import (
     ExploreState,
     ExploreStatus,
     MissionEnd,
-    MissionOrder,
     Photo,
     PlanStep,
     StepEnd,

@@ -8,13 +8,8 @@ import zlib
 
 import pytest
 
-from armadico.agents.missions.messages import (
-    Board,
-    BoardMission,
-    MissionCancel,
-    MissionEnd,
-    MissionOrder,
-)
+from armadico.agents.interface.messages import MissionCancel, MissionOrder
+from armadico.agents.missions.messages import Board, BoardMission, MissionEnd
 from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint

@@ -167,7 +167,7 @@ def _alarms(args: Options) -> int:
 def _cancel(args: Options) -> int:
     if (args.name is None) == (not args.all):
         raise UsageError("cancel: name one mission (by name or number), or give --all")
-    from armadico.agents.missions.messages import MissionCancel
+    from armadico.agents.interface.messages import MissionCancel
     from armadico.mobile.messages import MissionReply
     from armadico.runtime.errors import AbsentError
 
@@ -195,7 +195,8 @@ def _board(client: Client) -> Board | None:
 
     Raises AbsentError if no mission planning agent is alive.
     """
-    from armadico.agents.missions.messages import Board, MissionProposal
+    from armadico.agents.interface.messages import MissionProposal
+    from armadico.agents.missions.messages import Board
     from armadico.core.services import service_of
     from armadico.runtime.errors import AbsentError
 

@@ -334,7 +334,7 @@ def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> 
     """Draw the paths on the map, and the error over time."""
     from armadico.agents.slam.logs.localizing import error_m
     from armadico.config.worlds import load_world
-    from armadico.watch.pictures import draw_localized
+    from armadico.core.discovery import PICTURES, find
 
     moments = track.moments
     known = [one.reference or (nan, nan, nan) for one in moments]
@@ -351,7 +351,8 @@ def _draw(picture: Path, log: Log, world: str, track: Track, found: Summary) -> 
             f" at 95 %, over 0.3 m at {_percent(found.off_share)}; {caption}"
         )
     title = f"{log.name}: {found.metres:.0f} m in {found.seconds:.0f} s"
-    draw_localized(load_world(world), paths, errors, lost, (title, caption), picture)
+    draw = find(PICTURES, "localized").load()
+    draw(load_world(world), paths, errors, lost, (title, caption), picture)
 
 
 main: Final = Command(

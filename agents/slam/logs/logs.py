@@ -33,12 +33,12 @@ from numpy.typing import NDArray
 
 from armadico.agents.slam.logs.cut_npz import fields_of
 from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import RECORDINGS, installed
 from armadico.core.judgement import Judgement, no, unknown, yes
-from armadico.core.messages import Cycle, Description, Message, RobotState
+from armadico.core.messages import Cycle, Description, RobotState
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative
 from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.mobile.scans import message_of
-from armadico.watch.recordings import Past, RecordingError
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -754,13 +754,18 @@ def _laser(
 # Recordings ---------------------------------------------------------------------------------------
 
 
+_USED: Final = (RobotState, Truth, Description, Scan, Sonar)
+
+
 def _recording(path: Path, namespace: str | None, period: float | None) -> Log:
     notes: list[str] = []
     try:
-        past = Past(path, notes.append)
-        past.check()
-        robot, found = _messages(past, namespace)
-    except RecordingError as error:
+        readers = installed(RECORDINGS)
+        if not readers:
+            raise ValueError("is a recording, and no package that reads recordings is installed")
+        read = next(iter(readers.values())).load()
+        found, given = read(path, _USED, namespace, notes.append)
+    except ValueError as error:
         raise LogError(str(error).removeprefix(f"{path} "), path) from None
     states, truths, readings, controller = [], [], [], ""
     number = None
@@ -794,36 +799,14 @@ def _recording(path: Path, namespace: str | None, period: float | None) -> Log:
     kept = table.clean(path)
     new = {int(row): at for at, row in enumerate(kept)}
     chosen = [(new[row], message) for row, message in readings if row in new]
-    heads = [each.head for each in past.journals() if each.namespace == robot and each.head]
     return Log(
         path.name,
         *(table.times, table.odometry, table.reference),
         np.array([row for row, _ in chosen], dtype=np.intp),
         Recorded(tuple(message for _, message in chosen)),
         cycles=True,
-        world=next((str(w) for head in heads if (w := head.parameters.get("world"))), None),
-        profile=next((str(p) for head in heads if (p := head.parameters.get("profile"))), None),
+        world=given.get("world"),
+        profile=given.get("profile"),
         used=len(chosen),
         **{**table.about, "given": len(readings)},
     )
-
-
-_SCHEMAS: Final = {f"armadico.{kind.__name__}" for kind in (RobotState, Truth, Description, Scan)}
-_SCHEMAS.add(f"armadico.{Sonar.__name__}")
-
-
-def _messages(past: Past, namespace: str | None) -> tuple[str, list[tuple[float, Message]]]:
-    """A robot's messages with their times, s. Raises RecordingError."""
-    found: dict[str, list[tuple[float, Message]]] = {}
-    for row in past.rows():
-        if row.schema in _SCHEMAS and (message := row.message) is not None:
-            found.setdefault(row.namespace, []).append((row.t / 1e9, message))
-    names = ", ".join(sorted(found))
-    if namespace is not None and namespace not in found:
-        raise RecordingError(f"holds no messages of {namespace!r}; it has {names}")
-    if namespace is None and len(found) > 1:
-        raise RecordingError(f"holds several robots: choose one of {names}")
-    if not found:
-        raise RecordingError("holds no odometry: no state of a robot")
-    robot = namespace or next(iter(found))
-    return robot, found[robot]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 from math import radians
 from typing import Annotated, Any, ClassVar, Final
@@ -10,13 +9,14 @@ from typing import Annotated, Any, ClassVar, Final
 import msgspec
 from msgspec import Meta
 
-from armadico.agents.missions.messages import Board, MissionCancel, MissionOrder
-from armadico.agents.missions.mission_file import load_mission
+from armadico.agents.interface.messages import MissionCancel, MissionOrder
+from armadico.config.errands import load_mission
 from armadico.config.shipped import names
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Message, RobotState, line, next_count
+from armadico.mobile.errand import Errands, Order
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
@@ -152,31 +152,30 @@ class Assistant(Agent):
             mission = load_mission(args.name)
         except ConfigError as error:
             return AssistantReply(refusal=line(str(error)))
-        packed = zlib.compress(mission.text.encode(), 9)
         number = self.rng.getrandbits(63) or 1
-        order = MissionOrder(mission.name, packed, 0.0, _by(request), number)
+        order = mission.order(0.0, _by(request)).numbered(number)
         return self._pass_on(request, question, order)
 
     def _cancel(
         self, request: AssistantRequest, args: Numbered, question: Question
     ) -> AssistantReply | None:
-        board = self.memory.newest(Board)
-        missions = () if board is None else board.missions
-        found = next((m for m in missions if str(m.mission) == args.number), None)
+        boards = (each for each in self.memory.all() if isinstance(each, Errands))
+        ordered = (each for board in boards for each in board.errands)
+        found = next((each for each in ordered if str(each.number) == args.number), None)
         if found is None:
             return AssistantReply(refusal=f"no mission {args.number} on the board")
         if not found.by.startswith(BY):
             return AssistantReply(
                 refusal=line(f"{found.name} was ordered by {found.by or 'people'}")
             )
-        cancel = MissionCancel(found.mission, _by(request))
+        cancel = MissionCancel(found.number, _by(request))
         return self._pass_on(request, question, cancel, even_stopped=True)
 
     def _pass_on(
         self,
         request: AssistantRequest,
         question: Question,
-        query: MissionRequest | MissionOrder | MissionCancel,
+        query: MissionRequest | Order | MissionCancel,
         *,
         even_stopped: bool = False,
     ) -> AssistantReply | None:
@@ -193,8 +192,9 @@ class Assistant(Agent):
             self._waits = False
             if reply is None:
                 outcome = AssistantReply(refusal="no agent that takes missions has answered")
-                if isinstance(query, MissionOrder):  # a hung agent would begin it later
-                    self.query(MissionCancel(query.mission, query.by), lambda _: None)
+                withdrawal = query.withdrawal() if isinstance(query, Order) else None
+                if withdrawal is not None:  # a hung agent would begin it later
+                    self.query(withdrawal, lambda _: None)
             elif reply.refusal:
                 outcome = AssistantReply(refusal=reply.refusal)
             else:

@@ -11,6 +11,8 @@ from armadico.cli import options
 from armadico.cli.beside import Helpers
 from armadico.cli.parsing import Command, group, option
 
+ASSISTANT: Final = "assistant"  # the agent, as installed
+
 EXAMPLES: Final = """\
   armadico mcp --world house
   claude mcp add robot -- armadico mcp --world house
@@ -29,15 +31,15 @@ def run(args: Options) -> int:
     world = options.world_of(args.world)
     mesh = args.mesh.join()
     from armadico.config.errands import load_mission
-    from armadico.config.scenarios import society as standard
     from armadico.config.shipped import names
+    from armadico.core.discovery import MISSIONS, installed
     from armadico.launch.client import Client
     from armadico.observe.watching import Watcher
     from armadico.watch.assistant.mcp_answers import Society
     from armadico.watch.assistant.mcp_lines import Lines
     from armadico.watch.assistant.mcp_server import Server
 
-    missions = {name: load_mission(name).title for name in names("missions")}
+    missions = {n: load_mission(n).title for n in names("missions") if installed(MISSIONS)}
     options.end_as_by_ctrl_c()  # the helper leaves in order
     with ExitStack() as stack:
         stack.enter_context(mesh)
@@ -52,7 +54,7 @@ def run(args: Options) -> int:
             watcher,
             society,
             Lines(options.version()),
-            lambda: helpers.start(args.mesh.namespace, standard().assistant),
+            lambda: helpers.start(args.mesh.namespace, ASSISTANT),
             sys.stdout.buffer,
         )
         server.serve(sys.stdin.buffer)

@@ -88,11 +88,11 @@ def made(
     meshes: Sequence[Mesh], world: World | None, start: Spawns, demands: Sequence[Demand]
 ) -> Session:
     """A session for robots with open meshes; `start` starts the teleop agent."""
-    from armadico.config.scenarios import society
     from armadico.watch.page.model import Robot
     from armadico.watch.page.session import Session
+    from armadico.watch.slot import BY_HAND
 
-    helpers = (society().by_hand,)
+    helpers = BY_HAND.besides
     robots = {
         m.namespace: Robot(m.namespace, world, partial(secrets.randbits, 63), helpers, demand)
         for m, demand in zip(meshes, demands, strict=True)

@@ -194,9 +194,9 @@ def _has_teleop(client: Client) -> bool:
 @contextmanager
 def _started(args: Options, client: Client) -> Iterator[None]:
     """Run a teleop agent during the context. Raises FailedError."""
-    from armadico.config.scenarios import society
+    from armadico.watch.slot import BY_HAND
 
-    name = society().by_hand
+    (name,) = BY_HAND.besides
     print(f"no teleop agent is alive: starting {name}", flush=True)
     with Helpers(args.mesh) as helpers:
         helpers.start(args.mesh.namespace, name)

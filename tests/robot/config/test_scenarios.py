@@ -27,6 +27,7 @@ from armadico.config.scenarios import (
     society,
     with_sensors,
 )
+from armadico.config.slots import slot
 from armadico.config.worlds import DOCK_LANE_M, load_world
 from armadico.core.config_errors import ConfigError
 
@@ -384,7 +385,7 @@ def test_where_a_mission_is_done_those_take_part_who_do_it(tmp_path: Path) -> No
     scenario = load_scenario(on_a_mission(tmp_path, 'mission = "surveillance"'))
     assert "mission-planning" not in scenario.agents
     doing = on_mission(scenario)
-    assert set(doing.agents) == {*scenario.agents, *society().missions.besides}
+    assert set(doing.agents) == {*scenario.agents, *slot("missions").besides}
     assert on_mission(doing) == doing
     assert on_mission(load_scenario("house")) == load_scenario("house")
     other = on_mission(load_scenario("surveillance"), "rounds")

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from armadico.agents.missions.messages import MissionOrder
+from armadico.agents.interface.messages import MissionOrder
 from armadico.core.messages import Cycle, Message, RobotState, Stop, decode
 from armadico.core.services import service_of
 from armadico.launch.client import Client
