@@ -168,21 +168,24 @@ def read_or_none(item: Received) -> Message | None:
         return None
 
 
-class Listener(Protocol):
-    """What items are passed to: a view, or what keeps one and more."""
+class Account(Protocol):
+    """What receives all of a society as a view does, and keeps one."""
+
+    @property
+    def view(self) -> View: ...
 
     @property
     def ahead(self) -> dict[str, float]: ...
 
-    def token(self, instance: str, *, there: bool, t: float) -> object: ...
+    def token(self, instance: str, *, there: bool, t: float) -> None: ...
 
     def update(self, key: str, message: Message | None, t: float) -> None: ...
 
     def learn(self, message: Message, t: float) -> None: ...
 
 
-def show(to: Listener, item: Received | Presence) -> None:
-    """Pass on one item."""
+def show(to: View | Account, item: Received | Presence) -> None:
+    """Pass one item to a view or an account."""
     t = item.at / 1e9
     if isinstance(item, Presence):
         to.token(item.instance, there=item.there, t=t)
@@ -200,11 +203,7 @@ class Observer:
     """Observes one society: a watcher, the view that it updates, and queries once per second."""
 
     def __init__(
-        self,
-        mesh: ZenohMesh,
-        demand: Demand = NOTHING,
-        view: View | None = None,
-        to: Listener | None = None,
+        self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Account | None = None
     ) -> None:
         """Subscribe on an open mesh.
 
@@ -215,8 +214,8 @@ class Observer:
             to: It receives everything, and updates the view; by default the view itself.
         """
         self.watcher, self.demand = Watcher([mesh]), demand
-        self.view = View() if view is None else view
-        self._to: Listener = self.view if to is None else to
+        self.to: View | Account = View() if to is None else to
+        self.view = self.to if isinstance(self.to, View) else self.to.view
         self._query_at = float("-inf")
         self.view.begin(self.now)
         self.watcher.watch_alive()
@@ -238,12 +237,12 @@ class Observer:
                 self.watcher.query_cards()
                 self.watcher.query_bids()
             for item in self.watcher.until(min(end, self._query_at)):
-                show(self._to, item)
+                show(self.to, item)
             if time.monotonic() >= end:
                 break
         over = self.watcher.clock()  # what arrived during a slow step still counts
         while (arrived := self.watcher.get(0.0)) is not None:
-            show(self._to, arrived)
+            show(self.to, arrived)
             if arrived.at > over:
                 break
 

@@ -141,7 +141,7 @@ def _live(args: Options) -> tuple[Answer, list[str]]:
 
     with robot.joined() as mesh:
         chronicle = Chronicle(demand=demand)
-        observer = Observer(mesh, demand, chronicle.view, chronicle)
+        observer = Observer(mesh, demand, chronicle)
         chronicle.begin(observer.now)
         findings = observer.settle(args.for_s, max(args.for_s, MOST_S))
         if not chronicle.view.alive:

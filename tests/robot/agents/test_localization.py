@@ -1032,11 +1032,11 @@ def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_i
     robot = Robot(Parameters(world=world))
     for pose, motion in drive(START, 150):
         robot.at(pose, motion, pose)
-    robot.agent._search = robot.agent._filter.search()  # under way
+    robot.agent._searches.running = robot.agent._filter.search()  # under way
     robot.restart((0.0, 0.0, 0.0), anew=True)
     robot.at(pose, (0.0, 0.0, 0.0), pose)
     assert len(robot.agent._filter.history) <= 1
-    assert robot.agent._search is None
+    assert robot.agent._searches.running is None
 
 
 def test_an_uncertain_initial_heading_spreads_the_particles(world: str) -> None:
