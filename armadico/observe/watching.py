@@ -205,14 +205,7 @@ class Observer:
     def __init__(
         self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Account | None = None
     ) -> None:
-        """Subscribe on an open mesh.
-
-        Args:
-            mesh: Of the society.
-            demand: What the society should be.
-            view: It is updated; by default a new one.
-            to: It receives everything, and updates the view; by default the view itself.
-        """
+        """Subscribe on an open mesh. `to` receives everything; by default a new view."""
         self.watcher, self.demand = Watcher([mesh]), demand
         self.to: View | Account = View() if to is None else to
         self.view = self.to if isinstance(self.to, View) else self.to.view
