@@ -1,0 +1,249 @@
+"""Giveway: robots that drive straight on through a corridor, if their agents let them."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from pathlib import Path
+
+import pytest
+
+from armadico.agents.fleet.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
+from armadico.agents.fleet.messages import FleetPassages
+from armadico.core.agent import Identity, Publish, Refused
+from armadico.core.messages import Message, Stop
+from armadico.mobile.messages import FleetPose, Trajectory
+from armadico.observe.measures import speeds
+from armadico.testing.alone import Alone, claims, commands, drive_to
+from tests.fleet.rectangles import map_of
+
+MOUTHS = 6.0, 12.0
+"""Of the corridor, m: along the x axis, in the middle of its rooms."""
+
+Y = 2.5
+V = 0.4
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("worlds") / "corridor.map"
+    path.write_text(map_of([(0, 0, 6, 5), (6, 1.9, 12, 3.1), (12, 0, 18, 5)]))
+    return str(path)
+
+
+class Robot(Alone):
+    """Drives along the x axis to its goal, but for what its agent commands."""
+
+    def __init__(self, name: str, world: str | None, x: float, goal: float, start: int = 1) -> None:
+        parameters = Parameters(namespace=f"lab/{name}", world=world)
+        super().__init__(GiveWay(Identity(f"giveway-{name}-{start}"), parameters))
+        self.name, self.goal, self.sent = name, goal, 0
+        self.pose = (x, Y, 0.0 if goal > x else pi)
+        self.agent.start(0.0)
+        self.state()
+        self.give(drive_to((goal, Y, 0.0)))
+
+    @property
+    def x(self) -> float:
+        return self.pose[0]
+
+    @property
+    def inside(self) -> bool:
+        """Whether its body is in the corridor."""
+        return MOUTHS[0] - 0.2 < self.x < MOUTHS[1] + 0.2
+
+    @property
+    def there(self) -> bool:
+        return abs(self.x - self.goal) < 0.1
+
+    def tick(self) -> list[Message]:
+        """One cycle of the robot."""
+        said = self.cycle()
+        if (self.agent.wakeup or self.now + 1.0) <= self.now:
+            self.agent.wake(self.now)
+            said += self.collect()
+        x, y, theta = self.pose
+        own = [c for c in commands(said) if c.action is not None]
+        self.speed = speeds(own[-1]) if own else (0.0 if self.there else V, 0.0)
+        self.pose = (
+            x + 0.1 * self.speed[0] * cos(theta),
+            y + 0.1 * self.speed[0] * sin(theta),
+            theta,
+        )
+        return said
+
+    @property
+    def told(self) -> FleetPose:
+        x, y, theta = self.pose
+        return FleetPose(self.name, x, y, theta, (), *self.speed, 0.21, 0.23, 0.17)
+
+
+class Fleet:
+    """Robots that receive what the others publish."""
+
+    def __init__(self, *robots: Robot) -> None:
+        self.robots = {robot.name: robot for robot in robots}
+        self.entered: list[str] = []
+        self.most = 0  # robots in the corridor at once
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(10 * seconds)):
+            for robot in list(self.robots.values()):
+                robot.tick()
+                said = [m for m in robot.published[robot.sent :] if isinstance(m, FleetPassages)]
+                robot.sent = len(robot.published)
+                for other in self.robots.values():
+                    if other is not robot:
+                        other.give(robot.told, *said)
+                if robot.inside and robot.name not in self.entered:
+                    self.entered.append(robot.name)
+            self.most = max(self.most, sum(robot.inside for robot in self.robots.values()))
+
+    @property
+    def arrived(self) -> bool:
+        return all(robot.there for robot in self.robots.values())
+
+
+def why(robot: Robot) -> str:
+    return robot.bid.reason
+
+
+def test_two_that_come_from_both_sides_drive_through_one_after_the_other(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(20.0)
+    waits = fleet.robots["b"]
+    assert waits.x == pytest.approx(MOUTHS[1] + 2.0, abs=0.4), "clear of the mouth"
+    assert waits.speed == (0.0, 0.0)
+    fleet.run(60.0)
+    assert fleet.arrived
+    assert fleet.entered == ["a", "b"], "the nearer one first"
+    assert fleet.most == 1
+
+
+@pytest.mark.long
+def test_five_queue_and_no_two_are_inside_at_once(world: str) -> None:
+    there = [Robot(f"a{k}", world, 3.0 - 1.2 * k, 16.0) for k in range(3)]
+    back = [Robot(f"b{k}", world, 15.0 + 1.2 * k, 2.0) for k in range(2)]
+    fleet = Fleet(*there, *back)
+    fleet.run(25.0)
+    assert any(why(robot).startswith("waits behind a") for robot in there)
+    fleet.run(200.0)
+    assert fleet.arrived
+    assert fleet.most == 1
+    order = [name for name in fleet.entered if name[0] == "a"]
+    assert order == ["a0", "a1", "a2"], "no robot has to drive past the one before it"
+
+
+def test_a_robot_that_stays_inside_enters_after_those_that_drive_through(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 9.0), Robot("b", world, 17.0, 2.0))
+    fleet.run(100.0)
+    assert fleet.arrived
+    assert fleet.entered == ["b", "a"]
+
+
+def test_what_a_robot_wanted_that_has_fallen_silent_is_not_waited_for(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 9.0), Robot("b", world, 17.0, 2.0))
+    fleet.run(4.0)
+    del fleet.robots["b"]
+    fleet.run(SPOKEN_S + 35.0)
+    assert fleet.arrived
+
+
+def test_a_passage_in_which_a_robot_died_is_entered_once_it_is_not_expected_there(
+    world: str,
+) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(17.0)
+    assert fleet.robots.pop("a").inside
+    fleet.run(UNSEEN_S - 1.0)
+    left = fleet.robots["b"]
+    assert left.speed == (0.0, 0.0)
+    fleet.run(8.0)
+    assert left.inside, "what stands in there its sensors have seen by now"
+
+
+def test_an_agent_that_restarts_inside_has_the_passage_again(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(17.0)
+    before = fleet.robots["a"]
+    assert before.inside
+    again = Robot("a", world, before.x, 15.0, start=2)
+    again.number, again.now = before.number, before.now
+    fleet.robots["a"] = again
+    fleet.run(80.0)
+    assert fleet.arrived
+    assert fleet.most == 1
+
+
+def test_a_robot_inside_without_the_passage_backs_off_the_way_it_came(world: str) -> None:
+    first = Robot("b", world, 11.0, 9.0)
+    fleet = Fleet(first)
+    fleet.run(6.0)
+    intruder = Robot("a", world, 4.0, 15.0)
+    intruder.number, intruder.now = first.number, first.now
+    for _ in range(28):  # by hand, for example
+        intruder.speed = (1.0, 0.0)
+        intruder.cycle()
+        x, y, theta = intruder.pose
+        intruder.pose = (x + 0.1, y, theta)
+    assert intruder.inside
+    fleet.robots["a"] = intruder
+    fleet.run(1.5)
+    assert intruder.speed[0] <= 0.0
+    fleet.run(15.0)
+    assert intruder.x < MOUTHS[0] - 0.6, "and out of the mouth, where the other one comes out"
+    assert intruder.speed == (0.0, 0.0)
+
+
+def test_a_robot_with_another_map_is_reported_and_its_passages_are_ignored(world: str) -> None:
+    robot = Robot("a", world, 3.0, 15.0)
+    passages = robot.agent.sharing  # type: ignore[attr-defined]
+    cycle = passages.clock.cycles.newest
+    for _ in range(20):
+        robot.tick()
+        cycle = passages.clock.cycles.newest
+    assert cycle is not None
+    other = FleetPassages("b", "giveway-b", type(cycle)(cycle.epoch ^ 1, 3), (), (0,))
+    robot.agent.receive(other, robot.now)
+    refused = [item for item in robot.agent.outbox if isinstance(item, Refused)]
+    assert "b has another map" in refused[0].why
+    assert not [item for item in robot.agent.outbox if isinstance(item, Publish)]
+    for _ in range(300):
+        robot.tick()
+    assert robot.there
+
+
+def test_without_a_goal_or_a_map_it_drives_nothing(world: str) -> None:
+    blind = Robot("a", None, 3.0, 15.0)
+    for _ in range(200):
+        blind.tick()
+    assert why(blind) == "there is no map"
+    idle = Robot("a", world, 3.0, 15.0)
+    idle.give(Trajectory(2, 2, ()))
+    idle.tick()
+    assert why(idle) == "no goal"
+    assert claims(blind.published) == claims(idle.published) == []
+
+
+def test_the_message_says_what_is_held_wanted_and_waited_for(world: str) -> None:
+    fleet = Fleet(Robot("a", world, 3.0, 15.0), Robot("b", world, 15.5, 3.0))
+    fleet.run(15.0)
+    a, b = (
+        [m for m in robot.published if isinstance(m, FleetPassages)][-1]
+        for robot in fleet.robots.values()
+    )
+    assert [claim.resource for claim in a.claims] == ["passage-0"]
+    assert (a.waits, b.claims, b.through, b.waits) == (False, (), (0,), True)
+
+
+def test_a_map_that_is_not_there_ends_the_agent_at_its_start(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match="none"):
+        Robot("a", str(tmp_path / "none.map"), 3.0, 15.0)
+
+
+def test_a_robot_that_was_stopped_before_a_passage_leaves_it_to_the_others(world: str) -> None:
+    stopped = Robot("a", world, 2.5, 15.0)
+    fleet = Fleet(stopped, Robot("b", world, 17.0, 3.0))
+    stopped.give(Stop(1, stopped=True, by="a person"))
+    stopped.goal = stopped.x  # where it stands
+    fleet.run(60.0)
+    assert fleet.robots["b"].there
