@@ -77,7 +77,7 @@ demo-down:  ## what a demo left that was killed
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	for lock in agents:--extra=record run:--extra=plot,record "tools:--extra=plot,record requirements/tools.in" \
-	    "dev:--extra=plot,record,dashboard,foxglove,ros2,docs,dev requirements/tools.in"; do \
+	    "dev:--extra=plot,record,dashboard,ros2,docs,dev requirements/tools.in"; do \
 	  $(COMPILE) $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; \
 	done
 	$(COMPILE) -o requirements/rclpy.txt requirements/rclpy.in
