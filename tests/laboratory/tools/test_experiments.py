@@ -13,10 +13,10 @@ from msgspec.structs import replace
 
 from armadico.cli import pool
 from armadico.cli.options import FailedError, UsageError
-from armadico.config.errors import ConfigError
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
+from armadico.core.config_errors import ConfigError
 from armadico.observe.conditions import software
 from armadico_tools.commands.experiment import main
 from armadico_tools.experiments import CELLS as CELLS_FILES

@@ -32,8 +32,8 @@ from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Truth
 from armadico.observe.conditions import Conditions
 from armadico.observe.measures import REACHED_M, RunWatch
-from armadico.observe.pictures import Run, draw_run
 from armadico.runtime.errors import MissionRefusedError, RunFailedError
+from armadico.watch.pictures import Run, draw_run
 
 REST_S = 2.0
 REST_M_S, REST_RAD_S = 0.01, 0.02
