@@ -64,7 +64,7 @@ def test_a_stray_state_arrives_and_no_watcher_takes_it_for_the_robots() -> None:
     spied.run()
     epochs = [m.cycle.epoch for m in spied.received["goto"] if isinstance(m, RobotState)]
     assert sorted(epochs.count(epoch) for epoch in {*epochs})[0] == 1
-    state = spied.checker.record.state
+    state = spied.checker.record.owner.state
     assert state is not None
     assert epochs.count(state.cycle.epoch) > 50
 
@@ -195,7 +195,7 @@ def test_a_second_robot_agent_is_there_for_a_while_and_is_not_taken_for_the_firs
     assert (first.alive, second.alive) == (True, False)
     epochs = {m.cycle.epoch for m in spied.received["goto"] if isinstance(m, RobotState)}
     assert len(epochs) == 2
-    state = spied.checker.record.state
+    state = spied.checker.record.owner.state
     assert state is not None
     assert state.cycle.epoch == first_epoch(spied)
 

@@ -114,7 +114,7 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
     broken = checker.violations
     kept = no(f"{len(broken)} promises broken") if broken else yes()
     blind = "collisions are unknown: the recording has no truth of this robot"
-    judgement = all_of((kept, yes() if checker.record.truth is not None else unknown(blind)))
+    judgement = all_of((kept, yes() if checker.record.body.truth is not None else unknown(blind)))
     if as_json:
         rows = [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken]
         found = {"violations": rows, "longest_s": checker.longest}
