@@ -345,17 +345,27 @@ class LiveInjector(Injector):
         super().__init__(lambda seen: society.observe(lambda _: seen, seen.at))
         self._society = society
         self.acted_at = 0.0  # just before the last change
+        self.acts = {
+            "crash": self._crash,
+            "hang": self._hang,
+            "robot-restart": self._robot_restart,
+            "partition": self._partition,
+            "delay": self._worsen,
+            "drop": self._worsen,
+        }
 
     @property
     def now(self) -> float:
         return time.monotonic()
 
-    def act(self, fault: Fault, *, begins: bool) -> None:
-        """Apply a fault, or remove it and wait until its targets have recovered."""
+    def begin(self, fault: Fault, _: object = None) -> None:
         self.acted_at = self.now
-        act = self._worsen if fault.kind in {"delay", "drop"} else None
-        act = act or getattr(self, "_" + fault.kind.replace("-", "_"))
-        act(fault, begins)
+        super().begin(fault)
+
+    def end(self, fault: Fault, _: object = None) -> None:
+        """Remove a fault, and wait until its targets have recovered."""
+        self.acted_at = self.now
+        super().end(fault)
 
     def _crash(self, fault: Fault, begins: bool) -> None:
         for label in fault.targets:
@@ -370,7 +380,7 @@ class LiveInjector(Injector):
         if not begins:
             self._society.run(WOKEN_S)
 
-    def _robot_restart(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+    def _robot_restart(self, _fault: Fault, begins: bool) -> None:
         """Remove the simulator and its line, which voids the same promises.
 
         Without a line nothing can be ordered, and a restarted simulator stands still.
