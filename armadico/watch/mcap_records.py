@@ -12,7 +12,7 @@ from io import BytesIO
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, cast
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
@@ -88,7 +88,7 @@ def payloads(places: Iterable[Place]) -> Iterator[bytes]:
                 stream.seek(at)
                 opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
                 found = _parsed(opcode, stream.read(min(length, LARGEST)))
-            kept: list[bytes] = [found[number].data for number in numbers]
+            kept = [cast("Message", found[number]).data for number in numbers]
         except OSError:
             raise
         except Exception as error:  # decoders can raise anything on changed bytes

@@ -71,7 +71,7 @@ class Society(Chronicle):
         If `connected` is false, the rest is the last report.
         """
         view = self.view
-        return rounded(
+        found: dict[str, Any] = rounded(
             {
                 "connected": view.state_is_fresh(now),
                 "robot": described.robot(view),
@@ -80,6 +80,7 @@ class Society(Chronicle):
                 "wheels": described.resource(view, WHEELS.name, now),
             }
         )
+        return found
 
     def map(self) -> dict[str, Any]:
         """Return the named places and a picture of the known world."""
