@@ -15,7 +15,7 @@ from armadico.core.messages import Stop
 from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.runtime.errors import MissionRefusedError, RunFailedError
-from armadico_tools.experiments.kinematic import Band
+from tests.fleet.band import Band
 
 HERE = ((1.0, 0.0), (3.0, 0.0), (5.0, 0.0))
 SEEDS = Random(1)

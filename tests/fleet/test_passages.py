@@ -9,7 +9,7 @@ import pytest
 
 from armadico.agents.fleet.passages import Passages, passages_of
 from armadico.config.worlds import load_world
-from armadico_tools.experiments.narrow import map_of
+from tests.fleet.rectangles import map_of
 
 ROOMS = [(0.0, 0.0), (10.0, 0.0), (10.0, 4.0), (0.0, 4.0), (0.0, 0.0)]
 BOUNDS = (0.0, 0.0, 10.0, 4.0)

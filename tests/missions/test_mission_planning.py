@@ -47,7 +47,7 @@ from armadico.mobile.messages import (
 )
 from armadico.observe.measures import RunWatch
 from armadico.runtime.errors import AbsentError, MissionRefusedError
-from armadico_tools.building import SURVEY, Building, text
+from tests.missions.building import SURVEY, Building, text
 from tests.missions.senders import Sender
 
 NEAR = 'do = "move", to = "R2"'

@@ -14,7 +14,7 @@ from armadico.core.services import Kind, services
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.observe.measures import Result
-from armadico_tools.building import Building, text
+from tests.missions.building import Building, text
 from tests.once import Once
 
 ORIGINAL = [

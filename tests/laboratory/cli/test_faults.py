@@ -35,8 +35,8 @@ def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (["--seeds", "0"], "--seeds must be at least 1"),
-        (["--minutes", "0.1"], "from 0.2 to 60"),
+        (["--seeds", "0"], "--seeds 0: expected at least 1"),
+        (["--minutes", "0.1"], "0.2 to 60"),
         (["--first", "-1"], "at least 0"),
         (["--kind", "partitoin"], "partition"),
         (["--repeat", CALM, "--seeds", "3"], "--seeds is not used"),

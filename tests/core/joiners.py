@@ -1,4 +1,4 @@
-"""Every run of the real `Admission`: instances of one name that must be alone, and a slow network.
+"""A run of the real `Admission`: instances of one name that must be alone, and a slow network.
 
 Each instance shows its token, queries cards and answers queries, as the driver of an agent does.
 Picked are the delay of each token and card, when each instance starts, and which link is cut, and
@@ -11,11 +11,10 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from armadico.core.membership import AGAIN_S, CARD_S, GOING_S, LEASE_S, Admission, Stage
 from armadico.core.messages import PROTOCOL, Card
-from armadico_tools.explore.picks import Picker
 
 CYCLE_S: Final = 0.1
 LATENCY_S: Final = 0.002
@@ -35,6 +34,12 @@ AFTER_S: Final = GOING_S + 6 * AGAIN_S + 2 * CARD_S
 """Time to settle after the last start or repair."""
 
 NAME: Final = "robot"
+
+
+class Picker(Protocol):
+    """Picks one of the alternatives of a decision; all but the first may have a cost."""
+
+    def pick(self, what: str, ways: Sequence[str], cost: int) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -238,8 +243,3 @@ class Joiners:
 
 def _seconds(how: str) -> float:
     return LATENCY_S if how == "at once" else float(how.removesuffix(" s"))
-
-
-def setups(instances: int) -> Sequence[Joining]:
-    """The starts of runs with so many instances."""
-    return [Joining(instances, backwards) for backwards in (False, True)]
