@@ -114,19 +114,19 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     nearer_s: Annotated[float, Meta(gt=0, le=600)] = 10.0  # a turn on the spot takes 6 s
     across_m: Annotated[float, Meta(ge=0, le=1)] = 0.15  # an obstacle this near to the path blocks
     flank_m: Annotated[float, Meta(ge=0, le=1)] | None = None  # instead: beside the footprint
-    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0  # how long it must be there
+    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0  # how long an obstacle must block it
     look_m: Annotated[float, Meta(gt=0, le=10)] = 1.5  # how far ahead the path is checked
     again_s: Annotated[float, Meta(gt=0, le=600)] = 3.0  # the pause between two replannings
 
     # A blocked mission fails without progress for `give_up_s`, plus the time that the longest
     # detour takes at `give_up_m_s`.
     give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0  # timeout of a blocked mission
-    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # plus the longest detour at this speed
+    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # speed on the longest detour
 
     # A mission fails at repeated contacts in one place: further tries only cause damage.
     contacts: Annotated[int, Meta(ge=1, le=1000)] = 3  # a mission fails at this contact
-    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0  # within this time
-    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # and distance, by the odometry
+    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0  # time in which contacts count
+    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # their distance, by the odometry
 
 
 @dataclass(frozen=True)

@@ -84,8 +84,8 @@ class Reflectors(NamedTuple):
     length: Floats
     chance: Floats  # probability of an answer from near by
     fades_m: Floats  # beyond this distance by the inverse of the range
-    bearing: Floats  # a corner opens to the left of this bearing
-    width: Floats  # by this angle
+    bearing: Floats  # the first bearing of a corner's opening
+    width: Floats  # angle of that opening, to the left
 
 
 def of_walls(walls: NDArray[np.float64]) -> Reflectors:
