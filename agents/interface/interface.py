@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as replaced
 from enum import Enum
 from functools import partial
-from itertools import pairwise
 from math import degrees, hypot, inf
 from typing import Annotated, Any, ClassVar, Final
 
@@ -557,19 +556,20 @@ class Interface(Agent):
     def _obstructed(self, pose: Pose, obstacles: Obstacles) -> bool:
         """Return whether an obstacle is within `across_m` of the path, up to `look_m` ahead."""
         here = (pose.x, pose.y, pose.theta)
-        places = [(0.0, 0.0)]
-        left = self.p.look_m
+        places: list[Waypoint] = []
+        from_x, from_y, left = 0.0, 0.0, self.p.look_m
         for to in self._mission.route.waypoints[self._mission.route.leg :]:
             x, y, _ = relative(here, (to.x, to.y, 0.0))
-            from_x, from_y = places[-1]
             length = hypot(x - from_x, y - from_y)
             share = min(1.0, left / length) if length else 1.0
-            places.append((from_x + share * (x - from_x), from_y + share * (y - from_y)))
+            from_x, from_y = from_x + share * (x - from_x), from_y + share * (y - from_y)
+            places.append(Waypoint(from_x, from_y, 0.0))
             left -= length
             if left <= 0.0:
                 break
+        ahead = Route(places)  # from the robot, in the body frame
         near = [p for p in obstacles.points if hypot(p.x, p.y) < self.p.look_m]
-        return any(_off(p.x, p.y, places) < self._across_m for p in near)
+        return any(ahead.off(p.x, p.y) < self._across_m for p in near)
 
     def _blocked(self) -> str:
         """Return why the path is to be replanned; "" if it is not, or not yet."""
@@ -673,8 +673,9 @@ class Interface(Agent):
 
     def _leads_elsewhere(self, plan: Plan, here: Pose) -> bool:
         """Return whether a plan leaves the present path by more than `ELSEWHERE_M`."""
-        left = [(w.x, w.y) for w in self._mission.route.waypoints[self._mission.route.leg :]]
-        return any(_off(w.x, w.y, [(here.x, here.y), *left]) > ELSEWHERE_M for w in plan.waypoints)
+        route = self._mission.route
+        left = Route(route.waypoints[route.leg :], Point(here.x, here.y))
+        return any(left.off(w.x, w.y) > ELSEWHERE_M for w in plan.waypoints)
 
     def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
         """Return why waypoints are refused: no planner has checked them against a map."""
@@ -804,15 +805,3 @@ class Interface(Agent):
                 mission.number, self._state, mission.to_go, leg, self._note, self._refused
             )
         )
-
-
-def _off(x: float, y: float, places: Sequence[tuple[float, float]]) -> float:
-    """Return the distance of a point from a polyline, m."""
-    least = inf
-    for (ax, ay), (bx, by) in pairwise(places):
-        dx, dy = bx - ax, by - ay
-        square = dx * dx + dy * dy
-        share = ((x - ax) * dx + (y - ay) * dy) / square if square else 0.0
-        share = min(max(share, 0.0), 1.0)
-        least = min(least, hypot(x - ax - share * dx, y - ay - share * dy))
-    return least

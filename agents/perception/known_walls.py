@@ -151,7 +151,6 @@ class KnownWalls:
         self._anchor = (math.inf, math.inf)
         self._around: list[_Place] = []  # within reach of the anchor, and a little farther
         self._used: tuple[Pose2, tuple[float, ...], bool] | None = None  # pose, covariance, known
-        self._map_points: list[_MapPoint] = []  # the points for that pose
         self._near: list[_Near] = []
         self._shifts: dict[int, _Measured] = {}  # the shifts that `_near` was computed with
         self._weight = 0.0
@@ -189,9 +188,9 @@ class KnownWalls:
         looked = pose, (xx, xy, yy), accepted
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         if looked != self._used:
-            self._map_points = list(self._seen_from(pose, (xx, xy, yy), accepted))
             self._near = [
-                _put(point, shifts.get(point.group), cos, sin) for point in self._map_points
+                _put(point, shifts.get(point.group), cos, sin)
+                for point in self._seen_from(pose, (xx, xy, yy), accepted)
             ]
         elif shifts != self._shifts:  # at rest only the points with new measurements move
             before = self._shifts
