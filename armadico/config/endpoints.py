@@ -65,7 +65,7 @@ class Endpoints:
             connect=self.connect,
             robot=self.table.robots_router,
             here=self.name in (None, self.table.robots_host),
-            fleet=self.table.fleet,
+            peers=self.table.fleet,
         )
 
     def mesh(self, *, router: bool = False, starts: bool = False) -> ZenohMesh:

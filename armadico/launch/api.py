@@ -109,24 +109,6 @@ class Run:
         self._draw(file)
         return Path(file)
 
-    def animate(self, file: str | Path, *, speed: float | None = None) -> Path:
-        """Write a film of the robot and its path; returns the file.
-
-        Args:
-            file: A .gif, or an .mp4 if ffmpeg is on the path.
-            speed: Factor to real time; by default the film takes 12 s.
-
-        Raises:
-            ValueError: A file of another kind, or an invalid speed.
-            OSError: The file cannot be written, or ffmpeg is missing.
-            ImportError: matplotlib is missing (`pip install 'armadico[plot]'`).
-        """
-        from armadico.config.worlds import load_world
-        from armadico.watch.films import film_run
-
-        film_run(load_world(self.scenario.world), self._picture(), file, speed)
-        return Path(file)
-
     def _draw(self, out: str | Path | BinaryIO) -> None:
         from armadico.config.worlds import load_world
         from armadico.watch.pictures import draw_run

@@ -26,7 +26,7 @@ from armadico.launch.society import LIVE, Options, errand, names, time_limit, wa
 from armadico.mesh.base import Mesh
 from armadico.mobile.behaviour import Behaviour
 from armadico.mobile.messages import Correction, Pose
-from armadico.observe.measures import Result, RunWatch, watched
+from armadico.observe.measures import Phase, Result, RunWatch, watched
 from armadico.runtime.errors import RunFailedError
 
 FIND_S = 5.0
@@ -270,7 +270,8 @@ class LiveRun(RobotRun):
 
     def goes_on(self, elapsed: float) -> bool:
         self.poll()
-        return super().goes_on(elapsed) and not self.watch.lost and not self._abandoned(elapsed)
+        lost = self.watch.phase is Phase.LOST
+        return super().goes_on(elapsed) and not lost and not self._abandoned(elapsed)
 
     def poll(self) -> None:
         """Check the society. Raises RunFailedError if the robot is silent or has changed."""
@@ -362,6 +363,6 @@ class LiveRun(RobotRun):
             f"no agent has claimed the wheels for {self._idle_s:g} s, and {', '.join(missing)}"
             f" {'is' if len(missing) == 1 else 'are'} missing"
         )
-        self.watch.waits = self.watch.waits or why
+        self.watch.note = self.watch.note or why
         self._warn(f"{why}: the run is over")
         return True

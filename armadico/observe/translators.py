@@ -1,8 +1,8 @@
-"""Translators: messages converted to the formats of other tools, live and in recordings.
+"""Translators: messages converted to the formats of other tools, in recordings.
 
 A translator is installed by name as an entry point of `armadico.translators`. It converts messages
 and times to samples. Each sample belongs to a channel, which defines its type and encoding. The
-recorder and the gateways use all installed translators.
+recorder and the export use all installed translators.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from armadico.core.discovery import TRANSLATORS, find, installed
 if TYPE_CHECKING:
     from armadico.config.worlds import World
     from armadico.core.messages import Message
-    from armadico.mobile.messages import MissionRequest
 
 
 @dataclass(frozen=True)
@@ -44,20 +43,11 @@ class Sample(NamedTuple):
 class Translator(Protocol):
     kinds: Sequence[type[Message]]  # messages that it converts
     channels: Sequence[Channel]  # all channels that it may use
-    goals: Channel  # on which it accepts goals
     profile: str  # of an MCAP file with its samples only
     about: Mapping[str, Mapping[str, str]]  # metadata of such a file
 
     def translate(self, key: str, message: Message, at: int) -> Iterable[Sample]:
         """The samples of a message that was received at `at`, ns since 1970."""
-
-    def goal(
-        self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
-    ) -> MissionRequest:
-        """The goal in a sample, received at `at`, ns since 1970.
-
-        Encoding and schema default to those of `goals`. Raises ValueError for an invalid goal.
-        """
 
 
 class Makes(Protocol):

@@ -130,7 +130,7 @@ def test_the_stop_is_latched_once_with_its_requester_and_reason() -> None:
     (stop,) = counter.stops
     assert stop.stopped
     assert stop.by == "assistant: model, a cat"
-    assert stop.by in counter.request("stop").said  # type: ignore[union-attr]
+    assert stop.by in counter.request("stop").text  # type: ignore[union-attr]
     assert len(counter.stops) == 1
 
 
@@ -140,7 +140,7 @@ def test_a_release_is_only_requested_of_people_with_the_stops_code() -> None:
     counter.receive(STOPPED)
     reply = counter.request("resume", reason="the cat has gone")
     assert reply is not None
-    assert f"`armadico resume --confirm {STOPPED.code}`" in reply.said
+    assert f"`armadico resume --confirm {STOPPED.code}`" in reply.text
     (line,) = [message.text for message in counter.published if isinstance(message, Log)]
     assert "the cat has gone" in line
     assert not counter.stops, "it publishes no release"
@@ -257,7 +257,7 @@ def test_a_clock_that_steps_back_adds_no_tokens() -> None:
 def test_the_robots_state_suffices_to_know_of_a_stop() -> None:
     counter = Counter()
     counter.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, STOPPED))
-    assert "ann" in counter.request("stop").said  # type: ignore[union-attr]
+    assert "ann" in counter.request("stop").text  # type: ignore[union-attr]
 
 
 def test_codes_tell_stops_apart() -> None:

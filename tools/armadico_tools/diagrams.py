@@ -19,6 +19,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
+from armadico_tools.docs import filled
+
 ROOT: Final = Path(__file__).resolve().parents[2]
 FOLDER: Final = ROOT / "docs" / "images" / "diagrams"
 FENCE: Final = re.compile(r"^```mermaid\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -53,7 +55,7 @@ def drawing(text: str) -> str:
 def diagrams() -> Iterator[str]:
     """The diagrams of the documents."""
     for path in sorted((ROOT / "docs").glob("*.md")):
-        yield from FENCE.findall(path.read_text(encoding="utf-8"))
+        yield from FENCE.findall(filled(path.read_text(encoding="utf-8")))
 
 
 def draw(text: str, script: Path, browser: str) -> str:

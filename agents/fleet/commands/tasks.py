@@ -180,14 +180,14 @@ def _joiner(mesh: options.Mesh) -> Callable[[str], Mesh]:
 def _scouts(mesh: options.Mesh) -> Callable[[], Iterator[Mesh]]:
     """Return a function that yields an open mesh for each new router of the fleet."""
     from armadico.agents.fleet.commands.run import names_of
-    from armadico.mesh.sockets import fleet_here
+    from armadico.mesh.sockets import peers_here
 
     where = mesh.endpoints()
     named = where.connect or (() if where.table is None else where.table.fleet)
     name, known = names_of(fleet_of(mesh), 1)[0], set[str]()
 
     def scouts() -> Iterator[Mesh]:
-        for endpoint in {*named, *(() if where.connect else fleet_here(name))} - known:
+        for endpoint in {*named, *(() if where.connect else peers_here(name))} - known:
             known.add(endpoint)
             scout = Endpoints(namespace=name, connect=(endpoint,)).mesh(starts=True)
             scout.open()

@@ -229,7 +229,7 @@ def in_a_line(mission: BoardMission) -> str:
 def plain(mission: BoardMission) -> dict[str, object]:
     """Return a mission of the board for JSON."""
     results = [
-        {"step": r.step, "end": r.end.value, "said": r.said, "at_s": round(r.at, 3)}
+        {"step": r.step, "end": r.end.value, "note": r.said, "at_s": round(r.at, 3)}
         for r in mission.course.results
     ]
     return {

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 SHOW_S: Final = 0.5
 MEGABYTE: Final = 1_000_000
+CARD: Final = ("host", "pid", "version")  # fields of an agent's card that are shown
 
 EXAMPLES: Final = """\
   armadico top                          live, until Ctrl-C
@@ -90,7 +91,7 @@ class Snapshots:
             "standing": described.diagnosis(view, now, self._demand),
             "tasks": view.tasks,
             "resources": [described.resource(view, name, now) for name in view.resources],
-            "agents": [described.agent(seen) | self._process(seen) for seen in view.agents],
+            "agents": [described.agent(seen, *CARD) | self._process(seen) for seen in view.agents],
             "services": [described.service(view, key, now) for key in sorted(view.rates)],
         }
 
@@ -160,7 +161,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
             _number(row.get("utility"), 2) + (" critical" if row.get("critical") else ""),
             row.get("term", ""),
             row["obeyed"] or "none",
-            ", ".join(row["contenders"]),
+            ", ".join(each["name"] for each in row["contenders"]),
         )
         for row in snapshot["resources"]
     ]
@@ -195,7 +196,7 @@ def _heading(snapshot: dict[str, Any]) -> str:
     pose = snapshot["pose"]
     if pose is not None:
         words.append(f"at ({pose['x']:.2f}, {pose['y']:.2f})")
-        words += filter(None, [pose["told"]])
+        words += filter(None, [pose["pose_text"]])
     if (slam := snapshot["slam"]) is not None:
         words.append(f"map: {slam['told']}")
         words += [f"the map may be wrong: {slam['uncertain']}"] * bool(slam["uncertain"])

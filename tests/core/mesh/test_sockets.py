@@ -17,10 +17,10 @@ from armadico.mesh.sockets import (
     LONGEST,
     RUNTIME_VARIABLE,
     endpoint,
-    fleet_here,
-    fleet_sockets,
     folder,
     holder,
+    peer_sockets,
+    peers_here,
     socket_of,
     stop,
 )
@@ -277,17 +277,17 @@ def test_robots_whose_namespaces_have_the_same_beginning_are_a_fleet(
     one: str, other: str, is_fleet: bool
 ) -> None:
     with listening(socket_of(one)), listening(socket_of(other)):
-        assert (socket_of(other) in fleet_sockets(one)) == is_fleet
-        assert (socket_of(one) in fleet_sockets(other)) == is_fleet
-        assert (endpoint(socket_of(other)) in fleet_here(one)) == is_fleet
+        assert (socket_of(other) in peer_sockets(one)) == is_fleet
+        assert (socket_of(one) in peer_sockets(other)) == is_fleet
+        assert (endpoint(socket_of(other)) in peers_here(one)) == is_fleet
 
 
 @pytest.mark.usefixtures("base")
 def test_a_robot_whose_router_was_killed_is_not_here_though_its_socket_is() -> None:
     with listening(socket_of("lab/r2")):
         pass
-    assert fleet_sockets("lab/r1") == [socket_of("lab/r2")]
-    assert fleet_here("lab/r1") == ()
+    assert peer_sockets("lab/r1") == [socket_of("lab/r2")]
+    assert peers_here("lab/r1") == ()
 
 
 def test_a_socket_that_was_deleted_under_a_router_is_reported_with_the_remedy(base: Path) -> None:

@@ -25,7 +25,7 @@ from armadico.mesh.base import Mesh
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.sockets import RUNTIME_VARIABLE, endpoint, socket_of
 from armadico.mesh.topology import topology
-from armadico.mesh.zenoh import FLEET_S, SETTINGS, ZenohMesh
+from armadico.mesh.zenoh import PEERS_S, SETTINGS, ZenohMesh
 from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
 from tests.runtime_folder import fresh_folder
 
@@ -489,7 +489,7 @@ def test_robots_with_a_socket_and_an_endpoint_receive_each_message_once(fleet: F
     endpoints = [f"tcp/{LOOPBACK}:{free_port()}" for _ in range(2)]
     for name, own in zip(ROBOTS, endpoints, strict=False):
         fleet.start(name, own, *endpoints)
-    end_at = time.monotonic() + 3 * FLEET_S  # both links are up long before
+    end_at = time.monotonic() + 3 * PEERS_S  # both links are up long before
     while time.monotonic() < end_at:
         assert fleet.is_whole()
 

@@ -33,8 +33,8 @@ def test_a_client_that_is_given_a_router_uses_no_other() -> None:
 
 
 def test_a_router_listens_on_the_robots_endpoint_and_links_to_the_rest_of_the_fleet() -> None:
-    where = topology(router=True, robot=ROBOT, fleet=[ROBOT, SECOND, OTHER])
-    assert where == Topology(router=True, listen=(ROBOT,), fleet=(SECOND, OTHER))
+    where = topology(router=True, robot=ROBOT, peers=[ROBOT, SECOND, OTHER])
+    assert where == Topology(router=True, listen=(ROBOT,), peers=(SECOND, OTHER))
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_text_that_is_no_endpoint_is_refused_with_an_example(text: str, option: 
         topology(**{option: [text] if option == "connect" else text})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("wrong", [{"robot": "7447"}, {"fleet": [ROBOT, "lab2"]}])
+@pytest.mark.parametrize("wrong", [{"robot": "7447"}, {"peers": [ROBOT, "lab2"]}])
 def test_the_endpoints_of_a_router_are_checked_too(wrong: dict[str, object]) -> None:
     with pytest.raises(TopologyError, match="is no endpoint"):
         topology(router=True, **wrong)  # type: ignore[arg-type]

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import sys
 
+from armadico.core.shared import share
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 
 
 def main(namespace: str, endpoint: str | None = None, *fleet: str) -> None:
-    with ZenohMesh(namespace, topology(router=True, robot=endpoint, fleet=fleet)):
+    share("fleet")  # as the messages of mobile robots declare it
+    with ZenohMesh(namespace, topology(router=True, robot=endpoint, peers=fleet)):
         sys.stdout.write("listening\n")
         sys.stdout.flush()
         sys.stdin.read()

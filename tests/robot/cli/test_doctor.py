@@ -188,9 +188,7 @@ def test_a_long_command_line_is_cut_at_its_end() -> None:
     assert doctor.called(long).endswith("...")
 
 
-@pytest.mark.parametrize(
-    ("package", "extra"), [("cyclonedds", "ros2"), ("foxglove-sdk", "foxglove")]
-)
+@pytest.mark.parametrize(("package", "extra"), [("cyclonedds", "ros2"), ("mcap", "record")])
 def test_an_extra_that_is_not_there_is_named_with_what_brings_it(
     package: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -247,7 +247,7 @@ def test_top_knows_agents_holder_and_rates(run: Run, society: Society) -> None:
     (wheels,) = found["resources"]
     assert wheels["holder"] == WHO["instance"]
     assert wheels["obeyed"] == "goto"
-    assert wheels["contenders"] == ["goto"]
+    assert [each["name"] for each in wheels["contenders"]] == ["goto"]
     (agent,) = found["agents"]
     assert agent["pid"] == os.getpid()
     assert agent["memory_mb"] > 0

@@ -423,7 +423,7 @@ def test_the_time_limit_is_in_the_row_if_it_ended_the_run() -> None:
     run.watch.end(66.4)
     assert run.watch.result().limit_s == 66.4
     assert "66 s" in run.watch.result().verdict
-    run.watch.done = True
+    run.end()
     run.watch.end(66.4)
     assert run.watch.result().limit_s is None
 

@@ -15,6 +15,7 @@ from armadico.agents.missions.messages import (
 from armadico.core import messages as m
 from armadico.core.services import QUIET_S, services
 from armadico.mobile.messages import Correction, MissionState, MissionStatus, Pose, Truth
+from armadico.observe.described import resource
 from armadico.observe.view import FRESH_CYCLES, GONE, Rate, View, driver
 from armadico.watch.teleop.messages import TeleopStatus
 
@@ -209,10 +210,11 @@ def test_tokens_show_live_agents_and_cards_describe_them() -> None:
     assert [agent.instance for agent in view.agents] == [AVOID, GOTO]
     assert view.names == {"avoid", "goto"}
     assert view.resources == ["arm", "lamp", "wheels"]
-    assert view.contenders("wheels") == ["goto"]
+    (contender,) = resource(view, "wheels", 3.0)["contenders"]
+    assert contender["name"] == "goto"
     assert view.token(GOTO, there=False, t=4.0)
     assert not view.token(GOTO, there=False, t=4.0)
-    assert view.contenders("wheels") == []
+    assert resource(view, "wheels", 4.0)["contenders"] == []
     assert view.cards[GOTO].host == "here", "the card is kept"
 
 

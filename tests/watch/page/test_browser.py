@@ -281,7 +281,7 @@ def test_a_key_drives_and_the_robot_rests_when_it_is_released(chromium: Browser)
         chromium.until(f"{PARTS}.hand.there")
         chromium.key("w", "KeyW", "keyDown")
         chromium.until("document.getElementById('handtext').innerText.startsWith('You drive')")
-        chromium.until(f"{PARTS}.wheels.driver === 'teleop' && {PARTS}.motion.v > 0.2")
+        chromium.until(f"{PARTS}.wheels.obeyed === 'teleop' && {PARTS}.motion.v > 0.2")
         chromium.key("w", "KeyW", "keyUp")
         chromium.until(f"{PARTS}.hand.hand === '' && {PARTS}.motion.v === 0")
         assert chromium.evaluate("document.getElementById('handtext').innerText") == "Free."

@@ -61,7 +61,7 @@ class Hands(Stage):
 
     @property
     def driver(self) -> str | None:
-        driver: str | None = self.parts["wheels"]["driver"]
+        driver: str | None = self.parts["wheels"]["obeyed"]
         return driver
 
     @property

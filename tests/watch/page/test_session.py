@@ -191,7 +191,7 @@ def test_an_unacknowledged_stop_is_reported_and_repeated_until_it_holds(
 def test_a_stop_is_not_held_without_fresh_robot_states(stage: Stage) -> None:
     stage.answer(stage.request("page 1", "stop"))
     stage.mesh.node("robot").hang()
-    stage.until(lambda: not stage.parts["motion"]["heard"])
+    stage.until(lambda: not stage.parts["motion"]["connected"])
     assert (stage.parts["stop"]["stopped"], stage.parts["stop"]["held"]) == (True, False)
 
 
@@ -357,11 +357,11 @@ def test_a_flood_of_sticks_is_reduced_to_the_newest(stage: Stage) -> None:
 def test_the_driving_agent_and_the_bids_of_the_others(stage: Stage) -> None:
     driving(stage)
     wheels = stage.parts["wheels"]
-    assert wheels["driver"] == "goto"
+    assert wheels["obeyed"] == "goto"
     rows = {row["name"]: row for row in wheels["contenders"]}
     assert rows["goto"]["drives"]
     assert rows["goto"]["utility"] > 0.0
-    stage.until(lambda: any(row.get("why") for row in stage.parts["wheels"]["contenders"]))
+    stage.until(lambda: any(row.get("reason") for row in stage.parts["wheels"]["contenders"]))
     assert stage.parts["exchanges"][0]["to"] == "goto"
 
 
@@ -498,4 +498,4 @@ def test_a_contender_for_two_resources_is_shown_with_its_bid_for_the_wheels() ->
     for reply in (card, m.BidHistory(instance, tuple(bids))):
         robot.receive("", reply, 1.0, is_reply=True)
     (row,) = robot.parts(1.1)["wheels"]["contenders"]
-    assert (row["utility"], row["why"]) == (0.4, "for the wheels")
+    assert (row["utility"], row["reason"]) == (0.4, "for the wheels")

@@ -188,7 +188,7 @@ def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
             return found["structuredContent"]
 
         query("initialize", clientInfo={"name": "model"}, protocolVersion="2025-06-18")
-        assert tool("where")["heard"]
+        assert tool("where")["connected"]
         assert tool("drive") == {"refused": "no tool 'drive'"}
         assert "too long" in tool("history", lines="x" * 3000)["refused"]
         assert answered("no JSON")["error"]["code"] == -32700
@@ -196,7 +196,7 @@ def test_a_program_looks_stops_the_robot_and_a_person_releases_it(
         assert tool("stop", reason="a cat")["stopped"]
         events = tool("history")["events"]
         assert any('model asked: stop {"reason":"a cat"}' in each["what"] for each in events)
-        code = tool("resume")["said"].partition("--confirm ")[2].strip("`")
+        code = tool("resume")["reply"].partition("--confirm ")[2].strip("`")
         assert "another stop" in run("resume", "--confirm", "000000").stderr
         assert "free to move" in run("resume", "--confirm", code.lower()).stdout
         server.stdin.close()

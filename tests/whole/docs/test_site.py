@@ -51,7 +51,7 @@ def test_everything_that_is_exported_is_in_the_reference_once(site: Path) -> Non
     assert sorted(name.rpartition(".")[2] for name in told) == sorted(armadico.__all__)
     pages = "".join(p.read_text(encoding="utf-8") for p in (site / "reference").glob("*.html"))
     assert not [name for name in told if f'id="{name}"' not in pages]
-    assert 'id="armadico.launch.api.Run.animate"' in pages
+    assert 'id="armadico.launch.api.Run.plot"' in pages
 
 
 def test_nothing_is_loaded_from_elsewhere_and_what_is_loaded_is_there(site: Path) -> None:

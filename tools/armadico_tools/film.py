@@ -1,12 +1,13 @@
-"""Films of runs: the robot moves and draws its path.
+"""Make the film of the docs: the robot of sc4 moves and draws its path, coloured by driving agent.
 
-Matplotlib writes a GIF with Pillow, or an MP4 with ffmpeg if that is on the path. Frames have
-960 x 540 pixels, three quarters of the pictures' size.
+    python -m armadico_tools.film docs/images/takeover.gif
+
+Frames have 960 x 540 pixels, three quarters of the pictures' size.
 """
 
 from __future__ import annotations
 
-import subprocess
+import sys
 from bisect import bisect_right
 from collections.abc import Iterator
 from itertools import accumulate, groupby
@@ -14,7 +15,9 @@ from math import ceil, hypot
 from pathlib import Path
 from typing import IO, Any, Final
 
-from armadico.config.worlds import World
+from armadico.config.profile import load_profile
+from armadico.config.worlds import World, load_world
+from armadico.launch.api import run as run_scenario
 from armadico.watch.pictures import (
     DPI,
     INK,
@@ -27,60 +30,32 @@ from armadico.watch.pictures import (
     point_of,
 )
 
-KINDS: Final = (".gif", ".mp4")
 SHRUNK: Final = 0.75
 
 # Frames per second. A GIF counts in 0.01 s, and browsers slow down frames shorter than 0.02 s.
 FRAMES_S: Final = 12.5
 
-LASTS_S: Final = 12.0  # default duration of a film; a shorter run is not slowed down
+SPEED: Final = 4.0  # times real time
 RESTS_S: Final = 1.6  # duration of the last frame: a GIF restarts immediately
 SPEED_OVER_S: Final = 0.5  # period over which the shown speed is averaged: per cycle it is noisy
 
 
-def film_run(world: World, run: Run, out: Path | str, speed: float | None = None) -> None:
-    """Write a film of a run at `speed` times real time; by default it lasts twelve seconds.
+def film_run(world: World, run: Run, out: Path) -> None:
+    """Write a film of a run as a GIF. Raises OSError."""
+    from matplotlib.animation import PillowWriter
 
-    Sensor readings and simulated people are not shown: a run does not store their times.
-
-    Raises:
-        ValueError: The file is neither .gif nor .mp4, or the speed is not positive.
-        OSError: The file cannot be written, or ffmpeg is missing or fails for an .mp4.
-        ImportError: Matplotlib is not installed.
-    """
-    from matplotlib.animation import FFMpegWriter, PillowWriter
-
-    path = Path(out)
-    kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise ValueError(f"{path.name}: a film must end with .gif or .mp4")
-    if speed is not None and not 0.0 < speed < float("inf"):
-        raise ValueError(f"speed must be more than 0 (got {speed:g})")
-    makes: Any = PillowWriter if kind == ".gif" else FFMpegWriter
-    if not makes.isAvailable():
-        there = path.with_suffix(".gif").name
-        raise FileNotFoundError(f"{path.name}: ffmpeg is not on the path; write {there} instead")
-    scene = _Scene(world, run)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new, writer = not path.exists(), makes(fps=FRAMES_S)
-    try:
-        with writer.saving(scene, str(path), DPI * SHRUNK):
-            for past in _moments(run, speed):
-                scene.draw(past)
-                writer.grab_frame()
-    except BaseException as error:
-        if new:
-            path.unlink(missing_ok=True)  # it is incomplete
-        if isinstance(error, subprocess.CalledProcessError):
-            lines = str(error.stderr or "").strip().splitlines()
-            raise OSError(f"{path.name}: ffmpeg: {lines[-1] if lines else 'failed'}") from None
-        raise
+    scene: Any = _Scene(world, run)
+    writer = PillowWriter(fps=FRAMES_S)  # type: ignore[arg-type]  # fractions are kept
+    with writer.saving(scene, str(out), DPI * SHRUNK):
+        for past in _moments(run):
+            scene.draw(past)
+            writer.grab_frame()
 
 
-def _moments(run: Run, speed: float | None) -> Iterator[int]:
+def _moments(run: Run) -> Iterator[int]:
     """The number of past steps in each frame; all steps in the last frames."""
-    times = [step[0] - run.path[0][0] for step in run.path] or [0.0]
-    pace = (speed or max(1.0, times[-1] / LASTS_S)) / FRAMES_S
+    times = [step[0] - run.path[0][0] for step in run.path]
+    pace = SPEED / FRAMES_S
     for number in range(ceil(times[-1] / pace)):
         yield bisect_right(times, number * pace)
     for _ in range(round(RESTS_S * FRAMES_S)):
@@ -102,8 +77,6 @@ class _Scene:
         self._canvas = canvas = Canvas(world)
         canvas.figure.set_dpi(DPI * SHRUNK)
         (self._clock,) = canvas.heading(run.title or world.name, *(run.caption[:1] or ("",)))
-        if run.mapped is not None:
-            canvas.mapped(run.mapped)
         canvas.poses(run.start, run.goal, run.waypoints, world.docks.values())
         self._lines: list[tuple[Any, Any, Any]] = [
             (line, *line.get_data()) for line in canvas.path(run.path)
@@ -167,3 +140,21 @@ class _Scene:
             since -= 1
         (before, x1, y1), (now, x2, y2) = steps[since][:3], steps[past - 1][:3]
         return hypot(x2 - x1, y2 - y1) / (now - before) if now > before else 0.0
+
+
+def main() -> None:
+    done = run_scenario("sc4", virtual=True, seed=7)
+    run = Run(
+        path=done.marks,
+        start=done.scenario.start,
+        goal=done.scenario.goal,
+        body=load_profile(done.scenario.robot).body,
+        waypoints=done.waypoints[:-1],
+        title=f"{done.scenario.title} (seed {done.measures.seed})",
+        caption=(done.measures.verdict,),
+    )
+    film_run(load_world(done.scenario.world), run, Path(sys.argv[1]))
+
+
+if __name__ == "__main__":
+    main()
