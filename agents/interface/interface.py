@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as replaced
-from enum import Enum
 from functools import partial
 from math import degrees, hypot, inf
 from typing import Annotated, Any, ClassVar, Final
@@ -37,6 +35,7 @@ from armadico.core.messages import (
 from armadico.core.resources import Resource
 from armadico.core.unseen import Rule
 from armadico.mobile.behaviour import LOST_M, driven_by
+from armadico.mobile.driven import Event, Stage, following
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
     WAYPOINTS,
@@ -80,6 +79,9 @@ UNHEARD_S: Final = 2.0  # longer gaps without poses do not count for timeouts
 PARKING_M: Final = 0.3  # this near to the goal no other path is planned
 
 ELSEWHERE_M: Final = 0.15  # a plan that leaves the present path by this much is another path
+
+# A path is driven as soon as there is one.
+BEGUN: Final = (Event.ENDED, Event.TAKEN, Event.DRIVEN)
 
 # The pose is this near to the given one once the encoder agent has accepted it.
 PLACED_M: Final = 0.3
@@ -172,28 +174,6 @@ class Mission:
     nearing: Nearing = field(default_factory=Nearing)
 
 
-class Event(Enum):
-    ASKED = "a path to a goal is requested"
-    REFUSED = "the request is refused"
-    TAKEN = "a path is driven"
-    REACHED = "the robot is at the goal"
-    FAILED = "it cannot go on, or a holder replaces the mission of people"
-    ENDED = "its holder releases it or replaces it, or a peer knows that it ended"
-
-
-TRANSITIONS: Final[Mapping[tuple[MissionState, Event], MissionState]] = {
-    (MissionState.NONE, Event.ASKED): MissionState.PLANNING,
-    (MissionState.REACHED, Event.ASKED): MissionState.PLANNING,
-    (MissionState.FAILED, Event.ASKED): MissionState.PLANNING,
-    (MissionState.PLANNING, Event.REFUSED): MissionState.NONE,
-    (MissionState.DRIVING, Event.REACHED): MissionState.REACHED,
-    (MissionState.DRIVING, Event.FAILED): MissionState.FAILED,
-    **{(state, Event.TAKEN): MissionState.DRIVING for state in MissionState},
-    **{(state, Event.ENDED): MissionState.NONE for state in MissionState},
-}
-"""All changes of state. While a mission is driven, a request for another changes nothing."""
-
-
 class Interface(Agent):
     """The interface to people and programs outside the society.
 
@@ -224,7 +204,7 @@ class Interface(Agent):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self._mission = Mission()
-        self._state = MissionState.NONE
+        self._stage = Stage.NONE
         self._note = ""
         self._refused = ""  # the reason of the last refusal
         self._map_change: tuple[MapMoved, float] | None = None  # the newest one, and its time, s
@@ -252,9 +232,9 @@ class Interface(Agent):
         self, question: Question, request: MissionRequest, at: Waypoint
     ) -> MissionReply | None:
         """Publish the initial pose; the mission waits until the encoder agent uses it."""
-        if self._placing is not None or self._state is MissionState.PLANNING:
+        if self._placing is not None or self._stage is Stage.PLANNING:
             return self._refuse(UNDER_WAY)
-        if not self._rests() or self._held or self._state is MissionState.DRIVING:
+        if not self._rests() or self._held or self._stage is Stage.DRIVING:
             return self._refuse(MOVES)
         self._placing = question, request, self.now + PLACED_S
         self.publish(InitialPose(at.x, at.y, at.theta))
@@ -315,7 +295,8 @@ class Interface(Agent):
             reply = self._begin(way, request, planned=True)
             self._mission.replans = WAS_LOST
             return reply
-        self._on(Event.ASKED)
+        if self._stage is not Stage.DRIVING:  # a mission goes on until another is accepted
+            self._on(Event.ENDED, Event.ASKED)
         start = Waypoint(pose.x, pose.y, pose.theta)
 
         def planned(plan: Plan | None) -> None:
@@ -329,7 +310,7 @@ class Interface(Agent):
     def _may_not_replace(self, request: MissionRequest) -> bool:
         """Return whether the current mission is another than the one that this may replace."""
         only = request.replaces
-        return only not in (None, self._mission.number) and self._state is MissionState.DRIVING
+        return only not in (None, self._mission.number) and self._stage is Stage.DRIVING
 
     def on_mission_order(self, question: Question) -> None:
         """Propose a mission of several tasks to the mission planning agent (use case 1).
@@ -390,11 +371,9 @@ class Interface(Agent):
         """Have the holder's path driven, if it has changed."""
         peoples, self._held = not self._held, True
         pose = self.latest(Pose)
-        if pose is None or (
-            action.id == self._mission.number and self._state is not MissionState.NONE
-        ):
+        if pose is None or (action.id == self._mission.number and self._stage is not Stage.NONE):
             return
-        if self._state is MissionState.DRIVING and action.id != self._mission.number:
+        if self._stage is Stage.DRIVING and action.id != self._mission.number:
             # A holder's mission may go on later; one of people is not remembered, and has failed.
             self._on(Event.FAILED if peoples else Event.ENDED)
             self._note = "another way is driven instead"
@@ -412,7 +391,7 @@ class Interface(Agent):
         if not self._held:
             return
         self._held = False
-        if self._state is MissionState.DRIVING:
+        if self._stage is Stage.DRIVING:
             self._on(Event.ENDED)
             self._mission.waits, self._note = None, ""
             self.publish(self._trajectory(self._mission, over=True))
@@ -420,7 +399,7 @@ class Interface(Agent):
 
     def measure(self, resource: Resource) -> Action:
         """Return the path that is driven now and its progress, which contenders may join."""
-        if self._state is not MissionState.DRIVING:
+        if self._stage is not Stage.DRIVING:
             return resource.neutral
         route = self._mission.route
         driven = self._mission.number, route.waypoints, route.start, route.leg
@@ -428,7 +407,7 @@ class Interface(Agent):
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """Take over a mission that a peer remembers, and this instance does not know."""
-        ended = self._state in (MissionState.REACHED, MissionState.FAILED)  # also for peers
+        ended = self._stage in (Stage.REACHED, Stage.FAILED)  # also for peers
         if trajectory.mission == self._mission.number and (trajectory.waypoints or ended):
             return
         number, route = trajectory.mission, Route.of(trajectory)
@@ -437,7 +416,7 @@ class Interface(Agent):
         mission.to_go, mission.nearing = self._mission.to_go, Nearing().anew(self.now)
         self._mission, self._refused = mission, ""
         if trajectory.waypoints:
-            self._on(Event.TAKEN)
+            self._on(*BEGUN)
             self.log(f"mission {number} goes on")
         else:
             self._on(Event.ENDED)
@@ -445,7 +424,7 @@ class Interface(Agent):
     def on_map_moved(self, change: MapMoved) -> None:
         """Move the goal and the path to it with the map; plan anew on the new one."""
         self._map_change, mission = (change, self.now), self._mission
-        if self._state is not MissionState.DRIVING or change.revision <= mission.revision:
+        if self._stage is not Stage.DRIVING or change.revision <= mission.revision:
             return
         route = mission.route
         waypoints, mission.revision = self._present(route.waypoints, mission.revision)
@@ -471,7 +450,7 @@ class Interface(Agent):
         if discard_output > UNHEARD_S:
             self._mission.nearing = self._mission.nearing.without(discard_output, self.now)
         self._check_placed(pose)
-        if self._state is not MissionState.DRIVING:
+        if self._stage is not Stage.DRIVING:
             return
         moved_at = -inf if self._map_change is None else self._map_change[1]
         if pose.revision < self._mission.revision and self.now - moved_at < MOVES_S:
@@ -509,11 +488,11 @@ class Interface(Agent):
 
     def on_robot_state(self, state: RobotState) -> None:
         """Fail a mission if the robot cannot be driven, or has repeated contacts in one place."""
-        if state.fault and self._state is MissionState.DRIVING:
+        if state.fault and self._stage is Stage.DRIVING:
             self._fail(state.fault)
             return
         begins = self._contacts.begins(state)
-        if not begins or driven_by(self) or self._state is not MissionState.DRIVING:
+        if not begins or driven_by(self) or self._stage is not Stage.DRIVING:
             return
         here = self._contacts.here(state, self.now, self.p.contacts_s, self.p.contacts_m)
         if len(here) >= self.p.contacts:
@@ -531,7 +510,7 @@ class Interface(Agent):
         known = self.memory.newest(Trajectory)
         if known is not None:
             self.publish(replace(known, leg=self._mission.route.leg))
-        if self._state is not MissionState.DRIVING:
+        if self._stage is not Stage.DRIVING:
             self._publish_status()
 
     def on_description(self, description: Description) -> None:
@@ -545,9 +524,7 @@ class Interface(Agent):
             return
         pose = self.fresh(Pose)
         watched = (
-            self._state is MissionState.DRIVING
-            and self._mission.planned
-            and self._mission.waits is None
+            self._stage is Stage.DRIVING and self._mission.planned and self._mission.waits is None
         )
         across = watched and pose is not None and self._obstructed(pose, obstacles)
         at = since(self._mission.nearing.across_since, across, self.now)
@@ -602,7 +579,7 @@ class Interface(Agent):
             self._mission.replan = Replan(
                 self._mission.replan.why, False, self.now + self.p.again_s
             )
-            if self._mission.number != mission or self._state is not MissionState.DRIVING:
+            if self._mission.number != mission or self._stage is not Stage.DRIVING:
                 return
             here = self.latest(Pose) or pose
             if plan is None and why != WAS_LOST and self._mission.waits is None:
@@ -731,19 +708,21 @@ class Interface(Agent):
         mission.to_go = mission.route.to_go(pose.x, pose.y)
         mission.nearing = Nearing().anew(self.now)
         self._mission = mission
-        self._on(Event.TAKEN)
+        self._on(*BEGUN)
         self._note = self._refused = ""
         self._contacts.clear()
 
-    def _on(self, event: Event) -> None:
-        self._state = TRANSITIONS.get((self._state, event), self._state)
+    def _on(self, *events: Event) -> None:
+        for event in events:
+            self._stage = following(self._stage, event)
 
     def _refuse(self, why: str) -> MissionReply:
-        self._on(Event.REFUSED)
+        if self._stage is Stage.PLANNING:
+            self._on(Event.ENDED)
         refusal = line(f"mission refused: {why}")
-        if self._state is MissionState.NONE:
+        if self._stage is Stage.NONE:
             self._note = refusal
-        if self._state is not MissionState.DRIVING:
+        if self._stage is not Stage.DRIVING:
             self._refused = line(why)
             self._publish_status()
         self.log(refusal, WARNING)
@@ -798,10 +777,8 @@ class Interface(Agent):
         )
 
     def _publish_status(self) -> None:
-        mission = self._mission
+        mission, state = self._mission, MissionState(self._stage.value)
         leg = mission.route.leg if mission.route.waypoints else 0
         self.publish(
-            MissionStatus(
-                mission.number, self._state, mission.to_go, leg, self._note, self._refused
-            )
+            MissionStatus(mission.number, state, mission.to_go, leg, self._note, self._refused)
         )
