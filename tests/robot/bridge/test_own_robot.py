@@ -13,7 +13,8 @@ import pytest
 
 from tests.once import Once
 from tests.programs import NO_PICTURE, SOON, call, starter
-from tests.whole.house.tree import ROOT
+
+ROOT = Path(__file__).resolve().parents[3]
 
 EXAMPLE = ROOT / "examples" / "create2"
 
@@ -95,21 +96,6 @@ def test_the_robot_in_mujoco_keeps_the_contract(tmp_path: Path) -> None:
         env=there, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_without_it_the_kinds_that_are_installed_are_named() -> None:
-    profile = EXAMPLE / "armadico_create2" / "create2.toml"
-    done = call("run", "sc1", "--virtual", "--profile", str(profile))
-    assert done.returncode != 0
-    assert "[create2]" in done.stderr
-    assert "p2os, ros2" in done.stderr
-
-
-def test_an_address_of_another_kind_is_refused(env: dict[str, str]) -> None:
-    words = ("robot", "--set", "port=ros2://", "--set", "profile=create2")
-    done = call(*words, program="armadico-agent", env=env)
-    assert done.returncode != 0
-    assert "its address begins with serial:// or tcp://" in done.stderr
 
 
 def test_the_collisions_of_a_driver_without_a_name_are_counted(env: dict[str, str]) -> None:

@@ -23,7 +23,7 @@ from armadico.mesh.ports import free_port
 from armadico.mobile.messages import Pose, Truth
 from armadico.observe.view import View
 from tests.programs import NO_PICTURE, SOON, starter
-from tests.whole.live.society import mesh_of
+from tests.robot.society import mesh_of
 
 
 def agree(pose: Pose | None, truth: Truth | None) -> bool:

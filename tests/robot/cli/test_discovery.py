@@ -69,12 +69,6 @@ def test_what_is_not_there_is_answered_with_what_is() -> None:
     assert error.known == tuple(sorted(discovery.installed(AGENTS)))
 
 
-def test_what_is_nothing_like_anything_gets_no_guess() -> None:
-    with pytest.raises(UnknownNameError) as caught:
-        discovery.agent_class("zzz")
-    assert caught.value.near is None
-
-
 def test_what_is_no_agent_is_refused(third_party: Path) -> None:
     with pytest.raises(ImportError, match=r"^chair \(elsewhere:Chair\) .*Agent"):
         discovery.agent_class("chair")
@@ -84,9 +78,3 @@ def test_what_is_no_agent_is_refused(third_party: Path) -> None:
 def test_a_broken_entry_point_is_named(third_party: Path, name: str) -> None:
     with pytest.raises(ImportError, match=f"^{name} "):
         discovery.agent_class(name)
-
-
-def test_a_module_that_is_not_there_has_no_summary() -> None:
-    assert discovery.summary("armadico.no.such") == ""
-    assert discovery.summary("no_such_package.at.all") == ""
-    assert discovery.summary("sys") == ""

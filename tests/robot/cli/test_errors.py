@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from armadico import cli
-from armadico.cli import goto, options, up
+from armadico.cli import goto, options
 from armadico.core.messages import Cycle, RobotState, Stop
 from tests.programs import BIN, SOON, call
 
@@ -32,13 +32,6 @@ def test_a_name_in_brackets_is_a_name(tmp_path: Path, capsys: pytest.CaptureFixt
     scenario = files(f'name = "[/nope][red]x"\n{SCENARIO}', tmp_path)
     assert cli.main(["run", scenario, "--virtual"]) == 0
     assert "[/nope][red]x: reached" in capsys.readouterr().out
-
-
-def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as end:
-        cli.main(["help", "run"])
-    assert end.value.code == 0
-    assert "usage: armadico run" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
@@ -72,15 +65,6 @@ def test_a_run_goes_on_when_what_it_reports_cannot_be_written() -> None:
         )
     assert done.returncode == 0
     assert '"reached": true' in done.stdout
-
-
-@pytest.mark.skipif(not FULL.exists(), reason="no /dev/full")
-def test_a_society_stays_up_when_that_it_is_up_cannot_be_written(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with FULL.open("w") as full:
-        monkeypatch.setattr("sys.stdout", full)
-        up._ready("lab1", "robot, goto")(1.0)
 
 
 @pytest.mark.long(but=(">&- 2>&- <&-",))

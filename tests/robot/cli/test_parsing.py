@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from armadico.cli.options import Mesh, Meshes
+from armadico.cli.options import Mesh
 from armadico.cli.parsing import (
     POSE,
     BadValueError,
@@ -115,10 +115,3 @@ def test_a_value_with_a_dash_is_no_option() -> None:
     assert found.leave == ("-a",)
     assert found.start == (-1.0, -0.5, -10.0)
     assert found.file == Path("-x")
-
-
-def test_several_robots_are_each_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Meshes, "join", lambda self, **_: self.namespace)
-    assert Meshes(namespaces=("a", "b", "a")).join_each() == ["a", "b"]
-    monkeypatch.setenv("ARMADICO_NAMESPACE", "other")
-    assert Meshes().join_each() == ["other"]

@@ -10,7 +10,7 @@ import pytest
 
 from tests.programs import NO_PICTURE, Start
 from tests.robot.hosts.conftest import SOON, call, wait_for_line
-from tests.whole.live.society import Observer
+from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
 
