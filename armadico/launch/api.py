@@ -143,7 +143,7 @@ def _keywords(
 
 
 @_keywords(Call)
-def run(scenario: Given, call: Call) -> Run:  # noqa: D417 - the fields of Call
+def run(scenario: Given, call: Call) -> Run:
     """Drive one scenario from start to goal, as `armadico run` does, without output.
 
         done = armadico.run("sc4", virtual=True, seed=7)
@@ -158,8 +158,10 @@ def run(scenario: Given, call: Call) -> Run:  # noqa: D417 - the fields of Call
     A goal that is not reached is not an error: `measures.reached` is False. It is None if nobody
     knows, as on a real robot. `measures.judgement` is yes, no or unknown, with the reason.
 
-    Args:
-        scenario: A shipped scenario's name, a TOML file, or a `Scenario`.
+    `scenario` is a shipped scenario's name, a TOML file, or a `Scenario`. The fields of `Call` are
+    keyword arguments:
+
+    Options:
         virtual: Under a virtual clock, or as processes.
         seed: Seed of random numbers; by default the scenario's.
         start: Start pose (x, y, theta) in m, m, rad; by default the scenario's.
