@@ -158,7 +158,7 @@ def mapped(
             online[i] = slam.pose_at(here)
         step()
     slam.finish()
-    if not slam.numbers:
+    if not slam.map.numbers:
         raise LogError(f"{log.name}: no scan can be used: expected scans of a laser with 20 ranges")
     times = np.array([log.time(i) for i in range(count)])
     return Mapped(slam, online, _path(log, slam), times, spent)
@@ -175,14 +175,16 @@ def _path(log: Log, slam: Slam) -> Floats:
     """The pose of every reading: by odometry from key scan to key scan, which share the error."""
     odometry = log.odometry[log.rows]
     found = np.empty((len(odometry), 3))
-    first = slam.numbers[0]
-    found[:first] = compose(slam.poses[0], relative(odometry[first], odometry[:first]))
-    ends = [*slam.numbers, len(odometry)]
+    first = slam.map.numbers[0]
+    found[:first] = compose(slam.map.poses[0], relative(odometry[first], odometry[:first]))
+    ends = [*slam.map.numbers, len(odometry)]
     for key, (begin, end) in enumerate(pairwise(ends)):
-        found[begin:end] = compose(slam.poses[key], relative(odometry[begin], odometry[begin:end]))
-        if key + 1 < len(slam.poses):
-            last = compose(slam.poses[key], relative(odometry[begin], odometry[end]))
-            off = relative(last, slam.poses[key + 1])
+        found[begin:end] = compose(
+            slam.map.poses[key], relative(odometry[begin], odometry[begin:end])
+        )
+        if key + 1 < len(slam.map.poses):
+            last = compose(slam.map.poses[key], relative(odometry[begin], odometry[end]))
+            off = relative(last, slam.map.poses[key + 1])
             share = (np.arange(end - begin) / (end - begin))[:, None]
             found[begin:end] = compose(found[begin:end], share * off)
     return found
@@ -192,7 +194,7 @@ def graph_of(log: Log, slam: Slam) -> SavedGraph:
     """The map with its key scans, to draw it or to go on with it."""
     scans = [
         DrawnScan(key, np.zeros(3), _scan(log, number), is_key=True)
-        for key, number in enumerate(slam.numbers)
+        for key, number in enumerate(slam.map.numbers)
     ]
     return slam.saved(scans)
 
@@ -238,37 +240,37 @@ def figures(log: Log, found: Mapped) -> Figures:
             "odometry": _rmse(aligned(log.odometry[log.rows][scored], there), there),
         }
     false, false_on = _false_loops(slam, reference)
-    spent, worst = 1000.0 * found.spent, slam.deviation
+    spent, worst = 1000.0 * found.spent, slam.evidence.deviation
     return Figures(
         scans=len(log),
-        key_scans=len(slam.poses),
+        key_scans=len(slam.map.poses),
         seconds=float(found.times[-1] - found.times[0]),
-        metres=slam.way[-1],
+        metres=slam.map.way[-1],
         error_rmse_m=errors["rmse"],
         error_95_m=errors["p95"],
         error_most_m=errors["most"],
         heading_median_deg=errors["heading"],
         online_rmse_m=errors["online"],
         odometry_rmse_m=errors["odometry"],
-        loops=len(slam.loops),
-        loops_off=slam.loops_off,
+        loops=len(slam.map.loops),
+        loops_off=slam.map.loops_off,
         loops_false=false,
         loops_false_on=false_on,
         refused={reason.value: count for reason, count in slam.closer.refused.items()},
-        weak=slam.weak,
-        carried=len(slam.carried),
-        rejected=slam.rejected,
-        revisions=slam.revision,
+        weak=slam.evidence.weak,
+        carried=len(slam.evidence.carried),
+        rejected=slam.evidence.rejected,
+        revisions=slam.map.revision,
         uncertain=slam.uncertain,
         scan_median_ms=float(np.median(spent)),
         scan_95_ms=float(np.quantile(spent, 0.95)),
         scan_most_ms=float(spent.max()),
         total_s=float(found.spent.sum()),
         digest=zlib.crc32(found.path.tobytes()),
-        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in slam.contradictions),
+        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in slam.evidence.contradictions),
         deviation_m=worst.metres if worst else None,
         deviation_chain_m=worst.chain if worst else None,
-        odometry_jumps=len(slam.leaps),
+        odometry_jumps=len(slam.evidence.leaps),
     )
 
 
@@ -303,8 +305,10 @@ def on_reference(log: Log, found: Mapped) -> Mapped:
     """The same with map and path moved as a whole onto the reference, which the log must have."""
     known = log.known
     shift = _alignment(found.path[known], log.reference[log.rows][known])
-    found.slam.poses = compose(shift, found.slam.poses)
-    found.slam.contradictions = [one.moved(shift) for one in found.slam.contradictions]
+    found.slam.map.poses = compose(shift, found.slam.map.poses)
+    found.slam.evidence.contradictions = [
+        one.moved(shift) for one in found.slam.evidence.contradictions
+    ]
     return replace(found, path=compose(shift, found.path), online=compose(shift, found.online))
 
 
@@ -370,18 +374,18 @@ def _rmse(path: Floats, reference: Floats) -> float:
 
 def _false_loops(slam: Slam, reference: Floats) -> tuple[int | None, int | None]:
     """How many loops contradict the reference, and how many of these are on."""
-    if not slam.loops:
+    if not slam.map.loops:
         return 0, 0
-    numbers = np.array(slam.numbers)
-    starts = reference[numbers[[loop.start for loop in slam.loops]]]
-    ends = reference[numbers[[loop.end for loop in slam.loops]]]
-    off = relative(relative(starts, ends), np.array([loop.pose for loop in slam.loops]))
+    numbers = np.array(slam.map.numbers)
+    starts = reference[numbers[[loop.start for loop in slam.map.loops]]]
+    ends = reference[numbers[[loop.end for loop in slam.map.loops]]]
+    off = relative(relative(starts, ends), np.array([loop.pose for loop in slam.map.loops]))
     known = ~np.isnan(off[:, 0])
     if not known.any():
         return None, None
     with np.errstate(invalid="ignore"):
         false = (np.hypot(off[:, 0], off[:, 1]) > FALSE_M) | (np.abs(off[:, 2]) > FALSE_RAD)
-    on = slam.loop_weights > ON
+    on = slam.map.loop_weights > ON
     return int(np.count_nonzero(false)), int(np.count_nonzero(false & on))
 
 
