@@ -95,7 +95,7 @@ def test_what_is_read_is_what_was_saved_and_small() -> None:
 
 
 def test_the_map_is_drawn_of_it() -> None:
-    cells, own = saved_graph().drawn(), mapped_by().agent._map.cells()
+    cells, own = saved_graph().drawn(), mapped_by().agent._picture.mapper.cells()
     assert cells.area(FREE) == pytest.approx(own.area(FREE), rel=0.03)
     assert cells.area(OCCUPIED) == pytest.approx(own.area(OCCUPIED), rel=0.1)
 
