@@ -11,14 +11,15 @@ One search is not trusted. Several must agree with each other while the robot dr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import hypot, pi
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.agents.slam.loop_closure import FIELD_WORK, ICP_WORK
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.poses import (
     Floats,
     compose,
@@ -57,31 +58,30 @@ MOST_CELLS: Final = 1500
 """Cells along a side of the field, at most: larger maps get larger cells."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RelocationParameters:
+class RelocationParameters(Struct, frozen=True, kw_only=True):
     """Of the search and of what is accepted."""
 
-    resolution: float = 0.1  # m, of the coarse field
-    smear_deviation: float = 0.15  # m
-    smear_radius: float = 0.4  # m
-    depth: int = 5  # of branch and bound
-    angle_resolution: float = 0.025  # rad
-    scans: int = 12  # newest key scans that are matched together,
-    way: float = 6.0  # m; they go back at most so far
-    points: int = 250  # that are scored
-    distance: float = 3.0  # m; the robot is sought so near to a place where it has been
-    minimum_score: float = 0.45  # on the coarse field
-    similar: float = 0.8  # places with this share of the best score are compared
-    places: int = 8  # that are compared, at most
-    apart: float = 0.6  # m or
-    apart_angle: float = 0.4  # rad between two places
-    near_scans: int = 30  # key scans that a place is judged by
-    minimum_inliers: float = 0.6
-    maximum_through: float = 0.1
-    minimum_information: float = 50.0  # smallest eigenvalue: fails in a bare corridor
-    rival: float = 0.85  # share of the best place's quality; a worse place is no rival
-    support: int = 3  # searches that agree,
-    support_way: float = 1.0  # over so many m; a turn of 1 rad counts as 0.5 m
+    resolution: Positive = 0.1  # m, of the coarse field
+    smear_deviation: Positive = 0.15  # m
+    smear_radius: Positive = 0.4  # m
+    depth: Count = 5  # of branch and bound
+    angle_resolution: Positive = 0.025  # rad
+    scans: Count = 12  # newest key scans that are matched together,
+    way: Positive = 6.0  # m; they go back at most so far
+    points: Count = 250  # that are scored
+    distance: Positive = 3.0  # m; the robot is sought so near to a place where it has been
+    minimum_score: Positive = 0.45  # on the coarse field
+    similar: Positive = 0.8  # places with this share of the best score are compared
+    places: Count = 8  # that are compared, at most
+    apart: Positive = 0.6  # m or
+    apart_angle: Positive = 0.4  # rad between two places
+    near_scans: Count = 30  # key scans that a place is judged by
+    minimum_inliers: Positive = 0.6
+    maximum_through: Positive = 0.1
+    minimum_information: Positive = 50.0  # smallest eigenvalue: fails in a bare corridor
+    rival: Positive = 0.85  # share of the best place's quality; a worse place is no rival
+    support: Count = 3  # searches that agree,
+    support_way: Positive = 1.0  # over so many m; a turn of 1 rad counts as 0.5 m
 
 
 class Recognised(NamedTuple):

@@ -8,14 +8,15 @@ nearest points and returns its information (Censi, 2008).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from math import ceil
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.poses import Floats, transformed, turned, wrapped
 from armadico.agents.slam.slices import Sliced
 
@@ -41,24 +42,25 @@ LEVEL_WORK: Final = 1
 """Work of a cell of a level of the pyramid, in look-ups (`slices`)."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class MatcherParameters:
+class MatcherParameters(Struct, frozen=True, kw_only=True):
     """Names as in slam_toolbox, else as in Cartographer, where these have the parameter."""
 
-    resolution: float = 0.05  # m, of the likelihood field
-    smear_deviation: float = 0.10  # m (correlation_search_space_smear_deviation)
-    smear_radius: float = 0.3  # m; farther from a point the field is zero
-    voxel_filter_size: float = 0.1  # m; one point per cell is scored
-    voxel_filter_points: int = 200  # points that are scored, at most
-    coarse_angle_resolution: float = 0.02  # rad
-    fine_angle_resolution: float = 0.02 / 3
-    variance_penalty: float = 0.02  # of the score, for one squared standard deviation of the guess
-    branch_and_bound_depth: int = 4
-    ambiguity_share: float = 0.93  # poses with this share of the best score are alternatives
-    range_deviation: float = 0.03  # m, of a point from its line
-    inlier_distance: float = 0.1  # m; a point so near to a line fits
-    correlation: float = 10.0  # rays are not independent: this many count as one
-    rounds: int = 8
+    resolution: Positive = 0.05  # m, of the likelihood field
+    smear_deviation: Positive = 0.10  # m (correlation_search_space_smear_deviation)
+    smear_radius: Positive = 0.3  # m; farther from a point the field is zero
+    voxel_filter_size: Positive = 0.1  # m; one point per cell is scored
+    voxel_filter_points: Count = 200  # points that are scored, at most
+    coarse_angle_resolution: Positive = 0.02  # rad
+    fine_angle_resolution: Positive = 0.02 / 3
+    variance_penalty: Positive = (
+        0.02  # of the score, for one squared standard deviation of the guess
+    )
+    branch_and_bound_depth: Count = 4
+    ambiguity_share: Positive = 0.93  # poses with this share of the best score are alternatives
+    range_deviation: Positive = 0.03  # m, of a point from its line
+    inlier_distance: Positive = 0.1  # m; a point so near to a line fits
+    correlation: Positive = 10.0  # rays are not independent: this many count as one
+    rounds: Count = 8
 
 
 class PointCloud(NamedTuple):

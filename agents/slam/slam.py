@@ -21,12 +21,14 @@ from math import hypot, inf, pi
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 from armadico.agents.slam.consistency import ConsistencyParameters
 from armadico.agents.slam.evidence import Evidence
 from armadico.agents.slam.key_map import LEAST_POINTS, WALLS, KeyMap
 from armadico.agents.slam.loop_closure import Loop, LoopCloser, LoopParameters
 from armadico.agents.slam.odometry_model import OdometryModel, OdometryParameters
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.pose_graph import Edge, GraphParameters, PoseGraph
 from armadico.agents.slam.poses import (
     Floats,
@@ -93,33 +95,32 @@ LEAP_M_S: Final = 10.0
 """The speed, m/s."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SlamParameters:
+class SlamParameters(Struct, frozen=True, kw_only=True):
     """Names as in slam_toolbox, else as in Cartographer, where these have the parameter."""
 
-    max_range: float = 20.0  # m, of rays that count (max_laser_range)
-    minimum_travel_distance: float = 0.3  # m from one key scan to the next,
-    minimum_travel_heading: float = 0.3  # or rad
-    scan_buffer_size: int = 50  # key scans of the local map
-    correlation_search_space_dimension: float = 0.6  # m, half of the window, at most
-    search_minimum: float = 0.15  # m, the window at least,
-    search_minimum_angle: float = 0.12  # rad
-    search_deviations: float = 1.5  # of the odometry, that are added to it
-    match_good: float = 0.65  # share of points that fit, from which a match counts fully,
-    match_weak: float = 0.4  # up to which it counts least:
-    match_weak_information: float = 0.05
-    lost_share: float = 0.3  # of a badly fitting scan or of the map that contradict each other:
-    lost_scans: int = 3  # that many such scans, and the robot counts as carried
-    optimize_every_n_nodes: int = 10  # if there are loops,
-    optimize_at_least: int = 3  # and after so many if one moves the pose
+    max_range: Positive = 20.0  # m, of rays that count (max_laser_range)
+    minimum_travel_distance: Positive = 0.3  # m from one key scan to the next,
+    minimum_travel_heading: Positive = 0.3  # or rad
+    scan_buffer_size: Count = 50  # key scans of the local map
+    correlation_search_space_dimension: Positive = 0.6  # m, half of the window, at most
+    search_minimum: Positive = 0.15  # m, the window at least,
+    search_minimum_angle: Positive = 0.12  # rad
+    search_deviations: Positive = 1.5  # of the odometry, that are added to it
+    match_good: Positive = 0.65  # share of points that fit, from which a match counts fully,
+    match_weak: Positive = 0.4  # up to which it counts least:
+    match_weak_information: Positive = 0.05
+    lost_share: Positive = 0.3  # of a badly fitting scan or of the map that contradict each other:
+    lost_scans: Count = 3  # that many such scans, and the robot counts as carried
+    optimize_every_n_nodes: Count = 10  # if there are loops,
+    optimize_at_least: Count = 3  # and after so many if one moves the pose
     do_loop_closing: bool = True
-    maximum_key_scans: int = 20_000  # later scans are only matched: bounds the memory
-    matcher: MatcherParameters = field(default_factory=MatcherParameters)
-    odometry: OdometryParameters = field(default_factory=OdometryParameters)
-    loops: LoopParameters = field(default_factory=LoopParameters)
-    graph: GraphParameters = field(default_factory=GraphParameters)
-    relocation: RelocationParameters = field(default_factory=RelocationParameters)
-    consistency: ConsistencyParameters = field(default_factory=ConsistencyParameters)
+    maximum_key_scans: Count = 20_000  # later scans are only matched: bounds the memory
+    matcher: MatcherParameters = MatcherParameters()
+    odometry: OdometryParameters = OdometryParameters()
+    loops: LoopParameters = LoopParameters()
+    graph: GraphParameters = GraphParameters()
+    relocation: RelocationParameters = RelocationParameters()
+    consistency: ConsistencyParameters = ConsistencyParameters()
 
 
 # States -------------------------------------------------------------------------------------------

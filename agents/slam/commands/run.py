@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import atan2, cos, degrees, sin
@@ -14,16 +14,15 @@ from typing import Final
 import numpy as np
 from msgspec import Struct
 
-from armadico.agents.slam.logs import localizing
-from armadico.agents.slam.logs.logs import Log, LogError, Readings
+from armadico.agents.slam.logs.logs import Log, LogError
 from armadico.agents.slam.poses import Floats, compose, relative, wrapped
 from armadico.agents.slam.slam import Slam, SlamParameters
 from armadico.config.graph_file import DrawnScan, SavedGraph
 from armadico.config.grid_map import Cells
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.core.messages import Cycle
-from armadico.mobile.geometry import STOOD, Pose2
-from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.geometry import STOOD
+from armadico.mobile.messages import Scan
 from armadico.mobile.scans import bearings_of, ranges_of
 
 FALSE_M: Final = 0.5
@@ -105,26 +104,6 @@ class Mapped:
     path: Floats  # (n, 3) poses after all loops
     times: Floats  # (n,) of the readings, s
     spent: Floats  # (n,) processor time, s
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Some of the readings of a log."""
-
-    readings: Readings
-    of: Sequence[int]
-
-    def kind(self, index: int) -> type[Scan | Sonar]:
-        return self.readings.kind(self.of[index])
-
-    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
-        return self.readings.message(self.of[index], cycle, since, number)
-
-
-def over(log: Log, part: str) -> Log:
-    """A log with one of `localizing.PARTS` of its readings."""
-    chosen = localizing.part(log, part)
-    return replace(log, rows=log.rows[chosen], readings=_Part(log.readings, chosen))
 
 
 def mapped(

@@ -88,6 +88,9 @@ class Readings(Protocol):
             number: Of the scan.
         """
 
+    def only(self, which: Sequence[int]) -> Readings:
+        """Some of them, in order."""
+
 
 @dataclass(frozen=True)
 class Scans:
@@ -106,6 +109,9 @@ class Scans:
         seen = self.ranges[index] * self.scale
         limits = (LEAST_M, self.reach)
         return message_of(cycle, seen, self.angles, limits, self.mount, since=since, number=number)
+
+    def only(self, which: Sequence[int]) -> Scans:
+        return replace(self, ranges=self.ranges[which])
 
 
 @dataclass(frozen=True)
@@ -128,6 +134,9 @@ class Recorded:
             x, y, bearing = compose(since, (echo.x, echo.y, echo.bearing))
             echoes.append(msgspec.structs.replace(echo, x=x, y=y, bearing=bearing))
         return msgspec.structs.replace(message, cycle=cycle, echoes=tuple(echoes))
+
+    def only(self, which: Sequence[int]) -> Recorded:
+        return Recorded(tuple(self.messages[index] for index in which))
 
 
 @dataclass(frozen=True)
@@ -176,6 +185,26 @@ class Log:
         """The reference pose of a reading, None where unknown."""
         x, y, theta = self.reference[self.rows[reading]].tolist()
         return None if isnan(x) else (x, y, theta)
+
+    def part(self, name: str, readings: Sequence[int] | None = None) -> list[int]:
+        """The readings of a part: `all`, `even`, `odd`, or a half in time, `first` or `second`.
+
+        Out of `readings` or of all; even and odd count in those.
+        """
+        every = list(range(len(self))) if readings is None else readings
+        half = self.time(len(self) // 2)
+        match name:
+            case "first":
+                return [i for i in every if self.time(i) < half]
+            case "second":
+                return [i for i in every if self.time(i) >= half]
+            case "even" | "odd":
+                return list(every[(name == "odd") :: 2])
+        return list(every)
+
+    def only(self, readings: Sequence[int]) -> Log:
+        """The log with some of its readings."""
+        return replace(self, rows=self.rows[readings], readings=self.readings.only(readings))
 
     def odometry_at(self, t: float) -> Pose2:
         """The odometry at any time, interpolated between two rows."""
