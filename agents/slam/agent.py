@@ -18,13 +18,13 @@ from armadico.agents.slam.poses import Floats, compose, relative, wrapped
 from armadico.agents.slam.scan_matching import Indices, MatcherParameters, PointCloud
 from armadico.agents.slam.slam import (
     UNKNOWN,
-    Moved,
     Slam,
     SlamParameters,
     Update,
     matched_points,
 )
 from armadico.agents.slam.slices import Sliced, finished
+from armadico.agents.slam.states import Moved
 from armadico.config import graph_file, grid_map
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
 from armadico.config.graph_parts import Incoming, Outgoing

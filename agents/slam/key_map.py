@@ -68,6 +68,10 @@ class KeyMap:
         self.graph.weights = weights[[k for k in kept if k < len(weights)]]
         self.loops = [loop for loop in self.loops if loop.end < count]
 
+    def has(self, key: int, cloud: PointCloud) -> bool:
+        """Whether a key scan is there, and no other one in its place."""
+        return key < len(self) and self.clouds[key] is cloud
+
     def adopt(self, poses: Floats) -> None:
         """Take over moved poses; later key scans keep their place beside the newest of them."""
         self.poses, self.revision = self.later(poses), self.revision + 1

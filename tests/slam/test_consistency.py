@@ -17,8 +17,9 @@ from armadico.agents.slam.consistency import (
 from armadico.agents.slam.pose_graph import Edge
 from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.agents.slam.scan_matching import PointCloud, point_cloud
-from armadico.agents.slam.slam import Mode, Moved, Proof, Slam, SlamParameters
+from armadico.agents.slam.slam import Slam, SlamParameters
 from armadico.agents.slam.slices import finished
+from armadico.agents.slam.states import Mode, Moved, Proof
 from armadico.config.grid_map import FREE, Cells
 from tests.slam.worlds import BEARINGS, cast
 

@@ -9,6 +9,7 @@ import pytest
 
 from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.agents.slam.slam import Slam
+from armadico.agents.slam.slices import finished
 from tests.slam.worlds import BEARINGS, cast, drifted, drive, mapped, ring, square, twins
 
 PATH = square()
@@ -165,3 +166,23 @@ def test_a_lost_robot_that_maps_again_begins_a_part_where_it_stands() -> None:
     taken(again, here[:1], 0.0 * here[:1], 100.0, mapping=True)
     assert not again.lost
     assert again.parts == 2
+
+
+@pytest.mark.parametrize("dropped", [False, True])
+def test_a_place_that_is_found_after_its_scans_were_dropped_changes_nothing(
+    dropped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slam, _ = mapped(ring(), PATH[:75], PATH[:75])
+    again, moved, path = kept(slam), None, PATH[95:130]
+    for number, pose in enumerate(path):
+        here = relative(path[0], pose)
+        again.add(0.1 * number, here, cast(ring(), pose), BEARINGS, mapping=False)
+        if moved is not None:
+            break
+        moved = finished(again.closing_loops())
+        if dropped and moved is not None:  # it gives up before the found place is adopted
+            monkeypatch.setattr("armadico.agents.slam.slam.LOST_SCANS", 1)
+    assert moved is not None
+    again.adopt(moved)
+    assert again.located is not dropped
+    assert again.map.poses[: len(slam.map)].tobytes() == slam.map.poses.tobytes()

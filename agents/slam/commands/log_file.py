@@ -101,8 +101,13 @@ def _read(args: LogOptions) -> Log:
     with args.log.open("rb") as file:
         if file.read(len(logs.MCAP)) == logs.MCAP:
             options.need("mcap", "record")
-    how = {"corrected": args.corrected, "namespace": args.namespace}
-    return logs.read(args.log, **how, reach=args.reach, period=args.period)
+    return logs.read(
+        args.log,
+        corrected=args.corrected,
+        namespace=args.namespace,
+        reach=args.reach,
+        period=args.period,
+    )
 
 
 def report(

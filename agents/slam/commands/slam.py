@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from armadico.agents.slam.commands import log_file
 from armadico.cli import options
@@ -81,7 +81,7 @@ def run(args: Options) -> int:
     figures = runs.figures(log, found)
     judged = runs.judgement(log, figures, outside)
     rows = [*_rows(figures), *(() if related is None else _related(related))]
-    more = {
+    more: dict[str, Any] = {
         "drift": drift,
         "sets": args.sets,
         "relations": related,
