@@ -28,7 +28,7 @@ REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 10
 
 @dataclass(frozen=True, kw_only=True)
 class LogOptions:
-    """A log and how it is read; `drift` is `noise` to those who localize."""
+    """The log, how it is read, and the form of the report."""
 
     log: Path = argument("the log: .npz, CARMEN, recording, or ROS bag", metavar="LOG", must=THERE)
     over: str = option("use this part of the log (default: all)", default="all", choices=PARTS)
