@@ -241,6 +241,10 @@ def _agree(track: Trajectory, a: Loop, b: Loop) -> bool:
     """Whether the circle over two loops and the ways between them closes."""
     there = compose(a.pose, relative(track.poses[a.end], track.poses[b.end]))
     here = compose(relative(track.poses[a.start], track.poses[b.start]), b.pose)
-    off = relative(there, here)
-    tolerance = 0.2 + 0.02 * abs(track.way[a.end] - track.way[b.end])
-    return hypot(off[0], off[1]) < tolerance and abs(float(off[2])) < 0.05
+    return agree(there, here, track.way[a.end] - track.way[b.end], 0.05)
+
+
+def agree(one: Floats, other: Floats, way: float, angle: float) -> bool:
+    """Whether two poses are one, within an angle (rad) and what the odometry errs over a way, m."""
+    off = relative(one, other)
+    return hypot(off[0], off[1]) < 0.2 + 0.02 * abs(way) and abs(float(off[2])) < angle

@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.agents.slam.loop_closure import FIELD_WORK, ICP_WORK
+from armadico.agents.slam.loop_closure import FIELD_WORK, ICP_WORK, agree
 from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.poses import (
     Floats,
@@ -40,7 +40,6 @@ from armadico.agents.slam.scan_matching import (
     in_world,
     point_to_line,
     seen_through,
-    split,
     voxel_filtered,
 )
 from armadico.agents.slam.slices import Sliced
@@ -174,11 +173,7 @@ class WholeMap:
         middle = field.size // 2
         centre = field.corner + (middle + 0.5) * field.resolution
         headings = np.arange(-pi, pi, p.angle_resolution)
-        cells = np.stack(
-            [field.cells(transformed(np.array([*centre, h]), points)) for h in headings]
-        )
-
-        tree = Tree(field, self.levels, cells)
+        tree = Tree(field, self.levels, points, centre, headings)
 
         def possible(height: int, at: Indices) -> Indices:
             allowed = self.allowed[height]
@@ -187,21 +182,12 @@ class WholeMap:
 
         step = 1 << p.depth
         offsets = np.arange(-(middle // step) * step, field.size - middle, step)
-        grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
-        nodes = possible(p.depth, np.stack([axis.ravel() for axis in grid]))
-        scores = yield from tree.score(p.depth, nodes)
-        best = yield from tree.dive(nodes, scores, p.depth)
-        bound = max(p.minimum_score, p.similar * best)
-        for height in range(p.depth - 1, -1, -1):
-            nodes = nodes[:, scores >= bound]
-            if nodes.shape[1] > MOST_NODES // 4:
-                return None
-            nodes = possible(height, split(nodes, height))
-            if not nodes.shape[1]:
-                return []
-            scores = yield from tree.score(height, nodes)
-        kept = scores >= bound
-        nodes, scores = nodes[:, kept], scores[kept]
+        best = yield from tree.search(
+            offsets, p.minimum_score, p.similar, possible, MOST_NODES // 4
+        )
+        if best is None:
+            return None
+        nodes, scores = best
         found: list[tuple[Floats, float]] = []
         left = np.argsort(-scores, kind="stable")
         while len(left) and len(found) <= p.places:
@@ -327,9 +313,7 @@ class Relocator:
 
 def _agree(a: tuple[Recognised, Floats, float], b: tuple[Recognised, Floats, float]) -> bool:
     """Whether two places lie to each other on the map as in the robot's part."""
-    off = relative(relative(a[0].pose, b[0].pose), relative(a[1], b[1]))
-    tolerance = 0.2 + 0.02 * abs(a[2] - b[2])
-    return hypot(off[0], off[1]) < tolerance and abs(float(off[2])) < 0.08
+    return agree(relative(a[0].pose, b[0].pose), relative(a[1], b[1]), a[2] - b[2], 0.08)
 
 
 def _dilated(cells: NDArray[np.bool_], by: int, axis: int) -> NDArray[np.bool_]:

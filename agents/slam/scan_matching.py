@@ -8,6 +8,7 @@ nearest points and returns its information (Censi, 2008).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from math import ceil
 from typing import Final, NamedTuple
@@ -435,26 +436,13 @@ def branch_and_bound(
     levels = yield from field.pyramid(depth)
     turns = int(window.half_angle / p.coarse_angle_resolution)
     headings = guess[2] + np.arange(-turns, turns + 1) * p.coarse_angle_resolution
-    cells = np.stack(
-        [field.cells(transformed(np.array([*guess[:2], h]), points)) for h in headings]
-    )
-    tree = Tree(field, levels, cells)
+    tree = Tree(field, levels, points, guess, headings)
     reach = int(window.half / cell)
     offsets = np.arange(-reach, reach + 1, 1 << depth)
-    grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
-    nodes = np.stack([axis.ravel() for axis in grid])  # (3, c): heading, column, row
-    scores = yield from tree.score(depth, nodes)
-    bound = max(min_score, p.ambiguity_share * (yield from tree.dive(nodes, scores, depth)))
-    for height in range(depth - 1, -1, -1):
-        nodes = nodes[:, scores >= bound]
-        if not nodes.shape[1]:
-            return None
-        nodes = split(nodes, height)
-        scores = yield from tree.score(height, nodes)
-    kept = scores >= bound
-    if not kept.any():
+    found = yield from tree.search(offsets, min_score, p.ambiguity_share)
+    if found is None or not len(found[1]):
         return None
-    nodes, scores = nodes[:, kept], scores[kept]
+    nodes, scores = found
     best = int(np.argmax(scores))
     heading, column, row = nodes[:, best]
     spread = float(np.hypot(nodes[1] - column, nodes[2] - row).max()) * cell
@@ -470,13 +458,56 @@ def split(nodes: Indices, height: int) -> Indices:
 
 
 class Tree:
-    """Scores nodes: the mean of a level of the pyramid at a scan's cells, turned and shifted."""
+    """Branch and bound over nodes (3, c): heading, and shift by columns and rows.
 
-    def __init__(self, field: LikelihoodField, levels: list[Field], cells: Indices) -> None:
-        """Prepare for the cells (h, n, 2) of n points at each of h headings."""
+    A node's score is the mean of a level of the pyramid at a scan's cells, turned and shifted.
+    """
+
+    def __init__(
+        self,
+        field: LikelihoodField,
+        levels: list[Field],
+        points: Floats,
+        middle: Floats,
+        headings: Floats,
+    ) -> None:
+        """Prepare for points (n, 2) that are turned at a place by each heading, rad."""
+        places = [np.array([middle[0], middle[1], heading]) for heading in headings]
+        cells = np.stack([field.cells(transformed(place, points)) for place in places])
         self._size, self._levels, self._cells = field.size, levels, cells
         self._flat = (cells[:, :, 1] * field.size + cells[:, :, 0]).astype(np.int32)
         self._low, self._high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
+
+    def search(
+        self,
+        offsets: Indices,
+        least: float,
+        share: float,
+        possible: Callable[[int, Indices], Indices] = lambda _, nodes: nodes,
+        most: int | None = None,
+    ) -> Sliced[tuple[Indices, Floats] | None]:
+        """The nodes of single cells with a score near the best one, and these; None: too many.
+
+        Args:
+            offsets: Columns and rows of the nodes to begin with, which are squares.
+            least: Of the score.
+            share: Of the best score that is near it.
+            possible: Which nodes of a level are considered.
+            most: Nodes that are split at once; None: all.
+        """
+        depth = len(self._levels) - 1
+        grid = np.meshgrid(np.arange(len(self._cells)), offsets, offsets, indexing="ij")
+        nodes = possible(depth, np.stack([axis.ravel() for axis in grid]))
+        scores = yield from self.score(depth, nodes)
+        bound = max(least, share * (yield from self.dive(nodes, scores, depth)))
+        for height in range(depth - 1, -1, -1):
+            nodes = nodes[:, scores >= bound]
+            if most is not None and nodes.shape[1] > most:
+                return None
+            nodes = possible(height, split(nodes, height))
+            scores = yield from self.score(height, nodes)
+        kept = scores >= bound
+        return nodes[:, kept], scores[kept]
 
     def score(self, height: int, nodes: Indices) -> Sliced[Floats]:
         """(c,) the scores of nodes of a level."""
