@@ -17,6 +17,7 @@ from armadico.agents.slam.consistency import (
 )
 from armadico.agents.slam.key_map import KeyMap
 from armadico.agents.slam.slices import Sliced
+from armadico.agents.slam.states import Proof
 
 CHECKED_SCANS: Final = 50
 """The map is checked again when it has grown by so many key scans,"""
@@ -35,6 +36,7 @@ class Evidence:
     leaps: list[int] = field(default_factory=list)  # key scans before which the odometry jumped,
     leaps_unmatched: int = 0  # of these, without a good match
     relocations: int = 0  # times that the place of a part was found
+    proof: Proof | None = None  # of the place of the newest of these parts
     contradicted: bool = False  # later scans looked through walls of the map at such a place
     contradictions: list[Contradiction] = field(default_factory=list)  # as checked last
     deviation: Deviation | None = None  # of the place that is known least, likewise

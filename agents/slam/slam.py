@@ -157,7 +157,6 @@ class Slam:
         self.map = KeyMap(PoseGraph(p.graph))
         self.evidence = Evidence()
         self.mode = Mode.UNPLACED
-        self.proof: Proof | None = None
         self._kept = 0  # while LOST: the key scans before the temporary part
         self._odometer = Odometer()
         self._placed = Placed(np.zeros(3))
@@ -510,8 +509,9 @@ class Slam:
         todo.searched = count
         if p.do_loop_closing and not self.lost:
             yield from self._finding()
-        if self.proof is not None and count <= self.proof.until and not self.lost:
-            yield from self._proving(self.proof)
+        proof = self.evidence.proof
+        if proof is not None and count <= proof.until and not self.lost:
+            yield from self._proving(proof)
         poses, joined = self.map.poses, None
         if not self.located:
             found = yield from self._relocating()
@@ -651,17 +651,18 @@ class Slam:
         if joined is None:
             return
         self._part.relocators = {}
-        self.evidence.relocations += 1
+        evidence = self.evidence
+        evidence.relocations += 1
         newest, first = joined.newest, int(np.argmax(scans.part == joined.label))
         if joined.temporary:
             self._change(Event.FOUND)
             here = scans.poses[-1]
             self._drop(first)
             self._placed.on = newest.start, relative(scans.poses[newest.start], here)
-            if self.proof is not None:
-                self.proof.against = 0
+            if evidence.proof is not None:
+                evidence.proof.against = 0
         else:
-            self.proof = Proof(first, len(moved.poses) + PROVED_SCANS)
+            evidence.proof = Proof(first, len(moved.poses) + PROVED_SCANS)
             scans.part[scans.part == joined.label] = joined.to
         near = np.linalg.inv(newest.match.information / self.parameters.relocation.scans)
         self._placed.near = np.asarray(near, dtype=np.float64)

@@ -207,7 +207,7 @@ def proved(before: Sequence[Floats]) -> Slam:
     """
     slam = Slam(SlamParameters(do_loop_closing=False))
     slam.mode = Mode.MAPPING  # the robot's place on the map is known
-    slam.proof = Proof(len(before), len(before) + 3)
+    slam.evidence.proof = Proof(len(before), len(before) + 3)
     information = np.diag([1e4, 1e4, 1e4])
     for number, walls in enumerate([*before, *[HALL] * 3]):
         pose = np.array([4.0 + 0.4 * (number % 30), 4.0, 0.0])
