@@ -152,18 +152,16 @@ def _scan(log: Log, reading: int) -> Scan:
 
 def _path(log: Log, slam: Slam) -> Floats:
     """The pose of every reading: by odometry from key scan to key scan, which share the error."""
-    odometry = log.odometry[log.rows]
+    scans, odometry = slam.map, log.odometry[log.rows]
     found = np.empty((len(odometry), 3))
-    first = slam.map.numbers[0]
-    found[:first] = compose(slam.map.poses[0], relative(odometry[first], odometry[:first]))
-    ends = [*slam.map.numbers, len(odometry)]
+    first = scans.numbers[0]
+    found[:first] = compose(scans.poses[0], relative(odometry[first], odometry[:first]))
+    ends = [*scans.numbers, len(odometry)]
     for key, (begin, end) in enumerate(pairwise(ends)):
-        found[begin:end] = compose(
-            slam.map.poses[key], relative(odometry[begin], odometry[begin:end])
-        )
-        if key + 1 < len(slam.map.poses):
-            last = compose(slam.map.poses[key], relative(odometry[begin], odometry[end]))
-            off = relative(last, slam.map.poses[key + 1])
+        found[begin:end] = compose(scans.poses[key], relative(odometry[begin], odometry[begin:end]))
+        if key + 1 < len(scans):
+            last = compose(scans.poses[key], relative(odometry[begin], odometry[end]))
+            off = relative(last, scans.poses[key + 1])
             share = (np.arange(end - begin) / (end - begin))[:, None]
             found[begin:end] = compose(found[begin:end], share * off)
     return found
@@ -200,56 +198,51 @@ def outside(cells: Cells, graph: SavedGraph) -> int:
 def figures(log: Log, found: Mapped) -> Figures:
     """Measure a run; against the reference, if the log has one."""
     slam, known = found.slam, log.known
+    scans, evidence = slam.map, slam.evidence
     reference = log.reference[log.rows]
     scored = known & ~np.isnan(found.online[:, 0])
-    errors: dict[str, float | None] = dict.fromkeys(
-        ("rmse", "most", "p95", "heading", "online", "odometry")
-    )
+    names = ("error_rmse_m", "error_95_m", "error_most_m", "heading_median_deg")
+    errors: dict[str, float | None] = dict.fromkeys((*names, "online_rmse_m", "odometry_rmse_m"))
     if np.count_nonzero(scored) > 1:
         there = reference[scored]
         fitted = aligned(found.path[scored], there)
         off = np.hypot(*(fitted - there)[:, :2].T)
         turned = np.abs(wrapped(fitted[:, 2] - there[:, 2]))
         errors = {
-            "rmse": _rmse(fitted, there),
-            "p95": float(np.quantile(off, 0.95)),
-            "most": float(off.max()),
-            "heading": degrees(float(np.median(turned))),
-            "online": _rmse(aligned(found.online[scored], there), there),
-            "odometry": _rmse(aligned(log.odometry[log.rows][scored], there), there),
+            "error_rmse_m": _rmse(fitted, there),
+            "error_95_m": float(np.quantile(off, 0.95)),
+            "error_most_m": float(off.max()),
+            "heading_median_deg": degrees(float(np.median(turned))),
+            "online_rmse_m": _rmse(aligned(found.online[scored], there), there),
+            "odometry_rmse_m": _rmse(aligned(log.odometry[log.rows][scored], there), there),
         }
     false, false_on = _false_loops(slam, reference)
-    spent, worst = 1000.0 * found.spent, slam.evidence.deviation
+    spent, worst = 1000.0 * found.spent, evidence.deviation
     return Figures(
         scans=len(log),
-        key_scans=len(slam.map.poses),
+        key_scans=len(scans),
         seconds=float(found.times[-1] - found.times[0]),
-        metres=slam.map.way[-1],
-        error_rmse_m=errors["rmse"],
-        error_95_m=errors["p95"],
-        error_most_m=errors["most"],
-        heading_median_deg=errors["heading"],
-        online_rmse_m=errors["online"],
-        odometry_rmse_m=errors["odometry"],
-        loops=len(slam.map.loops),
-        loops_off=slam.map.loops_off,
+        metres=scans.way[-1],
+        **errors,
+        loops=len(scans.loops),
+        loops_off=scans.loops_off,
         loops_false=false,
         loops_false_on=false_on,
         refused={reason.value: count for reason, count in slam.closer.refused.items()},
-        weak=slam.evidence.weak,
-        carried=len(slam.evidence.carried),
-        rejected=slam.evidence.rejected,
-        revisions=slam.map.revision,
+        weak=evidence.weak,
+        carried=len(evidence.carried),
+        rejected=evidence.rejected,
+        revisions=scans.revision,
         uncertain=slam.uncertain,
         scan_median_ms=float(np.median(spent)),
         scan_95_ms=float(np.quantile(spent, 0.95)),
         scan_most_ms=float(spent.max()),
         total_s=float(found.spent.sum()),
         digest=zlib.crc32(found.path.tobytes()),
-        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in slam.evidence.contradictions),
+        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in evidence.contradictions),
         deviation_m=worst.metres if worst else None,
         deviation_chain_m=worst.chain if worst else None,
-        odometry_jumps=len(slam.evidence.leaps),
+        odometry_jumps=len(evidence.leaps),
     )
 
 
@@ -284,10 +277,9 @@ def on_reference(log: Log, found: Mapped) -> Mapped:
     """The same with map and path moved as a whole onto the reference, which the log must have."""
     known = log.known
     shift = _alignment(found.path[known], log.reference[log.rows][known])
-    found.slam.map.poses = compose(shift, found.slam.map.poses)
-    found.slam.evidence.contradictions = [
-        one.moved(shift) for one in found.slam.evidence.contradictions
-    ]
+    scans, evidence = found.slam.map, found.slam.evidence
+    scans.poses = compose(shift, scans.poses)
+    evidence.contradictions = [one.moved(shift) for one in evidence.contradictions]
     return replace(found, path=compose(shift, found.path), online=compose(shift, found.online))
 
 
@@ -353,18 +345,19 @@ def _rmse(path: Floats, reference: Floats) -> float:
 
 def _false_loops(slam: Slam, reference: Floats) -> tuple[int | None, int | None]:
     """How many loops contradict the reference, and how many of these are on."""
-    if not slam.map.loops:
+    scans = slam.map
+    if not scans.loops:
         return 0, 0
-    numbers = np.array(slam.map.numbers)
-    starts = reference[numbers[[loop.start for loop in slam.map.loops]]]
-    ends = reference[numbers[[loop.end for loop in slam.map.loops]]]
-    off = relative(relative(starts, ends), np.array([loop.pose for loop in slam.map.loops]))
+    numbers = np.array(scans.numbers)
+    starts = reference[numbers[[loop.start for loop in scans.loops]]]
+    ends = reference[numbers[[loop.end for loop in scans.loops]]]
+    off = relative(relative(starts, ends), np.array([loop.pose for loop in scans.loops]))
     known = ~np.isnan(off[:, 0])
     if not known.any():
         return None, None
     with np.errstate(invalid="ignore"):
         false = (np.hypot(off[:, 0], off[:, 1]) > FALSE_M) | (np.abs(off[:, 2]) > FALSE_RAD)
-    on = slam.map.loop_weights > ON
+    on = scans.loop_weights > ON
     return int(np.count_nonzero(false)), int(np.count_nonzero(false & on))
 
 
