@@ -26,7 +26,7 @@ from armadico.agents.slam.evidence import Evidence
 from armadico.agents.slam.key_map import LEAST_POINTS, WALLS, KeyMap
 from armadico.agents.slam.loop_closure import Loop, LoopCloser, LoopParameters
 from armadico.agents.slam.odometry_model import OdometryModel, OdometryParameters
-from armadico.agents.slam.parameters import Count, Positive
+from armadico.agents.slam.parameters import LEAP_M, LEAP_M_S, Count, Positive
 from armadico.agents.slam.pose_graph import Edge, GraphParameters, PoseGraph
 from armadico.agents.slam.poses import (
     Floats,
@@ -97,13 +97,6 @@ PROVED_NEAR: Final = 15
 
 PROVED_M: Final = 6.0
 """How far away these are at most, m."""
-
-LEAP_M: Final = 3.0
-"""Odometry that moves farther than this between two scans, and faster than the next, has jumped,
-as in `armadico.agents.slam.logs.logs`."""
-
-LEAP_M_S: Final = 10.0
-"""The speed, m/s."""
 
 
 class SlamParameters(Struct, frozen=True, kw_only=True):
@@ -267,7 +260,7 @@ class Slam:
         if action is Step.BEGIN:
             self._begin_part(guess, here, cloud, number)
         else:
-            self._add(here, cloud, number)
+            self._extend(here, cloud, number)
         if self._odometer.leapt:
             self._odometer.leapt = False
             self.evidence.leaps.append(len(self.map) - 1)
@@ -302,7 +295,7 @@ class Slam:
         moved: Floats = turn @ covariance @ turn.T + more
         return moved
 
-    def _add(self, here: Floats, cloud: PointCloud, number: int) -> None:
+    def _extend(self, here: Floats, cloud: PointCloud, number: int) -> None:
         """Match a key scan on the local map, and add it with its edge."""
         p, scans, placed = self.parameters, self.map, self._placed
         newest, before, step = len(scans) - 1, self.matched_pose, relative(placed.at, here)

@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.slam.logs.cut_npz import fields_of
+from armadico.agents.slam.parameters import LEAP_M, LEAP_M_S
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import RECORDINGS, installed
 from armadico.core.judgement import Judgement, no, unknown, yes
@@ -51,9 +52,6 @@ FARTHEST: Final = 1e6  # a pose beyond this is invalid, m and rad
 JUMP_S: Final = 60.0  # a longer gap between two rows means that the clock was set forward
 LATE: Final = 10  # this many rows with earlier times mean that the clock was set back
 STEP_S: Final = 1.0  # replaces the gap at a jump; odometry is also valid this far outside its times
-
-# Between two rows the odometry has jumped if it moves farther and faster than this.
-LEAP_M, LEAP_M_S = 3.0, 10.0
 
 # Without useful times a robot is assumed to move and turn as fast as this in its usual step.
 USUAL_M_S, USUAL_RAD_S = 0.5, 0.5
