@@ -125,7 +125,7 @@ class Picture:
     change: MapMoved | None = None  # to publish with the revision
     published_at: float = -inf
 
-    def moves(self, revision: int) -> None:
+    def revise(self, revision: int) -> None:
         """Publish with another revision that the map itself has not moved."""
         self.revision, self.change = revision, MapMoved(revision)
 
@@ -212,7 +212,7 @@ class SlamAgent(Agent):
         if origin.pose is None and state is not None and state.cycle == pose.cycle:
             here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
             origin.pose = compose(here, relative(odometry, np.zeros(3)))
-            self._picture.moves(pose.revision + 1)  # another slam agent may have made a map before
+            self._picture.revise(pose.revision + 1)  # another slam agent may have made a map before
             if len(pose.covariance) == COVARIANCE and not len(self._slam.map):
                 # It was corrected, so there was another map.
                 origin.covariance = np.array(pose.covariance)
@@ -414,7 +414,7 @@ class SlamAgent(Agent):
         of, part = moved.parts(int(scans.part[-1]))
         if part == picture.part and (slam.lost or not self._moved(moved.poses)):
             if slam.lost:  # the pose moves, the map does not
-                picture.moves(picture.revision + 1)
+                picture.revise(picture.revision + 1)
             self._adopt(moved)
             self._report()
             return

@@ -16,7 +16,6 @@ from armadico.cli.parsing import FILE, Command, flag, option, several
 if TYPE_CHECKING:
     from armadico.agents.slam.commands.run import Figures, Mapped, Relations
     from armadico.agents.slam.logs.logs import Log
-    from armadico.agents.slam.slam import SlamParameters
 
 
 EXAMPLES: Final = """\
@@ -61,11 +60,13 @@ class Options(log_file.LogOptions):
 
 def run(args: Options) -> int:
     """Make the map; 0 if nothing speaks against it, 1 if it is wrong, 3 if it may be."""
-    parameters = _parameters(args)
-    _check(args)
     from armadico.agents.slam.commands import run as runs
+    from armadico.agents.slam.slam import SlamParameters
     from armadico.cli.pool import progress
+    from armadico.config.loading import set_values
 
+    parameters = set_values(SlamParameters(do_loop_closing=not args.no_loops), args.sets)
+    _check(args)
     say = options.reporter("armadico slam")
     log, drift = log_file.opened(args, say)
     log = log.only(log.part(args.over))
@@ -106,14 +107,6 @@ def _check(args: Options) -> None:
         options.check_map(args.output)
     if args.picture is not None and not args.picture.resolve().parent.is_dir():
         raise FailedError(f"cannot write {args.picture}: there is no such folder")
-
-
-def _parameters(args: Options) -> SlamParameters:
-    """Raises ConfigError for what is no parameter or no value of it."""
-    from armadico.agents.slam.slam import SlamParameters
-    from armadico.config.loading import set_values
-
-    return set_values(SlamParameters(do_loop_closing=not args.no_loops), args.sets)
 
 
 def _write(args: Options, log: Log, found: Mapped) -> tuple[list[str], int]:
