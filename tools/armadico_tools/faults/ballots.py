@@ -7,14 +7,8 @@ from collections.abc import Iterator
 from armadico.core.messages import Ack, Ballot, Claim
 from armadico.core.resources import WHEELS
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import (
-    FRESH_CYCLES,
-    Bounds,
-    Obeyed,
-    Observation,
-    Published,
-    Record,
-)
+from armadico_tools.faults.observations import Obeyed, Observation, Published
+from armadico_tools.faults.record import FRESH_CYCLES, Bounds, Record
 
 ALIVE_S = 0.35
 """The robot agent obeys for 0.3 s after its newest cycle, by a clock that may be slow."""
@@ -66,13 +60,13 @@ class Fresh:
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """By each command obeyed, else by the acks from one cycle to the next."""
         if isinstance(seen, Obeyed) and now.state is not None:
-            age, silent = now.age(seen.cycle), seen.at - now.state_at
+            age, silent = now.age(seen.cycle), seen.at - now.states.at
             if age > FRESH_CYCLES:
                 yield f"{brief(seen.ballot)} is obeyed for a cycle {age} before the newest"
             elif silent > ALIVE_S:
                 yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
         elif isinstance(seen, Published) and seen.message is now.ack and now.ack is not None:
-            yield from self._acked(now.ack, now.ack_before)
+            yield from self._acked(now.ack, now.acks.before)
 
     @staticmethod
     def _acked(ack: Ack, before: Ack | None) -> Iterator[str]:
@@ -114,7 +108,7 @@ class OneHolder:
         for other, (other_first, other_last, claim) in now.claims.items():
             if other == ballot or claim.resource != seen.message.resource:
                 continue
-            overlap = min(last, other_last) - max(first, other_first, now.whole_since)
+            overlap = min(last, other_last) - max(first, other_first, now.faults.whole_since)
             pair = frozenset((ballot, other))
             if overlap >= self._overlap_s and pair not in self._reported:
                 self._reported.add(pair)

@@ -17,15 +17,8 @@ from armadico.observe.view import agent_of
 from armadico_tools.faults.ballots import brief
 from armadico_tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
 from armadico_tools.faults.fault_types import STRANGE_UTILITY, Promise
-from armadico_tools.faults.record import (
-    FRESH_CYCLES,
-    Bounds,
-    Faulted,
-    Obeyed,
-    Observation,
-    Published,
-    Record,
-)
+from armadico_tools.faults.observations import Faulted, Obeyed, Observation, Published
+from armadico_tools.faults.record import FRESH_CYCLES, Bounds, Record
 
 CLAIMS = 16
 LATELY_S = 0.35
@@ -207,7 +200,7 @@ class Replaced:
 
     def _begins(self, fault: Faulted, now: Record) -> None:
         last = self._obeyed
-        if last is None or len(now.active) != 1 or fault.at - last.at > NOW_S:
+        if last is None or len(now.faults.active) != 1 or fault.at - last.at > NOW_S:
             return
         holder = agent_of(last.ballot.instance)
         bounds = self._bounds

@@ -22,8 +22,8 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import Node
 from armadico_tools.faults.fault_types import AGAIN_S
+from armadico_tools.faults.observations import Faulted
 from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
-from armadico_tools.faults.record import Faulted
 from armadico_tools.faults.stranger import STRANGE, Stranger
 
 NONSENSE: Final = (

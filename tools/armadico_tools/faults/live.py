@@ -33,16 +33,9 @@ from armadico.observe.watching import kind_at
 from armadico.runtime.programs import end
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.injector import Injector
+from armadico_tools.faults.observations import Bids, Came, Left, Observation, Passed, Published
 from armadico_tools.faults.plan import Fault
-from armadico_tools.faults.record import (
-    Bids,
-    Came,
-    Left,
-    Observation,
-    Passed,
-    Published,
-    seconds_since,
-)
+from armadico_tools.faults.record import seconds_since
 from armadico_tools.faults.serial_tap import Orders, Tap
 from armadico_tools.hosts.namespaces import Network
 from armadico_tools.testbed import WATCHER, Namespaces, Place
@@ -279,7 +272,7 @@ class RealSociety:
         while not (value := condition()):
             left = end - time.monotonic()
             if left <= 0:
-                lines = [f"\n    {log.text}" for _, log in list(self.record.logs)[-5:]]
+                lines = [f"\n    {log.text}" for _, log in list(self.record.kept.logs)[-5:]]
                 raise TrialError(f"not within {within:.0f} s: {what}{''.join(lines)}")
             self._query_bids()
             self._pump(min(left, 0.1))
@@ -419,7 +412,7 @@ class LiveInjector(Injector):
 
     def _drives_again(self) -> None:
         society, since = self._society, self.acted_at
-        society.until(lambda: society.record.moves_after(since), "speeds are ordered again")
+        society.until(lambda: society.record.kept.moves_after(since), "speeds are ordered again")
         society.until(society.record.on_its_way, "the robot is on its way again")
 
     @property

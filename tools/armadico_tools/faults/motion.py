@@ -12,18 +12,8 @@ from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import Truth
 from armadico.observe.measures import speeds
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import (
-    FRESH_CYCLES,
-    MOVING_M_S,
-    MOVING_RAD_S,
-    Bounds,
-    Faulted,
-    Observation,
-    Ordered,
-    Published,
-    Record,
-    age,
-)
+from armadico_tools.faults.observations import Faulted, Observation, Ordered, Published
+from armadico_tools.faults.record import FRESH_CYCLES, MOVING_M_S, MOVING_RAD_S, Bounds, Record, age
 
 ROUND_M_S = 0.001
 ROUND_RAD_S = 0.0095
@@ -99,7 +89,7 @@ class Silence:
         if self._rest_at is None or not isinstance(seen, Published):
             return
         waited, truth = seen.at - self._rest_at, seen.message
-        if isinstance(truth, Truth) and waited > self._braking_s and now.rested_at < seen.at:
+        if isinstance(truth, Truth) and waited > self._braking_s and now.last.rested < seen.at:
             self._rest_at = None
             yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
 
@@ -148,14 +138,14 @@ class Watchdog:
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the true speed, from the due time on."""
-        gone = now.befalls("robot", "crash", "hang")
+        gone = now.faults.befalls("robot", "crash", "hang")
         if not gone:
             self._since = None
         elif self._since is None or isinstance(seen, Ordered):
             self._since = seen.at
-        elif seen.at - self._since > self._due_s and now.truth_at == seen.at:
+        elif seen.at - self._since > self._due_s and now.truths.at == seen.at:
             truth = now.truth
-            if truth is not None and now.rested_at < seen.at:
+            if truth is not None and now.last.rested < seen.at:
                 self._since = inf
                 yield f"still {truth.v:.2f} m/s, {truth.w:.2f} rad/s after {self._due_s:.1f} s"
 
@@ -238,17 +228,17 @@ class Heading:
         """From one `robot/state` to the next of its epoch."""
         if not isinstance(seen, Published) or not isinstance(seen.message, RobotState):
             return
-        state, before = seen.message, now.before
+        state, before = seen.message, now.states.before
         if before is None or before.cycle.epoch != state.cycle.epoch:
             return
         x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
         off = abs(wrap(atan2(y, x) - 0.5 * turned))
-        if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
+        if now.states.gap_s < GAP_S and abs(turned) > TURN_RAD:
             rates = (before.w, state.w)  # the turn is between them, and the loops may overshoot
             if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
                 yield f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
         most = SIDEWAYS_RAD
-        if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
+        if now.states.gap_s >= GAP_S:  # it may have driven first, and turned then
             most += 0.5 * abs(turned)
         if hypot(x, y) > STEP_M and min(off, pi - off) > most:
             yield f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"

@@ -9,14 +9,8 @@ from armadico.core.messages import RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import (
-    MOVING_M_S,
-    MOVING_RAD_S,
-    Bounds,
-    Observation,
-    Published,
-    Record,
-)
+from armadico_tools.faults.observations import Observation, Published
+from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Record
 
 STANDS_BACK_S = 4.0
 """The longest that a holder stands back, s (`armadico.core.coordination.STAND_BACK`)."""
@@ -50,11 +44,11 @@ class CommandObeyed:
             self._bid_at = seen.at
         quiet = seen.at - self._bid_at > TURN_S  # a moment without a bid does not count
         excused = now.whole_for() < 0 or now.stopped() or quiet
-        if excused or now.obeyed_at >= self._since:
+        if excused or now.last.obeyed >= self._since:
             self._since = inf
         if excused:
             return
-        if self._since == inf and now.obeyed_at < seen.at - 0.3:
+        if self._since == inf and now.last.obeyed < seen.at - 0.3:
             self._since = seen.at
         if seen.at - self._since > self._obeyed_s:
             self._since = inf
@@ -82,20 +76,20 @@ class Moves:
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """As time passes, from the end of the last excuse."""
-        if now.free_since == inf:
+        if now.faults.free_since == inf:
             self._healed = None
             return
-        if now.healed_at > self._known:
-            self._healed = self._known = now.healed_at
+        if now.faults.healed_at > self._known:
+            self._healed = self._known = now.faults.healed_at
             self._from = now.state
         if self._healed is None:
             return
         then, state = self._from, now.state
         if state is not None and (then is None or then.cycle.epoch != state.cycle.epoch):
             self._from = state  # a new robot agent has another origin
-        self._healed = max(self._healed, now.nonsense_back_at)
+        self._healed = max(self._healed, now.last.nonsense_back)
         if now.driven() and self._moves(now):
-            took = max(now.state_at - self._healed, 0.0)
+            took = max(now.states.at - self._healed, 0.0)
             self.longest = max(took, self.longest or 0.0)
             self._healed = None
         elif seen.at - self._healed > self._allowed(now):
@@ -107,7 +101,7 @@ class Moves:
     def _moves(self, now: Record) -> bool:
         """Whether it moves, if only at a crawl, as before a turn on its goal."""
         assert self._healed is not None, "healing is awaited"
-        if now.moved_at >= self._healed:
+        if now.last.moved >= self._healed:
             return True
         then, state = self._from, now.state
         if then is None or state is None:
@@ -117,7 +111,7 @@ class Moves:
 
     def _allowed(self, now: Record) -> float:
         assert self._healed is not None, "healing is awaited"
-        stood_back = now.stood_back_at > self._healed - STANDS_BACK_S
+        stood_back = now.last.stood_back > self._healed - STANDS_BACK_S
         stood_back = stood_back or now.nonsense_in_vain(self._bounds.unobeyed_s)
         allowed = self._bounds.stood_back_s if stood_back else self._bounds.moves_s
         order = now.ordered
@@ -129,7 +123,7 @@ class Moves:
         if not now.driving or now.stopped():
             return "no mission, or stopped"
         if not now.bidders():
-            blind = now.befalls("robot", "silent-sonar")  # users of obstacles have no turn
+            blind = now.faults.befalls("robot", "silent-sonar")  # users of obstacles have no turn
             silent = [
                 instance
                 for instance, (at, record) in now.bids.items()
@@ -196,7 +190,7 @@ class Arrives:
 
     @staticmethod
     def _excused(now: Record) -> bool:
-        return now.disturbed() or now.stopped() or now.unsure_for() < TURN_S
+        return bool(now.faults.active) or now.stopped() or now.unsure_for() < TURN_S
 
     def _due_for(self, way: float, at: float) -> float:
         bounds = self._bounds
@@ -206,7 +200,7 @@ class Arrives:
 
 
 def _quiet(now: Record, at: float) -> str:
-    ended = now.ended_at
+    ended = now.faults.ended_at
     return "no fault was ever on" if ended == -inf else f"no fault was on for {at - ended:.0f} s"
 
 
