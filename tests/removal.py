@@ -95,9 +95,13 @@ def _try(what: str, args: argparse.Namespace) -> bool:
 
 
 def _copy(copy: Path) -> None:
-    """The files that git knows, as they are in the working tree."""
+    """The files of the working tree that git does not ignore."""
     listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     for name in filter(None, listed.stdout.split("\0")):
         source, target = ROOT / name, copy / name

@@ -73,11 +73,11 @@ def test_tokens_come_and_go_and_are_counted_from_when_they_came() -> None:
     record = Record()
     for at, instance in ((1.0, OLD), (1.5, NEW), (1.6, NEW)):
         record.update(Came(at, instance))
-    assert record.instances("goto") == [OLD, NEW]
-    assert record.alive[NEW] == 1.5
+    assert record.contest.instances("goto") == [OLD, NEW]
+    assert record.contest.alive[NEW] == 1.5
     record.update(Left(2.0, OLD))
     record.update(Came(2.1, OLD))
-    assert record.alive[OLD] == 2.1
+    assert record.contest.alive[OLD] == 2.1
 
 
 def test_bids_count_for_a_while() -> None:

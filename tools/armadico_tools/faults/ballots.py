@@ -59,14 +59,15 @@ class Fresh:
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """By each command obeyed, else by the acks from one cycle to the next."""
-        if isinstance(seen, Obeyed) and now.state is not None:
-            age, silent = now.age(seen.cycle), seen.at - now.states.at
+        ack = now.owner.ack
+        if isinstance(seen, Obeyed) and now.owner.state is not None:
+            age, silent = now.owner.age(seen.cycle), seen.at - now.owner.state_at
             if age > FRESH_CYCLES:
                 yield f"{brief(seen.ballot)} is obeyed for a cycle {age} before the newest"
             elif silent > ALIVE_S:
                 yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
-        elif isinstance(seen, Published) and seen.message is now.ack and now.ack is not None:
-            yield from self._acked(now.ack, now.acks.before)
+        elif isinstance(seen, Published) and ack is not None and seen.message is ack:
+            yield from self._acked(ack, now.owner.ack_before)
 
     @staticmethod
     def _acked(ack: Ack, before: Ack | None) -> Iterator[str]:
@@ -102,10 +103,10 @@ class OneHolder:
         if not isinstance(seen, Published) or not isinstance(seen.message, Claim):
             return
         ballot = seen.message.ballot
-        if ballot not in now.claims or now.whole_for() < self._overlap_s:
+        if ballot not in now.contest.claims or now.whole_for() < self._overlap_s:
             return
-        first, last, _ = now.claims[ballot]
-        for other, (other_first, other_last, claim) in now.claims.items():
+        first, last, _ = now.contest.claims[ballot]
+        for other, (other_first, other_last, claim) in now.contest.claims.items():
             if other == ballot or claim.resource != seen.message.resource:
                 continue
             overlap = min(last, other_last) - max(first, other_first, now.faults.whole_since)

@@ -191,7 +191,7 @@ class Replaced:
             self._quiet_at = seen.at
         elif self._others:
             self._others &= frozenset(now.bidders())
-            if now.stopped():
+            if now.owner.stopped():
                 self._others = frozenset()
             if self._others and seen.at > self._due:
                 others, self._others = ", ".join(sorted(self._others)), frozenset()
@@ -216,7 +216,7 @@ class Replaced:
         self._since, self._hung = fault.at, fault.kind == "hang"
         self._others = frozenset(
             instance
-            for instance, (at, _) in now.bids.items()
+            for instance, (at, _) in now.contest.bids.items()
             if instance in now.bidders()
             and fault.at - at <= NOW_S
             and agent_of(instance) not in here
@@ -232,7 +232,7 @@ def _least_window(winner: Claim, now: Record, published: float) -> float:
         return 0.0
     if agent_of(winner.ballot.instance) not in HURRIED:
         return LONGEST
-    truth = now.truth
+    truth = now.body.truth
     if truth is None or truth.clearance is None or now.void(Promise.COLLISION):
         return 0.0  # its sensing may show it anything
     v = max(truth.v, 0.0)

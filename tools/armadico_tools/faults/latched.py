@@ -102,9 +102,9 @@ class Stopped:
             self._rest_due = max(
                 self._rest_due, at + self._bounds.braking_s + self._bounds.watchdog_s
             )
-        if now.last.rested >= at:
+        if now.body.rested_at >= at:
             return
-        if at > self._rest_due and now.last.rested < self._rest_due - self._bounds.braking_s:
+        if at > self._rest_due and now.body.rested_at < self._rest_due - self._bounds.braking_s:
             self._rest_due = inf
             yield f"still {truth.v:.2f} m/s, {truth.w:.2f} rad/s long after it was stopped"
 

@@ -166,7 +166,7 @@ class RealSociety:
             self.add(member.name, member.name, self.host_of(member.name), sets, wait=False)
         for agent in self.agents.values():
             self._meet(agent, known=())
-        self.until(lambda: self.record.state is not None, "the robot's first cycle")
+        self.until(lambda: self.record.owner.state is not None, "the robot's first cycle")
         self._sent_at = float("-inf")
         self.until(self.record.on_its_way, "the robot is on its way")
 
@@ -196,7 +196,7 @@ class RealSociety:
         self, label: str, name: str, host: str, sets: Sequence[str] = (), *, wait: bool = True
     ) -> None:
         """Start an agent, which may be a twin of another; `wait` for its token."""
-        known = self.record.instances(name)
+        known = self.record.contest.instances(name)
         agent = self.agents[label] = Agent(label, name, host, tuple(sets))
         self._run(agent)
         if wait:
@@ -205,7 +205,7 @@ class RealSociety:
     def restart(self, label: str) -> None:
         """Restart an agent that has ended."""
         agent = self.agents[label]
-        known = {*self.record.instances(agent.name), agent.instance}
+        known = {*self.record.contest.instances(agent.name), agent.instance}
         self._run(agent)
         self._meet(agent, known)
 
@@ -230,7 +230,7 @@ class RealSociety:
             if agent.process is not None and agent.process.poll() is not None:
                 words = "\n".join(self.place.last_lines(agent.label))
                 raise TrialError(f"{agent.label} ended:\n{words}")
-            return [one for one in self.record.instances(agent.name) if one not in before]
+            return [one for one in self.record.contest.instances(agent.name) if one not in before]
 
         agent.instance = self.until(new, f"the token of {agent.label}")[-1]
 
@@ -322,7 +322,7 @@ class RealSociety:
             return Published(at, message)
         if not message.bids:
             return None
-        last, state = message.bids[-1], self.record.state
+        last, state = message.bids[-1], self.record.owner.state
         age = seconds_since(last.cycle, None if state is None else state.cycle)
         return Bids(at, message.instance, last, age)
 
@@ -345,17 +345,27 @@ class LiveInjector(Injector):
         super().__init__(lambda seen: society.observe(lambda _: seen, seen.at))
         self._society = society
         self.acted_at = 0.0  # just before the last change
+        self.acts = {
+            "crash": self._crash,
+            "hang": self._hang,
+            "robot-restart": self._robot_restart,
+            "partition": self._partition,
+            "delay": self._worsen,
+            "drop": self._worsen,
+        }
 
     @property
     def now(self) -> float:
         return time.monotonic()
 
-    def act(self, fault: Fault, *, begins: bool) -> None:
-        """Apply a fault, or remove it and wait until its targets have recovered."""
+    def begin(self, fault: Fault, _: object = None) -> None:
         self.acted_at = self.now
-        act = self._worsen if fault.kind in {"delay", "drop"} else None
-        act = act or getattr(self, "_" + fault.kind.replace("-", "_"))
-        act(fault, begins)
+        super().begin(fault)
+
+    def end(self, fault: Fault, _: object = None) -> None:
+        """Remove a fault, and wait until its targets have recovered."""
+        self.acted_at = self.now
+        super().end(fault)
 
     def _crash(self, fault: Fault, begins: bool) -> None:
         for label in fault.targets:
@@ -370,7 +380,7 @@ class LiveInjector(Injector):
         if not begins:
             self._society.run(WOKEN_S)
 
-    def _robot_restart(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+    def _robot_restart(self, _fault: Fault, begins: bool) -> None:
         """Remove the simulator and its line, which voids the same promises.
 
         Without a line nothing can be ordered, and a restarted simulator stands still.
@@ -395,7 +405,8 @@ class LiveInjector(Injector):
             self._network.change(lambda switch: switch.heal())
         if not begins:
             every = {agent.instance for agent in society.agents.values()}
-            society.until(lambda: society.record.alive.keys() >= every, "all tokens are back")
+            alive = society.record.contest.alive
+            society.until(lambda: alive.keys() >= every, "all tokens are back")
 
     def _worsen(self, fault: Fault, begins: bool) -> None:
         """Degrade all links between hosts, except the observer's."""

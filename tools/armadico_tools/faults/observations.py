@@ -1,9 +1,4 @@
-"""What can be observed of a society from outside its processes.
-
-Messages on the mesh, what the robot agent writes to the controller, and the injector's faults. The
-virtual network, real processes and recordings all produce them, in the order of time. `at` is in
-seconds, by one clock of the observer.
-"""
+"""What can be observed of a society from outside its processes, at a time of the observer, s."""
 
 from __future__ import annotations
 

@@ -109,8 +109,8 @@ class Localized:
     def _state(self, state: RobotState, now: Record) -> None:
         new = state.cycle.epoch not in self._epochs
         self._epochs.add(state.cycle.epoch)
-        before = now.states.at - now.states.gap_s
-        if (new or now.states.gap_s > GAP_S) and self._cause_at >= before:
+        before = now.owner.state_at - now.owner.state_gap_s
+        if (new or now.owner.state_gap_s > GAP_S) and self._cause_at >= before:
             self._gap = state.cycle
         self._rolled_at[state.cycle] = self._rolled
         if len(self._rolled_at) > POSES:
@@ -124,7 +124,7 @@ class Localized:
             self._off_rad += SPARE * (rolled[1] - self._posed[1])
             self._gap = None
         self._posed = rolled
-        truth = now.truth_of(pose.cycle)
+        truth = now.body.truth_of(pose.cycle)
         if truth is None or at - self._slow_at < 1.0:
             return  # the time of a status packet that waited is unknown
         off = hypot(pose.x - truth.x, pose.y - truth.y)

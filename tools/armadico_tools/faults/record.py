@@ -1,7 +1,8 @@
-"""What follows from the observations of a society: one record for every back end.
+"""What follows from observations: the state by which promises are checked.
 
-`Record` has the state for the promises and the figures of trials: active faults, the cycle, claims,
-bids, obeyed commands. Times are in seconds, by one clock of the observer; -inf: never.
+The virtual network, real processes and recordings all produce observations, in the order of time.
+The record has four parts: what the owner of the wheels published, the contest for them, the robot's
+body, and the faults. The last messages are kept for the figures of trials.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from math import hypot, inf
-from typing import Final, Generic, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import SensorProfile, load_profile
@@ -39,7 +40,7 @@ from armadico_tools.faults.fault_types import (
     Promise,
     voided,
 )
-from armadico_tools.faults.kept import Kept
+from armadico_tools.faults.figures import Kept
 from armadico_tools.faults.observations import (
     Bids,
     Came,
@@ -50,10 +51,6 @@ from armadico_tools.faults.observations import (
     Ordered,
     Published,
 )
-
-T = TypeVar("T")
-
-# The record -------------------------------------------------------------------------------------
 
 MOVING_M_S = 0.02
 MOVING_RAD_S = 0.05
@@ -185,47 +182,187 @@ class Fault(NamedTuple):
 
 
 @dataclass
-class Newest(Generic[T]):
-    """The newest message of a kind, and the one before."""
+class Owner:
+    """What the robot agent published, acknowledged and ordered."""
 
-    item: T | None = None
-    before: T | None = None
-    at: float = -inf
-    gap_s: float = inf  # between the two
+    state: RobotState | None = None
+    before: RobotState | None = None  # the previous state, of any epoch
+    state_at: float = -inf
+    state_gap_s: float = inf  # between the last two states
+    ack: Ack | None = None  # the newest of the wheels
+    ack_before: Ack | None = None
+    acked_at: float = -inf
+    obeyed_at: float = -inf  # when an ack last showed a recent command obeyed
+    ordered: Ordered | None = None
 
-    def add(self, item: T, at: float) -> None:
-        self.before, self.item = self.item, item
-        self.gap_s, self.at = at - self.at, at
+    def age(self, cycle: Cycle) -> float:
+        """The number of cycles before the newest; inf in another epoch."""
+        return age(cycle, None if self.state is None else self.state.cycle)
+
+    def driven(self) -> bool:
+        """Whether a command is obeyed, by the newest ack."""
+        return self.obeyed_at >= self.acked_at
+
+    def stopped(self) -> bool:
+        """Whether `robot/stop` is latched."""
+        return self.state is not None and self.state.stop.stopped
+
+    @property
+    def obeyed(self) -> Ballot | None:
+        """The ballot of the last command acknowledged as obeyed; None since a release."""
+        return None if self.ack is None else self.ack.obeyed
+
+    def on_state(self, state: RobotState, now: float) -> None:
+        self.before, self.state = self.state, state
+        self.state_gap_s, self.state_at = now - self.state_at, now
+
+    def on_ack(self, ack: Ack, now: float) -> None:
+        self.ack_before, self.ack, self.acked_at = self.ack, ack, now
+        if driver(ack) is not None:
+            self.obeyed_at = now
 
 
 @dataclass
-class Last:
-    """When something was last so."""
+class Contest:
+    """Who competes for the wheels: tokens, bids, claims."""
 
-    obeyed: float = -inf  # an ack showed a recent command obeyed
-    moved: float = -inf
-    rested: float = -inf
-    stood_back: float = -inf  # a tenure without obedience was released
-    nonsense_back: float = -inf  # likewise, with nonsense bids and no other bidder
-    astray: float = -inf  # the pose was wrong beyond its covariance
-    lost: float = -inf  # the pose was reported as lost
-    forgot: float = -inf  # the sonar agent started with an empty map
-    wedged: float = -inf  # a fault held it near an obstacle; -inf: clear
+    alive: dict[str, float] = field(default_factory=dict)  # time of its token, by instance
+    bids: dict[str, tuple[float, BidRecord]] = field(default_factory=dict)
+    sees_bids: bool = False
+    claims: dict[Ballot, tuple[float, float, Claim]] = field(default_factory=dict)
+    stood_back_at: float = -inf  # when a tenure without obedience was last released
+    nonsense_back_at: float = -inf  # likewise, with nonsense bids and no other bidder
+
+    def on_bids(self, seen: Bids, now: float) -> None:
+        self.sees_bids = True
+        self.bids[seen.instance] = (now - seen.age, seen.record)
+
+    def on_left(self, instance: str) -> None:
+        self.bids.pop(instance, None)
+        self.alive.pop(instance, None)
+
+    def instances(self, name: str) -> list[str]:
+        """The instances of an agent that are alive, the oldest first."""
+        return [
+            one for one in sorted(self.alive, key=self.alive.__getitem__) if agent_of(one) == name
+        ]
+
+
+@dataclass
+class Body:
+    """The robot's true state, its pose's error, and how near obstacles are."""
+
+    truth: Truth | None = None
+    truth_at: float = -inf
+    moved_at: float = -inf
+    rested_at: float = -inf
+    astray_at: float = -inf  # when the pose was last wrong beyond its covariance
+    lost_at: float = -inf  # when the pose was last reported as lost
+    wedged_at: float = -inf  # when a fault last held it near an obstacle; -inf: clear
+    _truths: dict[Cycle, Truth] = field(default_factory=dict)  # of the last cycles
+
+    def truth_of(self, cycle: Cycle) -> Truth | None:
+        """The true state in one of the last cycles."""
+        return self._truths.get(cycle)
+
+    def on_state(self, state: RobotState, now: float) -> None:
+        if self.truth is not None:
+            self._truths[state.cycle] = self.truth
+            if len(self._truths) > POSES:
+                del self._truths[next(iter(self._truths))]
+        if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
+            self.moved_at = now
+
+    def on_truth(self, truth: Truth, now: float, *, void: bool) -> None:
+        """`void`: contacts are void at this moment."""
+        self.truth, self.truth_at = truth, now
+        near = truth.clearance is not None and truth.clearance < WEDGED_M
+        if not near:
+            self.wedged_at = -inf
+        elif void:
+            self.wedged_at = now
+        if abs(truth.v) < MOVING_M_S and abs(truth.w) < MOVING_RAD_S:
+            self.rested_at = now
+
+    def on_pose(self, pose: Pose, now: float) -> None:
+        most, most_rad = may_be_off(pose)
+        truth = self.truth_of(pose.cycle) or self.truth
+        if most == inf:
+            self.lost_at = now
+        elif truth is not None:
+            off = hypot(pose.x - truth.x, pose.y - truth.y)
+            if off > most or abs(wrap(pose.theta - truth.theta)) > most_rad:
+                self.astray_at = now
+
+    def stops_in_s(self, bounds: Bounds) -> float:
+        """Time needed to stop if an obstacle is within the stopping distance; else 0.
+
+        It includes a turn of the sonars, reacting, and braking.
+        """
+        truth = self.truth
+        if truth is None:
+            return OVER_S
+        v, waits = abs(truth.v), SONARS_S + bounds.stop_s
+        needs = v * waits + v * v / (2.0 * bounds.v_decel) + SWUNG_M
+        near = truth.clearance is not None and truth.clearance < needs
+        return waits + v / bounds.v_decel if near else 0.0
 
 
 @dataclass
 class Faults:
-    """The active faults, and what they excuse."""
+    """The active faults, and what follows from those that are over.
+
+    The network is whole or broken, the robot free or excused from moving: each by its time.
+    """
 
     active: Counter[Fault] = field(default_factory=Counter)
-    ended_at: float = -inf  # when the last fault of any kind ended
-    ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
     whole_since: float = inf  # inf while a fault breaks the network
     free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
     healed_at: float = -inf  # end of the last excuse
-    excused: bool = True
+    ended_at: float = -inf  # when the last fault of any kind ended
+    forgot_at: float = -inf  # when the sonar agent last started with an empty map
     left_near_until: float = -inf  # until when a contact may be the result of a fault
     again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
+    _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
+
+    def begin(self, now: float) -> None:
+        """The first observation: whole and free, until a fault begins."""
+        if self.whole_since == inf and not self.active:
+            self.whole_since = self.free_since = now
+
+    def on_fault(self, fault: Faulted, now: float, stops_in_s: float) -> None:
+        key = Fault(fault.kind, fault.targets, fault.to, fault.amount)
+        self.active[key] += 1 if fault.began else -1
+        self.active += Counter()  # drops zero counts
+        if not fault.began:
+            self.ended_at = now
+            taken = voided(fault.kind, fault.targets, fault.amount)
+            if Promise.COLLISION in taken:
+                self.left_near_until = now + stops_in_s
+            self._ended.update({promise: (now, why) for promise, why in taken.items()})
+            if fault.kind in FORGETS and "sonar" in fault.targets:
+                self.forgot_at = now
+        if any(KINDS[fault.kind].breaks for fault in self.active):
+            self.whole_since = inf
+        elif self.whole_since == inf:
+            self.whole_since = max(now, self.again_at)
+
+    def excuse(self, now: float, *, stopped: bool) -> None:
+        """Set the time from which the robot has to move again."""
+        if stopped or any(KINDS[fault.kind].excuses for fault in self.active):
+            self.free_since = inf
+        elif self.free_since == inf:
+            self.free_since = self.healed_at = max(now, self.again_at)
+
+    def voids(self, promise: Promise, now: float, rested_at: float) -> str:
+        """The fault that voids a promise, in words, or that did just before; "" without one."""
+        for fault in self.active:
+            why = voided(fault.kind, fault.targets, fault.amount).get(promise)
+            if why:
+                return why
+        ended, why = self._ended.get(promise, (-inf, ""))
+        rested = ended <= rested_at < now  # the cause of the rest is over, too
+        return f"{JUST_AFTER}{why}" if now - ended < OVER_S and not rested else ""
 
     def befalls(self, name: str, *kinds: str) -> bool:
         """Whether a fault of one of these kinds is active on an agent."""
@@ -235,19 +372,9 @@ class Faults:
         """Whether a fault of another kind than this is active."""
         return any(fault.kind != but for fault in self.active)
 
-    def count(self, fault: Faulted) -> None:
-        """Process the beginning or the end of a fault."""
-        key = Fault(fault.kind, fault.targets, fault.to, fault.amount)
-        self.active[key] += 1 if fault.began else -1
-        self.active += Counter()  # drops zero counts
-
-    def excuse(self, now: float, *, stopped: bool) -> None:
-        """Set the time from which the robot has to move again."""
-        if stopped or any(KINDS[fault.kind].excuses for fault in self.active):
-            self.free_since, self.excused = inf, True
-        elif self.excused:
-            self.excused = False
-            self.free_since = self.healed_at = max(now, self.again_at)
+    def bids_nonsense(self, instance: str) -> bool:
+        """Whether an instance's bids are replaced by nonsense, so that they do not count."""
+        return self.befalls(agent_of(instance), "nan")
 
 
 @dataclass
@@ -255,74 +382,41 @@ class Record:
     """The state after each observation, updated before promises are checked."""
 
     bounds: Bounds = field(default_factory=Bounds)
-    kept: Kept = field(default_factory=Kept)
-    faults: Faults = field(default_factory=Faults)
-    last: Last = field(default_factory=Last)
-    alive: dict[str, float] = field(default_factory=dict)  # time of its token, by instance
     now: float = -inf
-    states: Newest[RobotState] = field(default_factory=Newest)  # of any epoch
-    acks: Newest[Ack] = field(default_factory=Newest)  # of the wheels
-    truths: Newest[Truth] = field(default_factory=Newest)
-    ordered: Ordered | None = None
     driving: bool = False
-    bids: dict[str, tuple[float, BidRecord]] = field(default_factory=dict)
-    sees_bids: bool = False
-    claims: dict[Ballot, tuple[float, float, Claim]] = field(default_factory=dict)
-    _truths: dict[Cycle, Truth] = field(default_factory=dict)  # of the last cycles
+    owner: Owner = field(default_factory=Owner)
+    contest: Contest = field(default_factory=Contest)
+    body: Body = field(default_factory=Body)
+    faults: Faults = field(default_factory=Faults)
+    kept: Kept = field(default_factory=Kept)
 
     def update(self, seen: Observation) -> None:
         """Process one observation. A late one counts as of now."""
-        faults = self.faults
-        if faults.whole_since == inf and not faults.active:
-            faults.whole_since = faults.free_since = seen.at
-            faults.excused = False
+        self.faults.begin(seen.at)
         if not (
             self.bounds.command_delay_s
             and isinstance(seen, Published)
             and isinstance(seen.message, Command)
         ):
             self.now = max(self.now, seen.at)  # commands precede their turn (`EARLIER_S` in live)
-        match seen:
-            case Published():
-                self._on_message(seen)
-            case Faulted():
-                self._fault(seen)
-            case Ordered():
-                self.ordered = seen
-                self.kept.orders.append((self.now, seen))
-            case Bids():
-                self.sees_bids = True
-                self.bids[seen.instance] = (self.now - seen.age, seen.record)
-            case Denied():
-                self._deny(seen)
-            case Came():
-                self.alive.setdefault(seen.instance, self.now)
-            case Left():
-                self.bids.pop(seen.instance, None)
-                self.alive.pop(seen.instance, None)
+        if isinstance(seen, Published):
+            self._on_message(seen)
+        elif isinstance(seen, Faulted):
+            self.faults.on_fault(seen, self.now, self.body.stops_in_s(self.bounds))
+            self.faults.excuse(self.now, stopped=self.owner.stopped())
+        elif isinstance(seen, Ordered):
+            self.owner.ordered = seen
+            self.kept.orders.append((self.now, seen))
+        elif isinstance(seen, Bids):
+            self.contest.on_bids(seen, self.now)
+        elif isinstance(seen, Denied):
+            self._deny(seen)
+        elif isinstance(seen, Came):
+            self.contest.alive.setdefault(seen.instance, self.now)
+        elif isinstance(seen, Left):
+            self.contest.on_left(seen.instance)
 
     # State ---------------------------------------------------------------------------------------
-
-    @property
-    def state(self) -> RobotState | None:
-        return self.states.item
-
-    @property
-    def ack(self) -> Ack | None:
-        """The newest ack of the wheels."""
-        return self.acks.item
-
-    @property
-    def truth(self) -> Truth | None:
-        return self.truths.item
-
-    def age(self, cycle: Cycle) -> float:
-        """The number of cycles before the newest; inf in another epoch."""
-        return age(cycle, None if self.state is None else self.state.cycle)
-
-    def truth_of(self, cycle: Cycle) -> Truth | None:
-        """The true state in one of the last cycles."""
-        return self._truths.get(cycle)
 
     def whole_for(self) -> float:
         """Seconds since a fault last broke the network; negative during one."""
@@ -330,7 +424,7 @@ class Record:
 
     def unsure_for(self) -> float:
         """Seconds since the pose was last lost, or wrong beyond its covariance."""
-        return self.now - max(self.last.astray, self.last.lost)
+        return self.now - max(self.body.astray_at, self.body.lost_at)
 
     def void(self, promise: Promise) -> bool:
         """Whether a fault voids the promise, now or until the robot has recovered."""
@@ -343,8 +437,8 @@ class Record:
         absence of the robot agent.
         """
         if promise is not Promise.COLLISION:
-            return self._fault_voids(promise)
-        wedged = self.now - self.last.wedged < WEDGED_S
+            return self.faults.voids(promise, self.now, self.body.rested_at)
+        wedged = self.now - self.body.wedged_at < WEDGED_S
         return self._contact_voids() or ("wedged" if wedged else "")
 
     def contact_reason(self) -> str:
@@ -356,25 +450,12 @@ class Record:
         return "" if why.startswith(JUST_AFTER) and self.now > self.faults.left_near_until else why
 
     def _contact_voids(self) -> str:
-        fault = self._fault_voids(Promise.COLLISION)
+        fault = self.faults.voids(Promise.COLLISION, self.now, self.body.rested_at)
         if fault:
             return fault
-        if self.now - self.last.astray < ASTRAY_S:
+        if self.now - self.body.astray_at < ASTRAY_S:
             return "pose"
-        return "sonar agent restarted" if self.now - self.last.forgot < ASTRAY_S else ""
-
-    def _fault_voids(self, promise: Promise) -> str:
-        for fault in self.faults.active:
-            why = voided(fault.kind, fault.targets, fault.amount).get(promise)
-            if why:
-                return why
-        ended, why = self.faults.ended.get(promise, (-inf, ""))
-        rested = ended <= self.last.rested < self.now  # the cause of the rest is over, too
-        return f"{JUST_AFTER}{why}" if self.now - ended < OVER_S and not rested else ""
-
-    def bids_nonsense(self, instance: str) -> bool:
-        """Whether an instance's bids are replaced by nonsense, so that they do not count."""
-        return self.faults.befalls(agent_of(instance), "nan")
+        return "sonar agent restarted" if self.now - self.faults.forgot_at < ASTRAY_S else ""
 
     def nonsense_in_vain(self, most: float) -> bool:
         """Whether a nonsense bidder claims without being obeyed, for at most so long.
@@ -382,37 +463,26 @@ class Record:
         All others wait until it releases.
         """
         return any(
-            self.bids_nonsense(ballot.instance)
-            and ballot != self.obeyed
+            self.faults.bids_nonsense(ballot.instance)
+            and ballot != self.owner.obeyed
             and self.now - last <= BID_AGE_S
             and self.now - first <= most
-            for ballot, (first, last, _) in self.claims.items()
+            for ballot, (first, last, _) in self.contest.claims.items()
         )
-
-    def driven(self) -> bool:
-        """Whether a command is obeyed, by the newest ack."""
-        return self.last.obeyed >= self.acks.at
-
-    def stopped(self) -> bool:
-        """Whether `robot/stop` is latched."""
-        return self.state is not None and self.state.stop.stopped
-
-    @property
-    def obeyed(self) -> Ballot | None:
-        """The ballot of the last command acknowledged as obeyed; None since a release."""
-        return None if self.ack is None else self.ack.obeyed
 
     def bidders(self) -> list[str]:
         """Instances that bid, as far as observed: by their bids, else by their claims."""
-        if self.sees_bids:
+        if self.contest.sees_bids:
             return [
                 instance
-                for instance, (at, record) in self.bids.items()
+                for instance, (at, record) in self.contest.bids.items()
                 if record.utility
                 and self.now - at <= BID_AGE_S
-                and not self.bids_nonsense(instance)
+                and not self.faults.bids_nonsense(instance)
             ]
-        recent = [b for b, (_, last, _) in self.claims.items() if self.now - last <= BID_AGE_S]
+        recent = [
+            b for b, (_, last, _) in self.contest.claims.items() if self.now - last <= BID_AGE_S
+        ]
         return [ballot.instance for ballot in recent]
 
     @property
@@ -425,141 +495,76 @@ class Record:
     @property
     def driver(self) -> str | None:
         """The instance that is obeyed now; None without one, or if the owner is silent."""
-        silent = self.ack is None or self.now - self.acks.at > SILENT_S
-        return None if self.ack is None or silent else driver(self.ack)
+        silent = self.owner.ack is None or self.now - self.owner.acked_at > SILENT_S
+        return None if self.owner.ack is None or silent else driver(self.owner.ack)
 
     def on_its_way(self) -> bool:
         """Whether a command is obeyed and the robot truly drives."""
-        return self.truth is not None and self.truth.v > ON_ITS_WAY_M_S and self.driver is not None
+        return (
+            self.body.truth is not None
+            and self.body.truth.v > ON_ITS_WAY_M_S
+            and self.driver is not None
+        )
 
     def bids_lately(self, instance: str) -> bool:
         """Whether a bid of an instance was received lately, on real processes by a query."""
-        at, record = self.bids.get(instance, (-inf, None))
+        at, record = self.contest.bids.get(instance, (-inf, None))
         return record is not None and self.now - at <= QUERIED_S and bool(record.utility)
-
-    def instances(self, name: str) -> list[str]:
-        """The instances of an agent that are alive, the oldest first."""
-        return [
-            one for one in sorted(self.alive, key=self.alive.__getitem__) if agent_of(one) == name
-        ]
 
     # Updates -------------------------------------------------------------------------------------
 
     def _on_message(self, seen: Published) -> None:
-        match message := seen.message:
-            case RobotState():
-                self._cycle(message)
-            case Ack():
-                self._acked(message)
-            case Claim():
-                self._claim(message)
-            case MissionStatus():
-                self.driving = message.state is MissionState.DRIVING
-            case Pose():
-                self._posed(message)
-            case Command():
-                self.kept.commands.append((seen.at, message))
-            case Log():
-                self.kept.logs.append((self.now, message))
-            case Truth():
-                self._truth(message)
-
-    def _truth(self, truth: Truth) -> None:
-        self.truths.add(truth, self.now)
-        self.kept.truths.append((self.now, truth))
-        near = truth.clearance is not None and truth.clearance < WEDGED_M
-        if not near:
-            self.last.wedged = -inf
-        elif self._contact_voids():
-            self.last.wedged = self.now
-        if abs(truth.v) < MOVING_M_S and abs(truth.w) < MOVING_RAD_S:
-            self.last.rested = self.now
-
-    def _posed(self, pose: Pose) -> None:
-        most, most_rad = may_be_off(pose)
-        truth = self.truth_of(pose.cycle) or self.truth
-        if most == inf:
-            self.last.lost = self.now
-        elif truth is not None:
-            off = hypot(pose.x - truth.x, pose.y - truth.y)
-            if off > most or abs(wrap(pose.theta - truth.theta)) > most_rad:
-                self.last.astray = self.now
-
-    def _cycle(self, state: RobotState) -> None:
-        self.states.add(state, self.now)
-        if self.truth is not None:
-            self._truths[state.cycle] = self.truth
-            if len(self._truths) > POSES:
-                del self._truths[next(iter(self._truths))]
-        if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
-            self.last.moved = self.now
-        self.faults.excuse(self.now, stopped=self.stopped())
-        self.claims = {b: c for b, c in self.claims.items() if self.now - c[1] < 2.0}
-
-    def _acked(self, ack: Ack) -> None:
-        if ack.resource != WHEELS.name:
-            return
-        self.kept.acks.append((self.now, ack))
-        self.acks.add(ack, self.now)
-        if driver(ack) is not None:
-            self.last.obeyed = self.now
+        message, now = seen.message, self.now
+        if isinstance(message, RobotState):
+            self.owner.on_state(message, now)
+            self.body.on_state(message, now)
+            self.faults.excuse(now, stopped=self.owner.stopped())
+            claims = self.contest.claims
+            self.contest.claims = {b: c for b, c in claims.items() if now - c[1] < 2.0}
+        elif isinstance(message, Ack):
+            if message.resource == WHEELS.name:
+                self.kept.acks.append((now, message))
+                self.owner.on_ack(message, now)
+        elif isinstance(message, Claim):
+            self._claim(message)
+        elif isinstance(message, MissionStatus):
+            self.driving = message.state is MissionState.DRIVING
+        elif isinstance(message, Pose):
+            self.body.on_pose(message, now)
+        elif isinstance(message, Command):
+            self.kept.commands.append((seen.at, message))
+        elif isinstance(message, Log):
+            self.kept.logs.append((now, message))
+        elif isinstance(message, Truth):
+            self.kept.truths.append((now, message))
+            self.body.on_truth(message, now, void=bool(self._contact_voids()))
 
     def _claim(self, claim: Claim) -> None:
         if claim.utility is None:
-            self.claims.pop(claim.ballot, None)
+            self.contest.claims.pop(claim.ballot, None)
             if self._stands_back(claim.ballot):
-                self.last.stood_back = self.now
-                if self.bids_nonsense(claim.ballot.instance) and not self.bidders():
-                    self.last.nonsense_back = self.now
+                self.contest.stood_back_at = self.now
+                if self.faults.bids_nonsense(claim.ballot.instance) and not self.bidders():
+                    self.contest.nonsense_back_at = self.now
             return
-        first, last, _ = self.claims.get(claim.ballot, (self.now, self.now, claim))
+        first, last, _ = self.contest.claims.get(claim.ballot, (self.now, self.now, claim))
         if self.now - last > BID_AGE_S:  # it was away, and starts anew
             first = self.now
-        self.claims[claim.ballot] = (first, self.now, claim)
+        self.contest.claims[claim.ballot] = (first, self.now, claim)
 
     def _stands_back(self, released: Ballot) -> bool:
         """Whether a release is for lack of obedience, as far as the holder knows: it still bids.
 
         With slow acks it may have been obeyed without knowing.
         """
-        if not self.sees_bids:
-            return self.obeyed != released
-        _, record = self.bids.get(released.instance, (0.0, None))
+        if not self.contest.sees_bids:
+            return self.owner.obeyed != released
+        _, record = self.contest.bids.get(released.instance, (0.0, None))
         bids = record is not None and bool(record.utility)
-        return bids and (self.obeyed != released or self.whole_for() < ACKS_S)
-
-    def _fault(self, fault: Faulted) -> None:
-        faults = self.faults
-        faults.count(fault)
-        if not fault.began:
-            faults.ended_at = self.now
-            taken = voided(fault.kind, fault.targets, fault.amount)
-            if Promise.COLLISION in taken:
-                faults.left_near_until = self.now + self._stops_in_s()
-            faults.ended.update({promise: (self.now, why) for promise, why in taken.items()})
-            if fault.kind in FORGETS and "sonar" in fault.targets:
-                self.last.forgot = self.now
-        if any(KINDS[fault.kind].breaks for fault in faults.active):
-            faults.whole_since = inf
-        elif faults.whole_since == inf:
-            faults.whole_since = max(self.now, faults.again_at)
-        faults.excuse(self.now, stopped=self.stopped())
-
-    def _stops_in_s(self) -> float:
-        """Time needed to stop if an obstacle is within the stopping distance; else 0.
-
-        It includes a turn of the sonars, reacting, and braking.
-        """
-        truth, bounds = self.truth, self.bounds
-        if truth is None:
-            return OVER_S
-        v, waits = abs(truth.v), SONARS_S + bounds.stop_s
-        needs = v * waits + v * v / (2.0 * bounds.v_decel) + SWUNG_M
-        near = truth.clearance is not None and truth.clearance < needs
-        return waits + v / bounds.v_decel if near else 0.0
+        return bids and (self.owner.obeyed != released or self.whole_for() < ACKS_S)
 
     def _deny(self, denied: Denied) -> None:
         """While a fault breaks the network, another process may block a robot agent."""
-        there = self.now - self.states.at <= SILENT_S
+        there = self.now - self.owner.state_at <= SILENT_S
         if self.faults.whole_since == inf and not there and agent_of(denied.instance) == "robot":
             self.faults.again_at = denied.at + AGAIN_S

@@ -126,16 +126,16 @@ class Sightings:
                 self._befallen = False
             elif message.state is not MissionState.DRIVING:
                 self._befallen = False
-        lost = now.last.astray == seen.at
+        lost = now.body.astray_at == seen.at
         self.counts[Sight.LOST] += lost and not self._lost
-        self._lost = lost or (self._lost and now.now - now.last.astray < 1.0)
+        self._lost = lost or (self._lost and now.now - now.body.astray_at < 1.0)
 
     def _claim(self, claim: Claim, at: float, now: Record) -> None:
         if self._largest is None or claim.ballot > self._largest:
             self._largest = claim.ballot
             self._takes_over(claim, at)
         if claim.utility is None:
-            kept = now.obeyed == claim.ballot
+            kept = now.owner.obeyed == claim.ballot
             self.counts[Sight.RELEASED if kept else Sight.STOOD_BACK] += 1
         elif claim.utility == 0.0:
             self.counts[Sight.OFFERED] += 1
@@ -165,7 +165,7 @@ class Sightings:
         self._resting = not moves
 
     def _truth(self, truth: Truth, at: float, now: Record) -> None:
-        rests, away = now.last.rested == at, now.faults.befalls("robot", "crash", "hang")
+        rests, away = now.body.rested_at == at, now.faults.befalls("robot", "crash", "hang")
         self.counts[Sight.WATCHDOG] += self._rolling and rests and away
         self._rolling = away and not rests
         touched = truth.collisions > self._touches

@@ -94,7 +94,9 @@ class Moment:
     @property
     def back(self) -> float | None:
         """When the last token came back; the end of the fault, if none disappeared."""
-        return max(self.ended, *(self.record.alive.get(one, self.ended) for one in self.every))
+        return max(
+            self.ended, *(self.record.contest.alive.get(one, self.ended) for one in self.every)
+        )
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,8 @@ class Trial:
         targets = self.targets(society)
         gone = tuple(society.agents[label].instance for label in targets)
         moment = Moment(record, gone, tuple(agent.instance for agent in society.agents.values()))
-        moment.ballot, moment.speed = record.obeyed, record.state.v if record.state else 0.0
+        moment.ballot, state = record.owner.obeyed, record.owner.state
+        moment.speed = state.v if state else 0.0
         fault = structs.replace(self.fault, targets=targets)
         injector.begin(fault)
         moment.begun = injector.acted_at
@@ -278,7 +281,7 @@ _FASTEST: Final = Figure(
 _FROM_TOKEN: Final = Figure(
     "drives, from its token",
     "the same from its liveliness token",
-    lambda m: _ms(max(m.record.alive.values()), m.moves),
+    lambda m: _ms(max(m.record.contest.alive.values()), m.moves),
     after=True,
 )
 _LURCH: Final = Figure(
