@@ -176,10 +176,8 @@ class Fleet(Agent, overrides=("key_of",)):
             )
         )
 
-    def on_fleet_request(self, question: Question) -> FleetReply:
+    def on_fleet_request(self, request: FleetRequest, _question: Question) -> FleetReply:
         """Accept a list for the fleet; while it works on another, only with `replace`."""
-        request = question.request
-        assert isinstance(request, FleetRequest)
         work = self.work
         if work is not None and not work.sharing.over(self.now) and not request.replace:
             left, all_ = len(work.sharing.open), len(work.list.tasks)

@@ -474,9 +474,7 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
 
     # Requests ------------------------------------------------------------------------------------
 
-    def on_wakeup_request(self, question: Question) -> WakeupReply:
-        request = question.request
-        assert isinstance(request, WakeupRequest)
+    def on_wakeup_request(self, request: WakeupRequest, _question: Question) -> WakeupReply:
         found = [label for label, p in self._kept.items() if request.agent in p.agents]
         do = {
             WakeupOrder.START: self._start,

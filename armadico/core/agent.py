@@ -84,10 +84,9 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """A received query. The agent answers it now or later."""
+    """A received query. An agent that does not reply at once keeps it for `Agent.answer`."""
 
     id: int
-    request: Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +232,8 @@ class Agent:
         self._gatherings: dict[type[Message], Gathering] = {  # of several publishers
             kind: gather() for kind in subscribed if (gather := service_of(kind).gather) is not None
         }
-        self._handlers = {kind: self._handler(kind) for kind in (*subscribed, *self.answers)}
+        self._handlers = {kind: self._handler(kind) for kind in subscribed}
+        self._answerers = {kind: self._handler(kind) for kind in self.answers}
         self._alarm: float | None = None
         self._pending = _Pending()
         self._turned: dict[str, m.Cycle] = {}  # by resource, the cycle of the last turn
@@ -466,12 +466,12 @@ class Agent:
         self._latest[type(message)] = message
         self._on_latched(message)
 
-    def on_query(self, question: Question, now: float) -> None:
+    def on_query(self, request: Message, question: Question, now: float) -> None:
         """Process a received query; the `Answer` enters the outbox now or later."""
         self.now = now
-        handler = self._handlers.get(type(question.request))
-        if handler is not None:
-            reply = handler(question)
+        answerer = self._answerers.get(type(request))
+        if answerer is not None:
+            reply = answerer(request, question)
             if reply is not None:
                 self.answer(question, reply)
 
@@ -980,7 +980,7 @@ class Agent:
         owned.owner.rested()
         self.rest(owned.owner.resource)
 
-    def _handler(self, kind: type[Message]) -> Callable[[Any], Any] | None:
+    def _handler(self, kind: type[Message]) -> Callable[..., Any] | None:
         snake = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
         return getattr(self, f"on_{snake}", None)
 

@@ -313,7 +313,7 @@ class Driver:
             self._calls[self._call_ids] = (call, key)
             if len(self._calls) > OPEN_QUERIES:
                 self._calls.popitem(last=False)
-            self.agent.on_query(Question(self._call_ids, request), own)
+            self.agent.on_query(request, Question(self._call_ids), own)
 
     def on_reply(self, question: int, reply: Message | None, now: float) -> None:
         """Process the reply to an `SendQuery`; None after a timeout."""

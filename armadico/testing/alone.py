@@ -141,7 +141,7 @@ class Alone:
     def query(self, request: Message, number: int = 1) -> Message | None:
         """Send it a query; return the reply, or None if it comes later, in `answers`."""
         self.answers.pop(number, None)
-        self.agent.on_query(Question(number, request), self.now)
+        self.agent.on_query(request, Question(number), self.now)
         self.collect()
         return self.answers.get(number)
 

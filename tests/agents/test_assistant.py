@@ -51,7 +51,7 @@ class Counter:
         """Return the reply to a program's request; None: no reply yet."""
         self.number += 1
         request = AssistantRequest(tool, json.dumps(args) if text is None else text, "model")
-        self.agent.on_query(Question(self.number, request), self.now)
+        self.agent.on_query(request, Question(self.number), self.now)
         self.collect()
         return self.replies.get(self.number)
 

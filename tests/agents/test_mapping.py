@@ -189,13 +189,13 @@ def test_a_ping_without_a_pose_of_its_cycle_is_left_out() -> None:
 
 def test_the_map_is_returned_on_request() -> None:
     ring = Ring()
-    ring.agent.on_query(Question(1, MapRequest()), 0.0)
+    ring.agent.on_query(MapRequest(), Question(1), 0.0)
     (nothing,) = ring.grids()
     assert not nothing.rows
     for _ in range(20):
         ring.cycle()
     ring.grids()
-    ring.agent.on_query(Question(2, MapRequest()), 2.1)
+    ring.agent.on_query(MapRequest(), Question(2), 2.1)
     (grid,) = ring.grids()
     assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
 
@@ -203,7 +203,7 @@ def test_the_map_is_returned_on_request() -> None:
 def test_it_resumes_a_saved_map_or_reports_the_error(tmp_path: Path) -> None:
     file, image = grid_map.save(mapped((0.0, 1.0)).cells(), tmp_path / "saved.yaml")
     ring = Ring(Parameters(resume=str(file)))
-    ring.agent.on_query(Question(1, MapRequest()), 0.0)
+    ring.agent.on_query(MapRequest(), Question(1), 0.0)
     (grid,) = ring.grids()
     assert cells_of(grid).at(1.0, 0.0) == OCCUPIED
     image.unlink()
@@ -292,6 +292,6 @@ def test_with_a_laser_its_scans_make_the_map_and_sonars_none() -> None:
         agent.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
         agent.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
     agent.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
-    cells = cells_of(agent.on_map_request(Question(1, MapRequest())))
+    cells = cells_of(agent.on_map_request(MapRequest(), Question(1)))
     assert cells.at(3.02, 0.02) == OCCUPIED
     assert cells.at(1.0, 1.0) == UNKNOWN

@@ -27,7 +27,7 @@ def planner() -> PathPlanning:
 
 
 def request_plan(planner: PathPlanning, start: Waypoint, goal: Waypoint) -> Plan:
-    planner.on_query(Question(5, PlanRequest(start, goal)), 1.0)
+    planner.on_query(PlanRequest(start, goal), Question(5), 1.0)
     out, planner.outbox = planner.outbox, []
     (answer,) = (item for item in out if isinstance(item, Answer))
     assert answer.id == 5
@@ -75,7 +75,7 @@ def test_what_cannot_be_is_refused_with_the_reason(
 
 
 def test_another_question_than_for_a_plan_is_not_answered(planner: PathPlanning) -> None:
-    planner.on_query(Question(6, MissionRequest(GOAL)), 1.0)
+    planner.on_query(MissionRequest(GOAL), Question(6), 1.0)
     assert planner.outbox == []
 
 
@@ -134,7 +134,7 @@ def look(
 
 
 def doors(planner: PathPlanning) -> str:
-    planner.on_query(Question(5, PlanRequest(BEFORE, BEYOND, "no nearer")), planner.now)
+    planner.on_query(PlanRequest(BEFORE, BEYOND, "no nearer"), Question(5), planner.now)
     out, planner.outbox = planner.outbox, []
     texts = [o.message.text for o in out if isinstance(o, Publish) and isinstance(o.message, Log)]
     return texts[-1] if texts else next(o.message.refusal for o in out if isinstance(o, Answer))
@@ -189,7 +189,7 @@ def test_a_collision_is_planned_round_though_no_sonar_detects_it(
 
 def test_something_at_the_goal_itself_is_the_reason(two_doors: PathPlanning) -> None:
     look(two_doors, DOOR)
-    two_doors.on_query(Question(5, PlanRequest(BEFORE, Waypoint(4.6, 3.05, 0.0))), 2.0)
+    two_doors.on_query(PlanRequest(BEFORE, Waypoint(4.6, 3.05, 0.0)), Question(5), 2.0)
     (refusal,) = (o.message.refusal for o in two_doors.outbox if isinstance(o, Answer))
     assert "something was seen" in refusal
 
@@ -199,7 +199,7 @@ def test_a_robot_that_has_driven_somewhere_is_there_however_near_a_wall_is_by_it
 ) -> None:
     beside = Waypoint(4.4, 2.0, 0.0)
     assert "inside a wall" in request_plan(two_doors, beside, BEYOND).refusal
-    two_doors.on_query(Question(5, PlanRequest(beside, BEYOND, "the robot was lost")), 1.0)
+    two_doors.on_query(PlanRequest(beside, BEYOND, "the robot was lost"), Question(5), 1.0)
     (plan,) = (o.message for o in two_doors.outbox if isinstance(o, Answer))
     assert isinstance(plan, Plan)
     assert plan.waypoints
@@ -259,7 +259,7 @@ def test_without_a_map_it_forgets_what_would_shut_it_in(without_a_map: PathPlann
 def length(planner: PathPlanning, now: float) -> float | None:
     """Length of the path to a place 3 m ahead, m; None without a path."""
     request = PlanRequest(Waypoint(0.0, 0.0, 0.0), Waypoint(3.0, 0.0, 0.0))
-    planner.on_query(Question(5, request), now)
+    planner.on_query(request, Question(5), now)
     (plan,) = (o.message for o in planner.outbox if isinstance(o, Answer))
     planner.outbox = []
     assert isinstance(plan, Plan)

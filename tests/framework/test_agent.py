@@ -74,7 +74,9 @@ class Driver(Agent):
     def on_trajectory(self, trajectory: Trajectory) -> None:
         self.received.append(trajectory)
 
-    def on_mission_request(self, question: Question) -> MissionReply | None:
+    def on_mission_request(
+        self, _request: MissionRequest, _question: Question
+    ) -> MissionReply | None:
         return self.reply
 
     def on_wakeup(self) -> None:
@@ -387,12 +389,12 @@ def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) 
 def test_a_question_is_answered_now_or_later(driver: Driver) -> None:
     request = MissionRequest(Waypoint(1, 0, 0))
     driver.reply = MissionReply(3)
-    driver.on_query(Question(11, request), 0.0)
+    driver.on_query(request, Question(11), 0.0)
     assert driver.outbox == [Answer(11, MissionReply(3))]
     driver.reply = None
-    driver.on_query(Question(12, request), 0.0)
+    driver.on_query(request, Question(12), 0.0)
     assert len(driver.outbox) == 1
-    driver.answer(Question(12, request), MissionReply(4))
+    driver.answer(Question(12), MissionReply(4))
     assert driver.outbox[-1] == Answer(12, MissionReply(4))
 
 

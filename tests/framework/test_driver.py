@@ -29,7 +29,7 @@ class Planner(Agent):
         super().__init__(identity)
         self.questions: list[Question] = []
 
-    def on_plan_request(self, question: Question) -> None:
+    def on_plan_request(self, _request: PlanRequest, question: Question) -> None:
         self.questions.append(question)
 
 

@@ -86,7 +86,7 @@ class Planner(Agent):
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     length: ClassVar[float] = 1.0
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan((), self.length)
 
 
@@ -496,7 +496,7 @@ class Numb(Agent):
         self.publish(MissionStatus(1, MissionState.DRIVING, float("nan")))
         self.query(PlanRequest(nowhere, nowhere), self.replies.append)
 
-    def on_mission_request(self, question: Question) -> Message:
+    def on_mission_request(self, _request: MissionRequest, _question: Question) -> Message:
         return MissionReply(-1)
 
 

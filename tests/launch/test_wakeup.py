@@ -112,7 +112,7 @@ class Bench:
 
     def request(self, order: WakeupOrder, agent: str, pid: int = 0) -> str:
         """Send a request; return its refusal, or ""."""
-        self.agent.on_query(Question(1, WakeupRequest(order, agent, pid, "a test")), self.now)
+        self.agent.on_query(WakeupRequest(order, agent, pid, "a test"), Question(1), self.now)
         out = self.agent.outbox
         (answer,) = (item.message for item in out if isinstance(item, Answer))
         assert isinstance(answer, WakeupReply)

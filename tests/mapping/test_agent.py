@@ -130,7 +130,7 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
     (last,) = corrections
     off = place(last, odometry[-1]) - PATH[-1]
     assert np.hypot(*off[:2]) < 0.1
-    robot.agent.on_query(Question(1, MapRequest()), 100.0)
+    robot.agent.on_query(MapRequest(), Question(1), 100.0)
     (answer,) = (one for one in robot.agent.outbox if isinstance(one, Answer))
     assert isinstance(answer.message, OccupancyGrid)
     assert answer.message.revision == revision
@@ -191,7 +191,7 @@ def test_a_restarted_agent_begins_another_map_as_uncertain_as_the_pose() -> None
     for robot in (first, again):
         said = robot.cycle(PATH[20], own_odometry(PATH[:21])[20])
         corrections += of(Correction, said)
-        robot.agent.on_query(Question(1, MapRequest()), 100.0)
+        robot.agent.on_query(MapRequest(), Question(1), 100.0)
         grids += [one.message for one in robot.agent.outbox if isinstance(one, Answer)]
     assert grids[0].map_id != grids[1].map_id
     more = np.subtract(corrections[1].covariance, corrections[0].covariance)
@@ -260,7 +260,7 @@ def test_a_robot_that_is_carried_is_reported_once_and_has_a_map_of_its_own() -> 
     (last,) = of(Correction, said)
     assert isinstance(last, Correction)
     assert last.confidence == 0.5
-    cells = cells_of(robot.agent.on_map_request(Question(1, MapRequest())))
+    cells = cells_of(robot.agent.on_map_request(MapRequest(), Question(1)))
     assert cells.states.shape[0] * cells.cell_m > 10.0, "only the hall"
     x, _, _ = compose(odometry[-1], step).tolist()
     assert cells.bounds[0] > x - 15.0

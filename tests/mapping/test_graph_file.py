@@ -43,7 +43,7 @@ def driven(count: int = 90) -> Robot:
 
 def asked(agent: SlamAgent, request: Message) -> Message:
     """The answer of an agent."""
-    agent.on_query(Question(7, request), agent.now)
+    agent.on_query(request, Question(7), agent.now)
     (answer,) = (one for one in agent.outbox if isinstance(one, Answer))
     agent.outbox = []
     return answer.message

@@ -42,7 +42,7 @@ class Toy(Agent):
     name = "toy"
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan((), refusal=f"{self.instance} does not plan")
 
 

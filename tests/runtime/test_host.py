@@ -56,7 +56,7 @@ class Poser(Agent):
     def on_robot_state(self, state: RobotState) -> None:
         self.publish(Pose(state.cycle, self.x, 0.0, 0.0))
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan((), self.x)
 
 

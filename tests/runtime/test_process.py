@@ -48,7 +48,7 @@ class Recorder(Agent):
         self.seen.append("woken")
         self.end()
 
-    def on_plan_request(self, question: Question) -> None:
+    def on_plan_request(self, _request: PlanRequest, question: Question) -> None:
         self.questions.append(question)
 
     def on_appeared(self, name: str, instance: str) -> None:
