@@ -208,7 +208,7 @@ class _Pace:
         return False
 
 
-class Wakeup(DeviceAgent, overrides=("stop",)):
+class Wakeup(DeviceAgent):
     """Keeps a host's processes up within a budget, and answers requests."""
 
     name = "wakeup"
@@ -691,9 +691,8 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         at, why = process.killed
         return line(why) if self.now - at <= KILLED_S else ""
 
-    def stop(self, now: float) -> None:
+    def on_leave(self) -> None:
         """Leave in order: no other host replaces these agents, unless this host gave up."""
-        super().stop(now)
         if not self.gave_up:
             self._publish_share(leaving=True)
 

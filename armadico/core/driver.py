@@ -107,6 +107,7 @@ class Driver:
             wall: Returns wall time for the card, s since 1970: for people only.
         """
         self.agent = agent
+        self.kernel = agent.kernel
         self.now = now
         self._paused_s = 0.0  # time that did not pass for the agent
         self.stage = Stage.LOOKING
@@ -162,7 +163,7 @@ class Driver:
         mine = self._check_at
         if self.stage is not Stage.JOINED:
             return mine
-        due = self.agent.wakeup
+        due = self.kernel.wakeup
         if due is None:
             return mine
         due += self._paused_s
@@ -180,29 +181,29 @@ class Driver:
     def wake(self, now: float) -> None:
         own = self._pass(now)
         if self.stage is Stage.JOINED:
-            due = self.agent.wakeup
+            due = self.kernel.wakeup
             if due is not None and now >= due + self._paused_s:
-                self.agent.wake(max(own, due))  # the sum above is rounded
+                self.kernel.wake(max(own, due))  # the sum above is rounded
         if self._check_at is not None and now >= self._check_at:
             self._progress(now)
 
     def leave(self, now: float) -> None:
         """Release all held resources and rest all owned ones."""
-        self.agent.outbox.clear()  # an interrupted turn is not sent
+        self.kernel.outbox.clear()  # an interrupted turn is not sent
         own = self._pass(now)
         if self.stage is Stage.JOINED:
-            self.agent.stop(own)
+            self.kernel.leave(own)
 
     def drain(self) -> list[Output]:
         """Return the outputs since the last call, in order."""
-        agent = self.agent
-        if not agent.outbox:
+        kernel = self.kernel
+        if not kernel.outbox:
             if not self._out:
                 return []
             sent, self._out = self._out, []
             return sent
-        while agent.outbox:
-            out, agent.outbox = agent.outbox, []
+        while kernel.outbox:
+            out, kernel.outbox = kernel.outbox, []
             for item in out:
                 if type(item) is Publish:
                     if type(item.message) is Log and not self._may_log():
@@ -231,9 +232,9 @@ class Driver:
         if self.refused or self._slow:
             self._report(now)  # may be due since
         if self.stage is Stage.JOINED:
-            self.agent.receive(message, own)
+            self.kernel.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
-            self.agent.remember(message, own)
+            self.kernel.remember(message, own)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
         """Process that a liveliness token appeared (`alive`) or disappeared."""
@@ -248,7 +249,7 @@ class Driver:
             else:
                 self._admission.disappeared(instance, now)
         if self.stage is Stage.JOINED:
-            notify = self.agent.appeared if alive else self.agent.disappeared
+            notify = self.kernel.appeared if alive else self.kernel.disappeared
             notify(name, instance, own)
         self._progress(now)
 
@@ -256,16 +257,16 @@ class Driver:
         """Process that the robot's router became reachable (`there`) or unreachable."""
         own = self._pass(now)
         if self.stage is Stage.JOINED:
-            self.agent.router(there, own)
+            self.kernel.router(there, own)
         else:
-            self.agent.reachable = there
+            self.kernel.reachable = there
 
     def latch(self, by: str, now: float) -> None:
         """Latch the robot's stop if this agent owns a resource that stops."""
         own = self._pass(now)
         if self.stage is Stage.JOINED and any(each.stops for each in self.agent.owns):
-            self.agent.now = own
-            self.agent.latch(by)
+            self.kernel.now = own
+            self.kernel.latch(by)
 
     def answers(self, key: str) -> type[Message] | None:
         """Return the type of query that is answered on a key; None if none is."""
@@ -277,7 +278,7 @@ class Driver:
         if key == self._parameters_key:
             return ParametersRequest
         for kind in self.agent.answers:
-            if self.agent.key_of(kind) == key:
+            if self.kernel.key_of(kind) == key:
                 return kind
         return None
 
@@ -292,7 +293,7 @@ class Driver:
             self._bids_key: Ask,
             self._parameters_key: ParametersRequest,
         }
-        return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
+        return {self.kernel.key_of(kind): kind for kind in self.agent.answers} | own
 
     def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """Process a query. Its `Reply` with this `call` comes now, later or never."""
@@ -307,19 +308,19 @@ class Driver:
             if request is None:
                 return
             if type(request) is ParametersRequest:
-                self._out.append(Reply(call, key, self.agent.tune(request, own)))
+                self._out.append(Reply(call, key, self.kernel.tune(request, own)))
                 return
             self._call_ids += 1
             self._calls[self._call_ids] = (call, key)
             if len(self._calls) > OPEN_QUERIES:
                 self._calls.popitem(last=False)
-            self.agent.on_query(request, Question(self._call_ids), own)
+            self.kernel.on_query(request, Question(self._call_ids), own)
 
     def on_reply(self, question: int, reply: Message | None, now: float) -> None:
         """Process the reply to an `SendQuery`; None after a timeout."""
         own = self._pass(now)
         if question >= 0:
-            self.agent.on_reply(question, reply, own)
+            self.kernel.on_reply(question, reply, own)
             return
         instance = self._cards.pop(question, None)
         if instance is None or self._admission is None:
@@ -328,25 +329,25 @@ class Driver:
         card = reply if isinstance(reply, Card) and reply.instance == instance else None
         self._admission.on_card(instance, card, now)
         if card is not None and (card.name, card.instance) in self.alive:
-            self.agent.met(card, own)
+            self.kernel.met(card, own)
         self._progress(now)
 
     def received(self, data: bytes, now: float) -> None:
         """Process bytes from the device."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.receive_bytes(data, self._pass(now))
+        self.kernel.on_bytes(data, self._pass(now))
 
     def link(self, up: bool, why: str, now: float) -> None:
         """Process that the device was opened or lost."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.update_link(up, why, self._pass(now))
+        self.kernel.on_link(up, why, self._pass(now))
 
     def slow(self, took: float) -> None:
         """Count a delivery or wake-up that took `took` s, if that is longer than a cycle.
 
         The first one is logged at once, the others together, at most once in `SLOW_S`.
         """
-        if took > self.agent.cycles.period and self.stage is Stage.JOINED:
+        if took > self.kernel.cycles.period and self.stage is Stage.JOINED:
             self._slow.append(took)
             self._report(self.now)
 
@@ -375,16 +376,16 @@ class Driver:
         if self._slow and now - self._slow_at >= SLOW_S:
             count, worst, since = len(self._slow), max(self._slow), now - self._slow_at
             turns = "one turn" if count == 1 else f"{count} turns in {since:.0f} s, the longest"
-            period = self.agent.cycles.period
+            period = self.kernel.cycles.period
             text = f"{instance}: too slow: {turns} took {worst:.2f} s, a cycle is {period:g} s"
             self._slow_at = now
             self._slow.clear()
-            self.agent.log(text, WARNING)
+            self.kernel.log(text, WARNING)
         if not self.refused or now - self._reported_at < REPORT_S:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
-        self.agent.log(f"{instance}: rejected or dropped: {text}", WARNING)
+        self.kernel.log(f"{instance}: rejected or dropped: {text}", WARNING)
         self.refused.clear()
 
     def _progress(self, now: float) -> None:
@@ -393,7 +394,7 @@ class Driver:
         if admission is None or self.stage is Stage.REFUSED:
             self._check_at = None
             return
-        admission.tenure = self.agent.tenure
+        admission.tenure = self.kernel.tenure
         for name, instance in admission.queries(now):
             number = -1 - self._call_ids
             self._call_ids += 1
@@ -418,9 +419,9 @@ class Driver:
         self._announce()
         self.stage = Stage.JOINED
         own = now - self._paused_s
-        self.agent.start(own)
+        self.kernel.start(own)
         for name, instance in sorted(self.alive):
-            self.agent.appeared(name, instance, own)
+            self.kernel.appeared(name, instance, own)
         if isinstance(self.agent, DeviceAgent):
             self._out.append(OpenPort())
 
@@ -434,14 +435,14 @@ class Driver:
 
     @property
     def _parameters_key(self) -> str:
-        return self.agent.key_of(ParametersRequest)
+        return self.kernel.key_of(ParametersRequest)
 
     def _card(self) -> Card:
-        card = self.agent.card()
+        card = self.kernel.card()
         return card if self._wall is None else replace(card, clock=self._wall())
 
     def _history(self) -> BidHistory:
-        return self.agent.history()
+        return self.kernel.history()
 
     def _answer(self, answer: Answer) -> None:
         call, key = self._calls.pop(answer.id, (None, ""))
@@ -465,7 +466,7 @@ class Driver:
 
     def _may_log(self) -> bool:
         """Return whether the limits `LINES` and `LINES_A_S` allow one more log line."""
-        now = self.agent.now
+        now = self.kernel.now
         passed = max(now - self._lines_at, 0.0)
         self._lines = min(self._lines + LINES_A_S * passed, LINES)
         self._lines_at = now
@@ -475,7 +476,7 @@ class Driver:
         self._lines -= 1.0
         if self._left_out:
             left_out, self._left_out = self._left_out, 0
-            self.agent.log(f"{left_out} log lines were dropped", WARNING)
+            self.kernel.log(f"{left_out} log lines were dropped", WARNING)
         return True
 
 

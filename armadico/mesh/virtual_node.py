@@ -123,7 +123,7 @@ class Node(Place):
     # Inputs --------------------------------------------------------------------------------------
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
-        return [(to.pattern, self._deliver, to) for to in self.agent.subscriptions()]
+        return [(to.pattern, self._deliver, to) for to in self.driver.kernel.subscriptions]
 
     def _deliver(self, to: Subscription, what: tuple[str, Message | bytes]) -> None:
         if not self.alive:

@@ -124,7 +124,7 @@ class Life:
         clock = 0.0
         driver = Driver(self.agent, began, admit=admit, wall=lambda: clock)
         queries: dict[int, type[Message]] = {}
-        subscriptions = {to.pattern: to for to in self.agent.subscriptions()}
+        subscriptions = {to.pattern: to for to in self.agent.kernel.subscriptions}
         entry = next(entries, None)
         seen: BidRecord | None = None
         while entry is not None:
@@ -347,7 +347,7 @@ _DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Any], None]]] = 
 
 def _since(agent: Agent, seen: BidRecord | None) -> tuple[BidRecord, ...]:
     """The bids after `seen`."""
-    bids = agent.bids
+    bids = agent.kernel.bids
     if not bids or bids[-1] is seen:
         return ()
     found: list[BidRecord] = []

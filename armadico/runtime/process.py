@@ -125,7 +125,7 @@ class AgentHost:
         self._devices: dict[str, Device] = {}
         for driver in self.drivers:
             agent = driver.agent
-            for to in agent.subscriptions():
+            for to in driver.kernel.subscriptions:
                 self._listeners.setdefault(to.pattern, []).append((to, driver))
             opens = (connect or {}).get(agent.instance)
             if isinstance(agent, DeviceAgent) and opens is not None:
@@ -258,7 +258,7 @@ class AgentHost:
         began = self._clock()
         step(*args, began)
         took = self._clock() - began
-        if took > driver.agent.cycles.period:
+        if took > driver.kernel.cycles.period:
             driver.slow(took)
 
     def _send(self, *, at_once: bool = False) -> bool:

@@ -158,5 +158,5 @@ def test_the_alarm_is_by_the_robots_own_battery() -> None:
     jackal._publish_level(Cycle(1, 1))
     assert any(
         isinstance(item, Publish) and isinstance(item.message, BatteryAlarm)
-        for item in jackal.outbox
+        for item in jackal.kernel.outbox
     )

@@ -554,7 +554,7 @@ class Robot:
 
     def __init__(self, parameters: Parameters, seed: int = 3) -> None:
         self.agent = Localization(Identity("localization-1", rng=random.Random(seed)), parameters)
-        self.agent.start(0.0)
+        self.agent.kernel.start(0.0)
         self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
         self.stands = False  # a person 0.5 m in front of the sonars on the right
@@ -583,9 +583,9 @@ class Robot:
         if self.deaf:
             pings = tuple(replace(p, range=None) for p in pings)
         for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
-            self.agent.receive(message, now)
-        published = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
-        self.agent.outbox.clear()
+            self.agent.kernel.receive(message, now)
+        published = [item.message for item in self.agent.kernel.outbox if isinstance(item, Publish)]
+        self.agent.kernel.outbox.clear()
         self.published += published
         return [message for message in published if isinstance(message, Correction)]
 
@@ -882,7 +882,7 @@ def test_verdicts_of_before_the_robot_was_found_do_not_count(
     published: list[Correction] = []
     while not lost_in(published):
         published = carried(robot, 1, (0.02, 0.0, 0.0))
-    robot.agent.receive(InitialPose(*START), robot.begun + 0.1 * robot.number)
+    robot.agent.kernel.receive(InitialPose(*START), robot.begun + 0.1 * robot.number)
     assert not lost_in(carried(robot, 80, (0.02, 0.0, 0.0)))
 
 
@@ -962,7 +962,7 @@ def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
             placed(robot.at(START, (0.0, 0.0, 0.0), START)[-1], robot.odometry),
             [],
         )
-        robot.agent.receive(InitialPose(x, y, 0.0), robot.begun + 0.1 * robot.number)
+        robot.agent.kernel.receive(InitialPose(x, y, 0.0), robot.begun + 0.1 * robot.number)
         after = placed(robot.at((x, y, 0.0), (0.0, 0.0, 0.0), START)[-1], robot.odometry)
         assert (hypot(after[0] - x, after[1] - y) < 0.3) == room
         assert (hypot(after[0] - before[0], after[1] - before[1]) < 0.3) != room
@@ -976,7 +976,7 @@ def test_wheels_worse_than_in_the_profile_are_reported(world: str) -> None:
         robot = Robot(Parameters(world=world), seed=0)
         for pose, motion in drive(START, 400, drift=drift):
             robot.at(pose, motion, pose)
-        card = robot.agent.card()
+        card = robot.agent.kernel.card()
         assert card.learnt
         assert bool(card.doubts) == worn
         assert (
@@ -1092,7 +1092,7 @@ def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
     path.write_text(MAP.replace("6000 4000", "9500 6000") + walls + "\n")
     parameters = Parameters(world=str(path), profile="jackal")
     agent = Localization(Identity("localization-1", rng=random.Random(3)), parameters)
-    agent.start(0.0)
+    agent.kernel.start(0.0)
     mount, poses = (0.3, -0.1, -0.6), made_logs.driven()
     for number, pose in enumerate(poses[:80]):
         seen = made_logs.ranges(compose(pose, mount))
@@ -1105,9 +1105,9 @@ def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
             scan = message_of(cycle, seen, angles, limits, mount, since=taken, number=number)
             state = RobotState(cycle, x, y, theta, 0.0, 0.0, 12.0, True, False)
             for message in (state, Pose(cycle, *at), scan):
-                agent.receive(message, 0.1 * cycle.number)
+                agent.kernel.receive(message, 0.1 * cycle.number)
             assert agent._filter.due == bool(again), "nothing was weighed since it moved"
-    published = [item.message for item in agent.outbox if isinstance(item, Publish)]
+    published = [item.message for item in agent.kernel.outbox if isinstance(item, Publish)]
     last = [one for one in published if isinstance(one, Correction)][-1]
     assert hypot(last.x, last.y) < 0.05  # the odometry is exact
     assert last.confidence > 0.9

@@ -146,7 +146,7 @@ class Ring:
 
     def __init__(self, parameters: Parameters | None = None) -> None:
         self.agent = Mapping(Identity("mapping-1"), parameters)
-        self.agent.receive(described("pioneer-2dx"), 0.0)
+        self.agent.kernel.receive(described("pioneer-2dx"), 0.0)
         self.number = 0
 
     def cycle(self, *, pose_first: bool = False, pose: bool = True, x: float = 2.0) -> None:
@@ -156,10 +156,10 @@ class Ring:
         messages = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
         messages = [*messages, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
         for message in messages[::-1] if pose_first else messages:
-            self.agent.receive(message, now)
+            self.agent.kernel.receive(message, now)
 
     def grids(self) -> list[OccupancyGrid]:
-        out, self.agent.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.outbox, []
         return [
             o.message
             for o in out
@@ -189,13 +189,13 @@ def test_a_ping_without_a_pose_of_its_cycle_is_left_out() -> None:
 
 def test_the_map_is_returned_on_request() -> None:
     ring = Ring()
-    ring.agent.on_query(MapRequest(), Question(1), 0.0)
+    ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
     (nothing,) = ring.grids()
     assert not nothing.rows
     for _ in range(20):
         ring.cycle()
     ring.grids()
-    ring.agent.on_query(MapRequest(), Question(2), 2.1)
+    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.1)
     (grid,) = ring.grids()
     assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
 
@@ -203,7 +203,7 @@ def test_the_map_is_returned_on_request() -> None:
 def test_it_resumes_a_saved_map_or_reports_the_error(tmp_path: Path) -> None:
     file, image = grid_map.save(mapped((0.0, 1.0)).cells(), tmp_path / "saved.yaml")
     ring = Ring(Parameters(resume=str(file)))
-    ring.agent.on_query(MapRequest(), Question(1), 0.0)
+    ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
     (grid,) = ring.grids()
     assert cells_of(grid).at(1.0, 0.0) == OCCUPIED
     image.unlink()
@@ -216,7 +216,7 @@ def test_it_logs_once_where_the_map_can_grow_no_more() -> None:
     logged = []
     for x in (2.0, 150.0, 250.0, 260.0, 2.0):
         ring.cycle(x=x)
-        messages, ring.agent.outbox = ring.agent.outbox, []
+        messages, ring.agent.kernel.outbox = ring.agent.outbox, []
         logged += [
             (x, "250.0" in o.message.text, o.message.level)
             for o in messages
@@ -284,14 +284,14 @@ def test_what_a_ray_met_is_not_free_for_the_one_beside_it_and_may_be_unlearnt() 
 
 def test_with_a_laser_its_scans_make_the_map_and_sonars_none() -> None:
     agent = Mapping(Identity("mapping-1"), Parameters(profile="jackal"))
-    agent.receive(described("jackal"), 0.0)
+    agent.kernel.receive(described("jackal"), 0.0)
     for number in range(1, 6):
         cycle = Cycle(1, number)
-        agent.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
-        agent.receive(Pose(cycle, 1.02, 0.02, 0.0), 0.1 * number)
-        agent.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
-        agent.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
-    agent.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
+        agent.kernel.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
+        agent.kernel.receive(Pose(cycle, 1.02, 0.02, 0.0), 0.1 * number)
+        agent.kernel.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
+        agent.kernel.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
+    agent.kernel.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
     cells = cells_of(agent.on_map_request(MapRequest(), Question(1)))
     assert cells.at(3.02, 0.02) == OCCUPIED
     assert cells.at(1.0, 1.0) == UNKNOWN

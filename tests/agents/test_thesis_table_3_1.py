@@ -10,6 +10,7 @@ import pytest
 
 from armadico.config.discovery import agent_class
 from armadico.core.agent import Agent
+from armadico.core.kernel import subscriptions
 from armadico.core.messages import Claim, Command, Message, RobotState
 from armadico.core.resources import WHEELS, Resource
 from armadico.mobile.messages import Origin, Pose, Sonar, Trajectory
@@ -69,7 +70,7 @@ def provided(kind: type[Agent]) -> set[type[Message]]:
 
 
 def requested(kind: type[Agent]) -> set[type[Message]]:
-    return {subscription.message for subscription in kind.subscriptions()}
+    return {subscription.message for subscription in subscriptions(kind)}
 
 
 @pytest.mark.parametrize("service", sorted(WHERE))

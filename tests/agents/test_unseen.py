@@ -145,8 +145,8 @@ def test_the_nearest_rule_holds(
     parameters = PlannersParameters(world=str(file), unseen=of_scenario)
     planner = PathPlanning(Identity("path-planning-1"), parameters)
     request = PlanRequest(Waypoint(1.5, 1.5, 0.0), Waypoint(6.5, 1.5, 0.0), rule=of_request)
-    planner.on_query(request, Question(1), 1.0)
-    (answer,) = (item.message for item in planner.outbox if isinstance(item, Answer))
+    planner.kernel.on_query(request, Question(1), 1.0)
+    (answer,) = (item.message for item in planner.kernel.outbox if isinstance(item, Answer))
     assert isinstance(answer, PlanReply)
     assert bool(answer.refusal) is refused
     assert bool(answer.unseen) is not refused

@@ -177,7 +177,7 @@ def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) ->
 
 
 def deliver(driver: Driver, outputs: Tuning) -> list[Any]:
-    (to,) = (to for to in driver.agent.subscriptions() if to.message is Tuning)
+    (to,) = (to for to in driver.agent.kernel.subscriptions if to.message is Tuning)
     driver.deliver(to, to.pattern, encode(outputs), 2.0)
     return driver.drain()
 

@@ -40,7 +40,7 @@ def journalled(**more: Any) -> j.Journalled:
 
 def ring(driver: Driver, now: float, payload: bytes | None = None) -> list[Output]:
     """What comes of an alarm."""
-    to = next(to for to in driver.agent.subscriptions() if to.message is Alarm)
+    to = next(to for to in driver.agent.kernel.subscriptions if to.message is Alarm)
     driver.deliver(to, "alarm", encode(Alarm("R1")) if payload is None else payload, now)
     return driver.drain()
 

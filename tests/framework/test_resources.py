@@ -533,7 +533,7 @@ def received(agent: Agent, key: str, message: Message) -> Driver:
     """Return a started driver that has received a message on a key."""
     driver = Driver(agent, 0.0, admit=False)
     driver.begin(0.0)
-    for to in agent.subscriptions():
+    for to in agent.kernel.subscriptions:
         if to.message is type(message):
             driver.deliver(to, key, message, 1.0)
     return driver
@@ -560,8 +560,8 @@ def test_a_claim_or_ack_of_another_resource_on_a_key_is_refused() -> None:
     ):
         key = QUICK.utility_key if isinstance(message, Claim) else QUICK.ack_key
         driver = received(agent, key, message)
-        assert driver.agent._contenders["gripper"].largest is None
-        assert driver.agent._contenders["quick"].largest is None
+        assert driver.kernel.bidding(GRIPPER).contender.largest is None
+        assert driver.kernel.bidding(QUICK).contender.largest is None
         assert any("it is about gripper" in why for why in driver.refused) or any(
             isinstance(getattr(item, "message", None), Log)
             and "it is about gripper" in item.message.text  # type: ignore[union-attr]

@@ -455,7 +455,7 @@ def test_a_joining_agent_observes_first_and_then_gets_the_tokens() -> None:
 def test_a_second_one_that_must_be_alone_is_refused_and_never_seen() -> None:
     mesh, listener = listening(Only)
     mesh.run(1.0)
-    mesh.node("only").agent.tenure = 100
+    mesh.node("only").agent.kernel.tenure = 100
     second = mesh.add(Only(mesh.identity("only", 1)))
     mesh.run(3.0)
     assert not second.alive

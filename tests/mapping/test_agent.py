@@ -45,7 +45,7 @@ class Robot:
         self.agent = SlamAgent(Identity("slam-1", rng=Random(seed)), parameters)
         self.known: tuple[float, ...] = ()  # the covariance of the first pose
         self.logged = ""
-        self.agent.receive(described("jackal"), 0.0)
+        self.agent.kernel.receive(described("jackal"), 0.0)
         self.number, self.epoch = 0, 1
         self._noise = np.random.default_rng(1)
 
@@ -74,8 +74,8 @@ class Robot:
         if self.number == 1:
             messages.insert(1, Pose(cycle, *pose.tolist(), self.known))
         for message in messages[::-1] if scan_first else messages:
-            self.agent.receive(message, now)
-        out, self.agent.outbox = self.agent.outbox, []
+            self.agent.kernel.receive(message, now)
+        out, self.agent.kernel.outbox = self.agent.outbox, []
         logs = [one.message for one in out if isinstance(one, Publish)]
         self.logged += "".join(each.text for each in logs if isinstance(each, Log))
         return [one.message for one in out if isinstance(one, Publish | Answer)]
@@ -130,8 +130,8 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
     (last,) = corrections
     off = place(last, odometry[-1]) - PATH[-1]
     assert np.hypot(*off[:2]) < 0.1
-    robot.agent.on_query(MapRequest(), Question(1), 100.0)
-    (answer,) = (one for one in robot.agent.outbox if isinstance(one, Answer))
+    robot.agent.kernel.on_query(MapRequest(), Question(1), 100.0)
+    (answer,) = (one for one in robot.agent.kernel.outbox if isinstance(one, Answer))
     assert isinstance(answer.message, OccupancyGrid)
     assert answer.message.revision == revision
     cells = cells_of(answer.message)
@@ -191,8 +191,8 @@ def test_a_restarted_agent_begins_another_map_as_uncertain_as_the_pose() -> None
     for robot in (first, again):
         said = robot.cycle(PATH[20], own_odometry(PATH[:21])[20])
         corrections += of(Correction, said)
-        robot.agent.on_query(MapRequest(), Question(1), 100.0)
-        grids += [one.message for one in robot.agent.outbox if isinstance(one, Answer)]
+        robot.agent.kernel.on_query(MapRequest(), Question(1), 100.0)
+        grids += [one.message for one in robot.agent.kernel.outbox if isinstance(one, Answer)]
     assert grids[0].map_id != grids[1].map_id
     more = np.subtract(corrections[1].covariance, corrections[0].covariance)
     assert more == pytest.approx(again.known, abs=1e-9)
@@ -221,8 +221,8 @@ def test_a_robot_without_a_laser_is_refused() -> None:
 def test_a_second_agent_that_publishes_the_same_is_reported() -> None:
     robot = Robot()
     for other in (Localization(Identity("localization-1"), MAPPED), Goto(Identity("goto-1"))):
-        robot.agent.met(other.card(), 1.0)
-    logs = [one.message for one in robot.agent.outbox if isinstance(one, Publish)]
+        robot.agent.kernel.met(other.kernel.card(), 1.0)
+    logs = [one.message for one in robot.agent.kernel.outbox if isinstance(one, Publish)]
     assert [(log.level, "localization-1" in log.text) for log in logs if isinstance(log, Log)] == [
         (ERROR, True)
     ]
@@ -234,8 +234,8 @@ def test_a_lost_return_frees_nothing_behind_a_wall() -> None:
     ranges = np.full(360, 1.0)
     ranges[[40, 200, 201]] = np.inf
     scan = message_of(Cycle(1, 2), ranges, (0.0, np.radians(1.0)), (0.1, 30.0), (0.0, 0.0, 0.0))
-    robot.agent.receive(RobotState(Cycle(1, 2), 0.0, 0.0, 0.0, 0, 0, 12.0, True, False), 0.2)
-    robot.agent.receive(scan, 0.2)
+    robot.agent.kernel.receive(RobotState(Cycle(1, 2), 0.0, 0.0, 0.0, 0, 0, 12.0, True, False), 0.2)
+    robot.agent.kernel.receive(scan, 0.2)
     kept = robot.agent._drawn[-1].scan
     assert isinstance(kept, Scan)
     assert np.flatnonzero(np.isnan(ranges_of(kept))).tolist() == [40]

@@ -43,9 +43,9 @@ def driven(count: int = 90) -> Robot:
 
 def asked(agent: SlamAgent, request: Message) -> Message:
     """The answer of an agent."""
-    agent.on_query(request, Question(7), agent.now)
-    (answer,) = (one for one in agent.outbox if isinstance(one, Answer))
-    agent.outbox = []
+    agent.kernel.on_query(request, Question(7), agent.now)
+    (answer,) = (one for one in agent.kernel.outbox if isinstance(one, Answer))
+    agent.kernel.outbox = []
     return answer.message
 
 

@@ -46,13 +46,13 @@ class Toy(Agent):
         return Plan((), refusal=f"{self.instance} does not plan")
 
 
-class Foreign(Toy, overrides=("card",)):
+class Foreign(Toy):
     """Speaks another protocol."""
 
     name = "foreign"
 
-    def card(self) -> Card:
-        return replace(super().card(), protocol=PROTOCOL + 1)
+    def fill_card(self, card: Card) -> Card:
+        return replace(card, protocol=PROTOCOL + 1)
 
 
 class Other(Agent):
@@ -177,8 +177,10 @@ class Loud(Toy):
         ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
         claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
         too_large = replace(claim, wanted=large, commanded=large)
-        self.outbox += [Publish(WHEELS.utility_key, each) for each in (too_large, claim)]
-        self.outbox += [Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)]
+        self.kernel.outbox += [Publish(WHEELS.utility_key, each) for each in (too_large, claim)]
+        self.kernel.outbox += [
+            Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)
+        ]
 
 
 def test_messages_that_cannot_be_decoded_are_dropped_and_logged(crowd: Crowd) -> None:

@@ -49,8 +49,8 @@ def whole() -> Observed:
 def on_card(society: Observed, name: str, **changed: Any) -> None:
     """Change what an agent's card says."""
     agent = society.agent(name)
-    card = agent.card
-    agent.card = lambda: replace(card(), **changed)
+    fill = agent.fill_card
+    agent.fill_card = lambda card: replace(fill(card), **changed)
 
 
 def kill(*names: str) -> Callable[[Observed], object]:

@@ -127,7 +127,7 @@ def test_commands_are_sent_before_the_next_agent_receives() -> None:
         def on_robot_state(self, state: RobotState) -> None:
             self.publish(Pose(state.cycle, 0.0, 0.0, 0.0))
             command = Command("wheels", state.cycle, Ballot(1, 0.5, False, self.instance), (0.1, 0))
-            self.outbox.append(Publish(f"robot/cmd/{self.instance}", command))
+            self.kernel.outbox.append(Publish(f"robot/cmd/{self.instance}", command))
 
     class Following(Agent):
         name = "following"

@@ -206,7 +206,7 @@ def test_an_agent_that_fails_ends_the_process_and_the_others_release() -> None:
 
     hand = Hand(identity("hand"))
     left: list[str] = []
-    hand.stop = lambda now: left.append("hand")  # type: ignore[method-assign]
+    hand.kernel.leave = lambda now: left.append("hand")  # type: ignore[method-assign]
     host, mesh = on_a_fake(Poser(identity("poser")), Failing(identity("watcher")), hand)
     with pytest.raises(RuntimeError, match="cannot bear it"):
         play(host, lambda: mesh.receive("robot/state", state(1)))
@@ -273,11 +273,11 @@ def test_what_is_too_large_for_the_mesh_is_for_a_neighbour_too() -> None:
             large = bytes(m.LARGEST_PAYLOAD // 2)
             ballot = Ballot(1, 0.5, False, self.instance)
             claim = Claim("wheels", ballot, state.cycle, 0.5, False, large, large)
-            self.outbox.append(Publish(WHEELS.utility_key, claim))
+            self.kernel.outbox.append(Publish(WHEELS.utility_key, claim))
 
     received: list[Message] = []
     hand = Hand(identity("hand"))
-    hand.receive = lambda message, now: received.append(message)  # type: ignore[method-assign]
+    hand.kernel.receive = lambda message, now: received.append(message)  # type: ignore[method-assign]
     host, mesh = on_a_fake(Loud(identity("poser")), hand)
     play(host, lambda: mesh.receive("robot/state", state(1)))
     assert received == [state(1)]
@@ -349,11 +349,11 @@ def bidding(bid: Any) -> tuple[Hand, list[Message]]:
     hand.next = bid
     for number in range(1, 8):
         now = number / 10
-        hand.receive(state(number), now)
-        hand.receive(Ack("wheels", Cycle(7, number), measured=(0.0, 0.0)), now)
-        if hand.wakeup is not None:
-            hand.wake(now + 0.05)
-    return hand, [item.message for item in hand.outbox if hasattr(item, "message")]
+        hand.kernel.receive(state(number), now)
+        hand.kernel.receive(Ack("wheels", Cycle(7, number), measured=(0.0, 0.0)), now)
+        if hand.kernel.wakeup is not None:
+            hand.kernel.wake(now + 0.05)
+    return hand, [item.message for item in hand.kernel.outbox if hasattr(item, "message")]
 
 
 def test_numbers_that_are_no_floats_are_made_floats() -> None:
@@ -368,13 +368,13 @@ def test_numbers_that_are_no_floats_are_made_floats() -> None:
         claims = [message for message in sent if isinstance(message, Claim)]
         assert {(c.utility, c.wanted, c.critical) for c in claims} == {(0.5, (0.5, 0.25), True)}
         assert all(m.decode(encode(message), type(message)) == message for message in sent)
-        assert m.decode(encode(hand.history()), BidHistory) == hand.history()
+        assert m.decode(encode(hand.kernel.history()), BidHistory) == hand.kernel.history()
 
 
 @pytest.mark.parametrize("reason", ["x" * 5000, "two\nlines", "\x1b[31m red", "a\u2028b"])
 def test_a_reason_of_any_length_and_content_can_be_queried(reason: str) -> None:
     hand, _ = bidding(Bid(0.5, (0.1, 0.2), reason=reason))
-    history = hand.history()
+    history = hand.kernel.history()
     assert m.decode(encode(history), BidHistory) == history
     silent = Hand(identity("hand"))
     silent.why = reason
@@ -383,10 +383,10 @@ def test_a_reason_of_any_length_and_content_can_be_queried(reason: str) -> None:
         silent.why = reason
 
     silent.bid = nothing  # type: ignore[method-assign]
-    silent.receive(state(1), 0.1)
-    silent.receive(Ack("wheels", Cycle(7, 1)), 0.1)
-    assert silent.bids
-    assert m.decode(encode(silent.history()), BidHistory) == silent.history()
+    silent.kernel.receive(state(1), 0.1)
+    silent.kernel.receive(Ack("wheels", Cycle(7, 1)), 0.1)
+    assert silent.kernel.bids
+    assert m.decode(encode(silent.kernel.history()), BidHistory) == silent.kernel.history()
 
 
 # Floods -------------------------------------------------------------------------------------------
@@ -424,7 +424,7 @@ def test_lines_for_people_are_limited_whatever_comes(minutes: int) -> None:
     driver.begin(0.0)
     published = 0
     for step in range(minutes * 6000):
-        agent.now = step / 100
+        agent.kernel.now = step / 100
         agent.log("again and again")
         out = driver.drain()
         published += sum(isinstance(getattr(item, "message", None), Log) for item in out)
@@ -440,7 +440,7 @@ def test_dropped_log_lines_are_counted() -> None:
     for _ in range(LINES + 50):
         agent.log("again")
     driver.drain()
-    agent.now += 10.0
+    agent.kernel.now += 10.0
     agent.log("later")
     sent = [
         item.message.text
@@ -463,7 +463,7 @@ class Observed:
         self.driver.drain()
 
     def receive(self, message: Message, now: float, key: str) -> list[Log]:
-        (to,) = [to for to in self.driver.agent.subscriptions() if to.message is type(message)]
+        (to,) = [to for to in self.driver.agent.kernel.subscriptions if to.message is type(message)]
         self.driver.deliver(to, key, message, now)
         sent = [item.message for item in self.driver.drain() if isinstance(item, Publish)]
         return [message for message in sent if isinstance(message, Log)]
@@ -567,7 +567,7 @@ def test_an_implausible_counter_is_logged_of_a_state_and_before_the_start_too() 
     (sent,) = observed.receive(state, 1.0, "robot/state")
     assert "on robot/stop: rejected: a Stop by x" in sent.text
     driver = Driver(Watcher(identity("watcher")), 0.0)
-    (to,) = [to for to in driver.agent.subscriptions() if to.message is Stop]
+    (to,) = [to for to in driver.agent.kernel.subscriptions if to.message is Stop]
     driver.deliver(to, "robot/stop", Stop(1, False, "people", 7), 0.1)
     driver.deliver(to, "robot/stop", Stop(m.JUMP + 2, by="x"), 0.1)
     assert not driver.started
@@ -609,7 +609,7 @@ def test_a_card_in_anothers_name_is_ignored() -> None:
     driver.drain()
     driver.on_reply(question, card("goto-1", 99), 1.1)
     driver.on_reply(question, card(driver.agent.instance, 99), 1.1)
-    assert driver.agent.foreign == set()
+    assert driver.agent.kernel.foreign == set()
     assert driver.refusal == ""
     assert not [item for item in driver.drain() if isinstance(item, Publish)]
 
@@ -619,7 +619,7 @@ def test_a_card_of_another_protocol_counts_for_its_instance_and_is_logged_once()
     question = queried_card(driver, "evil", "evil-1", 5.0)
     for _ in range(3):
         driver.on_reply(question, card("evil-1", 99), 5.1)
-    assert driver.agent.foreign == {"evil-1"}
+    assert driver.agent.kernel.foreign == {"evil-1"}
     sent = [item for item in driver.drain() if isinstance(item, Publish)]
     assert len(sent) == 1
 
@@ -629,12 +629,12 @@ def test_claims_of_an_instance_with_another_declaration_are_rejected() -> None:
     question = queried_card(driver, "evil", "evil-1", 5.0)
     driver.on_reply(question, card("evil-1", declares=("wheels(left, right)",)), 5.1)
     agent = driver.agent
-    assert agent.foreign == {"evil-1"}
-    agent.receive(state(1), 5.2)
-    agent.receive(Claim("wheels", Ballot(9, 1.0, True, "evil-1"), Cycle(7, 1), 1.0), 5.2)
-    assert agent._contenders["wheels"].largest is None
+    assert agent.kernel.foreign == {"evil-1"}
+    agent.kernel.receive(state(1), 5.2)
+    agent.kernel.receive(Claim("wheels", Ballot(9, 1.0, True, "evil-1"), Cycle(7, 1), 1.0), 5.2)
+    assert agent.kernel.bidding(WHEELS).contender.largest is None
     driver.token("evil", "evil-1", False, 6.0)
-    assert agent.foreign == set(), "an instance that has gone is forgotten"
+    assert agent.kernel.foreign == set(), "an instance that has gone is forgotten"
 
 
 # Time ---------------------------------------------------------------------------------------------

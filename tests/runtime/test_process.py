@@ -274,7 +274,7 @@ def test_an_agent_is_refused_the_truth() -> None:
 
 
 def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
-    class Failing(Agent, overrides=("stop",)):
+    class Failing(Agent):
         name = "failing"
         receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
 
@@ -282,8 +282,7 @@ def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
             self.log("half a turn")
             raise RuntimeError("the other half")
 
-        def stop(self, now: float) -> None:
-            super().stop(now)
+        def on_leave(self) -> None:
             self.log("released")
 
     host, mesh = on_a_fake(Failing(identity("failing")))
