@@ -12,25 +12,9 @@ robot (`armadico.bridge.kind`, `armadico.bridge.session`):
 
 TYPE_CHECKING = False  # type checkers treat it as true by its name; importing `typing` is slow
 if TYPE_CHECKING:
-    from armadico.agents.missions.messages import PlanStep, SubplanRequest
-    from armadico.agents.missions.planner import Planner, Surprise
-    from armadico.agents.missions.task import (
-        Beliefs,
-        Charge,
-        Done,
-        Drive,
-        Explore,
-        Failed,
-        Going,
-        Progress,
-        Reach,
-        Stand,
-        Task,
-    )
-    from armadico.agents.teleop.messages import Stick, TeleopStatus
-    from armadico.config.errors import ConfigError
     from armadico.config.scenarios import Scenario
     from armadico.core.agent import Agent, DeviceAgent, Identity, Question
+    from armadico.core.config_errors import ConfigError
     from armadico.core.errors import UnknownNameError
     from armadico.core.exchange import Bid
     from armadico.core.messages import (
@@ -58,6 +42,7 @@ if TYPE_CHECKING:
     from armadico.core.resources import WHEELS, Resource
     from armadico.core.services import Kind, Service, register
     from armadico.launch.api import Holding, Run, run
+    from armadico.launch.client import Client, Mission, connect
     from armadico.mesh.topology import MeshError, TopologyError
     from armadico.mobile.behaviour import Behaviour
     from armadico.mobile.messages import (
@@ -83,7 +68,6 @@ if TYPE_CHECKING:
     from armadico.mobile.resources import PLANNER
     from armadico.mobile.route import Route
     from armadico.observe.measures import Mark, Result
-    from armadico.runtime.client import Client, Mission, connect
     from armadico.runtime.errors import (
         AbsentError,
         AgentFailedError,
@@ -105,13 +89,11 @@ __all__ = [
     "Ask",
     "Ballot",
     "Behaviour",
-    "Beliefs",
     "Bid",
     "BidHistory",
     "BidRecord",
     "Card",
     "Cell",
-    "Charge",
     "Claim",
     "Client",
     "Command",
@@ -119,12 +101,7 @@ __all__ = [
     "Cycle",
     "Description",
     "DeviceAgent",
-    "Done",
-    "Drive",
     "Echo",
-    "Explore",
-    "Failed",
-    "Going",
     "Holding",
     "Identity",
     "Kind",
@@ -150,15 +127,11 @@ __all__ = [
     "ParametersReply",
     "Plan",
     "PlanRequest",
-    "PlanStep",
     "PlanTask",
     "Planned",
-    "Planner",
     "Point",
     "Pose",
-    "Progress",
     "Question",
-    "Reach",
     "Resource",
     "Result",
     "RobotState",
@@ -170,14 +143,8 @@ __all__ = [
     "Service",
     "SocietyError",
     "Sonar",
-    "Stand",
-    "Stick",
     "Stop",
     "StopError",
-    "SubplanRequest",
-    "Surprise",
-    "Task",
-    "TeleopStatus",
     "TopologyError",
     "Trajectory",
     "Truth",
@@ -189,32 +156,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    "agents.missions.messages": (
-        "PlanStep",
-        "SubplanRequest",
-    ),
-    "agents.missions.planner": (
-        "Planner",
-        "Surprise",
-    ),
-    "agents.missions.task": (
-        "Beliefs",
-        "Charge",
-        "Done",
-        "Drive",
-        "Explore",
-        "Failed",
-        "Going",
-        "Progress",
-        "Reach",
-        "Stand",
-        "Task",
-    ),
-    "agents.teleop.messages": (
-        "Stick",
-        "TeleopStatus",
-    ),
-    "config.errors": ("ConfigError",),
+    "core.config_errors": ("ConfigError",),
     "config.scenarios": ("Scenario",),
     "core.agent": (
         "Agent",
@@ -273,7 +215,7 @@ _MODULES = {
         "Mark",
         "Result",
     ),
-    "runtime.client": (
+    "launch.client": (
         "Client",
         "Mission",
         "connect",

@@ -12,22 +12,41 @@ session and simulator within its functions, so that only processes that need the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from armadico.bridge.session import Session, Unfit
 from armadico.bridge.simulator.traps import KIND, Trap
-from armadico.config.errors import ConfigError
 from armadico.config.profile import RobotProfile, load_kind, load_profile
+from armadico.core.config_errors import ConfigError
 
 if TYPE_CHECKING:
     from armadico.bridge.simulator.plant import Streams
     from armadico.bridge.simulator.robots import Stage
+    from armadico.bridge.simulator.server import Line
     from armadico.bridge.simulator.simulated import SimulatedRobot
     from armadico.config.scenarios import Scenario
 
 P = TypeVar("P", bound=RobotProfile)
+P_contra = TypeVar("P_contra", bound=RobotProfile, contravariant=True)
+
+
+class Network(Protocol[P_contra]):
+    """A network of robots of a kind, such as that of ROS 2's nodes."""
+
+    def node(self, address: str, robot: str, namespace: str | None) -> str:
+        """The name of a new robot of this profile; `namespace` is that of a further robot.
+
+        Raises ValueError for an address that cannot be used.
+        """
+
+    def beside(self, address: str, namespace: str) -> str:
+        """The address of another robot in the same network."""
+
+    def line(self, address: str, profile: P_contra, name: str, stack: ExitStack) -> Line:
+        """The line of the robot with this name, closed by `stack`. Raises ValueError or OSError."""
 
 
 def _no_remedy(profile: RobotProfile, unfit: Unfit) -> str:  # noqa: ARG001 - a default for others
@@ -57,6 +76,9 @@ class RobotKind(Generic[P]):
 
     unkind: frozenset[Trap] = KIND
     """Traps that its simulated controller supports: behaviour that breaks some clients."""
+
+    network: Callable[[], Network[P]] | None = None
+    """Loads the network in which other programs may drive a simulated robot, besides TCP."""
 
     needs: Mapping[str, str] = field(default_factory=dict)
     """Modules that its session and its simulator import and some installations lack, and what to

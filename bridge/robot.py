@@ -33,12 +33,12 @@ from armadico.bridge.session import (
     Unfit,
     Unread,
 )
-from armadico.config.discovery import TRANSPORTS, installed
-from armadico.config.errors import ConfigError
 from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, DeviceAgent
+from armadico.core.config_errors import ConfigError
 from armadico.core.cycles import CycleCounter
+from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.hands import Hand, keeps_motors_off
 from armadico.core.messages import (
     LABEL,

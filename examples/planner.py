@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import armadico
-from armadico import Planner, PlanStep, SubplanRequest, Surprise
+from armadico.agents.missions.api import Planner, PlanStep, SubplanRequest, Surprise
 
 
 class Evidence(Planner):

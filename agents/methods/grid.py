@@ -20,9 +20,9 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.agents.methods.geometry import Placed, Positioned
-from armadico.config.errors import ConfigError
 from armadico.config.unseen import distances, over, without_specks
 from armadico.config.worlds import Segment, Unseen, World
+from armadico.core.config_errors import ConfigError
 
 Field = NDArray[np.float64]
 Cell = tuple[int, int]

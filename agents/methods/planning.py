@@ -22,9 +22,9 @@ from armadico.agents.methods.grid import CELL_M, Grid, Margins, check_extent, gr
 from armadico.agents.methods.known_grid import KnownGrid
 from armadico.agents.methods.path_smoothing import ESCAPE_M, between, clear, rounded
 from armadico.agents.methods.room_graph import Leg, axis, route
-from armadico.config.errors import ConfigError
 from armadico.config.profile import Body
 from armadico.config.worlds import Segment, World
+from armadico.core.config_errors import ConfigError
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import WAYPOINTS
 

@@ -13,11 +13,12 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from armadico.agents.interface.messages import MissionOrder
 from armadico.agents.missions import procedures
-from armadico.agents.missions.messages import Board, BoardMission, MissionEnd, MissionOrder
+from armadico.agents.missions.messages import Board, BoardMission, MissionEnd
 from armadico.agents.missions.mission_file import LONGEST, Mission, read_mission
-from armadico.config.errors import ConfigError
 from armadico.config.places import Places
+from armadico.core.config_errors import ConfigError
 from armadico.core.messages import MessageError, encode, line
 
 UNFINISHED_MOST: Final = 12  # missions that wait or are active; one more is refused

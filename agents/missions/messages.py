@@ -7,7 +7,6 @@ from typing import Annotated, Final
 
 import msgspec
 from msgspec import Meta
-from msgspec.structs import replace
 
 from armadico.core.messages import (
     LARGEST,
@@ -341,47 +340,6 @@ class Board(Latched, Errands, frozen=True):
         return tuple(each.progress for each in self.missions)
 
 
-class MissionOrder(Order, frozen=True):
-    """Orders a mission from the interface agent; `text` is its TOML, deflated (zlib).
-
-    `mission` is its number, drawn at random by the sender: a repeated order is the same mission,
-    and it can be cancelled before any reply. 0: the interface agent draws one.
-    """
-
-    name: Name
-    text: Annotated[bytes, Meta(max_length=16_384)]
-    priority: Share | None = None  # null: the mission's own
-    by: Label = ""
-    mission: Bits64 = 0
-
-    def numbered(self, number: int) -> MissionOrder:
-        """Return the order with its number, by which a refused one is withdrawn."""
-        return replace(self, mission=number)
-
-    def withdrawal(self) -> MissionCancel:
-        """Return the message that cancels it."""
-        return MissionCancel(self.mission, self.by)
-
-
-class MissionProposal(Message, frozen=True):
-    """The interface agent proposes a mission to mission planning (use case 1 of thesis 3.2)."""
-
-    order: MissionOrder
-
-
-class MissionCancel(Message, frozen=True):
-    """Requests the interface agent to cancel a mission; 0: all of them."""
-
-    mission: Bits64
-    by: Label = ""
-
-
-class MissionWithdrawal(Message, frozen=True):
-    """The interface agent passes a cancellation on to mission planning."""
-
-    cancel: MissionCancel
-
-
 class NamedPlace(Message, frozen=True):
     """A place in a room or at a goal of the world where the robot can stand, m."""
 
@@ -431,15 +389,6 @@ query(EnergyRequest, "battery/enough", EnergyReply, "does the energy suffice?")
 state(ChargeStatus, "battery/charging", 1, 3, "the charger's state; 10 Hz in the dock")
 query(ChargeRequest, "battery/charge", MissionReply, "charge the battery")
 event(Alarm, "alarm", "an alarm in a room; any program may publish it")
-query(MissionOrder, "mission/order", MissionReply, "order a mission")
-query(MissionCancel, "mission/cancel", MissionReply, "cancel a mission")
-query(MissionProposal, "mission/proposal", MissionReply, "the interface agent passes an order on")
-query(
-    MissionWithdrawal,
-    "mission/withdrawal",
-    MissionReply,
-    "the interface agent passes a cancellation on",
-)
 latch(Board, "mission/board", "the missions and their progress", rate_hz=1)
 event(SubplanRequest, "mission/subplan", "a request to the planner agents")
 event(Subplan, "mission/subplan/answer", "a planner agent's plan")

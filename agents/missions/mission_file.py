@@ -19,14 +19,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 from msgspec import Meta, Struct, field
 from msgspec.structs import replace
 
-from armadico.agents.missions.messages import MissionOrder, Told
+from armadico.agents.interface.messages import MissionOrder
+from armadico.agents.missions.messages import Told
 from armadico.agents.missions.task import Task
-from armadico.config.discovery import TASKS, installed
-from armadico.config.discovery import load as load_installed
-from armadico.config.errors import ConfigError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import counted_from, find
+from armadico.core.config_errors import ConfigError, advice
+from armadico.core.discovery import TASKS, installed
+from armadico.core.discovery import load as load_installed
 from armadico.core.errors import UnknownNameError, no_such
 
 if TYPE_CHECKING:

@@ -12,6 +12,8 @@ from typing import Annotated, Any, ClassVar, Final
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.agents.interface.messages import MissionProposal, MissionWithdrawal
+from armadico.agents.interface.nearing import since
 from armadico.agents.methods.utility import of_mission
 from armadico.agents.missions.alarms import Alarms
 from armadico.agents.missions.board import Entry, Missions, RefusedError
@@ -30,8 +32,6 @@ from armadico.agents.missions.messages import (
     ExploreState,
     ExploreStatus,
     MissionEnd,
-    MissionProposal,
-    MissionWithdrawal,
     NamedPlace,
     Photo,
     PlanStep,
@@ -61,15 +61,14 @@ from armadico.agents.missions.wanted import (
     Patience,
     Standing,
     Wanted,
-    since,
     wanted,
 )
-from armadico.config.errors import ConfigError
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core import agent
 from armadico.core.agent import WARNING, Question
+from armadico.core.config_errors import ConfigError
 from armadico.core.exchange import Bid
 from armadico.core.messages import Card, Message, Point, RobotState, line, next_count
 from armadico.core.resources import Resource

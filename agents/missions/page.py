@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from armadico.agents.missions.messages import MissionCancel
+from armadico.agents.interface.messages import MissionCancel
 from armadico.agents.missions.mission_file import Mission, load_mission
 from armadico.config.shipped import names
 from armadico.core.messages import Name
-from armadico.gateways.page.part import Part
-from armadico.gateways.page.requests import Asked, Number, RequestError, bits
 from armadico.observe import described
+from armadico.observe.page_part import Part
+from armadico.observe.page_requests import Asked, Number, RequestError, bits
 
 
 class Order(Asked, frozen=True, tag="order"):

@@ -37,7 +37,7 @@ from armadico.agents.missions.task import (
     Stand,
     misfit,
 )
-from armadico.config.errors import ConfigError
+from armadico.core.config_errors import ConfigError
 from armadico.core.messages import LARGEST, LARGEST_COUNT, Message, line, next_count
 
 # Steps that end immediately, in one update: a mission that repeats them forever blocks no agent.

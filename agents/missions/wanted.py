@@ -9,16 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from armadico.agents.interface.nearing import since
 from armadico.agents.missions.task import Charge, Drive, Explore, Reach, Request, Stand
 from armadico.core.messages import line
 from armadico.mobile.messages import Waypoint
-
-
-def since(before: float | None, holds: bool, now: float) -> float | None:
-    """Return since when a condition has held, s; None: it does not hold."""
-    if not holds:
-        return None
-    return now if before is None else before
 
 
 @dataclass(frozen=True)

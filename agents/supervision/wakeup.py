@@ -2,7 +2,7 @@
 
 Sans-IO: its device is the machine, a port that takes orders and returns events of the processes, a
 line of JSON each. The same agent runs with real processes
-(`armadico.agents.supervision.supervisor`) and on the virtual mesh (`armadico.launch.virtual`).
+(`armadico.launch.supervisor`) and on the virtual mesh (`armadico.launch.virtual`).
 
 Only the wakeup agent of a host starts its processes. A process that ends is restarted within a
 budget. A process that hangs does not end: a monitor detects that and requests a restart, which is a

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from armadico.cli import options
-from armadico.config.discovery import COMMANDS, find, installed
+from armadico.core.discovery import COMMANDS, find, installed
 from armadico.core.errors import UnknownNameError
 
 LABORATORY: Final = "armadico-tools"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option, several
-from armadico.config.discovery import AGENTS, agent_class, installed, owners
+from armadico.core.discovery import AGENTS, agent_class, installed, owners
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent

@@ -9,7 +9,7 @@ from typing import Final
 import shtab
 
 from armadico.cli.parsing import ArgumentParser, Command, argument, together
-from armadico.config.discovery import COMMANDS, Found, installed
+from armadico.core.discovery import COMMANDS, Found, installed
 
 EXAMPLES: Final = """\
   source <(armadico completion bash)

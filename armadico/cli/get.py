@@ -90,7 +90,7 @@ def shown(value: str) -> str:
 
 
 def _unknown(agent: str, name: str, replies: Mapping[Any, ParametersReply]) -> str:
-    from armadico.config.errors import advice
+    from armadico.core.config_errors import advice
 
     known = {row.name for reply in replies.values() for row in reply.parameters}
     if not replies:

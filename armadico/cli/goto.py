@@ -17,9 +17,9 @@ from armadico.core.unseen import Rule
 from armadico.observe.findings import Finding, those
 
 if TYPE_CHECKING:
+    from armadico.launch.client import Client, Mission
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.findings import Demand
-    from armadico.runtime.client import Client, Mission
 
 STARTS_S: Final = 20.0
 """How long to wait for a society that is still starting."""
@@ -90,8 +90,8 @@ class Options:
 
 
 def run(args: Options) -> int:
+    from armadico.launch.client import Client
     from armadico.mobile.messages import through_unseen
-    from armadico.runtime.client import Client
     from armadico.runtime.errors import AbsentError
 
     mission = None

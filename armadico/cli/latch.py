@@ -9,7 +9,7 @@ from armadico.cli import options
 from armadico.cli.parsing import group
 
 TIMEOUT_S: Final = 5.0
-"""As in `armadico.runtime.client`, which --help does not import."""
+"""As in `armadico.launch.client`, which --help does not import."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
 
         pid = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
     mesh = args.mesh.join()
-    from armadico.runtime.client import Client
+    from armadico.launch.client import Client
     from armadico.runtime.errors import AbsentError
 
     with mesh:

@@ -11,8 +11,8 @@ from armadico.cli.parsing import Command, argument, group
 
 if TYPE_CHECKING:
     from armadico.config.graph_file import SavedGraph
+    from armadico.launch.client import Client
     from armadico.mobile.messages import MapGraphPart, MapGraphRequest
-    from armadico.runtime.client import Client
 
 ANSWER_S: Final = 5.0
 """Timeout of the agent's answer."""

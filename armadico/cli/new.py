@@ -18,8 +18,8 @@ from unicodedata import normalize
 
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, option
-from armadico.config.discovery import AGENTS, ROBOTS, TASKS, installed, owners
 from armadico.config.shipped import folder
+from armadico.core.discovery import AGENTS, ROBOTS, TASKS, installed, owners
 
 KINDS: Final = {
     "behaviour": "it competes for the wheels",

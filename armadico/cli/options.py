@@ -26,7 +26,7 @@ from armadico.cli.parsing import (
     several,
     version,
 )
-from armadico.config.errors import ConfigError
+from armadico.core.config_errors import ConfigError
 from armadico.core.errors import UnknownNameError
 from armadico.core.judgement import UNKNOWN_EXIT
 from armadico.core.unseen import RULES, Rule
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from armadico.config.endpoints import Endpoints
     from armadico.config.worlds import World
-    from armadico.mesh.endpoints import Endpoints
+    from armadico.launch.client import Client
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.findings import Demand
-    from armadico.runtime.client import Client
 
 __all__ = ["UsageError", "parser", "version"]  # imported from here by other packages' commands
 
@@ -142,7 +142,7 @@ class Mesh:
 
     def endpoints(self, *, passing: bool = True) -> Endpoints:
         """The endpoints of the mesh, for a tool (`passing`) or for an agent. Raises ConfigError."""
-        from armadico.mesh.endpoints import endpoints
+        from armadico.config.endpoints import endpoints
 
         return endpoints(
             self.namespace,
@@ -167,7 +167,7 @@ class Mesh:
     @contextmanager
     def client(self) -> Iterator[Client]:
         """A client of the joined mesh. Raises FailedError if there is no robot agent."""
-        from armadico.runtime.client import Client
+        from armadico.launch.client import Client
 
         with self.joined() as mesh:
             yield Client(mesh)
@@ -194,9 +194,9 @@ class Mesh:
 
         Raises ConfigError.
         """
-        from armadico.config.discovery import providers
+        from armadico.config.endpoints import table_of
+        from armadico.core.discovery import providers
         from armadico.launch.pidfile import shares
-        from armadico.mesh.endpoints import table_of
         from armadico.observe.findings import Demand
 
         named, hosts, digest = table_of(self.hosts, self.host, self.connect), {}, ""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
+from armadico.config.endpoints import Endpoints, endpoints, entry, table_of
 from armadico.core.judgement import Answer
-from armadico.mesh.endpoints import Endpoints, endpoints, entry, table_of
 from armadico.observe.findings import Finding, short, summary
 
 if TYPE_CHECKING:

@@ -18,19 +18,19 @@ from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import POSE, Command, flag, option
 from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
-from armadico.config.errors import ConfigError
+from armadico.core.config_errors import ConfigError
 from armadico.runtime.errors import AbsentError, SocietyError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
     from armadico.core.judgement import Judgement
     from armadico.launch.api import Run
+    from armadico.launch.client import Client
     from armadico.launch.run import LiveRun
     from armadico.launch.society import Options as Chosen
     from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.measures import Result, RunWatch
-    from armadico.runtime.client import Client
 
     _Driven = tuple[Result, Sequence[str]]
     """What a run came to, and what of it could not be kept."""
@@ -80,7 +80,7 @@ def run(args: Options) -> int:
     with answering(args):
         scenario, chosen = choose(args)
         if scenario.tasks:
-            from armadico.config.discovery import RUNS, find
+            from armadico.core.discovery import RUNS, find
 
             code: int = find(RUNS, "tasks").load()(args, scenario, chosen)
             return code
@@ -222,7 +222,7 @@ def _virtual(
 
 def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], None]) -> RunWatch:
     from armadico.cli.beside import PAGE_ENDS, beside
-    from armadico.cli.record import recorder
+    from armadico.watch.commands.record import recorder
 
     watched = args.dashboard or args.wait
     if not (args.attach or args.mesh.hosts or args.mesh.connect):
@@ -317,15 +317,15 @@ def _recording(
     report: Callable[[str], None],
 ) -> Iterator[None]:
     """Record a virtual run to the files of `--rrd` and `--record`. Raises FailedError."""
-    from armadico.cli.record import beside_a_run
+    from armadico.watch.commands.record import beside_a_run
 
     with beside_a_run(report) as stack:
         if args.rrd is not None:
-            from armadico.cli.dashboard import kept
+            from armadico.watch.commands.dashboard import kept
 
             stack.enter_context(kept(rehearsal, args.of_run(args.rrd, rehearsal.mesh.seed)))
         if args.record is not None:
-            from armadico.cli.record import recorded
+            from armadico.watch.commands.record import recorded
 
             path = args.of_run(args.record, rehearsal.mesh.seed)
             stack.enter_context(recorded(rehearsal.mesh, path, scenario, rehearsal.namespace))

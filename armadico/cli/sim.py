@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
@@ -20,6 +20,7 @@ from armadico.cli.parsing import PORT as LISTEN
 from armadico.cli.parsing import Command, Must, argument, group, option, several
 
 if TYPE_CHECKING:
+    from armadico.bridge.kind import Network
     from armadico.bridge.simulator.server import Line
     from armadico.bridge.simulator.simulated import SimulatedRobot
     from armadico.config.moving import Moving
@@ -142,7 +143,7 @@ def run(args: Options) -> int:
         served, places = [(robots[0], line)], [where]
         _show(robots[0], mesh, stack)
         for other, (namespace, *_) in zip(robots[1:], args.also, strict=True):
-            ros2 = None if args.ros2 is None else _beside(args.ros2, namespace)
+            ros2 = None if args.ros2 is None else _network(args).beside(args.ros2, namespace)
             line, where = _line(replace(args, port=0, ros2=ros2), other.name, stack)
             served.append((other, line))
             places.append(where)
@@ -300,7 +301,7 @@ def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
     # Without an id from a run, the robot agent recognizes its robot's truth by the name.
     name = args.id or f"sim-{os.getpid()}-{secrets.token_hex(3)}"
     if args.ros2 is not None:
-        name = _node(args.ros2, args.robot, args.also[index - 1][0] if index else None)
+        name = _node(args, args.also[index - 1][0] if index else None)
     streams = seeded(args.seed)
     if index:
         scenario = with_(scenario, start=scenario.others[index - 1])
@@ -319,7 +320,7 @@ def _robot(scenario: Scenario, args: Options, index: int = 0) -> SimulatedRobot:
 def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:
     """The line of the options, and its address for a robot agent."""
     if args.ros2 is not None:
-        return _ros2(args.ros2, args.robot, name, stack), args.ros2
+        return _in_network(args, name, stack), args.ros2
     from armadico.bridge.simulator.server import TcpLine
     from armadico.bridge.transports import PtyTransport
     from armadico.cli.doctor import listener
@@ -348,54 +349,37 @@ def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
-def _node(ros2: str, robot: str, namespace: str | None) -> str:
-    """The full name of a simulated robot's node; `namespace` is that of a further robot.
-
-    Raises UsageError.
-    """
-    from armadico.bridge.ros2.addresses import read_address
-    from armadico.bridge.ros2.graph import resolve
-
-    try:
-        within = read_address(ros2).namespace if namespace is None else namespace
-    except ValueError as error:
-        raise options.UsageError(f"--ros2: {error}") from None
-    kind = "".join(c if c.isascii() and c.isalnum() else "_" for c in robot)
-    return resolve(within, f"sim_{kind}_{secrets.token_hex(3)}")
-
-
-def _beside(address: str, namespace: str) -> str:
-    """The address of another robot in the same ROS 2 network."""
-    from urllib.parse import urlsplit
-
-    parts = urlsplit(address)
-    if parts.scheme == "ros2":
-        return parts._replace(netloc=namespace, path="").geturl()
-    return parts._replace(path=f"/{namespace}").geturl()
-
-
-def _ros2(address: str, robot: str, name: str, stack: ExitStack) -> Line:
-    """The line of a ROS 2 robot at an address. Raises UsageError or FailedError."""
-    from armadico.bridge.ros2 import addresses
-    from armadico.bridge.ros2.profile import Ros2Robot
-    from armadico.bridge.simulator.ros2_line import Ros2Line
+def _network(args: Options) -> Network[Any]:
+    """The network of robots of this kind. Raises UsageError if it has none."""
+    from armadico.bridge.kind import kind_of
     from armadico.config.profile import load_profile
 
-    profile = load_profile(robot)
-    if not isinstance(profile, Ros2Robot):
+    network = kind_of(load_profile(args.robot)).network
+    if network is None:
         raise options.UsageError(
-            f"--ros2: {robot} is not a ROS 2 robot; try armadico sim jackal --ros2"
+            f"--ros2: {args.robot} is not a ROS 2 robot; try armadico sim jackal --ros2"
         )
+    return network()
+
+
+def _node(args: Options, namespace: str | None) -> str:
+    """The name of a robot in the network. Raises UsageError."""
     try:
-        transport = addresses.robot_transport(address, name.rpartition("/")[2])
+        return _network(args).node(str(args.ros2), args.robot, namespace)
     except ValueError as error:
         raise options.UsageError(f"--ros2: {error}") from None
+
+
+def _in_network(args: Options, name: str, stack: ExitStack) -> Line:
+    """The line of a robot in the network. Raises UsageError or FailedError."""
+    from armadico.config.profile import load_profile
+
     try:
-        line = Ros2Line(transport, profile.ros2)
+        return _network(args).line(str(args.ros2), load_profile(args.robot), name, stack)
+    except ValueError as error:
+        raise options.UsageError(f"--ros2: {error}") from None
     except OSError as error:
         raise options.FailedError(f"--ros2: {error}") from None
-    stack.callback(line.close)
-    return line
 
 
 def _run(served: Sequence[tuple[SimulatedRobot, Line]]) -> None:

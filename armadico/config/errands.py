@@ -9,8 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
-from armadico.config.discovery import MISSIONS, installed
-from armadico.config.errors import ConfigError
+from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import MISSIONS, installed
 from armadico.mobile.errand import Order
 
 if TYPE_CHECKING:

@@ -32,8 +32,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.config.errors import ConfigError
 from armadico.config.grid_map import Cells, Mapper, new_mapper
+from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import Pose2, compose
 from armadico.mobile.messages import RAYS, REACH_M, Pose, Scan

@@ -6,8 +6,8 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from armadico.config.errors import ConfigError
 from armadico.config.graph_file import MOST_BYTES
+from armadico.core.config_errors import ConfigError
 from armadico.mobile.messages import MapGraphPart, MapGraphRequest, MapLoadRequest
 
 PART: Final = 60_000

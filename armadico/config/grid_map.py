@@ -18,8 +18,6 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from armadico.config.discovery import MAPPERS, find
-from armadico.config.errors import ConfigError
 from armadico.config.mapwriter import format_map
 from armadico.config.occupancy import (
     MAX_WALLS,
@@ -30,6 +28,8 @@ from armadico.config.occupancy import (
 )
 from armadico.config.worlds import Segment, World
 from armadico.config.writing import write_files, written_first
+from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import MAPPERS, find
 from armadico.mobile.messages import Echo, OccupancyGrid, Scan
 
 States = NDArray[np.uint8]

@@ -20,12 +20,12 @@ from zlib import crc32
 import msgspec
 from msgspec import Struct
 
-from armadico.config.discovery import AGENTS, TRANSPORTS, installed, owners
-from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
+from armadico.core.config_errors import ConfigError, ConfigNameError, advice
+from armadico.core.discovery import AGENTS, TRANSPORTS, installed, owners
 from armadico.core.errors import no_such
 from armadico.core.resources import WHEELS
 

@@ -14,10 +14,10 @@ from typing import Any, Final, TypeVar
 
 import msgspec
 
-from armadico.config.errors import ConfigError, ConfigNameError, ConfigValueError, advice
 from armadico.config.fields import choices, known_fields, unknown_field
 from armadico.config.lines import line_of
 from armadico.config.shipped import find, names, resource_path
+from armadico.core.config_errors import ConfigError, ConfigNameError, ConfigValueError, advice
 
 __all__ = [
     "ConfigError",

@@ -39,7 +39,6 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.loading import read_text
 from armadico.config.worlds import (
     Column,
@@ -52,6 +51,7 @@ from armadico.config.worlds import (
     check_door,
     hull,
 )
+from armadico.core.config_errors import ConfigError, ConfigNameError
 
 LIMIT_M = 1e4
 """The largest coordinate."""

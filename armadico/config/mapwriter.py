@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from math import degrees
 from pathlib import Path
 
-from armadico.config.errors import ConfigError
 from armadico.config.worlds import Pose, World
+from armadico.core.config_errors import ConfigError
 
 _UNFIT = re.compile(r'["#;\x00-\x1f\x7f-\x9f\u2028\u2029]')
 

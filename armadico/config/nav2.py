@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import yaml
 
-from armadico.config.errors import ConfigError
 from armadico.config.loading import read_text
+from armadico.core.config_errors import ConfigError
 from armadico.core.unseen import DRIVE, REFUSE, Rule
 
 LONGEST: Final = 1_000_000

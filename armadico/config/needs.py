@@ -7,13 +7,12 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
-from msgspec import Struct
-
-from armadico.config.errors import ConfigNameError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import Scenario, mission_of, planned, society
 from armadico.config.shipped import folder
+from armadico.config.slots import Need, slots
+from armadico.core.config_errors import ConfigNameError
 
 TABLE: Final = "needs.toml"
 
@@ -22,29 +21,17 @@ DIRECT: Final = "direct"
 """The plans of scenarios that name none: with and without walls."""
 
 
-class Need(Struct, frozen=True, forbid_unknown_fields=True):
-    """The agents that one kind of task needs, including those of the tasks in `like`."""
-
-    agents: tuple[str, ...] = ()
-    helps: tuple[str, ...] = ()
-    """Optional agents of the task."""
-    like: tuple[str, ...] = ()
-    plans: tuple[str, ...] = ()
-    """The plans of scenarios that are this task."""
-    errors: bool = False
-    """Whether every scenario whose sensors have errors includes this task."""
-    missions: bool = False
-    """Whether every mission of several tasks includes this task."""
-    energy: tuple[str, ...] = ()
-    """Missions whose `energy` is one of these include this task."""
-
-
 @cache
 def table(file: Path | None = None) -> dict[str, Need]:
-    """The needs by kind of task, shipped or of a file. Raises ConfigError."""
+    """The needs by kind of task: shipped ones with those of slots, or a file's.
+
+    Raises ConfigError.
+    """
     path = file or folder("") / TABLE
     text = read_text(path)
     found = parse_entries(document(text, path), Need, path, text)
+    for each in slots().values() if file is None else ():
+        found |= each.needs
     for kind, need in found.items():
         for index, other in enumerate(need.like):
             if other not in found:

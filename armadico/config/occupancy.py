@@ -21,10 +21,10 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from PIL import Image
 
-from armadico.config.errors import ConfigError, ConfigValueError
 from armadico.config.loading import read_text
 from armadico.config.unseen import packed
 from armadico.config.worlds import Segment, World, hull
+from armadico.core.config_errors import ConfigError, ConfigValueError
 from armadico.core.errors import hint
 from armadico.core.unseen import REFUSE, RULES
 

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from armadico.config.discovery import agent_class
-from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.lines import line_of
 from armadico.config.loading import document, read_text, set_values
 from armadico.config.shipped import find
 from armadico.config.writing import write_files
+from armadico.core.config_errors import ConfigError, ConfigNameError
+from armadico.core.discovery import agent_class
 from armadico.core.errors import UnknownNameError
 
 

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.profile import Body
 from armadico.config.worlds import Room, Segment, World
+from armadico.core.config_errors import ConfigError, ConfigNameError, advice
 
 CELL_M: Final = 0.05
 """Cell of the grid for reachability."""

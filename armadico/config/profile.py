@@ -16,12 +16,12 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Protocol
 
 from msgspec import Meta, Struct
 
-from armadico.config import discovery
-from armadico.config.discovery import ROBOTS, installed
-from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import convert, document, read_text
 from armadico.config.shipped import find
+from armadico.core import discovery
+from armadico.core.config_errors import ConfigError, ConfigNameError, advice
+from armadico.core.discovery import ROBOTS, installed
 from armadico.core.messages import Length, Name, Patience, Period, Place, Ramp, TopSpeed, TopTurn
 from armadico.mobile.geometry import Pose2, turning_circle
 from armadico.mobile.messages import RAYS, REACH_M

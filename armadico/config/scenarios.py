@@ -16,17 +16,18 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
-from armadico.config.discovery import AGENTS
-from armadico.config.discovery import find as find_installed
 from armadico.config.errands import Mission, load_mission
-from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.lines import line_of
 from armadico.config.loading import document, load, parse, read_text
 from armadico.config.moving import Moving
 from armadico.config.profile import Body, load_profile
 from armadico.config.shipped import counted_from, find, folder, resource_path
+from armadico.config.slots import slot
 from armadico.config.worlds import DOCK_LANE_M, ROUNDING_M, World, apart, before, load_world
 from armadico.config.worlds import Pose as WorldPose
+from armadico.core.config_errors import ConfigError, ConfigNameError, advice
+from armadico.core.discovery import AGENTS
+from armadico.core.discovery import find as find_installed
 from armadico.core.errors import UnknownNameError
 from armadico.core.unseen import Rule
 
@@ -42,19 +43,6 @@ Key = tuple[str | int, ...]
 
 Fault = tuple[Key, str | ConfigError]
 """A fault of a scenario: the key, and the message or the error."""
-
-
-class Exploring(Struct, frozen=True, forbid_unknown_fields=True):
-    """Agents left out and added when a world is explored."""
-
-    without: tuple[str, ...]
-    besides: tuple[str, ...]
-
-
-class OnMissions(Struct, frozen=True, forbid_unknown_fields=True):
-    """Agents added for a mission of several tasks."""
-
-    besides: tuple[str, ...]
 
 
 class Ideal(Struct, frozen=True, forbid_unknown_fields=True):
@@ -77,17 +65,8 @@ class Society(Struct, frozen=True, forbid_unknown_fields=True):
     robot: str
     agents: tuple[str, ...]
     watch: tuple[str, ...]
-    by_hand: str
-    """The agent for driving by hand; it is started on demand."""
-
-    assistant: str
-    """The agent that receives programs' requests."""
-
     senses: Senses
     ideal: Ideal
-    exploring: Exploring
-    slam: Exploring
-    missions: OnMissions
 
 
 @cache
@@ -298,7 +277,7 @@ def slams(robot: str) -> bool:
 
 def with_slam(agents: Sequence[str]) -> tuple[str, ...]:
     """The agents, with slam in place of those whose messages it publishes."""
-    changes = society().slam
+    changes = slot("slam")
     others = (name for name in agents if name not in changes.without + changes.besides)
     return (*others, *changes.besides)
 
@@ -310,13 +289,13 @@ def exploring(scenario: Scenario, within: Sequence[float] | None = None) -> Scen
     robot with a laser localizes on the map that it makes. Without one the map is as good as the
     odometry, so sensors are ideal.
     """
-    changes = society().exploring
+    changes = slot("exploring")
     by_slam = scenario.sensors != society().ideal.sensors and slams(scenario.robot)
     if not by_slam:
         scenario = ideal(scenario)
     gone = changes.besides if by_slam else changes.without + changes.besides
     if scenario.mission is not None:
-        gone += society().missions.besides
+        gone += slot("missions").besides
         scenario = replace(scenario, mission=None, alarms=())
     agents = (*(name for name in scenario.agents if name not in gone), *changes.besides)
     if by_slam:
@@ -336,7 +315,7 @@ def on_mission(scenario: Scenario, mission: str | None = None) -> Scenario:
     if scenario.mission is None:
         return scenario
     mission_of(scenario)
-    besides = (name for name in society().missions.besides if name not in scenario.agents)
+    besides = (name for name in slot("missions").besides if name not in scenario.agents)
     return replace(scenario, agents=(*scenario.agents, *besides))
 
 
@@ -428,7 +407,7 @@ def _faults(scenario: Scenario, world: World) -> Iterator[Fault]:
         return
     body = load_profile(profile).body
     radius = body.circle_m
-    charged = set(society().missions.besides) & set(scenario.agents)
+    charged = set(slot("missions").besides) & set(scenario.agents)
     for name, dock in world.docks.items() if charged else ():
         if not _may_dock(world, dock, body):
             message = f"a {scenario.robot} cannot drive into dock {name!r} of {world.name!r}"

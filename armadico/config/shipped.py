@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
-from armadico.config.discovery import ROBOTS, installed
-from armadico.config.errors import ConfigNameError
+from armadico.core.config_errors import ConfigNameError
+from armadico.core.discovery import ROBOTS, installed
 from armadico.core.errors import hint
 
 SUFFIXES: dict[str, tuple[str, ...]] = {

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from armadico.config.errors import ConfigError, ConfigNameError
 from armadico.config.shipped import find
+from armadico.core.config_errors import ConfigError, ConfigNameError
 
 Segment = tuple[float, float, float, float]
 """x1, y1, x2, y2, m."""

@@ -3,7 +3,7 @@
 Deliveries, wake-ups, replies, tokens and the device's bytes reach an agent by several ways, and a
 fault may delay or corrupt them for this one agent only. Therefore their times and order are known
 only to the agent itself, and it can keep its own journal. The same code and files with the
-journal's inputs give the same outputs (`armadico.observe.replay`).
+journal's inputs give the same outputs (`armadico.watch.replay`).
 
 An *entry* is an array: one of the numbers below, then the agent's time, s:
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from armadico.observe.pictures import Run as Picture
+    from armadico.watch.pictures import Run as Picture
 
 
 SEEDS: Final = 2**63
@@ -122,21 +122,21 @@ class Run:
             ImportError: matplotlib is missing (`pip install 'armadico[plot]'`).
         """
         from armadico.config.worlds import load_world
-        from armadico.observe.films import film_run
+        from armadico.watch.films import film_run
 
         film_run(load_world(self.scenario.world), self._picture(), file, speed)
         return Path(file)
 
     def _draw(self, out: str | Path | BinaryIO) -> None:
         from armadico.config.worlds import load_world
-        from armadico.observe.pictures import draw_run
+        from armadico.watch.pictures import draw_run
 
         draw_run(load_world(self.scenario.world), self._picture(), out)
 
     def _picture(self) -> Picture:
         from armadico.config.grid_map import cells_of
         from armadico.config.profile import load_profile
-        from armadico.observe.pictures import Run as Picture
+        from armadico.watch.pictures import Run as Picture
 
         mapped = None
         if self.grid is not None:
@@ -270,8 +270,8 @@ def run(
             rehearsal.add(kind)
         rehearsal.run(progress, warnings.append)
         return _shown(Run.of(chosen, rehearsal.watch, warnings), display)
+    from armadico.launch.client import connect as joined
     from armadico.launch.local import Launcher
-    from armadico.runtime.client import connect as joined
 
     joining = [word for endpoint in several(connect) for word in ("--connect", endpoint)]
     with (

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from armadico.config.discovery import owners
+from armadico.core.discovery import owners
 from armadico.core.resources import WHEELS
 from armadico.runtime.errors import RunFailedError
 from armadico.runtime.programs import LAUNCHER, Program, end, finish

@@ -14,19 +14,19 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
-from armadico.config.discovery import GUESTS, agent_class, installed, owners
 from armadico.config.scenarios import Scenario, mission_of, unmapped
 from armadico.config.worlds import doubts, load_world
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
+from armadico.core.discovery import GUESTS, agent_class, installed, owners
 from armadico.core.messages import Claim, Log, LogEvent, Message, RobotState
 from armadico.core.resources import WHEELS
+from armadico.launch.client import Client
 from armadico.launch.society import LIVE, Options, errand, names, time_limit, watch
 from armadico.mesh.base import Mesh
 from armadico.mobile.behaviour import Behaviour
 from armadico.mobile.messages import Correction, Pose
 from armadico.observe.measures import Result, RunWatch, watched
-from armadico.runtime.client import Client
 from armadico.runtime.errors import RunFailedError
 
 FIND_S = 5.0

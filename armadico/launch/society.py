@@ -15,9 +15,7 @@ from pathlib import Path
 from msgspec import to_builtins
 from msgspec.structs import replace
 
-from armadico.config.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
 from armadico.config.errands import Mission
-from armadico.config.errors import ConfigError, ConfigNameError, advice
 from armadico.config.hosts import Host, HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.needs import minimum, needs, tasks
@@ -40,8 +38,11 @@ from armadico.config.scenarios import (
     with_slam,
 )
 from armadico.config.shipped import counted_from
+from armadico.config.slots import slot
 from armadico.config.worlds import load_world
 from armadico.core.agent import DeviceAgent
+from armadico.core.config_errors import ConfigError, ConfigNameError, advice
+from armadico.core.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
 from armadico.core.resources import WHEELS, Resource
 from armadico.core.unseen import Rule
 from armadico.mesh.topology import DEFAULT_NAMESPACE
@@ -204,14 +205,14 @@ def spare(
 
     Device agents are not among them, since their device is on one host.
     """
-    by_hand = society().by_hand
+    by_hand = slot("by-hand").besides
     placed = dict.fromkeys(name for other in table.hosts.values() for name in other.agents)
     taken = placed if scenario is None else (*names(scenario, options.without), *society().watch)
     here = installed(AGENTS)
     able = [
         name
-        for name in dict.fromkeys((*taken, by_hand))
-        if name in (*placed, by_hand)
+        for name in dict.fromkeys((*taken, *by_hand))
+        if name in (*placed, *by_hand)
         and name in here
         and (host.takes is None or name in host.takes)
         if name not in host.agents and not issubclass(agent_class(name), DeviceAgent)
@@ -240,7 +241,7 @@ def least(scenario: Scenario) -> Scenario:
 
 def _mapped(scenario: Scenario, needed: Sequence[str]) -> Sequence[str]:
     """The agents that are needed, where slam takes part with slam in place of others."""
-    by_slam = set(society().slam.besides) <= set(scenario.agents)
+    by_slam = set(slot("slam").besides) <= set(scenario.agents)
     return with_slam(needed) if by_slam else needed
 
 
@@ -332,7 +333,7 @@ def _settings(name: str, known: Mapping[str, object]) -> tuple[str, ...]:
 
 def check_rivals(names: Sequence[str]) -> None:
     """Raises ConfigError for slam beside an agent that publishes the same messages."""
-    slam = next((name for name in society().slam.besides if name in names), None)
+    slam = next((name for name in slot("slam").besides if name in names), None)
     if slam is None:
         return
     for name in names:

@@ -12,14 +12,15 @@ from typing import Protocol
 
 from msgspec.structs import replace
 
-from armadico.config.discovery import MACHINES, agent_class, find, owners
 from armadico.config.hosts import HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.profile import load_kind, load_profile
 from armadico.config.scenarios import Scenario
 from armadico.core.agent import Agent, DeviceAgent
+from armadico.core.discovery import MACHINES, agent_class, find, owners
 from armadico.core.messages import Log, Message
 from armadico.core.resources import WHEELS
+from armadico.launch.client import Client
 from armadico.launch.run import RobotRun
 from armadico.launch.society import (
     VIRTUAL,
@@ -36,7 +37,6 @@ from armadico.mesh.virtual_network import Clock
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import Result, RunWatch, watched
 from armadico.runtime.blame import attributed
-from armadico.runtime.client import Client
 
 SETTLE_S = 1.0
 """Time of the handshake with the controller and the first cycles, on the virtual clock."""

@@ -188,18 +188,18 @@ def answers(endpoint: str, within: float) -> bool:
     return True
 
 
-# Robots of one fleet on one computer --------------------------------------------------------------
+# Robots that share keys, on one computer ----------------------------------------------------------
 
 
-def fleet_here(namespace: str) -> tuple[str, ...]:
-    """Return the endpoints of the fleet's routers on this computer, the robot's own too."""
-    return tuple(endpoint(path) for path in fleet_sockets(namespace) if holder(path) is not None)
+def peers_here(namespace: str) -> tuple[str, ...]:
+    """Return the endpoints of such robots' routers on this computer, the robot's own too."""
+    return tuple(endpoint(path) for path in peer_sockets(namespace) if holder(path) is not None)
 
 
-def fleet_sockets(namespace: str) -> list[Path]:
-    """Return the sockets of all robots of this robot's fleet, in use or not."""
-    fleet, slash, _ = namespace.rpartition("/")
-    begins = stem(fleet + slash), _short(namespace).rpartition(_SLASH)[0] + _SLASH
+def peer_sockets(namespace: str) -> list[Path]:
+    """Return the sockets of the robots beside this one, `lab/...`; in use or not."""
+    beside, slash, _ = namespace.rpartition("/")
+    begins = stem(beside + slash), _short(namespace).rpartition(_SLASH)[0] + _SLASH
 
     def is_of_it(name: str) -> bool:
         return any(name.startswith(b) and "%" not in name.removeprefix(b) for b in begins)
@@ -208,6 +208,6 @@ def fleet_sockets(namespace: str) -> list[Path]:
 
 
 def _short(namespace: str) -> str:
-    """Return a namespace as a short name, whose first part is the fleet's."""
-    fleet, _, robot = namespace.rpartition("/")
-    return _SLASH.join(hashlib.sha256(part.encode()).hexdigest()[:10] for part in (fleet, robot))
+    """Return a namespace as a short name, whose first part is that of the robots beside it."""
+    beside, _, robot = namespace.rpartition("/")
+    return _SLASH.join(hashlib.sha256(part.encode()).hexdigest()[:10] for part in (beside, robot))

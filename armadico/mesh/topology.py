@@ -12,13 +12,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from armadico.core.services import is_shared, shared
+
 NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"  # the default namespace
 DEFAULT_NAMESPACE = "robot1"  # without that variable
 HOSTS_VARIABLE = "ARMADICO_HOSTS"  # the default host table: a file, or a shipped one's name
-
-# The first part of keys that several robots share: `fleet/...` is beside a robot's namespace, not
-# in it. Robots `lab/r1` and `lab/r2` share `lab/fleet/...`, and are the fleet `lab`.
-FLEET = "fleet"
 
 LONGEST_NAMESPACE = 100  # characters, as it is part of file names
 
@@ -44,14 +42,14 @@ class Topology:
         listen: Endpoints of a router, besides the namespace's socket.
         connect: Endpoints that a client tries besides the socket, in order.
         socket: Whether the namespace's socket on this computer is the robot's.
-        fleet: Endpoints of the routers of the fleet's robots on other computers.
+        peers: Endpoints of the routers of robots on other computers with which it shares keys.
     """
 
     router: bool = False
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     socket: bool = True
-    fleet: tuple[str, ...] = ()
+    peers: tuple[str, ...] = ()
 
 
 def several(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -65,7 +63,7 @@ def topology(
     connect: str | Sequence[str] = (),
     robot: str | None = None,
     here: bool = True,
-    fleet: Sequence[str] = (),
+    peers: Sequence[str] = (),
 ) -> Topology:
     """Return how a process joins. Raises TopologyError for an invalid endpoint.
 
@@ -74,12 +72,12 @@ def topology(
         connect: Endpoints of the robot's router, from the command line: only these are tried.
         robot: The endpoint of the robot's router, from the host table.
         here: Whether the robot may be on this computer.
-        fleet: The endpoints of all routers of a fleet, from the host table.
+        peers: The endpoints of the routers of all robots that share keys, from the host table.
     """
     known = checked_endpoints(() if robot is None else (robot,))
     if router:
-        others = checked_endpoints([endpoint for endpoint in fleet if endpoint != robot])
-        return Topology(router=True, listen=known, fleet=others)
+        others = checked_endpoints([endpoint for endpoint in peers if endpoint != robot])
+        return Topology(router=True, listen=known, peers=others)
     requested = checked_endpoints(several(connect))
     return Topology(connect=requested or known, socket=here and not requested)
 
@@ -96,16 +94,16 @@ def checked_namespace(name: str) -> str:
             f"{shown!r} cannot be a namespace: letters, digits, '-', '_', '.' and '/', at most"
             f" {LONGEST_NAMESPACE} of them"
         )
-    if FLEET in name.split("/"):
+    if taken := shared() & {*name.split("/")}:
         raise TopologyError(
-            f"{name!r} cannot be a namespace: what robots share is called {FLEET!r}"
+            f"{name!r} cannot be a namespace: what robots share is called {min(taken)!r}"
         )
     return name
 
 
 def rooted(namespace: str, key: str) -> str:
     """Return the full key of a robot's key or pattern."""
-    if key.startswith(FLEET + "/"):
+    if is_shared(key):
         beside = namespace.rpartition("/")[0]
         return f"{beside}/{key}" if beside else key
     return f"{namespace}/{key}"

@@ -35,13 +35,13 @@ os.environ.setdefault(
 import zenoh
 
 from armadico.core.messages import Message, encode
-from armadico.core.services import TOKEN
+from armadico.core.services import TOKEN, shared
 from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.linger import release_links
 from armadico.mesh.presence import Changed, Presence
 from armadico.mesh.sockets import answers
-from armadico.mesh.topology import FLEET, MeshError, Topology, rooted, topology
+from armadico.mesh.topology import MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
 
@@ -51,8 +51,8 @@ WARN_S: Final = 1.5  # after how long without a router a client logs that it wai
 PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
 ANSWER_S: Final = 0.5  # timeout of querying whether an endpoint leads to the robot's router
-FLEET_S: Final = 1.0  # how often a router checks for other robots of its fleet on this computer, s
-PASSED_ON: Final = b"fleet"  # marks another robot's publication, which is not passed on again
+PEERS_S: Final = 1.0  # how often a router checks for robots that share keys on this computer, s
+PASSED_ON: Final = b"shared"  # marks another robot's publication, which is not passed on again
 ROUTER: Final = "router/{id}"  # the liveliness token of a robot's router
 
 # Zenoh's settings in every process. Times in ms.
@@ -168,7 +168,7 @@ class ZenohMesh(Reader, Monotonic):
         self._watchers = Watchers()
         notify = self._watchers.notify_agent, self._watchers.notify_router
         self._presence = Presence(*notify, reachable=where.router)
-        self._fleet: FleetLinks | None = None
+        self._peers: PeerLinks | None = None
         self._timer: threading.Timer | None = None
 
     def __enter__(self) -> ZenohMesh:
@@ -244,7 +244,7 @@ class ZenohMesh(Reader, Monotonic):
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
         self._begin(session)
-        self._fleet = FleetLinks(self, self._where.fleet)
+        self._peers = PeerLinks(self, self._where.peers)
 
     def _start_seeking(self) -> None:
         seeking = threading.Thread(target=self._seek, name="joining", daemon=True)
@@ -359,8 +359,8 @@ class ZenohMesh(Reader, Monotonic):
     def _detach(self) -> zenoh.Session | None:
         """Return the session to close, without its tokens; None if there is none."""
         self._left.set()
-        if self._fleet is not None:
-            self._fleet.close()
+        if self._peers is not None:
+            self._peers.close()
         with self._lock:
             session, self._session = self._session, None
             if self._timer is not None:
@@ -429,7 +429,7 @@ class ZenohMesh(Reader, Monotonic):
         return key in self._declared.publishers or self._waits
 
     def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = True) -> None:
-        """See `Mesh`; `passed_on`: include publications of other robots of the fleet."""
+        """See `Mesh`; `passed_on`: include publications that other robots share."""
         where, root = self._placed(pattern)
 
         def declare(session: zenoh.Session) -> None:
@@ -628,10 +628,10 @@ class ZenohMesh(Reader, Monotonic):
         return config
 
 
-class FleetLinks:
-    """Passes on to a robot's society what the other robots of its fleet publish for all.
+class PeerLinks:
+    """Passes on to a robot's society what the robots beside it publish on shared keys.
 
-    It is a client of each other robot's router and passes on `fleet/**`, in one direction, so
+    It is a client of each other robot's router and passes on those keys, in one direction, so
     nothing else crosses between robots. Routers are not linked to each other: a link between
     Zenoh's routers (1.10.2) that returns after a hang stops forwarding for good.
     """
@@ -647,7 +647,7 @@ class FleetLinks:
         self._elsewhere = tuple(elsewhere)
         self._links: dict[str, ZenohMesh] = {}
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._keep, name="fleet", daemon=True)
+        self._thread = threading.Thread(target=self._keep, name="peers", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -661,8 +661,8 @@ class FleetLinks:
         own = sockets.socket_of(self._mesh.namespace)
         for endpoint in self._elsewhere:
             self._link(endpoint)
-        while not self._over.wait(FLEET_S):
-            for path in sockets.fleet_sockets(self._mesh.namespace):
+        while not self._over.wait(PEERS_S):
+            for path in sockets.peer_sockets(self._mesh.namespace):
                 endpoint = sockets.endpoint(path)
                 link = self._links.get(endpoint)
                 if path == own or (link is not None and link.wait_joined(0.0)):
@@ -680,7 +680,8 @@ class FleetLinks:
             if self._is_needed(link):
                 self._mesh.pass_on(key, data)
 
-        link.subscribe(f"{FLEET}/**", arrived, passed_on=False)
+        for first in shared():
+            link.subscribe(f"{first}/**", arrived, passed_on=False)
         self._links[endpoint] = link
         link.open()
 

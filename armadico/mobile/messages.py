@@ -31,7 +31,7 @@ from armadico.core.messages import (
     Turn,
     Volts,
 )
-from armadico.core.services import event, latch, query, state
+from armadico.core.services import event, latch, query, share, state
 from armadico.core.unseen import Rule
 from armadico.mobile.errand import Order
 
@@ -585,6 +585,7 @@ query(PlanRequest, "path/plan", Plan, "a path to a goal")
 event(Planned, "path/planned", "the plan that the planner's holder requested")
 query(MissionRequest, "mission/request", MissionReply, "go to a goal")
 state(MissionStatus, "mission/status", 1, None, "the mission's progress; 5 Hz under way")
+share("fleet")
 state(FleetPose, "fleet/{robot}/pose", 5, None, "a robot, for the others to avoid")
 state(BatteryLevel, "battery/level", 0.2, None, "the battery; more often towards 10 V")
 state(Truth, "sim/truth", 10, None, "the simulated robot's true pose", watchers_only=True)

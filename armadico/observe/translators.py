@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from armadico.config.discovery import TRANSLATORS, find, installed
+from armadico.core.discovery import TRANSLATORS, find, installed
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World

@@ -25,7 +25,7 @@ from armadico.observe.view import View
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.observe.why import Chronicle
+    from armadico.watch.why import Chronicle
 
 M = TypeVar("M", bound=Message)
 

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-from armadico.config.errors import ConfigError
 from armadico.core.agent import Agent
+from armadico.core.config_errors import ConfigError
 from armadico.runtime.errors import AgentFailedError, SocietyError
 
 # The packages that call agents. Their lines do not help to find a fault in an agent.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 from urllib.parse import urlsplit
 
-from armadico.config.discovery import TRANSPORTS, installed
+from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.driver import Driver
 from armadico.runtime.inbox import Inbox
 

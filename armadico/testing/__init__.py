@@ -8,11 +8,8 @@
 
 No process, no network and no waiting: messages and the time go in, messages come out.
 
-The contracts of plug-ins are base classes of tests (`armadico.testing.contract`).
+The contracts of plug-ins are base classes of tests: `armadico.contracts`.
 """
-
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
 
 from armadico.testing.alone import (
     PIONEER,
@@ -26,22 +23,13 @@ from armadico.testing.alone import (
 )
 from armadico.testing.society import Bidder, ResourceOwner, RobotOwner, Society, bidder
 
-if TYPE_CHECKING:
-    from armadico.testing.agents import AgentContract, ResourceContract
-    from armadico.testing.robots import RobotContract
-    from armadico.testing.worlds import WorldContract
-
 __all__ = [
     "PIONEER",
-    "AgentContract",
     "Alone",
     "Bidder",
-    "ResourceContract",
     "ResourceOwner",
-    "RobotContract",
     "RobotOwner",
     "Society",
-    "WorldContract",
     "bidder",
     "claims",
     "commands",
@@ -50,17 +38,3 @@ __all__ = [
     "obstacles",
     "wall",
 ]
-
-_CONTRACTS: Final = {
-    "AgentContract": "agents",
-    "ResourceContract": "agents",
-    "RobotContract": "robots",
-    "WorldContract": "worlds",
-}
-
-
-def __getattr__(name: str) -> Any:
-    # They need a whole society, and some the bridge: imported when first used.
-    if name not in _CONTRACTS:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_CONTRACTS[name]}"), name)

@@ -31,10 +31,10 @@ from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
 from armadico.bridge.simulator.speed_loops import truncated
 from armadico.bridge.simulator.walls import TOUCH_M, Floats, Wall, Walls
-from armadico.config.errors import ConfigError
 from armadico.config.moving import Moving
 from armadico.config.profile import IdentifiedRobot, ModelledRobot, SensorProfile
 from armadico.config.worlds import Column, Pose
+from armadico.core.config_errors import ConfigError
 
 STEP_S = 0.005
 MOVE_STEPS = round(MOVE_S / STEP_S)

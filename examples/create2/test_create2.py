@@ -12,7 +12,7 @@ from armadico_create2.kind import Create2
 
 from armadico.bridge.session import Reported
 from armadico.config.profile import load_profile
-from armadico.testing import RobotContract
+from armadico.contracts import RobotContract
 
 SAFE = dict.fromkeys(PACKETS, 0) | {22: 15000, 35: driver.SAFE_MODE}
 

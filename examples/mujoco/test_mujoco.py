@@ -1,6 +1,6 @@
 """The contract of the robot in MuJoCo."""
 
-from armadico.testing import RobotContract
+from armadico.contracts import RobotContract
 
 
 class TestMujoco(RobotContract):

@@ -7,10 +7,10 @@ from typing import Annotated, Any, ClassVar, Literal
 import pytest
 from msgspec import Meta, Struct
 
-from armadico.config.discovery import AGENTS, agent_class, installed
 from armadico.core import parameters
 from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.changeable import allowed
+from armadico.core.discovery import AGENTS, agent_class, installed
 from armadico.core.driver import Driver, Reply
 from armadico.core.messages import (
     AgentSetting,

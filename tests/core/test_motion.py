@@ -25,7 +25,7 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.mobile.motion import RAMP_STEPS, Body, Speeds, course, ordered, touches_at
-from tests.framework.robots import body, described
+from tests.core.framework.robots import body, described
 
 PIONEER = body()
 FINE_S = 0.005

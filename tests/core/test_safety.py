@@ -15,8 +15,8 @@ from armadico.mobile.motion import Speeds
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.safety import UNHEARD_M, Limited, Scene, corner_cut, critical, limit
 from armadico.mobile.swept_path import free_path
+from tests.core.framework.robots import body
 from tests.core.test_motion import clearance, driven
-from tests.framework.robots import body
 
 SAFETY = Safety()
 PIONEER = body()

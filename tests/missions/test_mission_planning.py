@@ -10,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
+from armadico.agents.interface.messages import MissionOrder
 from armadico.agents.missions import procedures
 from armadico.agents.missions.messages import (
     Alarm,
@@ -18,7 +19,6 @@ from armadico.agents.missions.messages import (
     ExploreState,
     ExploreStatus,
     MissionEnd,
-    MissionOrder,
     Photo,
     PlanStep,
     StepEnd,
@@ -30,6 +30,7 @@ from armadico.agents.missions.task import Beliefs, Done, Task
 from armadico.config.scenarios import Battery
 from armadico.core.agent import Agent, Question
 from armadico.core.messages import LARGEST_PAYLOAD, Cycle, Message, encode
+from armadico.launch import client
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options
 from armadico.mesh.virtual_session import VirtualSession
@@ -45,10 +46,9 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.observe.measures import RunWatch
-from armadico.runtime import client
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 from armadico_tools.building import SURVEY, Building, text
-from tests.agents.senders import Sender
+from tests.robot.agents.senders import Sender
 
 NEAR = 'do = "move", to = "R2"'
 NEAR_ONLY = f"steps = [{{ {NEAR} }}]"

@@ -15,9 +15,9 @@ from mcap.reader import make_reader
 from armadico.agents.missions.messages import Alarm, Board, MissionEnd, Photo, Subplan
 from armadico.core.messages import Ack, Claim, Message, RobotState, encode
 from armadico.mobile.messages import Pose, Truth
-from armadico.observe.recorder import Recording
-from armadico.observe.recordings import HERE, kinds, rows
 from armadico.observe.watching import Received
+from armadico.watch.recorder import Recording
+from armadico.watch.recordings import HERE, kinds, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.recording import check, observations
 from armadico_tools.recordings import LIVE

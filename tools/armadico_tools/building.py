@@ -8,13 +8,12 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from armadico.agents.interface.messages import MissionCancel, MissionOrder
 from armadico.agents.missions.messages import (
     Alarm,
     Board,
     BoardMission,
     ChargeStatus,
-    MissionCancel,
-    MissionOrder,
     Photo,
     Subplan,
     SubplanRequest,

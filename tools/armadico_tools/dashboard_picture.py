@@ -16,8 +16,8 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from armadico.mesh.ports import LOOPBACK, free_port
-from armadico.observe.dashboard.canvas import TIMELINE
-from armadico.observe.dashboard.viewer import VIEWER_MEMORY, Viewer, ViewerError
+from armadico.watch.dashboard.canvas import TIMELINE
+from armadico.watch.dashboard.viewer import VIEWER_MEMORY, Viewer, ViewerError
 
 LOADING_S: Final = 30.0
 SETTLE_S: Final = 2.0

@@ -18,15 +18,15 @@ from pathlib import Path
 from typing import Final
 
 from armadico.agents.supervision.wakeup import Wakeup
-from armadico.agents.teleop.messages import Stick
-from armadico.config.discovery import summary
 from armadico.config.scenarios import society
 from armadico.core.agent import Agent
 from armadico.core.coordination import TRANSITIONS, Event, State
+from armadico.core.discovery import summary
 from armadico.core.messages import Ack, Claim, Command, Log, Message, Stop
 from armadico.core.parameters import Parameters
 from armadico.core.services import TOKEN, Service, matches
 from armadico.mobile.messages import Truth
+from armadico.watch.teleop.messages import Stick
 from armadico_tools.docs_fields import fields_of, ours, parameters_of
 from armadico_tools.markdown import table
 

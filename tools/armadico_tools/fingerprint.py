@@ -12,7 +12,7 @@ import hashlib
 import sys
 from collections.abc import Sequence
 
-from armadico.agents.fleet.run import FleetRehearsal
+from armadico.agents.fleet.commands.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.services import services
 from armadico.launch.society import Options, prepared

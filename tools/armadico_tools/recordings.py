@@ -30,9 +30,9 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mobile.messages import Correction, LocalMap, Particles, Sonar
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.journals import JOURNAL
-from armadico.observe.recorder import PROFILE, McapFile
-from armadico.observe.recordings import Row, kinds, rows
-from armadico.observe.virtual_recording import Recorded
+from armadico.watch.recorder import PROFILE, McapFile
+from armadico.watch.recordings import Row, kinds, rows
+from armadico.watch.virtual_recording import Recorded
 
 SHIPPED: Final = Path(__file__).resolve().parents[2] / "tests" / "recordings" / "sc4.mcap"
 LIVE: Final = SHIPPED.with_name("surveillance.mcap")

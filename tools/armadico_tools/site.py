@@ -32,12 +32,12 @@ ELSEWHERE: Final = ("http://", "https://", "mailto:", "#")
 
 REFERENCE: Final = (
     ("Runs", ("launch.api", "observe.measures", "config.scenarios")),
-    ("Guests", ("runtime.client",)),
+    ("Guests", ("launch.client",)),
     ("Agents", ("core.agent", "mobile.behaviour", "core.exchange", "core.resources")),
     ("What agents stand on", ("core.parameters", "mobile.route", "mobile.resources")),
     ("Tasks of missions", ("agents.missions.task", "agents.missions.planner")),
     ("Messages", ("core.messages", "mobile.messages", "mobile.obstacles")),
-    ("Errors", ("runtime.errors", "config.errors", "config.discovery", "mesh.topology")),
+    ("Errors", ("runtime.errors", "core.config_errors", "core.discovery", "mesh.topology")),
 )
 """The pages of the reference, and their modules; other modules go to the last page."""
 

@@ -16,8 +16,8 @@ import numpy as np
 from armadico.bridge.simulator.encoders import TICKS_PER_M
 from armadico.bridge.simulator.plant import Driver, Plant, Site, Streams
 from armadico.bridge.simulator.walls import Floats
-from armadico.config.errors import ConfigError
 from armadico.config.profile import IdentifiedRobot, ModelledRobot, SensorProfile
+from armadico.core.config_errors import ConfigError
 from armadico_mujoco.kind import MujocoRobot
 
 SUBSTEPS = 2

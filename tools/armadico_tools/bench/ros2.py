@@ -24,10 +24,10 @@ from armadico.bridge.ros2.cdr import decode, encode
 from armadico.bridge.ros2.frames import Decoder, Wanted, frame
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.session import wants
+from armadico.bridge.ros2.simulated import Ros2SimulatedRobot
+from armadico.bridge.ros2.simulated_line import Ros2Line
 from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.robots import Stage
-from armadico.bridge.simulator.ros2_line import Ros2Line
-from armadico.bridge.simulator.ros2_robot import Ros2SimulatedRobot
 from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import SensorProfile
 from armadico_tools.bench.figures import Figure, figure

@@ -20,9 +20,9 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta, Struct
 
-from armadico.config.errors import ConfigError
 from armadico.config.loading import read_text
 from armadico.config.worlds import Column, World
+from armadico.core.config_errors import ConfigError
 
 SHIPPED: Final = Path(__file__).with_name("maps") / "barn.txt"
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.config.profile import load_profile
 from armadico.config.worlds import World, load_world
-from armadico.observe.pictures import FAINT, INK, SOFT, Run, colour, draw_run
+from armadico.watch.pictures import FAINT, INK, SOFT, Run, colour, draw_run
 from armadico_tools.experiments.driving import Drive
 
 if TYPE_CHECKING:

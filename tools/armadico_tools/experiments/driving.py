@@ -18,11 +18,11 @@ from typing import Any
 
 from msgspec import Struct, structs
 
-from armadico.config.discovery import AGENTS, load
 from armadico.config.loading import load_parameters, read_text
 from armadico.config.scenarios import Scenario, ideal, load_scenario, society
 from armadico.config.shipped import find as find_config
 from armadico.core.agent import Agent
+from armadico.core.discovery import AGENTS, load
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.launch.society import Options, conditions, members, names

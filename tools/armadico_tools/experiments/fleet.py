@@ -10,8 +10,8 @@ from typing import Final
 
 from msgspec import Struct, structs
 
+from armadico.agents.fleet.commands.run import FleetRehearsal
 from armadico.agents.fleet.messages import FleetTask
-from armadico.agents.fleet.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.launch.society import Options
 from armadico.mesh.link_faults import LinkFaults

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from armadico.agents.slam.logs.localizing import BEFORE_S, Moment, Track
+from armadico.agents.slam.logs.logs import Log
 from armadico.config.grid_map import OCCUPIED, Cells
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import Pose2, compose, relative
 from armadico.mobile.messages import Scan
 from armadico.mobile.scans import bearings_of, ranges_of
-from armadico.observe.localizing import BEFORE_S, Moment, Track
-from armadico.observe.logs import Log
 
 Floats = NDArray[np.float64]
 

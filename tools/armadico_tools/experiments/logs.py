@@ -13,12 +13,12 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
+from armadico.agents.slam.logs import localizing, logs
+from armadico.agents.slam.logs.localizing import Chosen, Summary
+from armadico.agents.slam.logs.logs import Log, LogError, Scans
 from armadico.config import grid_map
-from armadico.config.errors import ConfigError
 from armadico.config.profile import load_profile
-from armadico.observe import localizing, logs
-from armadico.observe.localizing import Chosen, Summary
-from armadico.observe.logs import Log, LogError, Scans
+from armadico.core.config_errors import ConfigError
 from armadico_tools.experiments.likelihood_filter import LikelihoodFilter, filtered, points
 from armadico_tools.experiments.runner import Context, Experiment, Part, Table
 from armadico_tools.markdown import table

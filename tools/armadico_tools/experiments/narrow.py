@@ -13,7 +13,7 @@ from typing import Final
 
 from msgspec import Struct, structs
 
-from armadico.agents.fleet.run import FleetRehearsal
+from armadico.agents.fleet.commands.run import FleetRehearsal
 from armadico.config.scenarios import Scenario, ScenarioPose, load_scenario
 from armadico.launch.society import Options
 from armadico.mobile.messages import MissionStatus

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, structs
 
+from armadico.agents.interface.messages import MissionOrder
 from armadico.agents.methods.energy import motor_power
 from armadico.agents.missions.messages import (
     Alarm,
@@ -17,7 +18,6 @@ from armadico.agents.missions.messages import (
     ChargeState,
     ChargeStatus,
     MissionEnd,
-    MissionOrder,
     Photo,
     StepEnd,
 )

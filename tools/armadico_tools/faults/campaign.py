@@ -15,10 +15,10 @@ from rich.table import Table
 
 from armadico.cli import options, pool
 from armadico.cli.options import FailedError, UsageError
-from armadico.config.errors import ConfigError
 from armadico.config.hosts import load_hosts
 from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
+from armadico.core.config_errors import ConfigError
 from armadico.core.judgement import Answer, all_of, no, unknown, yes
 from armadico.observe.conditions import software
 from armadico_tools.command_options import over
@@ -100,7 +100,7 @@ def repeat(given: str, *, as_json: bool) -> int:
 
 
 def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
-    from armadico.observe.recordings import RecordingError
+    from armadico.watch.recordings import RecordingError
     from armadico_tools.faults.recording import check
 
     try:

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta, Struct
 
-from armadico.config.errors import ConfigError
+from armadico.core.config_errors import ConfigError
 from armadico.mesh.virtual import LEASE
 from armadico_tools.faults.fault_types import KINDS
 

@@ -22,7 +22,7 @@ from armadico.core.messages import (
 )
 from armadico.mobile.messages import MissionStatus, Truth
 from armadico.mobile.obstacles import Obstacles
-from armadico.observe.recordings import HERE, Row, rows
+from armadico.watch.recordings import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.record import (
     Bids,

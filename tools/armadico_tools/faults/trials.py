@@ -19,7 +19,7 @@ from msgspec import structs
 from armadico.config.hosts import HostTable
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import Ballot
-from armadico.observe.recorder import part
+from armadico.watch.recorder import part
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.live import COMMAND_DELAY_S, ROAD, LiveInjector, RealSociety, TrialError
 from armadico_tools.faults.plan import Case, Fault, Outcome

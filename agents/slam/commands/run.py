@@ -1,0 +1,394 @@
+"""A log taken through SLAM, and its figures."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import atan2, cos, degrees, sin
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from msgspec import Struct
+
+from armadico.agents.slam.logs import localizing
+from armadico.agents.slam.logs.logs import Log, LogError, Readings
+from armadico.agents.slam.poses import Floats, compose, relative, wrapped
+from armadico.agents.slam.slam import Slam, SlamParameters
+from armadico.config.graph_file import DrawnScan, SavedGraph
+from armadico.config.grid_map import Cells
+from armadico.core.judgement import Judgement, all_of, no, unknown, yes
+from armadico.core.messages import Cycle
+from armadico.mobile.geometry import STOOD, Pose2
+from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.scans import bearings_of, ranges_of
+
+FALSE_M: Final = 0.5
+FALSE_RAD: Final = 0.15
+"""A loop that is farther from the reference than this is counted as false."""
+
+ON: Final = 0.5
+"""A loop with more than this share of its weight is on."""
+
+
+WRONG_M: Final = 1.0
+"""A path that is farther from the reference than this (rmse) is wrong: rooms are not where they
+are."""
+
+
+EXACT_S: Final = 0.001
+"""A relation counts if both of its times are so near to the time of a scan, s."""
+
+
+class Relations(Struct, frozen=True):
+    """Errors of the path on given relative poses whose both times are times of scans."""
+
+    used: int
+    given: int
+    error_mean_m: float | None
+    error_deviation_m: float | None
+    error_most_m: float | None
+    heading_mean_deg: float | None
+
+
+class Doubtful(Struct, frozen=True):
+    """A place where scans look through walls that others saw as closed."""
+
+    x: float  # m
+    y: float
+    length_m: float  # of these walls
+
+
+class Figures(Struct, frozen=True):
+    """What SLAM achieved on a log. Errors are after a rigid alignment with the reference."""
+
+    scans: int
+    key_scans: int
+    seconds: float
+    metres: float
+    error_rmse_m: float | None  # of the final path (ATE)
+    error_95_m: float | None
+    error_most_m: float | None
+    heading_median_deg: float | None
+    online_rmse_m: float | None  # of the poses at the time of each scan
+    odometry_rmse_m: float | None
+    loops: int
+    loops_off: int  # switched off by the graph
+    loops_false: int | None  # farther from the reference than 0.5 m or 0.15 rad,
+    loops_false_on: int | None  # and not switched off
+    refused: dict[str, int]  # candidates, by reason
+    weak: int  # key scans that fitted badly
+    carried: int  # times that the robot was carried elsewhere
+    rejected: int  # scans that could not be used
+    revisions: int  # of the map
+    uncertain: str  # why the map may be wrong; empty if nothing speaks against it
+    scan_median_ms: float  # processor time: all scans
+    scan_95_ms: float
+    scan_most_ms: float
+    total_s: float
+    digest: int  # CRC-32 of the final path: the same for the same log and options
+    contradictions: tuple[Doubtful, ...] = ()  # the largest first
+    deviation_m: float | None = None  # of the key scan that is known least; None: several parts
+    deviation_chain_m: float | None = None  # the surest way to it from the first one
+    odometry_jumps: int = 0  # that were taken out
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """What came of a log."""
+
+    slam: Slam
+    online: Floats  # (n, 3) poses at the time of each reading
+    path: Floats  # (n, 3) poses after all loops
+    times: Floats  # (n,) of the readings, s
+    spent: Floats  # (n,) processor time, s
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some of the readings of a log."""
+
+    readings: Readings
+    of: Sequence[int]
+
+    def kind(self, index: int) -> type[Scan | Sonar]:
+        return self.readings.kind(self.of[index])
+
+    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
+        return self.readings.message(self.of[index], cycle, since, number)
+
+
+def over(log: Log, part: str) -> Log:
+    """A log with one of `localizing.PARTS` of its readings."""
+    chosen = localizing.part(log, part)
+    return replace(log, rows=log.rows[chosen], readings=_Part(log.readings, chosen))
+
+
+def mapped(
+    log: Log,
+    parameters: SlamParameters,
+    clock: Callable[[], float],
+    step: Callable[[], None] = lambda: None,
+) -> Mapped:
+    """Take a log through SLAM.
+
+    Args:
+        log: With scans of a laser.
+        parameters: Of SLAM.
+        clock: Tells the processor time, s.
+        step: Called for each reading.
+
+    Raises LogError if no scan can be used.
+    """
+    slam, count = Slam(parameters), len(log)
+    online, spent = np.full((count, 3), np.nan), np.zeros(count)
+    for i in range(count):
+        if log.readings.kind(i) is Scan:
+            here = log.odometry[log.rows[i]]
+            scan = _scan(log, i)
+            began = clock()
+            ranges, bearings = ranges_of(scan), bearings_of(scan)
+            origin = (scan.x, scan.y)
+            slam.add(log.time(i), here, ranges, bearings, origin=origin, number=i)
+            slam.close_loops()
+            spent[i] = clock() - began
+            online[i] = slam.pose_at(here)
+        step()
+    slam.finish()
+    if not slam.numbers:
+        raise LogError(f"{log.name}: no scan can be used: expected scans of a laser with 20 ranges")
+    times = np.array([log.time(i) for i in range(count)])
+    return Mapped(slam, online, _path(log, slam), times, spent)
+
+
+def _scan(log: Log, reading: int) -> Scan:
+    """Raises LogError for what is no scan."""
+    said = log.readings.message(reading, Cycle(1, reading), STOOD, reading)
+    assert isinstance(said, Scan), "only readings of a laser"
+    return said
+
+
+def _path(log: Log, slam: Slam) -> Floats:
+    """The pose of every reading: by odometry from key scan to key scan, which share the error."""
+    odometry = log.odometry[log.rows]
+    found = np.empty((len(odometry), 3))
+    first = slam.numbers[0]
+    found[:first] = compose(slam.poses[0], relative(odometry[first], odometry[:first]))
+    ends = [*slam.numbers, len(odometry)]
+    for key, (begin, end) in enumerate(pairwise(ends)):
+        found[begin:end] = compose(slam.poses[key], relative(odometry[begin], odometry[begin:end]))
+        if key + 1 < len(slam.poses):
+            last = compose(slam.poses[key], relative(odometry[begin], odometry[end]))
+            off = relative(last, slam.poses[key + 1])
+            share = (np.arange(end - begin) / (end - begin))[:, None]
+            found[begin:end] = compose(found[begin:end], share * off)
+    return found
+
+
+def graph_of(log: Log, slam: Slam) -> SavedGraph:
+    """The map with its key scans, to draw it or to go on with it."""
+    scans = [
+        DrawnScan(key, np.zeros(3), _scan(log, number), is_key=True)
+        for key, number in enumerate(slam.numbers)
+    ]
+    return slam.saved(scans)
+
+
+def drawn(log: Log, graph: SavedGraph) -> Cells:
+    """The grid of its largest part. Raises LogError if it has no occupied cell."""
+    cells = graph.drawn()
+    if not cells.states.size:
+        raise LogError(f"{log.name}: no wall is seen from the path: the map is empty")
+    return cells
+
+
+def outside(cells: Cells, graph: SavedGraph) -> int:
+    """How many key scans of the part that was drawn are not on the grid, which has a largest size.
+
+    The grid reaches beyond every scan that was drawn.
+    """
+    rows, columns = cells.states.shape
+    off = graph.poses[graph.main, :2] - np.array([cells.x, cells.y])
+    there = (off >= 0.0) & (off <= cells.cell_m * np.array([columns, rows]))
+    return int(np.count_nonzero(~there.all(axis=1)))
+
+
+def figures(log: Log, found: Mapped) -> Figures:
+    """Measure a run; against the reference, if the log has one."""
+    slam, known = found.slam, log.known
+    reference = log.reference[log.rows]
+    scored = known & ~np.isnan(found.online[:, 0])
+    errors: dict[str, float | None] = dict.fromkeys(
+        ("rmse", "most", "p95", "heading", "online", "odometry")
+    )
+    if np.count_nonzero(scored) > 1:
+        there = reference[scored]
+        fitted = aligned(found.path[scored], there)
+        off = np.hypot(*(fitted - there)[:, :2].T)
+        turned = np.abs(wrapped(fitted[:, 2] - there[:, 2]))
+        errors = {
+            "rmse": _rmse(fitted, there),
+            "p95": float(np.quantile(off, 0.95)),
+            "most": float(off.max()),
+            "heading": degrees(float(np.median(turned))),
+            "online": _rmse(aligned(found.online[scored], there), there),
+            "odometry": _rmse(aligned(log.odometry[log.rows][scored], there), there),
+        }
+    false, false_on = _false_loops(slam, reference)
+    spent, worst = 1000.0 * found.spent, slam.deviation
+    return Figures(
+        scans=len(log),
+        key_scans=len(slam.poses),
+        seconds=float(found.times[-1] - found.times[0]),
+        metres=slam.way[-1],
+        error_rmse_m=errors["rmse"],
+        error_95_m=errors["p95"],
+        error_most_m=errors["most"],
+        heading_median_deg=errors["heading"],
+        online_rmse_m=errors["online"],
+        odometry_rmse_m=errors["odometry"],
+        loops=len(slam.loops),
+        loops_off=slam.loops_off,
+        loops_false=false,
+        loops_false_on=false_on,
+        refused={reason.value: count for reason, count in slam.closer.refused.items()},
+        weak=slam.weak,
+        carried=len(slam.carried),
+        rejected=slam.rejected,
+        revisions=slam.revision,
+        uncertain=slam.uncertain,
+        scan_median_ms=float(np.median(spent)),
+        scan_95_ms=float(np.quantile(spent, 0.95)),
+        scan_most_ms=float(spent.max()),
+        total_s=float(found.spent.sum()),
+        digest=zlib.crc32(found.path.tobytes()),
+        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in slam.contradictions),
+        deviation_m=worst.metres if worst else None,
+        deviation_chain_m=worst.chain if worst else None,
+        odometry_jumps=len(slam.leaps),
+    )
+
+
+def judgement(log: Log, figures: Figures, outside: int = 0) -> Judgement:
+    """Whether the map is one of the log, and nothing speaks against it.
+
+    Args:
+        log: The log.
+        figures: Of the run.
+        outside: Key scans that the grid left out, since it would be too large.
+    """
+    f, found = figures, [log.judgement, yes()]
+    if f.key_scans < 2:
+        cure = "use a log in which the robot drives"
+        found.append(unknown("the map is of one place: nothing could be compared", cure))
+    if 2 * f.rejected > f.scans:
+        why = f"{f.rejected} of {f.scans} scans could not be used"
+        found.append(no(why, "check the ranges of the log, and --reach"))
+    if f.uncertain:
+        cure = "look at the picture (--picture); drive each place twice, so that loops close"
+        found.append(unknown(f"the map may be wrong: {f.uncertain}", cure))
+    if f.error_rmse_m is not None and f.error_rmse_m > WRONG_M:
+        cure = "look at the picture (--picture); check the reference"
+        found.append(no(f"the path is {f.error_rmse_m:.1f} m off the reference (rmse)", cure))
+    if outside:
+        why = f"the grid lacks {outside} of {f.key_scans} key scans: it ends where it is too large"
+        found.append(no(why, "map the log in parts (--over); the graph and the path are whole"))
+    return all_of(found)
+
+
+def on_reference(log: Log, found: Mapped) -> Mapped:
+    """The same with map and path moved as a whole onto the reference, which the log must have."""
+    known = log.known
+    shift = _alignment(found.path[known], log.reference[log.rows][known])
+    found.slam.poses = compose(shift, found.slam.poses)
+    found.slam.contradictions = [one.moved(shift) for one in found.slam.contradictions]
+    return replace(found, path=compose(shift, found.path), online=compose(shift, found.online))
+
+
+def read_relations(path: Path) -> Floats:
+    """(n, 8) the lines of a file of relations, plain or gzipped (Kuemmerle et al., 2009).
+
+    A line has two stamps of a log, then the pose at the second in the frame of the first: x, y, z,
+    roll, pitch, yaw. Raises LogError, OSError.
+    """
+    raw = path.read_bytes()
+    try:
+        text = gzip.decompress(raw) if raw.startswith(b"\x1f\x8b") else raw
+        given = np.array([line.split() for line in text.splitlines() if line.strip()], np.float64)
+        if given.ndim != 2 or given.shape[1] != 8:
+            raise ValueError("no such lines")
+    except (ValueError, EOFError, zlib.error, gzip.BadGzipFile):
+        raise LogError("expected lines of 8 numbers: t1 t2 x y z roll pitch yaw", path) from None
+    return given
+
+
+def relations(log: Log, found: Mapped, given: Floats) -> Relations:
+    """The errors of the path on relations (n, 8) whose both times are times of scans.
+
+    Poses that are interpolated between scans would measure the interpolation.
+    """
+    stamps = log.begin + found.times
+    at = np.clip(np.searchsorted(stamps, given[:, :2]), 1, len(stamps) - 1)
+    at -= given[:, :2] - stamps[at - 1] < stamps[at] - given[:, :2]
+    exact = (np.abs(stamps[at] - given[:, :2]) < EXACT_S).all(axis=1) & (at[:, 0] != at[:, 1])
+    if not exact.any():
+        return Relations(0, len(given), None, None, None, None)
+    (start, end), measured = at[exact].T, given[exact][:, [2, 3, 7]]
+    off = relative(measured, relative(found.path[start], found.path[end]))
+    away = np.hypot(off[:, 0], off[:, 1])
+    return Relations(
+        used=len(away),
+        given=len(given),
+        error_mean_m=float(away.mean()),
+        error_deviation_m=float(away.std()),
+        error_most_m=float(away.max()),
+        heading_mean_deg=degrees(float(np.abs(off[:, 2]).mean())),
+    )
+
+
+def aligned(path: Floats, reference: Floats) -> Floats:
+    """A path turned and shifted as a whole so that its positions fit the reference best."""
+    return compose(_alignment(path, reference), path)
+
+
+def _alignment(path: Floats, reference: Floats) -> Floats:
+    """The pose in the reference's frame of the path's frame."""
+    middle, there = path[:, :2].mean(axis=0), reference[:, :2].mean(axis=0)
+    spread = (path[:, :2] - middle).T @ (reference[:, :2] - there)
+    turn = atan2(spread[0, 1] - spread[1, 0], spread[0, 0] + spread[1, 1])
+    c, s = cos(turn), sin(turn)
+    x, y = middle
+    return np.array([there[0] - c * x + s * y, there[1] - s * x - c * y, turn])
+
+
+def _rmse(path: Floats, reference: Floats) -> float:
+    return float(np.sqrt(np.mean(np.sum((path - reference)[:, :2] ** 2, axis=1))))
+
+
+def _false_loops(slam: Slam, reference: Floats) -> tuple[int | None, int | None]:
+    """How many loops contradict the reference, and how many of these are on."""
+    if not slam.loops:
+        return 0, 0
+    numbers = np.array(slam.numbers)
+    starts = reference[numbers[[loop.start for loop in slam.loops]]]
+    ends = reference[numbers[[loop.end for loop in slam.loops]]]
+    off = relative(relative(starts, ends), np.array([loop.pose for loop in slam.loops]))
+    known = ~np.isnan(off[:, 0])
+    if not known.any():
+        return None, None
+    with np.errstate(invalid="ignore"):
+        false = (np.hypot(off[:, 0], off[:, 1]) > FALSE_M) | (np.abs(off[:, 2]) > FALSE_RAD)
+    on = slam.loop_weights > ON
+    return int(np.count_nonzero(false)), int(np.count_nonzero(false & on))
+
+
+def trajectory(found: Mapped) -> bytes:
+    """The final path in the TUM format: t x y z qx qy qz qw, a line for each reading."""
+    lines = ["# t x y z qx qy qz qw"]
+    for t, (x, y, theta) in zip(found.times.tolist(), found.path.tolist(), strict=True):
+        turn = f"{sin(theta / 2):.6f} {cos(theta / 2):.6f}"
+        lines.append(f"{t:.6f} {x:.4f} {y:.4f} 0 0 0 {turn}")
+    return ("\n".join(lines) + "\n").encode()

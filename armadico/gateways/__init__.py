@@ -1,1 +1,0 @@
-"""Gateways from a society to other tools: a web page, Foxglove, ROS 2."""

@@ -1,0 +1,163 @@
+"""Serve the control page: click to drive, stop, missions, agents, and why the robot stands."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import webbrowser
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from functools import partial
+from ipaddress import ip_address
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.beside import STARTING, Helpers
+from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, flag, group, option
+from armadico.observe.screen import has_screen
+
+if TYPE_CHECKING:
+    from armadico.config.worlds import World
+    from armadico.mesh.base import Mesh
+    from armadico.observe.findings import Demand
+    from armadico.watch.page.guard import Guard
+    from armadico.watch.page.session import Session, Spawns
+
+PORT: Final = 8090
+"""The default port of the page."""
+
+TOKEN_VARIABLE: Final = "ARMADICO_PAGE_TOKEN"
+
+EXAMPLES: Final = """\
+  armadico page --world house                then open the link that is printed
+  armadico page --port 0                     a port that is free
+  armadico page --namespace robot1 --namespace robot2
+  armadico page --bind 0.0.0.0               for a phone, too: the link has a token in it
+  armadico run --world house --start 1 1.5 0 --for 600 --page
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    world: str | None = option("draw the walls of this world (default: none)", metavar="MAP")
+    port: int = options.port_option(PORT)
+    bind: str = options.bind_option("all machines that have the token")
+    token: str | None = option(
+        "access token, at least 16 characters; visible in this machine's process list, unlike"
+        f" ${TOKEN_VARIABLE} (default: with --bind, a random one)",
+        metavar="T",
+    )
+    no_open: bool = flag("do not open a browser")
+    starting: bool = flag(None, STARTING)
+    mesh: options.Meshes = group(options.Meshes, "the mesh")
+
+
+def run(args: Options) -> int:
+    meshes = args.mesh.join_each(starts=args.starting)
+    world = options.world_of(args.world)
+    guard = _guard(args)
+    options.end_as_by_ctrl_c()
+    from armadico.watch.page.server import Server, ServerError
+
+    with ExitStack() as stack:
+        for mesh in meshes:
+            stack.enter_context(mesh)
+        helpers = stack.enter_context(Helpers(args.mesh))
+        demands = [args.mesh.of(mesh.namespace).demand() for mesh in meshes]
+        session = made(meshes, world, helpers.start, demands)
+        try:
+            server = stack.enter_context(Server(session, guard, args.bind, args.port))
+        except ServerError as error:
+            raise FailedError(str(error)) from None
+        first, *others = _addresses(args.bind)
+        link = _link(first, server.port, guard.token)
+        also = f" (also at {', '.join(others)})" if others else ""
+        with suppress(KeyboardInterrupt):  # which may come as soon as the link is printed
+            print(f"page: {link}{also}", flush=True)
+            if not args.no_open and has_screen(os.environ):
+                webbrowser.open(link)
+            while True:
+                session.turn()
+    return 0
+
+
+def made(
+    meshes: Sequence[Mesh], world: World | None, start: Spawns, demands: Sequence[Demand]
+) -> Session:
+    """A session for robots with open meshes; `start` starts the teleop agent."""
+    from armadico.watch.page.model import Robot
+    from armadico.watch.page.session import Session
+    from armadico.watch.slot import BY_HAND
+
+    helpers = BY_HAND.besides
+    robots = {
+        m.namespace: Robot(m.namespace, world, partial(secrets.randbits, 63), helpers, demand)
+        for m, demand in zip(meshes, demands, strict=True)
+    }
+    return Session(robots, meshes, start)
+
+
+def _guard(args: Options) -> Guard:
+    """The access control of the page. Raises UsageError."""
+    from armadico.watch.page.guard import Guard, GuardError, is_loopback
+
+    token = args.token or os.environ.get(TOKEN_VARIABLE) or None
+    if token is None and not is_loopback(args.bind):
+        token = secrets.token_urlsafe(24)
+    name = socket.gethostname()
+    try:
+        return Guard.of(args.bind, token, (name, f"{name}.local", args.bind))
+    except GuardError as error:
+        raise UsageError(str(error)) from None
+
+
+ANYWHERE: Final = {"0.0.0.0": socket.AF_INET, "::": socket.AF_INET6}
+"""Addresses to listen on that are no address to connect to."""
+
+
+def _addresses(bind: str) -> list[str]:
+    """Where other machines find a server that listens on `bind`, the best one first.
+
+    A phone resolves no host name of a small network, so the IP addresses come before it.
+    """
+    if bind not in ANYWHERE:
+        return [bind]
+    import psutil
+
+    family = ANYWHERE[bind]
+    up = {name for name, state in psutil.net_if_stats().items() if state.isup}
+    cards = [card for name, of in psutil.net_if_addrs().items() if name in up for card in of]
+    found = [card.address for card in cards if card.family == family]
+    found = [a for a in found if not (ip_address(a).is_loopback or ip_address(a).is_link_local)]
+    found.sort(key=_outward(family).__ne__)  # others, as of virtual machines, come behind it
+    return [*found, socket.gethostname()]
+
+
+def _outward(family: socket.AddressFamily) -> str:
+    """The address by which this machine reaches others; empty if it has none. Sends nothing."""
+    somewhere = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # for documentation
+    with socket.socket(family, socket.SOCK_DGRAM) as line, suppress(OSError):
+        line.connect((somewhere, 9))
+        return str(line.getsockname()[0])
+    return ""
+
+
+def _link(host: str, port: int, token: str) -> str:
+    """The link to the page; browsers do not send what is behind the #."""
+    if ":" in host:
+        host = f"[{host}]"
+    return f"http://{host}:{port}/" + (f"#token={token}" if token else "")
+
+
+main: Final = Command(
+    "armadico page",
+    Options,
+    run,
+    "Serve a page to watch and control the robot: a map to click on, stop and resume, missions,"
+    " agents, which agent drives and why. It is served on this machine's loopback, or with --bind"
+    " to other machines that have the token. Ctrl-C ends it; the society continues.",
+    EXAMPLES,
+)

@@ -1,0 +1,373 @@
+"""Explain a run or a live robot: which agent drove and why, stops, collisions, why it stands."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
+from armadico.core.discovery import providers
+from armadico.mesh.topology import default_namespace
+from armadico.observe.findings import Demand, Finding, Sort, short
+from armadico.runtime.errors import AbsentError
+
+if TYPE_CHECKING:
+    from armadico.core.messages import BidRecord
+    from armadico.observe.standing import Standing
+    from armadico.observe.view import View
+    from armadico.watch.explained import Collision, Exchange, Moment, Press
+    from armadico.watch.recordings import Past, Row
+    from armadico.watch.why import Chronicle
+
+Bids = dict[tuple[str, str], list["BidRecord"]]
+"""By instance and resource."""
+
+WHEELS: Final = "wheels"
+"""The default resource; its module would make `--help` slow."""
+
+ABOUT_S: Final = 10.0
+"""Missing bids are recomputed for so long before and after an event."""
+
+MOST_S: Final = 4.5
+"""Longest observation while an agent has not answered."""
+
+MOST_LISTED: Final = 30
+"""Most exchanges, and most drives, that the summary of a recording lists."""
+
+EXAMPLES: Final = """\
+  armadico why --live                        which agent drives now, and the others' bids
+  armadico why --live --standing             why the robot stands, down to the missing agent
+  armadico why run.mcap                      summary of a recording
+  armadico why run.mcap --at 12.5            12.5 s after its first message
+  armadico why run.mcap --exchange 3
+  armadico why run.mcap --collision --json | jq .cause
+"""
+
+
+COUNTED: Final = Must(lambda number: number >= 1, "expected a number from 1")
+NOT_BEFORE: Final = Must(lambda at: at >= 0.0, "expected at least 0, the first message")
+
+
+class Answer(NamedTuple):
+    """An answer in sentences, and as an object for JSON."""
+
+    sentences: Sequence[str]
+    found: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Robot(options.Mesh):
+    """The mesh; the recording of one robot needs no namespace."""
+
+    namespace: str = option(options.NAMESPACE_HELP, default="", metavar="NS")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    file: Path | None = argument("the recording", nargs="?", metavar="FILE.mcap", must=FILE)
+    live: bool = flag("explain a running society instead")
+    collision: int | None = option(
+        "explain a collision (default: the first)",
+        nargs="?",
+        const=1,
+        metavar="N",
+        must=COUNTED,
+        either="what",
+    )
+    stop: int | None = option(
+        "explain a stop (default: the first)",
+        nargs="?",
+        const=1,
+        metavar="N",
+        must=COUNTED,
+        either="what",
+    )
+    exchange: int | None = option(
+        "explain the N-th exchange of the resource", metavar="N", must=COUNTED, either="what"
+    )
+    standing: bool = flag("explain why the robot stands", either="what")
+    at: float | None = option(
+        "explain this moment, s from the recording's first message", metavar="T", must=NOT_BEFORE
+    )
+    resource: str | None = option("the resource of --exchange (default: wheels)", metavar="NAME")
+    for_s: float = option(
+        "with --live: listen for S seconds (default: 3)",
+        "--for",
+        default=3.0,
+        read=options.seconds,
+        metavar="S",
+    )
+    json: bool = flag("print one JSON object")
+    mesh: _Robot = group(_Robot, "the mesh")
+
+
+def run(args: Options) -> int:
+    _check(args)
+    answer = _live(args) if args.file is None else _recorded(args, args.file)
+    if args.json:
+        import msgspec
+
+        print(json.dumps(msgspec.to_builtins(answer.found), indent=2))
+    else:
+        for sentence in answer.sentences:
+            print(options.shown(sentence))
+    return 0
+
+
+def _check(args: Options) -> None:
+    """Raises UsageError."""
+    if args.live == (args.file is not None):
+        raise UsageError("give either a recording or --live")
+    if args.resource is not None and args.exchange is None:
+        raise UsageError(f"--resource {args.resource}: it is for --exchange N")
+    past = {"--collision": args.collision, "--exchange": args.exchange, "--at": args.at}
+    for name, value in past.items():
+        if args.live and value is not None:
+            raise UsageError(f"{name} needs a recording (`armadico record`), not --live")
+    counted = {"--collision": args.collision, "--stop": args.stop, "--exchange": args.exchange}
+    for name, value in counted.items():
+        if value is not None and args.at is not None:
+            raise UsageError(f"--at and {name}: use one of them")
+
+
+# A running society --------------------------------------------------------------------------------
+
+
+def _live(args: Options) -> Answer:
+    robot = args.mesh.of(args.mesh.namespace or default_namespace())
+    demand = robot.demand()
+    from armadico.observe.standing import standing
+    from armadico.observe.watching import Observer
+    from armadico.watch.why import LATER_S, Chronicle
+
+    with robot.joined() as mesh:
+        chronicle = Chronicle(demand=demand)
+        observer = Observer(mesh, demand, chronicle)
+        chronicle.begin(observer.now)
+        findings = observer.settle(args.for_s, max(args.for_s, MOST_S))
+        if not chronicle.view.alive:
+            raise AbsentError("no agent is alive", robot.namespace)
+        now = observer.now
+        if args.standing:
+            lines = explained(chronicle.view, now, demand, findings)
+            return Answer(lines, standing(chronicle.view, now, demand))
+        if args.stop is not None:
+            return _one("stop", args.stop, chronicle.presses)
+        chronicle.mark(now)
+        observer.take(LATER_S)
+    chronicle.finish()
+    moment = chronicle.moments[0]
+    return Answer([*moment.sentences, *_beside(moment.cause, findings)], moment)
+
+
+# A recording --------------------------------------------------------------------------------------
+
+
+def _recorded(args: Options, file: Path) -> Answer:
+    options.need("mcap", "record")
+    from armadico.watch.recordings import Past, RecordingError
+
+    try:
+        return _answer(args, Past(file, options.reporter("armadico why")))
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+
+
+def _answer(args: Options, past: Past) -> Answer:
+    """The answer from the recorded bids; missing ones are recomputed from the agents' journals."""
+    from armadico.watch.explained import (
+        Collision,
+        Exchange,
+        Moment,
+        missing_bids,
+    )
+
+    past.check()
+    answer = _read(args, past, {})
+    event = answer.found
+    if isinstance(event, Collision | Exchange | Moment) and (silent := missing_bids(event)):
+        again = _replayed(past, silent, event.t)
+        return _read(args, past, again) if again else answer
+    return answer
+
+
+def _replayed(past: Past, instances: set[str], at: float) -> Bids:
+    """The bids of agents around a time, s, from their journals, if these replay equally."""
+    from armadico.watch.replay import Replay
+
+    found: Bids = {}
+    for journal in past.journals(instances):
+        replay = Replay(journal)
+        to = at + past.began - replay.began
+        bids = [b for one in replay.moments() if abs(one.at - to) <= ABOUT_S for b in one.bids]
+        if replay.outcome().equal:
+            for bid in bids:
+                found.setdefault((journal.instance, bid.resource), []).append(bid)
+    return found
+
+
+def _read(args: Options, past: Past, again: Bids) -> Answer:
+    from armadico.observe.standing import standing
+    from armadico.watch.why import LATER_S, Chronicle
+
+    demand = Demand(installed=providers)
+    chronicle, at = Chronicle(again, demand=demand), args.at
+    namespace, t = args.mesh.namespace, 0.0
+    first: int | None = None
+    found: Standing | None = None
+    others: set[str] = set()
+    for row in past.rows():
+        first = row.t if first is None else first
+        namespace = namespace or row.namespace
+        if row.namespace != namespace:
+            others.add(row.namespace)
+            continue
+        t = (row.t - first) / 1e9
+        if at is not None and found is None and t > at:
+            found = standing(chronicle.view, at, demand)
+            chronicle.mark(at)
+        if at is not None and t > at + LATER_S:
+            break
+        _add(chronicle, row, t)
+    if not args.mesh.namespace and others:
+        names = ", ".join(sorted({namespace, *others}))
+        raise UsageError(f"{args.file} holds {names}; name one robot: --namespace NS")
+    if chronicle.view.state is None and not chronicle.view.cards:
+        of = f" of {args.mesh.namespace!r}" if args.mesh.namespace else ""
+        raise FailedError(f"{args.file} holds no messages{of}")
+    if at is not None and found is None:
+        raise UsageError(f"--at {at:g}: expected 0 to {t:.1f} s, the length of {args.file}")
+    chronicle.finish()
+    if args.standing:
+        return _standing(found or standing(chronicle.view, t, demand))
+    if at is not None:
+        return _moment(chronicle.moments[0])
+    return _event(args, chronicle, t)
+
+
+def _event(args: Options, chronicle: Chronicle, ends: float) -> Answer:
+    if args.collision is not None:
+        return _one("collision", args.collision, chronicle.collisions)
+    if args.stop is not None:
+        return _one("stop", args.stop, chronicle.presses)
+    if args.exchange is not None:
+        resource = args.resource or WHEELS
+        exchanges = [e for e in chronicle.exchanges if e.resource == resource]
+        return _one(f"exchange of {resource}", args.exchange, exchanges)
+    return _all(chronicle, ends)
+
+
+def _add(chronicle: Chronicle, row: Row, t: float) -> None:
+    """Add one row of a recording."""
+    from armadico.core.messages import (
+        BidHistory,
+        BidRecord,
+        Card,
+        MessageError,
+    )
+    from armadico.watch.recorder import REFUSED
+    from armadico.watch.recordings import HERE
+
+    if row.schema == HERE:
+        here = row.fields
+        chronicle.token(here["instance"], there=here["there"], t=t)
+        return
+    try:
+        message = row.message
+    except MessageError:
+        message = None
+    if isinstance(message, BidRecord):
+        chronicle.learn(BidHistory(row.key.split("/")[2], (message,)), t)
+    elif isinstance(message, Card):
+        chronicle.learn(message, t)
+    else:
+        chronicle.update(row.key.removesuffix(REFUSED), message, t)
+
+
+# Answers ------------------------------------------------------------------------------------------
+
+
+def _standing(found: Standing) -> Answer:
+    todo = "" if found.cause is None else found.cause.todo
+    return Answer([*found.sentences, *([f"-> {todo}"] if todo else [])], found)
+
+
+def explained(view: View, now: float, demand: Demand, findings: Sequence[Finding]) -> list[str]:
+    """Why the robot of a live society stands, and what else is wrong."""
+    from armadico.observe.standing import standing
+
+    found = standing(view, now, demand)
+    return [*_standing(found).sentences, *_beside(found.cause, findings)]
+
+
+def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:
+    """What was restarted or stopped and on which evidence, and what else is wrong."""
+    actions = [each.what for each in findings if each.sort is Sort.ACTION]
+    return [*actions, *short(findings, () if cause is None else ((cause.sort, cause.who),))]
+
+
+def _moment(found: Moment) -> Answer:
+    return Answer(found.sentences, found)
+
+
+def _one(what: str, number: int, found: Sequence[Exchange | Press | Collision]) -> Answer:
+    """The event of a number. Raises FailedError if there is none."""
+    one = next((each for each in found if each.number == number), None)
+    if one is None:
+        raise FailedError(f"no {what} {number}: the recording has {len(found) or 'none'}")
+    return Answer(one.sentences, one)
+
+
+def _all(chronicle: Chronicle, ends: float) -> Answer:
+    """A summary with a line for each event."""
+    from armadico.observe.standing import standing
+    from armadico.observe.view import agent_of
+
+    last = standing(chronicle.view, ends, chronicle.demand)
+    exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
+    counted: dict[str, Sequence[object]] = {
+        "exchange": exchanges,
+        "stop": presses,
+        "collision": collisions,
+    }
+    totals = [f"{len(each)} {what}{'s' * (len(each) != 1)}" for what, each in counted.items()]
+    lines = [f"{ends:.1f} s, {', '.join(totals)}."]
+    counts: dict[str, int] = {}
+    for each in exchanges[:MOST_LISTED]:
+        number = counts[each.resource] = counts.get(each.resource, 0) + 1
+        of = "" if each.resource == "wheels" else f" of {each.resource}"
+        agents = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"
+        lines.append(f"{each.t:8.2f} s  exchange {number}{of}: {agents}: {each.cause.what}")
+    if len(exchanges) > MOST_LISTED:
+        lines.append(f"            and {len(exchanges) - MOST_LISTED} more exchanges")
+    lines += [f"{each.t:8.2f} s  stop {each.number}: by {each.by}" for each in presses]
+    lines += [f"{each.t:8.2f} s  collision {each.number}: {each.cause.what}" for each in collisions]
+    lines += chronicle.drives.sentences(MOST_LISTED)
+    lines += ["At its end:", *last.sentences]
+    found = {
+        "seconds": round(ends, 3),
+        "exchanges": exchanges,
+        "stops": presses,
+        "collisions": collisions,
+        "drives": chronicle.drives.drives,
+        "unobeyed": chronicle.drives.unobeyed,
+        "standing": last,
+    }
+    return Answer(lines, found)
+
+
+main: Final = Command(
+    "armadico why",
+    Options,
+    run,
+    "Explain a run or a live robot: each contender's bid and its reasons, the holder, the blending"
+    " of an exchange, and what the robot obeyed or rejected. Without an option, print a summary of"
+    " the recording, or the present moment. Agents that do not hold publish no bids; their answers"
+    " to queries are used, or those in the recording.",
+    EXAMPLES,
+)

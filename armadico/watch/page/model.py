@@ -1,0 +1,332 @@
+"""One robot on the page (sans-IO).
+
+Inputs are messages, tokens, requests and the time. `parts` returns the data to show, `drain` the
+publications, queries and answers. The page makes no decisions: a goal is a mission, as from any
+other client.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections import deque
+from collections.abc import Callable, Collection
+from functools import cache
+from typing import Any, Final
+
+from armadico.config.worlds import Unseen, World
+from armadico.core.discovery import PAGE, installed
+from armadico.core.messages import Message
+from armadico.core.resources import WHEELS
+from armadico.core.services import QUIET_S
+from armadico.mobile.map_graphs import graph_of
+from armadico.mobile.messages import MapGraph, OccupancyGrid, Pose
+from armadico.mobile.obstacles import Obstacles
+from armadico.observe import described
+from armadico.observe.described import rounded
+from armadico.observe.findings import NOTHING, Demand
+from armadico.observe.page_part import Desk, Out, Part
+from armadico.observe.page_requests import Asked, Reader, Start
+from armadico.observe.view import View, agent_of
+from armadico.watch.page.own import Goals, Parameters, Starting, StopLatch
+from armadico.watch.pictures import colour
+
+# Largest numbers shown:
+EXCHANGES: Final = 30
+LINES: Final = 40  # of the log
+POINTS: Final = 300  # of one sensor
+TRAIL: Final = 3000  # points of the driven path
+TRAIL_M: Final = 0.04  # distance between two of them
+
+
+@cache
+def capabilities() -> tuple[type[Part], ...]:
+    """The parts that installed capabilities add. Raises ImportError."""
+    return tuple(found.load() for found in installed(PAGE).values())
+
+
+def reader() -> Reader:
+    """Reads the requests of the page and of all capabilities."""
+    kinds: tuple[type[Part], ...] = (Goals, StopLatch, Parameters, *capabilities())
+    return Reader([Start, *(request for kind in kinds for request in kind.requests)])
+
+
+class Robot:
+    def __init__(
+        self,
+        namespace: str,
+        world: World | None = None,
+        bits64: Callable[[], int] = lambda: 1,
+        helpers: Collection[str] = (),
+        demand: Demand = NOTHING,
+    ) -> None:
+        """Start without messages.
+
+        Args:
+            namespace: The robot's.
+            world: Its walls are shown.
+            bits64: Returns the random number of a stop.
+            helpers: Agents that can be started beside the page if no host can start them.
+            demand: What the society should be.
+        """
+        self.namespace = namespace
+        self.view = View()
+        self.world = world
+        self._desk = Desk(self.view, bits64)
+        added = [kind(self._desk) for kind in capabilities()]
+        own = (Goals(self._desk), StopLatch(self._desk), Parameters(self._desk))
+        self._parts: tuple[Part, ...] = (*own, Starting(self._desk, helpers, added), *added)
+        self._handlers = {kind: part for part in self._parts for kind in part.requests}
+        self._demand = demand
+        self._near: dict[str, tuple[list[list[float]], float]] = {}
+        self._grid: dict[str, Any] | None = None
+        self._graph: dict[str, Any] | None = None
+        self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
+
+    # Input ---------------------------------------------------------------------------------------
+
+    def receive(
+        self, key: str, message: Message | None, t: float, *, is_reply: bool = False
+    ) -> None:
+        """Process a publication or a reply, at t (s); None cannot be decoded."""
+        if not is_reply:
+            self.view.update(key, message, t)
+        elif message is not None:
+            self.view.learn(message, t)
+        match message:
+            case None:
+                return
+            case Pose():
+                self._step(message, t)
+            case Obstacles():
+                self._near = {s: near for s, near in self._near.items() if t - near[1] <= QUIET_S}
+                self._near[message.sensor] = (_points(message), t)
+            case OccupancyGrid():
+                self._grid = _grid(message)
+            case MapGraph():
+                self._graph = _graph(message)
+        for part in self._parts:
+            part.receive(key, message, t)
+
+    def router(self, *, there: bool, t: float) -> None:
+        self.view.router(there=there, t=t)
+
+    def token(self, instance: str, *, there: bool, t: float) -> None:
+        self.view.token(instance, there=there, t=t)
+        for part in self._parts:
+            part.on_token(instance, there=there)
+
+    def request(self, browser: str, request: Asked, t: float) -> None:
+        """Handle a browser's request. Raises RequestError."""
+        self._handlers[type(request)].request(browser, request, t)
+
+    def on_reply(self, number: int, reply: Message | None) -> None:
+        """Process a query's reply; None is a timeout."""
+        self._desk.on_reply(number, reply)
+
+    def leave(self, browser: str) -> None:
+        for part in self._parts:
+            part.on_leave(browser)
+
+    def wake(self, t: float) -> None:
+        for part in self._parts:
+            part.wake(t)
+
+    # Output --------------------------------------------------------------------------------------
+
+    def drain(self) -> list[Out]:
+        """The publications, queries and answers since the last call, in order."""
+        return self._desk.drain()
+
+    def parts(self, t: float) -> dict[str, Any]:
+        """All data to show at t (s), in parts that change at different rates."""
+        view = self.view
+        parts = {
+            "body": self._body(),
+            "motion": self._motion(t),
+            "mission": self._mission(),
+            "wheels": self._wheels(t),
+            "resources": [
+                described.resource(view, name, t) for name in view.resources if name != WHEELS.name
+            ],
+            "exchanges": self._exchanges(),
+            "agents": self._agents(),
+            "near": [p for points, at in self._near.values() if t - at <= QUIET_S for p in points],
+            "grid": self._grid,
+            "graph": self._graph,
+            "slam": described.slam(view, t),
+            "log": self._log(),
+            "standing": self.standing(t),
+        }
+        for part in self._parts:
+            part.show(parts, t)
+        return parts
+
+    @property
+    def trail(self) -> list[list[Any]]:
+        """The path driven so far, for a browser that connects: x, y, and the driving agent."""
+        return list(self._trail)
+
+    @property
+    def fixed(self) -> dict[str, Any]:
+        """The data that do not change."""
+        found: dict[str, Any] = {"world": None if self.world is None else drawn(self.world)}
+        for part in self._parts:
+            found |= part.fixed
+        return found
+
+    def standing(self, t: float) -> dict[str, Any]:
+        """Why the robot stands, and what else is wrong or not known."""
+        return described.diagnosis(self.view, t, self._demand)
+
+    def _body(self) -> dict[str, Any] | None:
+        body = self.view.description
+        if body is None:
+            return None
+        shown = ("front", "rear", "half_width", "v_max", "w_max")
+        return {"name": body.robot} | {name: getattr(body, name) for name in shown}
+
+    def _motion(self, t: float) -> dict[str, Any]:
+        view, truth = self.view, self.view.truth
+        found: dict[str, Any] = {
+            "heard": view.state_is_fresh(t),
+            "silent_s": None if view.state_at is None else round(t - view.state_at, 1),
+        }
+        found |= rounded((described.robot(view) or {}) | (described.pose(view, t) or {}))
+        if view.pose is not None and view.pose.covariance:
+            xx, xy, _, yy, _, _ = view.pose.covariance
+            found["covariance"] = rounded([xx, xy, yy], 5)
+        if truth is not None:
+            found["truth"] = rounded([truth.x, truth.y, truth.theta])
+        return found
+
+    def _mission(self) -> dict[str, Any]:
+        trajectory = self.view.trajectory
+        found: dict[str, Any] = {"tasks": self.view.tasks}
+        found |= rounded(described.mission(self.view) or {}, 2)
+        if trajectory is not None:
+            way = [[w.x, w.y, w.theta] for w in trajectory.waypoints]
+            found |= {"way": rounded(way), "leg": trajectory.leg, "waits": trajectory.waits}
+            found |= {"start": rounded([trajectory.start.x, trajectory.start.y])}
+            found["unseen"] = rounded([[s.x1, s.y1, s.x2, s.y2] for s in trajectory.unseen])
+        return found
+
+    def _wheels(self, t: float) -> dict[str, Any]:
+        """The driving agent, and the newest bids of all contenders."""
+        view, wheels = self.view, WHEELS.name
+        driver, claim = view.driver(wheels, t), view.claim(wheels, t)
+        rows = []
+        for agent in view.agents:
+            if agent.card is None or wheels not in agent.card.resources:
+                continue
+            record = view.bid(agent.instance, wheels)
+            row: dict[str, Any] = {"name": agent.name, "colour": colour(agent.name)}
+            row["drives"] = agent.instance == driver
+            if claim is not None and claim.ballot.instance == agent.instance:
+                row |= {"utility": claim.utility, "critical": claim.critical, "why": ""}
+            elif record is not None:
+                row |= {"utility": record.utility, "critical": record.critical}
+                row |= {"why": record.reason}
+            rows.append(row)
+        return {"driver": _name(driver), "contenders": rows}
+
+    def _agents(self) -> list[dict[str, Any]]:
+        return [
+            {"pid": 0}
+            | described.agent(seen)
+            | {"instance": seen.instance[-8:], "colour": colour(seen.name)}
+            | {"alive": True, "kept": False}
+            for seen in self.view.agents
+        ]
+
+    def _log(self) -> list[dict[str, Any]]:
+        lines = list(self.view.logs)[-LINES:]
+        return [
+            {
+                "t": round(line.at, 1),
+                "name": agent_of(line.instance),
+                "level": line.log.level,
+                "text": line.log.text,
+            }
+            for line in lines
+        ]
+
+    def _exchanges(self) -> list[dict[str, Any]]:
+        rows = []
+        for each in self.view.exchanges:
+            if each.resource == WHEELS.name:
+                row: dict[str, Any] = {"t": round(each.at, 2)}
+                row |= {"from": _name(each.before), "to": _name(each.now)}
+                if each.claim is not None:
+                    row |= {"utility": each.claim.utility, "critical": each.claim.critical}
+                rows.append(row)
+        return rows[-EXCHANGES:]
+
+    def _step(self, pose: Pose, t: float) -> None:
+        x, y = rounded([pose.x, pose.y])
+        name = _name(self.view.driver(WHEELS.name, t))
+        if self._trail:
+            last = self._trail[-1]
+            if abs(x - last[0]) + abs(y - last[1]) < TRAIL_M:
+                return
+        self._trail.append([x, y, name])
+
+
+def drawn(world: World) -> dict[str, Any]:
+    return {
+        "name": world.name,
+        "bounds": rounded(world.bounds),
+        "walls": rounded(world.walls),
+        "columns": rounded(world.columns),
+        "forbidden": rounded(world.forbidden),
+        "unseen": None if world.unseen is None else _unseen(world.unseen),
+        "rooms": [[room.name, room.x1, room.y1, room.x2, room.y2] for room in world.rooms],
+        "docks": {name: list(pose) for name, pose in world.docks.items()},
+        "goals": {name: list(pose) for name, pose in world.goals.items()},
+    }
+
+
+def _unseen(unseen: Unseen) -> dict[str, Any]:
+    return {
+        "x": unseen.x,
+        "y": unseen.y,
+        "theta": unseen.theta,
+        "cell": unseen.cell_m,
+        "rows": unseen.rows,
+        "columns": unseen.columns,
+        "packed": b64encode(unseen.packed).decode(),
+    }
+
+
+def _name(instance: str | None) -> str | None:
+    return None if instance is None else agent_of(instance)
+
+
+def _points(obstacles: Obstacles) -> list[list[float]]:
+    every = -(-len(obstacles.points) // POINTS) or 1
+    return [[round(p.x, 3), round(p.y, 3)] for p in obstacles.points[::every]]
+
+
+def _graph(message: MapGraph) -> dict[str, Any] | None:
+    try:
+        graph = graph_of(message)
+    except ValueError:  # a malformed graph is not drawn
+        return None
+    return {
+        "revision": message.revision,
+        "places": graph.places.round(2).tolist(),
+        "loops": graph.loops.tolist(),
+        "off": graph.off.tolist(),
+    }
+
+
+def _grid(message: OccupancyGrid) -> dict[str, Any]:
+    # The browser inflates the cells.
+    return {
+        "x": message.x,
+        "y": message.y,
+        "cell": message.cell,
+        "rows": message.rows,
+        "columns": message.columns,
+        "revision": message.revision,
+        "packed": b64encode(message.packed).decode(),
+    }

@@ -1,0 +1,312 @@
+"""The page's server: files over HTTP, and a WebSocket for each browser, on a thread of its own.
+
+It has no knowledge of robots. `guard` checks access. Messages of browsers go to the session, and
+the session sends the data to show.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Coroutine, Sequence
+from functools import cache
+from http import HTTPStatus
+from importlib.resources import files
+from itertools import count
+from secrets import token_hex
+from typing import Any, Final, TypeVar
+
+from websockets.asyncio.server import Server as Listening
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from armadico.observe.page_requests import LONGEST
+from armadico.watch.page.guard import PROTOCOL, Guard, Refusal, bearer, token_in
+from armadico.watch.page.session import Session
+
+T = TypeVar("T")
+
+SOCKET: Final = "/socket"
+ALLOWED: Final = "/allowed"  # checks a token: browsers do not report why a WebSocket is refused
+
+MOST: Final = 16  # browsers at once
+ANSWERS: Final = 256  # answers that may wait for a browser; beyond them it is disconnected
+
+# Connections at once, including those without a request yet. Thousands of them would leave the
+# process no file descriptors.
+SOCKETS: Final = 64
+
+OPEN_S: Final = 5.0  # timeout of a connection's request
+CLOSE_S: Final = 1.0  # timeout of closing handshakes at the end
+PING_S: Final = 5.0  # interval and timeout of pings, to detect phones that are out of reach
+
+TYPES: Final = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+HEADERS: Final = {
+    # No content from other servers, and no frames in other sites' pages (clickjacking).
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self';"
+    " img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none';"
+    " frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+
+
+logger = logging.getLogger("armadico.page")
+logger.addHandler(logging.NullHandler())  # invalid requests of other programs are not logged
+logger.propagate = False
+
+
+class ServerError(Exception):
+    """The server cannot start; the message has the reason and what to do."""
+
+
+class _Browser:
+    """A connected browser, with the newest data to show and all pending answers."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self.connection = connection
+        self.shown: bytes | None = None
+        self.answers: asyncio.Queue[bytes] = asyncio.Queue(ANSWERS)
+        self.wake = asyncio.Event()
+        self.ready = True  # read by the session's thread
+
+
+class Server:
+    """A context manager that listens from its construction on."""
+
+    def __init__(self, session: Session, guard: Guard, address: str, port: int) -> None:
+        """Start to listen. Raises ServerError.
+
+        Args:
+            session: Receives the messages of browsers.
+            guard: Checks access.
+            address: To listen on.
+            port: A port; 0 selects a free one.
+        """
+        self._session = session
+        self._guard = guard
+        self._browsers: dict[str, _Browser] = {}
+        self._numbers = count(1)
+        self._own = token_hex(3)
+        self._sockets: set[asyncio.Transport] = set()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        try:
+            self._listening: Listening = self._run(self._listen(address, port))
+        except (OSError, OverflowError, UnicodeError) as error:
+            self._end()
+            hint = "; --port 0 selects a free one" if isinstance(error, OSError) else ""
+            what = getattr(error, "strerror", None) or error
+            raise ServerError(f"cannot listen on {address}, port {port}: {what}{hint}") from None
+        session.browsers = self
+
+    @property
+    def port(self) -> int:
+        port: int = next(iter(self._listening.sockets)).getsockname()[1]
+        return port
+
+    @property
+    def watched(self) -> bool:
+        return bool(self._browsers)
+
+    def __enter__(self) -> Server:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._session.browsers = None
+        self._run(self._close())
+        self._end()
+
+    # For the session, on its thread --------------------------------------------------------------
+
+    def ready(self, browser: str) -> bool:
+        found = self._browsers.get(browser)
+        return found is not None and found.ready
+
+    def send(self, browser: str, data: bytes) -> None:
+        found = self._browsers.get(browser)
+        if found is not None:
+            found.ready = False
+            self._loop.call_soon_threadsafe(self._queue_shown, found, data)
+
+    def answer(self, browser: str, data: bytes) -> None:
+        found = self._browsers.get(browser)
+        if found is not None:
+            self._loop.call_soon_threadsafe(self._queue_answer, found, data)
+
+    # On its own thread ---------------------------------------------------------------------------
+
+    async def _listen(self, address: str, port: int) -> Listening:
+        return await serve(
+            self._serve,
+            address,
+            port,
+            process_request=self._check,
+            select_subprotocol=_subprotocol,
+            compression=None,  # it costs time and saves little for small messages
+            max_size=2 * LONGEST,
+            max_queue=16,
+            ping_interval=PING_S,
+            ping_timeout=PING_S,
+            open_timeout=OPEN_S,
+            close_timeout=CLOSE_S,
+            create_connection=_counted(self._sockets),
+            server_header=None,
+            logger=logger,
+        )
+
+    def _check(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The response to a request; None for a WebSocket that is allowed.
+
+        Files need no token, only valid headers.
+        """
+        headers = request.headers
+        refusal = self._guard.refusal(_one(headers, "Host"), _one(headers, "Origin"))
+        path = request.path.partition("?")[0]
+        if refusal is None and path in (SOCKET, ALLOWED):
+            token = bearer(_one(headers, "Authorization"))
+            if token is None:
+                token = token_in(_offered(headers))
+            refusal = self._guard.admit(token)
+            if refusal is None and path == SOCKET and len(self._browsers) >= MOST:
+                refusal = Refusal(503, f"{MOST} browsers are connected already")
+        if refusal is not None:
+            return _response(connection, refusal.status, refusal.why.encode(), "text/plain")
+        if path == SOCKET:
+            return None
+        if path == ALLOWED:
+            return _response(connection, 200, b"", "text/plain")
+        found = web_files().get("/index.html" if path == "/" else path)
+        if found is None:
+            return _response(connection, 404, b"not found", "text/plain")
+        data, kind = found
+        return _response(connection, 200, data, kind)
+
+    async def _serve(self, connection: ServerConnection) -> None:
+        peer = connection.remote_address
+        # Unique across pages and restarts, so that no browser takes over another one's stick.
+        name = f"page {next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
+        browser = self._browsers[name] = _Browser(connection)
+        writing = asyncio.create_task(self._write(browser))
+        self._session.on_connect(name)
+        try:
+            async for data in connection:
+                self._session.on_message(name, data)
+        except ConnectionClosed:
+            pass
+        finally:
+            del self._browsers[name]
+            self._session.on_disconnect(name)
+            writing.cancel()
+
+    async def _write(self, browser: _Browser) -> None:
+        """Send all answers and the newest data to show; a slow browser skips older data."""
+        try:
+            while True:
+                await browser.wake.wait()
+                browser.wake.clear()
+                while not browser.answers.empty():
+                    await browser.connection.send(browser.answers.get_nowait().decode())
+                shown, browser.shown = browser.shown, None
+                if shown is not None:
+                    await browser.connection.send(shown.decode())
+                    browser.ready = True
+        except ConnectionClosed:
+            pass
+
+    def _queue_shown(self, browser: _Browser, data: bytes) -> None:
+        browser.shown = data
+        browser.wake.set()
+
+    def _queue_answer(self, browser: _Browser, data: bytes) -> None:
+        if browser.answers.full():
+            browser.connection.transport.abort()
+            return
+        browser.answers.put_nowait(data)
+        browser.wake.set()
+
+    async def _close(self) -> None:
+        self._listening.close()
+        closing = asyncio.ensure_future(self._listening.wait_closed())
+        await asyncio.wait([closing], timeout=CLOSE_S)
+        for each in self._sockets:  # a connection without a request would last OPEN_S
+            each.abort()
+        await closing
+
+    def _run(self, call: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(call, self._loop).result()
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+def _counted(sockets: set[asyncio.Transport]) -> type[ServerConnection]:
+    """A class of connections that are in a set while open, and at most `SOCKETS`."""
+
+    class Counted(ServerConnection):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            sockets.add(self.transport)
+            if len(sockets) > SOCKETS:
+                self.transport.abort()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            sockets.discard(self.transport)
+            super().connection_lost(exc)
+
+    return Counted
+
+
+def _subprotocol(
+    _connection: ServerConnection, offered: Sequence[Subprotocol]
+) -> Subprotocol | None:
+    """The page's subprotocol; the token offered beside it is not repeated."""
+    return next((each for each in offered if each == PROTOCOL), None)
+
+
+def _offered(headers: Headers) -> list[str]:
+    found = headers.get_all("Sec-WebSocket-Protocol")
+    return [word.strip() for line in found for word in line.split(",")]
+
+
+def _one(headers: Headers, name: str) -> str | None:
+    """A header's value; an invalid value if it occurs twice."""
+    found = headers.get_all(name)
+    return None if not found else found[0] if len(found) == 1 else "\0"
+
+
+def _response(connection: ServerConnection, status: int, data: bytes, kind: str) -> Response:
+    made = connection.respond(HTTPStatus(status), "")
+    made.body = data
+    wanted = {**HEADERS, "Content-Type": kind, "Content-Length": str(len(data))}
+    for name, value in wanted.items():
+        if name in made.headers:
+            del made.headers[name]
+        made.headers[name] = value
+    return made
+
+
+@cache
+def web_files() -> dict[str, tuple[bytes, str]]:
+    """The served files by path: content and type."""
+    return {
+        f"/{each.name}": (each.read_bytes(), TYPES[suffix])
+        for each in (files("armadico.watch.page") / "web").iterdir()
+        if (suffix := each.name[each.name.rfind(".") :]) in TYPES
+    }

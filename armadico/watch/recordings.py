@@ -1,0 +1,338 @@
+"""Reading recordings: all messages in order, and the agents' journals.
+
+All exports, explanations and replays use it. An incomplete file (recorder killed, disk full) is
+read up to its end. Of a damaged file all intact chunks are read.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import count, groupby
+from operator import itemgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from msgspec import Struct
+
+from armadico.core.messages import (
+    PROTOCOL,
+    BidHistory,
+    BidRecord,
+    JournalPiece,
+    Message,
+    MessageError,
+    TomlValue,
+    decode,
+)
+from armadico.core.services import message_types
+from armadico.observe.journals import JOURNAL, Journal, Pieces, without
+from armadico.observe.watching import from_object
+from armadico.watch.recorder import PROFILE, REFUSED, SCHEMA_PREFIX, Here, part
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Schema
+
+
+@cache
+def kinds() -> dict[str, type[Struct]]:
+    """The types by schema name: every installed message."""
+    types: tuple[type[Struct], ...] = (*message_types(), Here)
+    return {SCHEMA_PREFIX + kind.__name__: kind for kind in types}
+
+
+HERE: Final = SCHEMA_PREFIX + Here.__name__
+
+Warn = Callable[[str], None]
+
+
+class RecordingError(ValueError):
+    """The file is not a recording."""
+
+
+Stored = tuple[Path, tuple[int, int]]  # where a message is: file and `salvage.Place`
+
+
+def stored(places: Iterable[Stored]) -> Iterator[bytes]:
+    """The payloads of messages at some places; one chunk is in memory at a time.
+
+    Raises ValueError if a file has changed, and OSError.
+    """
+    from armadico.observe.salvage import Messages
+
+    for path, those in groupby(places, key=itemgetter(0)):
+        with path.open("rb") as stream:
+            messages = Messages(stream)
+            for _, place in those:
+                try:
+                    yield messages.read(place)
+                except OSError:
+                    raise
+                except Exception as error:  # decoders can raise anything on changed bytes
+                    raise ValueError(f"{path} has changed: {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One message of a recording; `t` is its time of arrival, ns since 1970."""
+
+    t: int
+    namespace: str
+    key: str
+    schema: str  # such as "armadico.Pose"; empty for an unknown payload
+    data: bytes  # JSON if there is a schema, else the raw payload
+    place: Stored
+
+    @property
+    def topic(self) -> str:
+        return f"/{self.namespace}/{self.key}"
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The message by field names; empty for an unknown payload."""
+        found: dict[str, Any] = json.loads(self.data) if self.schema else {}
+        return found
+
+    @property
+    def message(self) -> Message | None:
+        """The message; None for other data. Raises MessageError if it does not fit its type."""
+        kind = kinds().get(self.schema)
+        if kind is None or not issubclass(kind, Message):
+            return None
+        return from_object(kind, self.fields)
+
+    @property
+    def received(self) -> Message | None:
+        """The message as a watcher received it; None if it cannot be decoded.
+
+        A bid comes in a `BidHistory`.
+        """
+        if self.key.endswith(REFUSED):
+            return None
+        try:
+            message = self.message
+        except MessageError:
+            return None
+        if isinstance(message, BidRecord):
+            return BidHistory(self.key.split("/")[2], (message,))
+        return message
+
+
+def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterator[Row]:
+    """The messages of a file in the order of arrival; one chunk is in memory at a time.
+
+    Damaged parts are skipped up to the next intact chunk. `warn` receives a text about missing
+    messages, with times in s from the first message. `about` receives the file's metadata before
+    the first message is yielded.
+
+    Raises RecordingError if the file is not a recording, and OSError.
+    """
+    from mcap.records import (
+        Channel,
+        Footer,
+        Message,
+        Metadata,
+        Schema,
+        Statistics,
+    )
+
+    from armadico.observe.salvage import MAGIC, described, records
+
+    damage, schemas, channels = _Damage(path, warn), dict[int, Schema](), dict[int, Channel]()
+    with path.open("rb") as stream:
+        if (start := stream.read(len(MAGIC))) != MAGIC:
+            what = "was cut short in its first bytes" if start else "is empty"
+            what = what if MAGIC.startswith(start) else "is not an MCAP file"
+            raise RecordingError(f"{path} {what}")
+        for record, place in records(stream):
+            kept = [] if record is None else [record]
+            lacks = isinstance(record, Message) and record.channel_id not in channels
+            if record is None or (lacks and not damage.found):
+                damage.skipped()
+                with path.open("rb") as again:
+                    kept = described(again)  # the summary may repeat skipped schemas and channels
+            for one in kept:
+                if isinstance(one, Schema):
+                    schemas[one.id] = one
+                elif isinstance(one, Channel):
+                    channels[one.id] = one
+                elif isinstance(one, Metadata) and one.name == PROFILE and about is not None:
+                    about.update(one.metadata)
+            if isinstance(record, Message) and record.channel_id in channels:
+                damage.read(record.log_time)
+                channel = channels[record.channel_id]
+                schema = schemas.get(channel.schema_id)
+                if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # else a translator's
+                    yield _row(channel, schema, record.log_time, record.data, (path, place))
+            elif isinstance(record, Statistics):
+                damage.counted(record.message_count)
+            elif isinstance(record, Footer):
+                damage.whole = True
+    damage.finish()
+
+
+class _Damage:
+    """Reports missing messages of a file."""
+
+    def __init__(self, path: Path, warn: Warn) -> None:
+        self.whole = False  # its end was read
+        self.found = False  # damaged parts were skipped
+        self._path, self._warn = path, warn
+        self._messages = self._first = self._last = 0  # times in ns since 1970
+        self._gap = False
+        self._missing: int | None = None
+
+    def read(self, t: int) -> None:
+        self._first = self._first if self._messages else t
+        if self._gap:
+            self._gap = False
+            between = f"between {self._seconds(self._last)} and {self._seconds(t)}"
+            where = f": messages {between} are missing" if self._messages else " at its beginning"
+            self._warn(f"{self._path} is damaged{where}")
+        self._messages, self._last = self._messages + 1, t
+
+    def skipped(self) -> None:
+        self._gap = self.found = True
+
+    def counted(self, messages: int) -> None:
+        """Compare with the number of messages in the file's statistics."""
+        self._missing = messages - self._messages
+
+    def finish(self) -> None:
+        """Report at the end of the readable part."""
+        read = f"{self._messages} messages could be read"
+        until = f", up to {self._seconds(self._last)}" if self._messages else ""
+        if not self.whole:
+            self._warn(f"{self._path} was cut short: {read}{until}")
+        elif self._missing:
+            self._warn(f"{self._path} is damaged: {read}, {self._missing} could not")
+        elif self._gap or self._missing is None:
+            self._warn(f"{self._path} is damaged near its end: {read}{until}")
+
+    def _seconds(self, t: int) -> str:
+        return f"{(t - self._first) / 1e9:.1f} s"
+
+
+def _row(channel: Channel, schema: Schema | None, t: int, data: bytes, place: Stored) -> Row:
+    topic = channel.topic.strip("/")
+    namespace = channel.metadata.get("namespace", topic.partition("/")[0])
+    key = channel.metadata.get("key", topic.partition("/")[2])
+    name = schema.name if schema is not None and channel.message_encoding == "json" else ""
+    return Row(t, namespace, key, name, data, place)
+
+
+def _read_pieces(places: Iterable[Stored]) -> Iterator[bytes]:
+    """The contents of pieces of journals, in order. Raises ValueError and OSError."""
+    for data in stored(places):
+        yield decode(data, JournalPiece).data
+
+
+def messages_of(
+    path: Path, kinds: Collection[type[Message]], namespace: str | None, warn: Warn
+) -> tuple[list[tuple[float, Message]], dict[str, TomlValue]]:
+    """One robot's messages of some kinds in a recording, with their times, s.
+
+    With them the parameters of its agents that the journals have: the world, the robot's profile.
+    Raises RecordingError and OSError.
+
+    Args:
+        path: The file, or the first of several.
+        kinds: The types of messages.
+        namespace: The robot; None: the only one.
+        warn: Receives a text about each damaged or incomplete file.
+    """
+    past = Past(path, warn)
+    past.check()
+    schemas = {SCHEMA_PREFIX + kind.__name__ for kind in kinds}
+    found: dict[str, list[tuple[float, Message]]] = {}
+    for row in past.rows():
+        if row.schema in schemas and (message := row.message) is not None:
+            found.setdefault(row.namespace, []).append((row.t / 1e9, message))
+    names = ", ".join(sorted(found))
+    if namespace is not None and namespace not in found:
+        raise RecordingError(f"holds no messages of {namespace!r}; it has {names}")
+    if namespace is None and len(found) > 1:
+        raise RecordingError(f"holds several robots: choose one of {names}")
+    if not found:
+        raise RecordingError("holds no odometry: no state of a robot")
+    robot = namespace or next(iter(found))
+    given: dict[str, TomlValue] = {}
+    for each in past.journals():
+        if each.namespace == robot and each.head:
+            given = {k: v for k, v in each.head.parameters.items() if v} | given
+    return found[robot], given
+
+
+class Past:
+    """A recording with all its files: messages and journals."""
+
+    def __init__(self, path: Path, warn: Warn) -> None:
+        """Read the metadata and the first message.
+
+        Args:
+            path: The file, or the first of several.
+            warn: Receives a text about each damaged or incomplete file.
+
+        Raises RecordingError and OSError.
+        """
+        self.path = path
+        self.about: dict[str, str] = {}
+        self.damage: list[str] = []  # texts of the last call of `rows`, as far as it was iterated
+        self._warn = warn
+        first = next(rows(path, lambda _: None, self.about), None)
+        self.began = 0.0 if first is None else first.t / 1e9  # s since 1970
+
+    @property
+    def paths(self) -> list[Path]:
+        further = (part(self.path, number) for number in count(1))
+        found = [self.path]
+        for path in further:
+            if not path.is_file():
+                return found
+            found.append(path)
+        raise AssertionError("there are not endless files")
+
+    def check(self) -> None:
+        """Raises RecordingError if it was recorded with another protocol than this program's."""
+        protocol = self.about.get("protocol")
+        if protocol is None:
+            raise RecordingError(
+                f"{self.path} does not name its protocol: another program wrote it, or its"
+                " beginning is missing; make one with `armadico record` or `armadico run --record`"
+            )
+        if protocol != str(PROTOCOL):
+            version = self.about.get("version", "")
+            raise RecordingError(
+                f"{self.path} was recorded with protocol {protocol}, but this program uses"
+                f" {PROTOCOL}: `pip install` the version that recorded it"
+                f"{', ' * bool(version)}{version}"
+            )
+
+    def rows(self) -> Iterator[Row]:
+        """All messages in the order of arrival. Raises RecordingError and OSError."""
+        self.damage = []
+        for path in self.paths:
+            yield from rows(path, self._damaged)
+
+    def _damaged(self, text: str) -> None:
+        self.damage.append(text)
+        self._warn(text)
+
+    def journals(self, instances: Collection[str] | None = None) -> list[Journal]:
+        """The journals of these instances, or of all, as far as they were recorded.
+
+        An agent that kept no journal has an empty one, with a `fault`. Contents stay in the file
+        and are read from it at each iteration.
+        """
+        pieces, there = Pieces(_read_pieces), set()
+        for row in self.rows():
+            if row.key.startswith(JOURNAL) and not row.schema:
+                if instances is None or row.key.removeprefix(JOURNAL) in instances:
+                    pieces.add(row.namespace, row.data, row.t, row.place)
+            elif row.schema == HERE and (instances is None or row.fields["instance"] in instances):
+                there.add((row.namespace, row.fields["instance"]))
+        found = pieces.journals()
+        kept = {(journal.namespace, journal.instance) for journal in found}
+        return found + [without(*agent) for agent in sorted(there - kept)]

@@ -1,0 +1,300 @@
+"""Where a robot's socket is, which process listens on it, and which robots are a fleet."""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+
+from armadico.mesh.sockets import (
+    LONGEST,
+    RUNTIME_VARIABLE,
+    endpoint,
+    folder,
+    holder,
+    peer_sockets,
+    peers_here,
+    socket_of,
+    stop,
+)
+from armadico.mesh.topology import MeshError, TopologyError, topology
+from armadico.mesh.zenoh import ZenohMesh
+from tests.runtime_folder import fresh_folder
+
+from .conftest import SpawnRouter
+
+
+@pytest.fixture
+def base(monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder with a short path, for the sockets of one test."""
+    made = Path(fresh_folder())
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(made))
+    return made
+
+
+@pytest.fixture
+def without_runtime_folder(base: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """No folder is given, and the folder for temporary files is empty."""
+    monkeypatch.delenv(RUNTIME_VARIABLE)
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(base))
+    return base
+
+
+@contextmanager
+def listening(path: Path) -> Iterator[None]:
+    """Listen on a socket as a router does; afterwards its file is left behind, as by a kill."""
+    path.unlink(missing_ok=True)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:
+        server.bind(str(path))
+        server.listen()
+        yield
+
+
+# The folder ---------------------------------------------------------------------------------------
+
+
+def test_sockets_are_in_a_folder_of_this_users_alone(base: Path) -> None:
+    assert socket_of("robot1") == base / "armadico" / "robot1.sock"
+    assert stat.S_IMODE(folder().stat().st_mode) == 0o700
+
+
+def test_without_a_runtime_folder_they_are_in_one_of_this_users_beside_temporary_files(
+    without_runtime_folder: Path,
+) -> None:
+    made = folder()
+    assert made.parent == without_runtime_folder
+    assert str(os.getuid()) in made.name
+    assert stat.S_IMODE(made.stat().st_mode) == 0o700
+
+
+def test_a_runtime_folder_that_does_not_exist_counts_as_none(
+    without_runtime_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(without_runtime_folder / "missing"))
+    assert folder().parent == without_runtime_folder
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root can write to every folder")
+def test_a_runtime_folder_that_cannot_be_written_to_counts_as_none(
+    without_runtime_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shut = without_runtime_folder / "shut"
+    shut.mkdir(mode=0o500)
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(shut))
+    assert folder().parent == without_runtime_folder
+
+
+def test_a_folder_that_cannot_be_made_is_an_error_that_names_it(base: Path) -> None:
+    in_its_place = base / "armadico"
+    in_its_place.write_text("a file")
+    with pytest.raises(TopologyError, match=f"{in_its_place}.*{RUNTIME_VARIABLE}"):
+        folder()
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
+def test_a_folder_that_others_can_write_to_is_refused(base: Path, mode: int) -> None:
+    folder().chmod(mode)
+    with pytest.raises(TopologyError, match=f"chmod 700 {base / 'armadico'}"):
+        socket_of("robot1")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to another user")
+def test_a_folder_of_another_user_is_refused(base: Path) -> None:
+    os.chown(folder(), os.getuid() + 1, -1)
+    with pytest.raises(TopologyError, match=f"{base / 'armadico'} belongs to another user"):
+        folder()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give a folder to another user")
+@pytest.mark.parametrize("home", [True, False])
+def test_beside_temporary_files_another_user_can_be_first_and_it_costs_nothing(
+    without_runtime_folder: Path, monkeypatch: pytest.MonkeyPatch, home: bool
+) -> None:
+    os.chown(folder(), 65534, 65534)
+    if home:
+        monkeypatch.setenv("HOME", str(without_runtime_folder))
+        assert folder() == without_runtime_folder / ".armadico.run"
+        assert folder().stat().st_uid == os.getuid()
+        return
+
+    def none() -> Path:
+        raise RuntimeError("could not determine home directory")
+
+    monkeypatch.setattr(Path, "home", none)
+    with pytest.raises(TopologyError, match=f"another user; set {RUNTIME_VARIABLE}"):
+        folder()
+
+
+@pytest.mark.live
+def test_a_folder_where_the_socket_would_be_is_an_error_that_says_so(base: Path) -> None:
+    socket_of("robot1").mkdir()
+    mesh = ZenohMesh("robot1", topology(router=True))
+    with pytest.raises(MeshError, match="is a folder, and the socket would be there: remove it"):
+        mesh.open()
+    assert base.exists()
+
+
+CAUGHT = """
+import fcntl, signal, sys
+signal.signal(signal.SIGUSR1, lambda *_: print("stopped", flush=True))
+file = open(sys.argv[1], "w")
+fcntl.flock(file, fcntl.LOCK_EX)
+print("locked", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_stop_is_a_signal_to_the_process_that_has_the_lock_if_it_knows_the_signal(
+    base: Path,
+) -> None:
+    assert base.exists()
+    lock = socket_of("robot1").with_name("robot1.sock.lock")
+    pipe = subprocess.PIPE
+    words = [sys.executable, "-c", CAUGHT, str(lock)]
+    assert stop("robot1") is None, "no process"
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "locked\n"
+        assert stop("robot2") is None, "another robot"
+        assert stop("robot1") == process.pid
+        assert process.stdout.readline() == "stopped\n"
+        process.communicate("")
+    words[2] = "\n".join(row for row in CAUGHT.splitlines() if "SIGUSR1" not in row)
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        assert stop("robot1") is None, "the signal would end it"
+        process.communicate("")
+        assert process.returncode == 0
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("router", [False, True])
+def test_a_process_that_joins_gets_the_error_at_once(base: Path, router: bool) -> None:
+    folder().chmod(0o777)
+    with pytest.raises(TopologyError, match=f"chmod 700 {base / 'armadico'}"):
+        ZenohMesh("robot1", topology(router=router)).open()
+
+
+# Paths --------------------------------------------------------------------------------------------
+
+LONG = "a-robot-with-a-name-that-is-as-long-as-it-may-be-" + "x" * 40
+NAMES = [LONG, LONG[:-1] + "y", f"lab/{LONG}", f"lab/{LONG[:-1]}y", f"yard/{LONG}"]
+
+
+def test_every_namespace_has_a_socket_of_its_own_that_the_system_takes(base: Path) -> None:
+    short = ["robot1", "robot-1", "lab/r1", "lab-r1", "lab_r1", "lab.r1", "lab/r/1", "r1"]
+    paths = [socket_of(name) for name in (*NAMES, *short)]
+    assert len(set(paths)) == len(paths)
+    for path in paths:
+        assert path.parent == base / "armadico"
+        with listening(path):
+            assert holder(path) is not None
+
+
+def test_a_long_namespace_has_the_same_socket_each_time(base: Path) -> None:
+    assert socket_of(LONG) == socket_of(LONG)
+    assert LONG not in str(socket_of(LONG))
+
+
+def test_a_folder_with_too_long_a_path_is_an_error_that_names_the_limit(
+    base: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = base / ("d" * LONGEST)
+    deep.mkdir()
+    monkeypatch.setenv(RUNTIME_VARIABLE, str(deep))
+    with pytest.raises(TopologyError, match=f"{LONGEST}.*{RUNTIME_VARIABLE}"):
+        socket_of("robot1")
+
+
+@pytest.mark.live
+def test_robots_with_long_namespaces_find_their_routers(base: Path) -> None:
+    with ExitStack() as stack:
+        for name in NAMES[:2]:
+            stack.enter_context(ZenohMesh(name, topology(router=True)))
+            client = stack.enter_context(ZenohMesh(name, topology()))
+            assert client.wait_joined(10.0)
+
+
+# Which process listens ----------------------------------------------------------------------------
+
+
+def test_the_holder_of_a_socket_is_the_process_that_listens_on_it(base: Path) -> None:
+    path = base / "a.sock"
+    assert holder(path) is None
+    with listening(path):
+        found = holder(path)
+        assert found is not None
+        assert (found.pid, found.uid) == (os.getpid(), os.getuid())
+    assert path.exists()
+    assert holder(path) is None, "the process that left it behind has ended"
+
+
+@pytest.mark.live
+def test_a_second_router_of_a_namespace_is_an_error_that_names_the_process_of_the_first(
+    spawn_router: SpawnRouter,
+) -> None:
+    first = spawn_router("twice")
+    with pytest.raises(MeshError, match=rf"\b{first.pid}\b.*'twice'"):
+        ZenohMesh("twice", topology(router=True)).open()
+    with ZenohMesh("twice", topology()) as client:
+        assert client.wait_joined(10.0), "the first goes on"
+    first.kill()
+    first.wait()
+    with ZenohMesh("twice", topology(router=True)), ZenohMesh("twice", topology()) as client:
+        assert client.wait_joined(10.0), "a killed router leaves nothing in the way"
+
+
+# Fleets -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "is_fleet"),
+    [
+        ("r1", "r2", True),
+        ("lab/r1", "lab/r2", True),
+        ("a/b/r1", "a/b/r2", True),
+        (f"lab/{LONG}", "lab/r1", True),
+        (f"lab/{LONG}", f"lab/{LONG[:-1]}y", True),
+        (LONG, "r1", True),
+        ("r1", "lab/r1", False),
+        ("lab/r1", "yard/r1", False),
+        ("lab/r1", "lab/a/r1", False),
+        ("lab/r1", "la/r1", False),
+        (f"lab/{LONG}", f"yard/{LONG}", False),
+        (f"lab/{LONG}", LONG, False),
+    ],
+)
+@pytest.mark.usefixtures("base")
+def test_robots_whose_namespaces_have_the_same_beginning_are_a_fleet(
+    one: str, other: str, is_fleet: bool
+) -> None:
+    with listening(socket_of(one)), listening(socket_of(other)):
+        assert (socket_of(other) in peer_sockets(one)) == is_fleet
+        assert (socket_of(one) in peer_sockets(other)) == is_fleet
+        assert (endpoint(socket_of(other)) in peers_here(one)) == is_fleet
+
+
+@pytest.mark.usefixtures("base")
+def test_a_robot_whose_router_was_killed_is_not_here_though_its_socket_is() -> None:
+    with listening(socket_of("lab/r2")):
+        pass
+    assert peer_sockets("lab/r1") == [socket_of("lab/r2")]
+    assert peers_here("lab/r1") == ()
+
+
+def test_a_socket_that_was_deleted_under_a_router_is_reported_with_the_remedy(base: Path) -> None:
+    with ZenohMesh("robot1", topology(router=True)):
+        socket_of("robot1").unlink()
+        with ZenohMesh("robot1", topology(), starts=True) as mesh:
+            assert "was deleted while a robot agent listens on it" in mesh.missing
+            assert "`armadico down`" in mesh.missing
+    with ZenohMesh("robot1", topology(), starts=True) as mesh:
+        assert "start one with `armadico up`" in mesh.missing

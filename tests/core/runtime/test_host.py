@@ -1,0 +1,724 @@
+"""Several agents in one process; messages that cannot be sent, floods and strangers end none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import cbor2
+import pytest
+
+from armadico.core import messages as m
+from armadico.core.agent import INFO, WARNING, Agent, Publish, Question, SendQuery
+from armadico.core.driver import LINES, LINES_A_S, OPEN_QUERIES, REPORT_S, Announce, Driver
+from armadico.core.exchange import Bid
+from armadico.core.mailbox import EVENTS
+from armadico.core.messages import (
+    Ack,
+    Ask,
+    Ballot,
+    BidHistory,
+    Card,
+    Claim,
+    Command,
+    Cycle,
+    Log,
+    Message,
+    RobotState,
+    Stop,
+    encode,
+)
+from armadico.core.resources import WHEELS, Resource
+from armadico.mobile.messages import (
+    MissionState,
+    MissionStatus,
+    Plan,
+    PlanRequest,
+    Pose,
+    Trajectory,
+    Waypoint,
+)
+from armadico.runtime import process
+from armadico.runtime.inbox import Inbox
+from armadico.runtime.process import AgentHost, identity
+from tests.core.mesh.fakes import Clock, FakeCall, FakeMesh, on_a_fake
+
+
+class Poser(Agent):
+    """Turns states into poses, and answers plans."""
+
+    name = "poser"
+    provides: ClassVar[tuple[type[Message], ...]] = (Pose,)
+    answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+    x: float = 1.0
+
+    def on_robot_state(self, state: RobotState) -> None:
+        self.publish(Pose(state.cycle, self.x, 0.0, 0.0))
+
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
+        return Plan((), self.x)
+
+
+class Watcher(Agent):
+    """Keeps the poses and the states."""
+
+    name = "watcher"
+    receives: ClassVar[tuple[type[Message], ...]] = (Pose,)
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.poses: list[Pose] = []
+        self.states: list[RobotState] = []
+
+    def on_pose(self, pose: Pose) -> None:
+        self.poses.append(pose)
+
+    def on_robot_state(self, state: RobotState) -> None:
+        self.states.append(state)
+
+
+class Hand(Agent):
+    """Bids `next` for the wheels."""
+
+    name = "hand"
+    reacts_to = Ack
+    competes_for = (WHEELS,)
+    next: Bid | None = Bid(0.5, (0.1, 0.2))
+
+    def bid(self, message: Any) -> Bid | None:
+        return self.next
+
+
+def state(number: int) -> RobotState:
+    return RobotState(Cycle(7, number), 0, 0, 0, 0, 0, 12.5, True, False)
+
+
+def play(host: AgentHost, *steps: Callable[[], Any]) -> None:
+    """Run the host; each step runs once the deliveries of the previous one are done."""
+
+    def step(left: tuple[Callable[[], Any], ...]) -> None:
+        if not left:
+            host.request_stop()
+            return
+        left[0]()
+        host.inbox.put("test", step, left[1:])
+
+    host.inbox.put("test", step, steps)
+    host.live()
+
+
+def logs(mesh: FakeMesh) -> list[str]:
+    return [message.text for message in mesh.messages if isinstance(message, Log)]
+
+
+# Composition --------------------------------------------------------------------------------------
+
+
+def test_what_one_publishes_reaches_another_of_its_process_as_it_is() -> None:
+    poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
+    host, mesh = on_a_fake(poser, watcher)
+    play(host, lambda: mesh.receive("robot/state", state(1)))
+    (sent,) = [message for message in mesh.messages if isinstance(message, Pose)]
+    assert len(watcher.poses) == 1
+    assert watcher.poses[0] is sent, "neither encoded nor decoded"
+
+
+def test_what_a_neighbour_is_given_is_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    encoded: list[bytes] = []
+    dumps = cbor2.dumps
+
+    def counted(plain: Any) -> bytes:
+        encoded.append(dumps(plain))
+        return encoded[-1]
+
+    poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
+    host, mesh = on_a_fake(poser, watcher)
+    monkeypatch.setattr("cbor2.dumps", counted)
+    play(host, lambda: mesh.receive("robot/state", state(1)))
+    both = zip(mesh.sent, mesh.messages, strict=True)
+    (pose,) = [data for data, message in both if type(message) is Pose]
+    assert [m.decode(pose, Pose)] == watcher.poses
+    assert encoded.count(pose) == 1
+
+
+def test_what_several_listen_to_is_subscribed_and_decoded_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    decoded: list[bytes] = []
+    decode = m.decode
+
+    def counted(data: bytes, kind: Any) -> Any:
+        decoded.append(data)
+        return decode(data, kind)
+
+    monkeypatch.setattr(process, "decode", counted)
+    monkeypatch.setattr("armadico.core.driver.decode", counted)
+    watchers = [Watcher(identity("watcher")) for _ in range(3)]
+    host, mesh = on_a_fake(*watchers)
+    play(host, lambda: mesh.receive("robot/state", state(1)))
+    assert len(decoded) == 1
+    assert watchers[0].states[0] is watchers[1].states[0] is watchers[2].states[0]
+
+
+def test_each_has_a_token_a_card_and_bids_of_its_own() -> None:
+    agents = Poser(identity("poser")), Watcher(identity("watcher"))
+    host, mesh = on_a_fake(*agents)
+    play(host)
+    assert sorted(mesh.tokens) == sorted((agent.name, agent.instance) for agent in agents)
+    for agent in agents:
+        key = f"agent/{agent.name}/{agent.instance}"
+        for about, kind in (("card", Card), ("bids", BidHistory)):
+            call = FakeCall(f"{key}/{about}", Ask())
+            host._stopping.clear()
+            play(host, lambda call=call: mesh.answers[call.key](call))  # type: ignore[misc]
+            (reply,) = call.replies
+            assert isinstance(reply, kind)
+            assert reply.instance == agent.instance
+
+
+def test_an_agent_does_not_receive_its_own_token_but_all_others() -> None:
+    seen: list[tuple[str, str]] = []
+
+    class Greeter(Watcher):
+        def on_appeared(self, name: str, instance: str) -> None:
+            seen.append((self.instance, instance))
+
+    agents = [Greeter(identity("watcher")) for _ in range(2)]
+    host, mesh = on_a_fake(*agents)
+
+    def news() -> None:
+        for agent in agents:
+            mesh.changed(agent.name, agent.instance, True)
+        mesh.changed("goto", "goto-1", True)
+
+    play(host, news)
+    first, second = (agent.instance for agent in agents)
+    assert sorted(seen) == sorted(
+        [(first, second), (second, first), (first, "goto-1"), (second, "goto-1")]
+    )
+
+
+def test_an_agent_that_fails_ends_the_process_and_the_others_release() -> None:
+    class Failing(Watcher):
+        def on_pose(self, pose: Pose) -> None:
+            raise RuntimeError("cannot bear it")
+
+    hand = Hand(identity("hand"))
+    left: list[str] = []
+    hand.kernel.leave = lambda now: left.append("hand")  # type: ignore[method-assign]
+    host, mesh = on_a_fake(Poser(identity("poser")), Failing(identity("watcher")), hand)
+    with pytest.raises(RuntimeError, match="cannot bear it"):
+        play(host, lambda: mesh.receive("robot/state", state(1)))
+    host.leave()
+    assert left == ["hand"]
+
+
+def test_an_agent_that_may_not_join_ends_the_process_with_the_reason() -> None:
+    class Only(Agent):
+        name = "only"
+        alone = True
+
+    clock = Clock()
+    host, mesh = on_a_fake(Only(identity("only")), clock=clock, admit=True)
+    other = Card("only", "only-1", "lab3", 42, "1", m.PROTOCOL, (), (), (), tenure=99)
+
+    def answer() -> None:
+        ((each, _),) = mesh.queries
+        each(mesh.query_keys[0], encode(other))
+
+    host.inbox.put("test", lambda: mesh.changed("only", "only-1", True))
+    host.inbox.put("later", lambda: host.inbox.put("test", answer))
+    host.live()
+    assert "another only agent is alive already: only-1 (host lab3, pid 42" in host.refusal
+    assert mesh.tokens == []
+
+
+# What cannot be sent ------------------------------------------------------------------------------
+
+
+def test_a_publication_that_cannot_be_sent_is_counted_logged_and_dropped() -> None:
+    poser = Poser(identity("poser"))
+    host, mesh = on_a_fake(poser)
+    poser.x = 2e6
+
+    def mended() -> None:
+        poser.x = 3.0
+        mesh.receive("robot/state", state(2))
+
+    play(host, lambda: mesh.receive("robot/state", state(1)), mended)
+    assert [message.x for message in mesh.messages if isinstance(message, Pose)] == [3.0]
+    assert any("1 x on encoder/pose: Pose cannot be sent" in text for text in logs(mesh))
+
+
+@pytest.mark.parametrize("x", [2e6, math.nan, math.inf, "far"])
+def test_what_cannot_be_sent_does_not_reach_a_neighbour_of_the_process_either(x: Any) -> None:
+    poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
+    host, mesh = on_a_fake(poser, watcher)
+    poser.x = x
+
+    def mended() -> None:
+        poser.x = 3.0
+        mesh.receive("robot/state", state(2))
+
+    play(host, lambda: mesh.receive("robot/state", state(1)), mended)
+    assert [pose.x for pose in watcher.poses] == [3.0]
+    assert [message.x for message in mesh.messages if isinstance(message, Pose)] == [3.0]
+    assert any("1 x on encoder/pose: Pose cannot be sent" in text for text in logs(mesh))
+
+
+def test_what_is_too_large_for_the_mesh_is_for_a_neighbour_too() -> None:
+    class Loud(Poser):
+        def on_robot_state(self, state: RobotState) -> None:
+            large = bytes(m.LARGEST_PAYLOAD // 2)
+            ballot = Ballot(1, 0.5, False, self.instance)
+            claim = Claim("wheels", ballot, state.cycle, 0.5, False, large, large)
+            self.kernel.outbox.append(Publish(WHEELS.utility_key, claim))
+
+    received: list[Message] = []
+    hand = Hand(identity("hand"))
+    hand.kernel.receive = lambda message, now: received.append(message)  # type: ignore[method-assign]
+    host, mesh = on_a_fake(Loud(identity("poser")), hand)
+    play(host, lambda: mesh.receive("robot/state", state(1)))
+    assert received == [state(1)]
+    assert any("Claim cannot be sent" in text for text in logs(mesh))
+
+
+def test_a_reply_that_cannot_be_sent_is_counted_logged_and_dropped() -> None:
+    poser = Poser(identity("poser"))
+    host, mesh = on_a_fake(poser)
+    poser.x = float("nan")
+    calls = [FakeCall(), FakeCall()]
+
+    def mended() -> None:
+        poser.x = 3.0
+        mesh.answers["path/plan"](calls[1])
+
+    play(host, lambda: mesh.answers["path/plan"](calls[0]), mended)
+    assert calls[0].replies == []
+    assert calls[1].replies == [Plan((), 3.0)]
+    assert any("on path/plan: Plan cannot be sent" in text for text in logs(mesh))
+
+
+def test_a_query_that_cannot_be_sent_has_no_reply_and_is_logged() -> None:
+    watcher = Watcher(identity("watcher"))
+    host, mesh = on_a_fake(watcher)
+    answers: list[Any] = []
+
+    def query() -> None:
+        watcher.query(PlanRequest(Waypoint(float("nan"), 0, 0), Waypoint(1, 0, 0)), answers.append)
+        mesh.receive("robot/state", state(1))
+
+    play(host, query, lambda: mesh.receive("robot/state", state(2)))
+    assert answers == [None]
+    assert any("1 x on path/plan: PlanRequest cannot be sent" in text for text in logs(mesh))
+
+
+def test_malformed_payloads_are_counted_and_logged_at_intervals() -> None:
+    clock = Clock()
+    watcher = Watcher(identity("watcher"))
+    host, mesh = on_a_fake(watcher, clock=clock)
+
+    def garbage() -> None:
+        for _ in range(EVENTS):
+            for number in range(10):
+                mesh.subscribers["robot/stop"](f"robot/stop/{number}", b"\xff" * number)
+
+    play(host, garbage, garbage)
+    assert len([text for text in logs(mesh) if "rejected" in text]) == 1
+    assert watcher.memory.newest(Stop) is None
+    assert len(host.drivers[0].refused) <= OPEN_QUERIES
+
+
+class NumpyLike:
+    """A number like numpy's: no float, but convertible to one."""
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+
+    def __float__(self) -> float:
+        return self.value
+
+    def __bool__(self) -> bool:
+        return bool(self.value)
+
+
+def bidding(bid: Any) -> tuple[Hand, list[Message]]:
+    """A hand that has bid this for some cycles, and its messages."""
+    hand = Hand(identity("hand"))
+    hand.next = bid
+    for number in range(1, 8):
+        now = number / 10
+        hand.kernel.receive(state(number), now)
+        hand.kernel.receive(Ack("wheels", Cycle(7, number), measured=(0.0, 0.0)), now)
+        if hand.kernel.wakeup is not None:
+            hand.kernel.wake(now + 0.05)
+    return hand, [item.message for item in hand.kernel.outbox if hasattr(item, "message")]
+
+
+def test_numbers_that_are_no_floats_are_made_floats() -> None:
+    numpy = pytest.importorskip("numpy")
+    for real, true in ((NumpyLike, NumpyLike), (numpy.float32, numpy.bool_)):
+        action: Any = (real(0.5), real(0.25))
+        utility: Any = real(0.5)
+        critical: Any = true(1)
+        hand, sent = bidding(Bid(utility, action, critical=critical))
+        commands = [message for message in sent if isinstance(message, Command)]
+        assert commands
+        claims = [message for message in sent if isinstance(message, Claim)]
+        assert {(c.utility, c.wanted, c.critical) for c in claims} == {(0.5, (0.5, 0.25), True)}
+        assert all(m.decode(encode(message), type(message)) == message for message in sent)
+        assert m.decode(encode(hand.kernel.history()), BidHistory) == hand.kernel.history()
+
+
+@pytest.mark.parametrize("reason", ["x" * 5000, "two\nlines", "\x1b[31m red", "a\u2028b"])
+def test_a_reason_of_any_length_and_content_can_be_queried(reason: str) -> None:
+    hand, _ = bidding(Bid(0.5, (0.1, 0.2), reason=reason))
+    history = hand.kernel.history()
+    assert m.decode(encode(history), BidHistory) == history
+    silent = Hand(identity("hand"))
+    silent.why = reason
+
+    def nothing(message: Any) -> None:
+        silent.why = reason
+
+    silent.bid = nothing  # type: ignore[method-assign]
+    silent.kernel.receive(state(1), 0.1)
+    silent.kernel.receive(Ack("wheels", Cycle(7, 1)), 0.1)
+    assert silent.kernel.bids
+    assert m.decode(encode(silent.kernel.history()), BidHistory) == silent.kernel.history()
+
+
+# Floods -------------------------------------------------------------------------------------------
+
+
+def test_nothing_that_counts_is_lost_in_a_flood_of_claims() -> None:
+    hand = Hand(identity("hand"))
+    gone: list[str] = []
+    hand.on_disappeared = lambda name, instance: gone.append(instance)  # type: ignore[method-assign]
+    answers: list[Any] = []
+    host, mesh = on_a_fake(hand)
+    claim = encode(Claim("wheels", Ballot(1, 0.5, False, "a-1"), Cycle(7, 1), 0.5))
+
+    def flood() -> None:
+        hand.query(PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 0, 0)), answers.append)
+
+    def burst() -> None:
+        mesh.receive("robot/stop", Stop(3, True, "tester", 1))
+        mesh.changed("goto", "goto-1", False)
+        mesh.queries[-1][0]("path/plan", encode(Plan((), 2.0)))
+        for _ in range(20 * EVENTS):
+            mesh.subscribers["resource/wheels/utility"]("resource/wheels/utility", claim)
+
+    play(host, lambda: mesh.changed("goto", "goto-1", True), flood, burst)
+    assert hand.stopped is not None
+    assert gone == ["goto-1"]
+    assert answers == [Plan((), 2.0)]
+    assert any("too busy: dropped on resource/wheels/utility" in text for text in logs(mesh))
+
+
+@pytest.mark.parametrize("minutes", [1, 10])
+def test_lines_for_people_are_limited_whatever_comes(minutes: int) -> None:
+    agent = Watcher(identity("watcher"))
+    driver = Driver(agent, 0.0, admit=False)
+    driver.begin(0.0)
+    published = 0
+    for step in range(minutes * 6000):
+        agent.kernel.now = step / 100
+        agent.log("again and again")
+        out = driver.drain()
+        published += sum(isinstance(getattr(item, "message", None), Log) for item in out)
+    seconds = 60.0 * minutes
+    assert published <= LINES + LINES_A_S * seconds + 1
+    assert published >= LINES_A_S * seconds
+
+
+def test_dropped_log_lines_are_counted() -> None:
+    agent = Watcher(identity("watcher"))
+    driver = Driver(agent, 0.0, admit=False)
+    driver.begin(0.0)
+    for _ in range(LINES + 50):
+        agent.log("again")
+    driver.drain()
+    agent.kernel.now += 10.0
+    agent.log("later")
+    sent = [
+        item.message.text
+        for item in driver.drain()
+        if isinstance(item, Publish) and isinstance(item.message, Log)
+    ]
+    assert any(text.startswith("50 ") for text in sent)
+    assert "later" in sent
+
+
+# Rejected messages --------------------------------------------------------------------------------
+
+
+class Observed:
+    """A started driver; returns the log lines that each message causes."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.driver = Driver(agent, 0.0, admit=False)
+        self.driver.begin(0.0)
+        self.driver.drain()
+
+    def receive(self, message: Message, now: float, key: str) -> list[Log]:
+        (to,) = [to for to in self.driver.agent.kernel.subscriptions if to.message is type(message)]
+        self.driver.deliver(to, key, message, now)
+        sent = [item.message for item in self.driver.drain() if isinstance(item, Publish)]
+        return [message for message in sent if isinstance(message, Log)]
+
+    def cycle(self, epoch: int, number: int, now: float) -> list[Log]:
+        state = RobotState(Cycle(epoch, number), 0, 0, 0, 0, 0, 12.5, True, False)
+        return self.receive(state, now, "robot/state")
+
+
+def test_rejected_cycles_are_logged_at_intervals_with_their_epoch() -> None:
+    observed = Observed(Watcher(identity("watcher")))
+    assert observed.cycle(0x70, 1, 0.1) == []
+    (sent,) = observed.cycle(0xABC, 1, 0.15)
+    assert sent.level == WARNING
+    assert "1 x on robot/state" in sent.text
+    assert "epoch abc" in sent.text
+    assert "epoch 70" in sent.text
+    for number in range(2, 50):
+        assert observed.cycle(0x70, number, number / 10) == []
+        assert observed.cycle(0xABC, number, number / 10) == []
+    (sent,) = observed.cycle(0x70, 60, 0.15 + REPORT_S)
+    assert "48 x on robot/state" in sent.text, "rejections between reports are counted"
+
+
+def test_a_number_ahead_of_the_time_is_logged() -> None:
+    observed = Observed(Watcher(identity("watcher")))
+    observed.cycle(7, 1, 0.1)
+    (sent,) = observed.cycle(7, 1000, 0.15)
+    assert "1 x on robot/state" in sent.text
+    assert "epoch 7" in sent.text
+
+
+def test_a_false_number_is_logged_once_it_is_left() -> None:
+    observed = Observed(Watcher(identity("watcher")))
+    observed.cycle(7, 1, 0.1)
+    assert observed.cycle(7, 1000, 1.0) == []
+    sent = [line for step in range(3) for line in observed.cycle(7, 10 + step, 1.4 + step / 10)]
+    assert len(sent) == 1
+    assert "1 x on robot/state" in sent[0].text
+    assert "epoch 7" in sent[0].text
+
+
+def test_a_cycle_of_an_ended_epoch_is_logged() -> None:
+    observed = Observed(Watcher(identity("watcher")))
+    observed.cycle(7, 1, 0.1)
+    observed.cycle(8, 1, 1.0)
+    (sent,) = observed.cycle(7, 1, 2.0)
+    assert "a cycle of epoch 7" in sent.text
+
+
+def test_a_change_of_epoch_is_logged_once_and_a_return_as_a_warning() -> None:
+    observed = Observed(Watcher(identity("watcher")))
+    assert observed.cycle(0xA, 1, 0.1) == []
+    (sent,) = observed.cycle(0xB, 3, 1.0)
+    assert sent.level == INFO
+    assert sent.text.startswith("robot/state: epoch a ended, epoch b began at cycle 3")
+    assert observed.cycle(0xB, 4, 1.1) == []
+    (sent,) = observed.cycle(0xA, 20, 2.0)
+    assert sent.level == WARNING
+    assert observed.cycle(0xA, 21, 2.1) == []
+
+
+def test_both_are_logged_with_the_key_of_a_resource_with_its_own_cycles() -> None:
+    lift = Resource("test-lift", ("height",), scale=(1.0,), neutral=(0.0,), period_s=0.2)
+
+    class Lifter(Hand):
+        competes_for = (lift,)
+        next = None
+
+    observed = Observed(Lifter(identity("hand")))
+
+    def ack(epoch: int, now: float) -> list[Log]:
+        return observed.receive(Ack(lift.name, Cycle(epoch, 1)), now, lift.ack_key)
+
+    assert ack(7, 0.1) == []
+    (sent,) = ack(8, 0.2)
+    assert f"on {lift.ack_key}" in sent.text
+    assert "epoch 8" in sent.text
+    (sent,) = ack(8, 2.0)
+    assert sent.text.startswith(f"{lift.ack_key}: epoch 7 ended, epoch 8 began")
+
+
+def test_an_implausible_counter_is_logged_with_its_publisher_and_the_consequence() -> None:
+    observed = Observed(Watcher(identity("watcher")))
+    observed.receive(Stop(1, False, "people", 7), 0.5, "robot/stop")
+    observed.receive(Trajectory(1, 1, ()), 0.5, "trajectory")
+    (sent,) = observed.receive(Stop(m.JUMP + 2, False, "forger", 1), 1.0, "robot/stop")
+    assert sent.level == WARNING
+    assert "1 x on robot/stop: rejected: a Stop by forger" in sent.text
+    (sent,) = observed.receive(Stop(m.JUMP + 2, True, "forger", 2), 7.0, "robot/stop")
+    assert "a Stop by forger" in sent.text
+    assert observed.driver.agent.stopped is not None
+    (sent,) = observed.receive(Trajectory(m.JUMP + 2, 1, ()), 14.0, "trajectory")
+    assert "on trajectory: rejected: a Trajectory" in sent.text
+
+
+def test_an_implausible_counter_is_logged_of_a_state_and_before_the_start_too() -> None:
+    observed = Observed(Watcher(identity("watcher")))
+    observed.receive(Stop(1, False, "people", 7), 0.5, "robot/stop")
+    state = RobotState(Cycle(7, 1), 0, 0, 0, 0, 0, 12.5, True, False, Stop(m.JUMP + 2, by="x"))
+    (sent,) = observed.receive(state, 1.0, "robot/state")
+    assert "on robot/stop: rejected: a Stop by x" in sent.text
+    driver = Driver(Watcher(identity("watcher")), 0.0)
+    (to,) = [to for to in driver.agent.kernel.subscriptions if to.message is Stop]
+    driver.deliver(to, "robot/stop", Stop(1, False, "people", 7), 0.1)
+    driver.deliver(to, "robot/stop", Stop(m.JUMP + 2, by="x"), 0.1)
+    assert not driver.started
+    assert [item for item in driver.drain() if isinstance(item, Publish)]
+
+
+# Strangers' cards ---------------------------------------------------------------------------------
+
+
+def queried_card(driver: Driver, name: str, instance: str, now: float) -> int:
+    driver.token(name, instance, True, now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    assert query.key == f"agent/{name}/{instance}/card"
+    return query.id
+
+
+def card(instance: str, protocol: int = m.PROTOCOL, **about: Any) -> Card:
+    name = instance.rpartition("-")[0]
+    return Card(name, instance, "lab3", 42, "1", protocol, (), (), (), **about)
+
+
+def at_work() -> Driver:
+    driver = Driver(Hand(identity("hand")), 0.0)
+    driver.begin(0.0)
+    now = 0.0
+    while not driver.started:
+        due = driver.wakeup
+        assert due is not None
+        now = due
+        driver.wake(now)
+    assert any(isinstance(item, Announce) for item in driver.drain())
+    return driver
+
+
+def test_a_card_in_anothers_name_is_ignored() -> None:
+    driver = at_work()
+    question = queried_card(driver, "evil", "evil-1", 1.0)
+    driver.token("goto", "goto-1", True, 1.0)
+    driver.drain()
+    driver.on_reply(question, card("goto-1", 99), 1.1)
+    driver.on_reply(question, card(driver.agent.instance, 99), 1.1)
+    assert driver.agent.kernel.foreign == set()
+    assert driver.refusal == ""
+    assert not [item for item in driver.drain() if isinstance(item, Publish)]
+
+
+def test_a_card_of_another_protocol_counts_for_its_instance_and_is_logged_once() -> None:
+    driver = at_work()
+    question = queried_card(driver, "evil", "evil-1", 5.0)
+    for _ in range(3):
+        driver.on_reply(question, card("evil-1", 99), 5.1)
+    assert driver.agent.kernel.foreign == {"evil-1"}
+    sent = [item for item in driver.drain() if isinstance(item, Publish)]
+    assert len(sent) == 1
+
+
+def test_claims_of_an_instance_with_another_declaration_are_rejected() -> None:
+    driver = at_work()
+    question = queried_card(driver, "evil", "evil-1", 5.0)
+    driver.on_reply(question, card("evil-1", declares=("wheels(left, right)",)), 5.1)
+    agent = driver.agent
+    assert agent.kernel.foreign == {"evil-1"}
+    agent.kernel.receive(state(1), 5.2)
+    agent.kernel.receive(Claim("wheels", Ballot(9, 1.0, True, "evil-1"), Cycle(7, 1), 1.0), 5.2)
+    assert agent.kernel.bidding(WHEELS).contender.largest is None
+    driver.token("evil", "evil-1", False, 6.0)
+    assert agent.kernel.foreign == set(), "an instance that has gone is forgotten"
+
+
+# Time ---------------------------------------------------------------------------------------------
+
+
+def test_an_agent_that_is_too_slow_for_its_cycle_is_logged() -> None:
+    clock = Clock()
+
+    class Slow(Watcher):
+        takes: float = 0.02
+
+        def on_robot_state(self, state: RobotState) -> None:
+            clock.now += self.takes
+
+    slow = Slow(identity("slow"))
+    host, mesh = on_a_fake(slow, clock=clock)
+
+    def slower() -> None:
+        slow.takes = 0.25
+        mesh.receive("robot/state", state(2))
+
+    play(host, lambda: mesh.receive("robot/state", state(1)))
+    assert logs(mesh) == []
+    host._stopping.clear()
+    play(host, slower)
+    (sent,) = logs(mesh)
+    assert slow.instance in sent
+    assert "one turn took 0.25 s, a cycle is 0.1 s" in sent
+
+
+def test_a_bell_that_rang_for_what_was_taken_before_is_not_believed() -> None:
+    # Otherwise `get` would return at once, and messages behind a hang would not be settled.
+    inbox = Inbox()
+    waited: list[float] = []
+    inbox.put("a", lambda: None)
+    assert inbox.get(0) is not None
+    bell = inbox._bell
+
+    class Bell:
+        def acquire(self, timeout: float = -1.0) -> bool:
+            waited.append(timeout)
+            return bell.acquire(blocking=False)  # not ringing: as after the whole time
+
+    inbox._bell = Bell()  # type: ignore[assignment]
+    assert inbox.get(60.0) is None
+    assert len(waited) == 2, "it waited again after the stale ring"
+    assert waited[-1] > 59.0
+
+
+class Waiting(Agent):
+    """Keeps the order of its inputs, and ends its process when it is woken."""
+
+    name = "waiting"
+    receives: ClassVar[tuple[type[Message], ...]] = (MissionStatus, Log)
+    end: Callable[[], None]
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.order: list[str] = []
+
+    def on_mission_status(self, status: MissionStatus) -> None:
+        self.order.append(str(status.mission))
+
+    def on_log(self, log: Log) -> None:
+        self.order.append(log.text)
+
+    def on_wakeup(self) -> None:
+        self.order.append("woken")
+        self.end()
+
+
+def test_a_late_wake_up_comes_after_all_that_has_piled_up() -> None:
+    clock = Clock()
+    agent = Waiting(identity("waiting"))
+    host, mesh = on_a_fake(agent, clock=clock)
+    agent.end = host.request_stop
+    agent.wake_at(clock.now + 1.0)
+
+    def hang() -> None:
+        clock.now += 10.0
+        mesh.receive("mission/status", MissionStatus(1, MissionState.DRIVING, 0.0))
+        for number in range(5):
+            mesh.receive("log/*", Log(20, f"line {number}"), key="log/a")
+
+    host.inbox.put("test", hang)
+    host.live()
+    assert agent.order == ["1", *(f"line {number}" for number in range(5)), "woken"]

@@ -1,0 +1,134 @@
+"""The checker of promises on recordings: a sound one, and one in which a ballot goes down."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.cli import main
+from armadico.cli.options import UNKNOWN
+from armadico.core.exchange import fuzzy_window
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    BidHistory,
+    BidRecord,
+    Claim,
+    Cycle,
+    Message,
+    RobotState,
+    encode,
+)
+from armadico.core.resources import WHEELS
+from armadico.mobile.messages import Pose
+from armadico.observe.watching import Presence, Received
+from armadico.watch.recorder import Recording
+from armadico.watch.recordings import rows
+from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.record import Bids, Left, Passed, Published
+from armadico_tools.faults.recording import check, observations
+
+SECOND = 1_000_000_000
+GOTO = "goto-0000000000000001"
+
+
+def state(number: int) -> RobotState:
+    return RobotState(Cycle(1, number), 0, 0, 0, 0.3, 0, 12, True, False)
+
+
+def ack(number: int, term: int) -> Ack:
+    by = Ballot(term, 0.6, False, GOTO)
+    return Ack("wheels", Cycle(1, number), by, by, Cycle(1, number - 1), 0.6)
+
+
+def kept(path: Path, terms: list[int]) -> Path:
+    """A recording of cycles in which ballots of these terms are obeyed."""
+    recording = Recording(path)
+
+    def record_message(at: float, key: str, message: Message, *, queried: bool = False) -> None:
+        recording.add(Received("robot1", key, encode(message), int(at * SECOND), queried))
+
+    recording.add(Presence("robot1", "goto", GOTO, True, SECOND))
+    for number, term in enumerate(terms, 10):
+        record_message(1 + number / 10, "robot/state", state(number))
+        record_message(1 + number / 10, "resource/wheels/ack", ack(number, term))
+    record = BidRecord(Cycle(1, 8 + len(terms)), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
+    end = 2 + len(terms) / 10
+    record_message(end, f"agent/goto/{GOTO}/bids", BidHistory(GOTO, (record,)), queried=True)
+    record_message(end, "encoder/pose", Pose(Cycle(1, 9), 0, 0, 0))
+    recording.add(Presence("robot1", "goto", GOTO, False, int(end * SECOND)))
+    recording.close()
+    return path
+
+
+def test_a_sound_recording_breaks_no_promise(tmp_path: Path) -> None:
+    path = kept(tmp_path / "sound.mcap", [1, 1, 2, 2])
+    assert not check(path, None, pytest.fail).violations
+
+
+def test_a_ballot_that_goes_down_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = kept(tmp_path / "broken.mcap", [2, 2, 1])
+    promises = {violation.promise for violation in check(path, "robot1", pytest.fail).violations}
+    assert promises == {Promise.ONE_DRIVER}
+    assert not check(path, "robot2", pytest.fail).violations, "another robot's"
+    assert main(["faults", "--recording", str(path)]) == 1
+    assert Promise.ONE_DRIVER in capsys.readouterr().out
+    assert main(["faults", "--recording", str(path), "--namespace", "robot2"]) == UNKNOWN
+    assert "no truth of this robot" in capsys.readouterr().out
+
+
+def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
+    path = kept(tmp_path / "sound.mcap", [1, 1])
+    seen = [*observations(rows(path, pytest.fail))]
+    assert [type(each) for each in seen] == [
+        Published,
+        Published,
+        Published,
+        Published,
+        Bids,
+        Passed,
+        Left,
+    ]
+    (bids,) = [each for each in seen if isinstance(each, Bids)]
+    assert (bids.instance, bids.age) == (GOTO, pytest.approx(0.1))
+    assert [each.at for each in seen] == sorted(each.at for each in seen)
+
+
+@pytest.mark.parametrize("first", ["winner", "loser"])
+@pytest.mark.parametrize("blended", [True, False])
+def test_a_takeover_may_be_recorded_before_the_last_claim(
+    tmp_path: Path, first: str, blended: bool
+) -> None:
+    """Both speak at once; the winner had received what the loser wanted in that very cycle."""
+    recording = Recording(path := tmp_path / "handed.mcap")
+
+    def record_message(at: float, key: str, message: Message) -> None:
+        recording.add(Received("robot1", key, encode(message), round(at * SECOND)))
+
+    def claim(number: int, ballot: Ballot, wanted: float, commanded: float) -> Claim:
+        cycle, least = Cycle(1, number), ballot.utility
+        return Claim("wheels", ballot, cycle, least, wanted=(wanted, 0.0), commanded=(commanded, 0))
+
+    loser, winner = Ballot(1, 0.6, False, GOTO), Ballot(2, 0.9, False, "gothrough-2")
+    last, step, wants = 40, 0.02, 0.1
+    for number in range(10, last + 1):
+        at, speed = number / 10, step * (number - 10)
+        record_message(at, "robot/state", replace(state(number), v=speed - step))
+        record_message(
+            at, "resource/wheels/ack", replace(ack(number, 1), measured=(speed - step, 0.0))
+        )
+        spoken = [claim(number, loser, speed, speed)]
+        if number == last:
+            window = fuzzy_window((speed - wants) / WHEELS.scale[0])
+            share = 0.9 / (0.9 + 0.6 * (window - 1.0)) if blended else 1.0
+            begins = speed + share * (wants - speed)
+            spoken.insert(0 if first == "winner" else 1, claim(number, winner, wants, begins))
+        for later, each in enumerate(spoken):
+            record_message(at + 0.01 + later / 1000, "resource/wheels/utility", each)
+    recording.close()
+    broken = {violation.promise for violation in check(path, None, pytest.fail).violations}
+    assert broken == (set() if blended else {Promise.SMOOTH})

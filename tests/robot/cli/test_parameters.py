@@ -1,0 +1,246 @@
+"""`armadico get` and `set`: agents on a virtual mesh, and what people type."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from armadico import cli
+from armadico.agents.driving.goto import Goto
+from armadico.agents.interface.interface import Interface
+from armadico.cli import options
+from armadico.config.loading import set_values
+from armadico.config.parameters import load_set, save
+from armadico.core.config_errors import ConfigError
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_session import VirtualSession
+
+
+class Crowd:
+    """Goto, and whoever else a test wants."""
+
+    def __init__(self) -> None:
+        self.mesh = VirtualMesh(1)
+        self.goto = self.add(Goto, 0)
+
+    def add(self, kind: type[Goto | Interface], start: int) -> Goto | Interface:
+        agent = kind(self.mesh.identity(kind.name, start))
+        self.mesh.add(agent, admit=False)
+        return agent
+
+
+@pytest.fixture
+def crowd(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Crowd:
+    made = Crowd()
+    monkeypatch.setattr(options.Mesh, "joined", lambda _args: VirtualSession(made.mesh))
+    monkeypatch.chdir(tmp_path)
+    return made
+
+
+def test_a_value_is_changed_and_shown(crowd: Crowd, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["set", "goto", "v_max=0.4", "safety.margin_m=0.1"]) == 0
+    instance = crowd.goto.instance
+    assert capsys.readouterr().out.splitlines() == [
+        f"{instance}: v_max = 0.4 m/s",
+        f"{instance}: safety.margin_m = 0.1 m",
+    ]
+    assert crowd.goto.p == set_values(Goto.parameters(), ["v_max=0.4", "safety.margin_m=0.1"])
+    assert cli.main(["get", "goto", "v_max"]) == 0
+    assert capsys.readouterr().out == "0.4\n"
+    assert cli.main(["set", "goto", "v_max=none"]) == 0
+    assert cli.main(["get", "goto", "v_max"]) == 0
+    assert capsys.readouterr().out.splitlines() == [f"{instance}: v_max = none", "none"]
+
+
+def test_all_that_may_be_changed_is_a_table_and_json(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crowd.add(Interface, 0)
+    assert cli.main(["set", "goto", "ahead_m=0.7"]) == 0
+    capsys.readouterr()
+    assert cli.main(["get"]) == 0
+    table = capsys.readouterr().out.split()
+    assert {"goto", "interface", "ahead_m", "0.7", "give_up_s", "120.0"} <= set(table)
+    assert cli.main(["get", "--json"]) == 0
+    rows = {(row["agent"], row["name"]): row for row in json.loads(capsys.readouterr().out)}
+    ahead = rows["goto", "ahead_m"]
+    assert (ahead["value"], ahead["begun"], ahead["unit"]) == (0.7, 0.6, "m")
+    assert rows["goto", "v_max"]["value"] is None
+    assert ("interface", "give_up_s") in rows
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (
+            "goto v_max=20",
+            1,
+            "v_max = 20",
+        ),
+        ("goto v_max=nan", 1, "v_max = NaN"),
+        ("goto v_max=-inf", 1, "v_max = -Infinity"),
+        ("goto v_max=quick", 1, 'v_max = "quick"'),
+        ("goto v_mx=0.4", 1, "'v_max'"),
+        ("goto controller=fast", 1, "controller"),
+        (f"goto {'v' * 200}=1", 1, "ParametersRequest"),
+        ("gto v_max=0.4", 1, "'goto'"),
+        ("goto v_max", 2, "NAME=VALUE"),
+        ("goto =0.4", 2, "=0.4"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_one_line(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str], words: str, code: int, said: str
+) -> None:
+    assert cli.main(["set", *words.split(" ")]) == code
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert crowd.goto.p == Goto.parameters()
+
+
+@pytest.mark.parametrize("named", ["goto", "the second"])
+def test_of_several_instances_all_follow(crowd: Crowd, named: str) -> None:
+    second = crowd.add(Goto, 1)
+    who = named if named == "goto" else second.instance[:10]
+    assert cli.main(["set", who, "v_max=0.4"]) == 0
+    crowd.mesh.run(crowd.mesh.now + 1.0)
+    assert crowd.goto.p == second.p == set_values(Goto.parameters(), ["v_max=0.4"])
+
+
+def test_of_several_agents_one_has_to_be_named(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Gothere(Goto):
+        name = "gothere"
+
+    crowd.add(Gothere, 0)
+    assert cli.main(["set", "got", "v_max=0.4"]) == 1
+    assert "'got' is the beginning of several: name one agent" in capsys.readouterr().err
+
+
+def test_who_has_no_such_parameter_and_who_does_not_answer_are_told_apart(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["get", "goto", "v_mx"]) == 1
+    errors = capsys.readouterr().err
+    assert all(word in errors for word in ("goto", "'v_mx'", "'v_max'"))
+    next(n for n in crowd.mesh.nodes if n.agent is crowd.goto).hang()
+    assert cli.main(["set", "goto", "v_max=0.4", "--timeout", "0.2"]) == 1
+    assert f"{crowd.goto.instance} does not answer" in capsys.readouterr().err
+
+
+# What is saved ------------------------------------------------------------------------------------
+
+
+def test_what_is_saved_is_a_set_of_parameters(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert cli.main(["set", "goto", "v_max=0.4", "--save"]) == 0
+    assert "--parameters parameters.toml" in capsys.readouterr().out
+    assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}
+    assert cli.main(["set", "goto", "v_max=20", "--save"]) == 1  # what is refused is not saved
+    assert load_set(tmp_path / "parameters.toml") == {"goto": ("v_max=0.4",)}
+
+
+def test_the_rest_of_a_set_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("# mine\n[goto]  # slow\nv_max = 0.3\npark_m = 0.5\n\n[avoid]\nv_top = 0.2\n")
+    save(path, "goto", {"v_max": 0.4, "safety.margin_m": 0.1})
+    save(path, "avoid", {"v_top": None, "w_max": 1.0})
+    save(path, "dock", {"v": 0.1})
+    assert path.read_text() == (
+        "# mine\n[goto]  # slow\nsafety.margin_m = 0.1\nv_max = 0.4\npark_m = 0.5\n\n"
+        "[avoid]\nw_max = 1.0\n\n[dock]\nv = 0.1\n"
+    )
+    assert load_set(path)["goto"] == ("safety.margin_m=0.1", "v_max=0.4", "park_m=0.5")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[goto]\nsafety = { slow = 0.1 }\n",
+        "[goto.safety]\nslow = 0.1\n",
+        "goto = { v_max = 0.3 }\n",
+        '[goto]\n"safety"."margin_m" = 0.2\n',
+    ],
+)
+def test_where_there_is_no_place_for_it_the_file_stays_as_it_is(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=r"goto\.safety\.margin_m"):
+        save(path, "goto", {"safety.margin_m": 0.1})
+    assert path.read_text() == text
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_stays_one_and_the_file_keeps_who_may_read_it(tmp_path: Path) -> None:
+    path, link = tmp_path / "mine.toml", tmp_path / "parameters.toml"
+    path.write_text("[goto]\nv_max = 0.3\n")
+    path.chmod(0o640)
+    link.symlink_to(path.name)
+    save(link, "goto", {"v_max": 0.4})
+    assert link.is_symlink()
+    assert path.read_text() == "[goto]\nv_max = 0.4\n"
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def _pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def _folder(path: Path) -> None:
+    path.mkdir()
+
+
+def _read_only(path: Path) -> None:
+    path.write_text("")
+    path.chmod(0o400)
+
+
+def _loop(path: Path) -> None:
+    path.symlink_to(path.name)
+
+
+def _nowhere(path: Path) -> None:
+    path.symlink_to("there/is/none.toml")
+
+
+def _identity(path: Path) -> tuple[int, int, int, int]:
+    """Which file it is, its rights, size and last change; to follow a link alters its atime."""
+    stat = path.lstat()
+    return stat.st_ino, stat.st_mode, stat.st_size, stat.st_mtime_ns
+
+
+@pytest.mark.parametrize("lay", [_pipe, _folder, _read_only, _loop, _nowhere])
+def test_what_cannot_be_written_stays_as_it_is(
+    lay: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "parameters.toml"
+    lay(path)
+    before = _identity(path)
+    monkeypatch.setattr(os, "access", lambda *_: False)  # not even for who may do everything
+    with pytest.raises(ConfigError, match=r"cannot be (read|written)"):
+        save(path, "goto", {"v_max": 0.4})
+    assert _identity(path) == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["no/such/folder.toml", "a\0b"])
+def test_a_name_that_no_file_may_have_is_said(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be written"):
+        save(tmp_path / name, "goto", {"v_max": 0.4})
+
+
+def test_what_was_changed_is_said_though_it_cannot_be_saved(
+    crowd: Crowd, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "no" / "such.toml"
+    assert cli.main(["set", "goto", "v_max=0.4", "--file", str(path)]) == 2
+    told = capsys.readouterr()
+    assert "v_max = 0.4 m/s" in told.out
+    assert f"{path}: cannot be written: No such file or directory" in told.err

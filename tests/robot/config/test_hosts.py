@@ -1,0 +1,158 @@
+"""Host tables: which agents run where, the robot's router, and faults with file and line."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from armadico.config.hosts import Host, load_hosts, serial_port, unplaced
+from armadico.config.loading import read_text
+from armadico.config.scenarios import society
+from armadico.config.shipped import folder
+from armadico.core.config_errors import ConfigError, ConfigNameError
+
+DEMO = {"robot": 11, "lab1": 12, "lab2": 13}
+
+LAB = """\
+[robot]
+router = "tcp/10.0.0.2:7447"
+agents = ["robot", "encoder"]
+
+[lab1]
+address = "fe80::1"
+agents = ["goto"]
+
+[desk]
+"""
+"""Where the desk is the table does not say."""
+
+
+def lab(folder: Path, text: str = LAB) -> Path:
+    file = folder / "lab.toml"
+    file.write_text(text)
+    return file
+
+
+def test_the_shipped_table_opens_no_port_and_runs_every_agent() -> None:
+    table = load_hosts()
+    every = (society().robot, *society().agents, *society().watch)
+    assert table.hosts == {"localhost": Host(agents=every)}
+    assert table.host("localhost").addresses == ()
+    assert (table.robots_host, table.robots_router) == ("localhost", None)
+    assert table.fleet == ()
+
+
+def test_the_demos_table_is_three_hosts_that_run_every_agent_between_them() -> None:
+    table = load_hosts("demo")
+    hosts = table.hosts
+    assert {name: host.addresses for name, host in hosts.items()} == {
+        name: (f"10.77.0.{number}",) for name, number in DEMO.items()
+    }
+    assert (table.robots_host, table.robots_router) == ("robot", "tcp/10.77.0.11:7447")
+    every = [agent for host in hosts.values() for agent in host.agents]
+    assert {*every} == {society().robot, *society().agents, *society().watch}
+
+
+def test_a_table_is_a_file_or_a_shipped_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    lab(tmp_path)
+    assert list(load_hosts("lab.toml").hosts) == ["robot", "lab1", "desk"]
+    with pytest.raises(
+        ConfigError, match=r"no host table 'lab'; .*known: demo, localhost.*lab\.toml"
+    ):
+        load_hosts("lab")
+    with pytest.raises(ConfigError, match=r"elsewhere/lab: cannot be read: No such file"):
+        load_hosts("elsewhere/lab")
+
+
+def test_settings_stand_above_the_hosts_and_a_host_may_have_their_names(tmp_path: Path) -> None:
+    fleet = "fleet = ['tcp/10.0.0.1:7447', 'tcp/10.0.0.9:7447']\n"
+    table = load_hosts(lab(tmp_path, f"{fleet}[a]\nrouter = 'tcp/10.0.0.1:7447'\n"))
+    assert table.fleet == ("tcp/10.0.0.1:7447", "tcp/10.0.0.9:7447")
+    names = ["fleet", "router", "multicast", "endpoints"]
+    table = load_hosts(lab(tmp_path, "".join(f"[{name}]\nagents = ['goto']\n" for name in names)))
+    assert list(table.hosts) == names
+    assert table.fleet == ()
+
+
+def test_several_hosts_need_a_router_that_they_can_reach(tmp_path: Path) -> None:
+    alone = "[robot]\nagents = ['robot']\n"
+    assert load_hosts(lab(tmp_path, alone)).robots_router is None
+    with pytest.raises(ConfigError) as caught:
+        load_hosts(lab(tmp_path, f"[lab1]\naddress = '10.0.0.1'\n{alone}"))
+    assert "lab.toml:3: robot runs the robot agent" in str(caught.value)
+    assert 'router = "tcp/ADDRESS:7447" in [robot]' in str(caught.value)
+
+
+def test_a_fleet_that_lacks_the_robots_own_router_is_refused(tmp_path: Path) -> None:
+    fleet = "fleet = ['tcp/10.0.0.9:7447', '{}']\n"
+    assert load_hosts(lab(tmp_path, fleet.format("tcp/10.0.0.2:7447") + LAB)).fleet
+    with pytest.raises(
+        ConfigError, match=r"lab\.toml:1: fleet lacks .*tcp/10\.0\.0\.2:7447.*robot"
+    ):
+        load_hosts(lab(tmp_path, fleet.format("tcp/10.0.0.3:7447") + LAB))
+    behind_nat = "[robot]\nagents = ['robot']\n"
+    assert load_hosts(lab(tmp_path, fleet.format("tcp/10.0.0.3:7447") + behind_nat)).fleet
+
+
+def test_the_robots_router_is_that_of_the_host_that_runs_the_robot_agent(tmp_path: Path) -> None:
+    table = load_hosts(lab(tmp_path))
+    assert (table.robots_host, table.robots_router) == ("robot", "tcp/10.0.0.2:7447")
+    own = LAB.replace('"robot", "encoder"', '"own-robot"')
+    table = load_hosts(lab(tmp_path, own))
+    assert table.robots_host == "robot", "its agent need not be installed here"
+    with pytest.raises(
+        ConfigError, match=r"lab\.toml:6: lab1\.router = .*only the host of the rob"
+    ):
+        load_hosts(lab(tmp_path, own.replace("address = ", 'router = "tcp/10.0.0.3:7447" # ')))
+    unplaced = LAB.replace('"robot", "encoder"', '"encoder"').replace("router = ", "# ")
+    table = load_hosts(lab(tmp_path, unplaced))
+    assert (table.robots_host, table.robots_router) == (None, None)
+
+
+def test_the_controller_of_a_hosts_robot_agent(tmp_path: Path) -> None:
+    text = LAB.replace("[lab1]", 'robot = "serial:///dev/ttyUSB0?baud=9600"\n[lab1]')
+    table = load_hosts(lab(tmp_path, text))
+    url = table.host("robot").robot
+    assert url == "serial:///dev/ttyUSB0?baud=9600"
+    assert serial_port(url) == Path("/dev/ttyUSB0")
+    assert serial_port("tcp://10.0.0.9:8101") is None
+
+
+def test_who_is_nobodys_is_found(tmp_path: Path) -> None:
+    assert unplaced(("robot", "goto", "avoid"), load_hosts(lab(tmp_path))) == ("avoid",)
+
+
+def test_the_examples_in_the_shipped_table_are_a_table(tmp_path: Path) -> None:
+    text = read_text(folder("") / "hosts.toml")
+    example = "\n".join(line[2:] for line in text.splitlines() if re.match(r"# (\[|\w+ = )", line))
+    table = load_hosts(lab(tmp_path, example))
+    assert list(table.hosts) == ["robot", "lab1", "lab2", "lab3"]
+    every = [agent for host in table.hosts.values() for agent in host.agents]
+    assert sorted(every) == sorted((society().robot, *society().agents))
+
+
+def test_a_host_is_at_its_address_and_its_routers(tmp_path: Path) -> None:
+    table = load_hosts(lab(tmp_path))
+    addresses = {name: host.addresses for name, host in table.hosts.items()}
+    assert addresses == {"robot": ("10.0.0.2",), "lab1": ("fe80::1",), "desk": ()}
+    both = LAB.replace("[robot]", "[robot]\naddress = 'robot.local'")
+    assert load_hosts(lab(tmp_path, both)).host("robot").addresses == ("10.0.0.2", "robot.local")
+
+
+def test_an_unknown_host_is_answered_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(ConfigNameError) as caught:
+        load_hosts(lab(tmp_path)).host("lab")
+    assert (caught.value.kind, caught.value.name, caught.value.near) == ("host", "lab", "lab1")
+
+
+BAD = "expected PROTOCOL/HOST:PORT, for instance tcp/10.0.0.2:7447"
+
+
+def test_the_shipped_file_is_toml() -> None:
+    assert list(tomllib.loads(read_text(folder("") / "hosts.toml"))) == ["localhost"]

@@ -1,0 +1,433 @@
+"""The shipped worlds and scenarios can be driven; a scenario that cannot says why and where."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from math import hypot, pi
+from pathlib import Path
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from armadico.config.loading import document, find, names, read_text, resource_path
+from armadico.config.mapwriter import write_map
+from armadico.config.profile import POSE_M, load_profile
+from armadico.config.scenarios import (
+    Battery,
+    Scenario,
+    _misplaced,
+    blind,
+    ideal,
+    load_scenario,
+    on_mission,
+    planned,
+    scenario_from,
+    society,
+    with_sensors,
+)
+from armadico.config.slots import slot
+from armadico.config.worlds import DOCK_LANE_M, load_world
+from armadico.core.config_errors import ConfigError
+
+from .free_space import FreeSpace
+
+SHIPPED = names("scenarios")
+WITH_DOCKS = ["floor", "house", "offices", "surveillance"]
+WITH_ROOMS = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc4", "surveillance"]
+
+
+def stops(scenario: Scenario) -> list[tuple[float, float]]:
+    poses = (scenario.start, *scenario.waypoints, scenario.goal)
+    return [pose[:2] for pose in poses if pose is not None]
+
+
+def straight(points: list[tuple[float, float]]) -> float:
+    return sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(points))
+
+
+def leg_clearance(world: str, a: tuple[float, float], b: tuple[float, float]) -> float:
+    place = load_world(world)
+    steps = [i / 200 for i in range(201)]
+    return min(place.clearance(a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1])) for s in steps)
+
+
+def test_the_thesis_experiments_are_all_there() -> None:
+    every = ["floor", "house", "offices", "rooms-a", "rooms-b", "sc1", "sc2", "sc3", "sc4"]
+    assert sorted([*every, "fleet", "floor-people", "surveillance"]) == SHIPPED
+    assert names("worlds") == sorted(["empty", "flat", "hall", "surveillance", *every])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_scenario_names_its_sensors_and_is_ideal_without_walls(name: str) -> None:
+    path = find("scenarios", name)
+    assert "sensors" in document(read_text(path), path)
+    scenario = load_scenario(name)
+    if not load_world(scenario.world).outlines:
+        assert scenario.sensors == "ideal"
+
+
+def test_who_localizes_follows_the_sensors_unless_the_scenario_names_its_agents() -> None:
+    everybody, spared = society().agents, set(society().ideal.without)
+    sc1 = load_scenario("sc1")
+    assert set(sc1.agents) == set(everybody) - spared
+    assert with_sensors(sc1, "real").agents == everybody
+    assert with_sensors(sc1, "ideal") == ideal(sc1) == sc1
+    named = replace(sc1, agents=("encoder", "localization", "goto"))
+    assert with_sensors(named, "real").agents == named.agents
+    fleet = load_scenario("fleet")
+    assert with_sensors(fleet, "real").agents == fleet.agents
+    with pytest.raises(ConfigError, match="no sensors 'rael'"):
+        with_sensors(sc1, "rael")
+
+
+@pytest.mark.long(but=("sc3",))
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_robot_can_get_from_start_over_the_waypoints_to_the_goal(name: str) -> None:
+    scenario = load_scenario(name)
+    space = FreeSpace(load_world(scenario.world), load_profile(scenario.robot).body.circle_m)
+    reached = space.reached(*scenario.start[:2])
+    assert len(reached) > 100
+    for x, y in stops(scenario):
+        assert space.cell(x, y) in reached
+
+
+@pytest.mark.parametrize("name", [n for n in WITH_ROOMS if n != "surveillance"])
+def test_legs_between_waypoints_are_straight_and_nearly_a_metre_wide(name: str) -> None:
+    scenario = load_scenario(name)
+    points = stops(scenario)
+    assert scenario.waypoints
+    for a, b in pairwise(points):
+        assert leg_clearance(scenario.world, a, b) >= 0.45
+
+
+@pytest.mark.parametrize("name", ["offices", "floor"])
+def test_the_buildings_leave_half_a_metre_around_the_texts_points(name: str) -> None:
+    scenario = load_scenario(name)
+    world = load_world(scenario.world)
+    for x, y in stops(scenario):
+        assert world.clearance(x, y) >= 0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "metres", "within"),
+    # The text's shortest TD (tables 5.1, 5.3, 5.4, 5.5); a robot cuts corners and rounds others.
+    [
+        ("sc1", 5.10, 0.05),
+        ("sc4", 12.26, 0.4),
+        ("rooms-a", 11.64, 0.4),
+        ("rooms-b", 11.42, 0.2),
+        ("offices", 8.84, 0.3),
+        ("floor", 51.0, 1.5),
+    ],
+)
+def test_the_way_is_about_as_long_as_the_thesis_drove(
+    name: str, metres: float, within: float
+) -> None:
+    assert straight(stops(load_scenario(name))) == pytest.approx(metres, abs=within)
+
+
+def test_a_straight_way_that_is_blocked_is_what_scenarios_2_and_3_are_about() -> None:
+    assert leg_clearance("sc1", (0.0, 0.0), (5.0, 1.0)) > 100.0
+    assert leg_clearance("sc2", (0.0, 0.0), (10.0, 0.0)) < 0.05
+    assert leg_clearance("sc3", (1.0, 0.5), (5.0, 0.6)) < 0.05
+
+
+@pytest.mark.parametrize("name", WITH_ROOMS)
+def test_every_room_can_be_reached_through_its_doors(name: str) -> None:
+    world = load_world(name)
+    reached = {world.rooms[0].name}
+    for _ in world.rooms:
+        for door in world.doors:
+            if {door.room_a, door.room_b} & reached:
+                reached |= {door.room_a, door.room_b}
+    assert reached == {room.name for room in world.rooms}
+    assert world.start is not None
+    assert world.room_at(*world.start[:2]) is not None
+
+
+@pytest.mark.parametrize("name", WITH_ROOMS)
+def test_doors_are_a_metre_wide_at_least(name: str) -> None:
+    world = load_world(name)
+    for door in world.doors:
+        assert world.clearance(door.x, door.y) >= 0.5 - 1e-9
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_scenario_starts_where_its_world_says(name: str) -> None:
+    scenario = load_scenario(name)
+    again = scenario_from(scenario.world)
+    assert again.start == pytest.approx(scenario.start)
+    goals = load_world(scenario.world).goals
+    assert bool(goals) is (scenario.goal is not None)
+    if goals:
+        assert scenario_from(scenario.world, goal=next(iter(goals))).goal == scenario.goal
+
+
+def test_files_need_only_say_what_is_special() -> None:
+    scenario = load_scenario("sc1")
+    assert scenario.name == "sc1"
+    assert scenario.agents == ideal(Scenario(world="sc1", start=(0, 0, 0))).agents
+    assert (scenario.robot, scenario.sensors) == ("pioneer-2dx", "ideal")
+    assert (scenario.v_max, scenario.seed, scenario.waypoints) == (None, 0, ())
+
+
+# --- what is refused
+
+OWN = """\
+world = "sc4"
+start = [1, 1, 0]
+goal = [8, 1, 0]
+waypoints = [
+  [1.5, 2, 90],
+  [1.5, 3.6, 0],
+]
+plan = "rooms"
+"""
+
+
+def own(folder: Path, text: str = OWN) -> Path:
+    file = folder / "own.toml"
+    file.write_text(text)
+    return file
+
+
+def test_a_file_of_ones_own_loads(tmp_path: Path) -> None:
+    scenario = load_scenario(str(own(tmp_path)))
+    assert (scenario.name, scenario.goal) == ("own", (8.0, 1.0, 0.0))
+
+
+def test_a_world_may_lie_beside_the_scenario(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text("2D-Map\nLineMaxPos: 9000 9000\nLineMinPos: 0 0\n")
+    scenario = load_scenario(own(tmp_path, OWN.replace("sc4", "hall.map")))
+    assert load_world(scenario.world).name == "hall"
+
+
+def test_files_count_from_the_scenarios_folder_not_from_where_it_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there, here = tmp_path / "there", tmp_path / "here"
+    for folder in (there, here):
+        folder.mkdir()
+        (folder / "mine.map").write_bytes(resource_path("worlds", "sc4").read_bytes())
+    (there / "mine.toml").write_bytes(resource_path("robots", "pioneer-2dx").read_bytes())
+    text = OWN.replace('"sc4"', '"mine.map"').replace("plan =", 'robot = "./mine.toml"\nplan =')
+    monkeypatch.chdir(here)
+    scenario = load_scenario(own(there, text))
+    assert scenario.world == str(there / "mine.map")
+    assert scenario.robot == str(there / "mine.toml")
+    (there / "mine.map").unlink()
+    with pytest.raises(ConfigError, match=r"there/mine\.map"):
+        load_scenario(there / "own.toml")
+
+
+def test_waypoints_that_are_wanted_must_be_there(tmp_path: Path) -> None:
+    text = 'world = "empty"\nstart = [0, 0, 0]\ngoal = [1, 1, 0]\nplan = "waypoints"\n'
+    with pytest.raises(ConfigError, match=r"own.toml:4: .*waypoints"):
+        load_scenario(own(tmp_path, text))
+
+
+def test_a_fault_in_the_world_is_named_in_the_worlds_file(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text("2D-Map\nLINES\n1 2 3\n")
+    with pytest.raises(ConfigError, match=r"hall.map:3: "):
+        load_scenario(own(tmp_path, OWN.replace("sc4", "hall.map")))
+
+
+# --- from the command line
+
+
+def test_a_goal_is_a_pose_or_a_name() -> None:
+    by_name = scenario_from("sc4", goal="B")
+    by_pose = scenario_from("sc4", (3.4, 0.6, pi / 2), (7.4, 0.7, -pi / 2))
+    assert by_name == by_pose
+    assert planned(by_name)
+    assert not planned(scenario_from("sc1", goal="goal"))
+
+
+HALL = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 9000 9000
+Cairn: RobotHome 1000 1000 0 "" ICON "RobotHome"
+LINES
+0 5000 8000 5000
+DATA
+"""
+"""Somebody else's map: no rooms of ours."""
+
+
+@pytest.mark.parametrize(
+    ("plan", "asks", "into_the_wall"),
+    [("", True, False), ('plan = "direct"', False, True), ('plan = "rooms"', True, False)],
+)
+def test_a_map_with_walls_is_planned_whoever_made_it(
+    tmp_path: Path, plan: str, asks: bool, into_the_wall: bool
+) -> None:
+    (tmp_path / "hall.map").write_text(HALL)
+    own = tmp_path / "own.toml"
+    own.write_text(f'world = "hall.map"\nstart = [1, 1, 0]\ngoal = [1, 8, 0]\n{plan}\n')
+    scenario = load_scenario(own)
+    assert planned(scenario) == asks
+    assert blind(scenario) == into_the_wall
+    assert planned(scenario_from(tmp_path / "hall.map", goal=(1.0, 8.0, 0.0)))
+
+
+STAIRS = """\
+2D-Map
+LineMinPos: 0 0
+LineMaxPos: 9000 9000
+Cairn: RobotHome 1000 1000 0 "" ICON "RobotHome"
+Cairn: ForbiddenLine 0 0 0 "" ICON "" 0 5000 8000 5000
+DATA
+"""
+"""Nothing but what no sensor sees."""
+
+
+def test_what_is_forbidden_alone_is_planned_round_and_no_place_to_be_sent_to(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "stairs.map"
+    file.write_text(STAIRS)
+    beyond = scenario_from(file, goal=(1.0, 8.0, 0.0))
+    assert planned(beyond)
+    assert blind(msgspec.structs.replace(beyond, plan="direct"))
+    with pytest.raises(ConfigError, match=r"goal \(1, 4.9\)"):
+        scenario_from(file, goal=(1.0, 4.9, 0.0))
+
+
+def test_a_straight_way_that_is_free_is_not_blind(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text(HALL)
+    along = scenario_from(tmp_path / "hall.map", goal=(7.0, 4.0, 0.0))
+    assert not blind(msgspec.structs.replace(along, plan="direct"))
+    assert not blind(scenario_from(tmp_path / "hall.map"))
+    assert [blind(load_scenario(name)) for name in ("sc1", "sc2", "sc3", "sc4")] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("sc4", None, "C"), "'C'"),
+        (("sc4", (4.7, 1.0, 0.0), "B"), "start (4.7, 1)"),
+        (("sc4", None, (10.0, 1.0, 0.0)), "goal (10, 1)"),
+        (("sc9", None, None), "'sc9'"),
+        (("sc4", (float("nan"), 1.0, 0.0), "B"), "start (nan, 1)"),
+        (("sc4", (498532.0, 4.5e6, 0.0), "B"), "start (498532, 4.5e+06)"),
+    ],
+)
+def test_a_run_that_cannot_be_is_refused(
+    arguments: tuple[
+        str, tuple[float, float, float] | None, tuple[float, float, float] | str | None
+    ],
+    message: str,
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        scenario_from(*arguments)
+    assert message in str(caught.value)
+
+
+def test_a_world_without_a_start_wants_one(tmp_path: Path) -> None:
+    (tmp_path / "hall.map").write_text("2D-Map\nLineMaxPos: 9000 9000\nLineMinPos: 0 0\n")
+    hall = tmp_path / "hall.map"
+    with pytest.raises(ConfigError, match=r"'hall'.*--start"):
+        scenario_from(hall)
+    assert scenario_from(hall, (1.0, 1.0, 0.0)).goal is None
+
+
+# --- batteries and docks
+
+
+def test_a_scenario_says_what_is_left_of_the_battery_and_how_large_it_is(tmp_path: Path) -> None:
+    assert load_scenario("sc1").battery == Battery(1.0, None)
+    file = own(tmp_path, OWN + "[battery]\ncharge = 0.25\ncapacity_ah = 3.5\n")
+    assert load_scenario(file).battery == Battery(0.25, 3.5)
+
+
+@pytest.mark.parametrize("name", WITH_DOCKS)
+def test_every_robot_can_drive_into_every_dock(name: str) -> None:
+    world = load_world(name)
+    assert world.start is not None
+    x, y, theta = world.start
+    for robot in ("pioneer-2dx", "amigobot"):
+        scenario_from(name, (x, y, theta), robot=robot)
+
+
+def test_a_dock_that_a_wall_is_in_the_way_of_is_refused(tmp_path: Path) -> None:
+    world = load_world("sc4")
+    before_m = DOCK_LANE_M + load_profile("pioneer-2dx").body.circle_m + 0.5 * POSE_M
+    for dock in (
+        (4.40, 1.0, 0.0),  # its front in a wall
+        (0.3, 1.0, 0.0),  # and before it
+        (before_m, 1.0, 0.0),  # and there room to turn, but none for the error of the pose
+    ):
+        file = tmp_path / "docked.map"
+        write_map(replace(world, docks={"one": dock}), file)
+        text = OWN.replace('"sc4"', f'"{file}"')
+        load_scenario(own(tmp_path, text))  # nobody is to be charged
+        text += 'agents = ["encoder", "battery-charger", "dock"]\n'
+        with pytest.raises(ConfigError, match=r"own\.toml:1: .*dock 'one'"):
+            load_scenario(own(tmp_path, text))
+
+
+def on_a_mission(folder: Path, *lines: str) -> Path:
+    file = folder / "s.toml"
+    given = ['world = "surveillance"', "start = [1.5, 2.0, 90.0]", *lines]
+    file.write_text("\n".join(given), encoding="utf-8")
+    return file
+
+
+def test_where_a_mission_is_done_those_take_part_who_do_it(tmp_path: Path) -> None:
+    scenario = load_scenario(on_a_mission(tmp_path, 'mission = "surveillance"'))
+    assert "mission-planning" not in scenario.agents
+    doing = on_mission(scenario)
+    assert set(doing.agents) == {*scenario.agents, *slot("missions").besides}
+    assert on_mission(doing) == doing
+    assert on_mission(load_scenario("house")) == load_scenario("house")
+    other = on_mission(load_scenario("surveillance"), "rounds")
+    assert (other.mission, other.goal) == ("rounds", None)
+
+
+ROOMS = "2D-Map\nLINES\n0 0 9000 0\n9000 0 9000 6000\n9000 6000 0 6000\n0 6000 0 0\n"
+
+
+@pytest.mark.parametrize(
+    ("partition", "joined"),
+    [
+        ("4500 0 4500 6000", False),
+        ("4500 0 4500 5900", False),  # a gap of 0.10 m
+        ("4500 0 4500 5000", True),
+        ("8000 0 8000 6000", True),  # behind the goal
+    ],
+)
+def test_a_goal_that_walls_shut_off_is_an_error_before_anything_drives(
+    tmp_path: Path, partition: str, joined: bool
+) -> None:
+    (tmp_path / "two.map").write_text(f"{ROOMS}{partition}\n")
+    file = tmp_path / "own.toml"
+    for plan in ("rooms", "seen", "direct"):
+        file.write_text(
+            f'world = "two.map"\nstart = [1, 1, 0]\ngoal = [6, 1, 0]\nplan = "{plan}"\n'
+        )
+        if joined:
+            assert load_scenario(file).goal == (6.0, 1.0, 0.0)
+            continue
+        with pytest.raises(ConfigError, match=r"own\.toml:3: goal \(6, 1\).*start \(1, 1\)"):
+            load_scenario(file)
+
+
+@pytest.mark.parametrize(("y", "free"), [(0.3, True), (0.3 - 1e-9, True), (0.2999, False)])
+def test_a_distance_that_is_too_small_reads_as_smaller_than_the_limit(y: float, free: bool) -> None:
+    world, body = load_world("sc4"), load_profile("pioneer-2dx").body
+    assert body.circle_m == pytest.approx(0.3, abs=1e-3)
+    faults = [*_misplaced(world, ("start",), (1.0, y + body.circle_m - 0.3, 0.0), body)]
+    if free:
+        assert not faults
+        return
+    ((_, message),) = faults
+    shown, least = map(float, re.findall(r"(\d\.\d+) m\b", message))
+    assert shown < least

@@ -1,0 +1,220 @@
+"""A scenario as a list of processes, the same for real and in rehearsal."""
+
+from __future__ import annotations
+
+from math import pi
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from armadico.agents.missions.messages import ExploreRequest
+from armadico.config.hosts import Host, HostTable, load_hosts
+from armadico.config.loading import load_parameters
+from armadico.config.scenarios import exploring, load_scenario, with_sensors
+from armadico.core.agent import Agent
+from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import AGENTS, agent_class, load
+from armadico.launch.society import (
+    Member,
+    Options,
+    errand,
+    least,
+    members,
+    mission,
+    needed,
+    prepared,
+    processes,
+    share,
+    spare,
+    time_limit,
+)
+from armadico.mobile.messages import Waypoint
+
+SC4 = load_scenario("sc4")
+
+
+def by_name(options: Options = Options(), scenario: object = SC4) -> dict[str, tuple[str, ...]]:  # noqa: B008
+    return {
+        member.name: member.sets
+        for member in members(scenario, options, "tcp://127.0.0.1:1")  # type: ignore[arg-type]
+    }
+
+
+def test_the_robot_agent_comes_first_and_then_the_scenarios_agents() -> None:
+    found = members(SC4, Options(), "memory:")
+    assert isinstance(found[0], Member)
+    assert [member.name for member in found] == ["robot", *SC4.agents]
+
+
+def test_each_is_told_what_it_must_know_of_the_scenario() -> None:
+    sets = by_name()
+    assert sets["robot"] == ("port=tcp://127.0.0.1:1", f"profile={SC4.robot}")
+    assert sets["encoder"] == ("x=3.4", "y=0.6", f"theta={pi / 2}")
+    assert sets["path-planning"] == ("world=sc4", f"profile={SC4.robot}")
+    assert sets["sonar"] == ("world=sc4", "namespace=robot1")
+
+
+@pytest.mark.parametrize(
+    ("plan", "robot", "told"),
+    [
+        ("seen", "pioneer-2dx", ("safety.unmapped=true",)),
+        ("seen", "jackal", ()),
+        ("rooms", "pioneer-2dx", ()),
+    ],
+)
+def test_whoever_drives_by_sonars_without_a_map_is_told_so(
+    plan: str, robot: str, told: tuple[str, ...]
+) -> None:
+    sets = by_name(scenario=msgspec.structs.replace(SC4, plan=plan, robot=robot))
+    assert {sets[name] for name in ("goto", "avoid", "gothrough")} == {told}
+    for name in ("goto", "avoid", "gothrough"):
+        assert load_parameters(agent_class(name).parameters, None, told).safety.unmapped == bool(
+            told
+        )
+
+
+def test_a_redundant_society_has_two_of_each_behaviour_in_processes_of_their_own() -> None:
+    twice = msgspec.structs.replace(SC4, redundant=True)
+    found = members(twice, Options(without=("relocate",)), "memory:")
+    labels = processes(found, [["encoder", "sonar"], ["goto", "avoid"]])
+    assert list(labels) == [
+        *("robot", "encoder+sonar", "localization", "goto+avoid", "goto+avoid-2"),
+        *("gothrough", "gothrough-2", "path-planning", "interface"),
+    ]
+    assert [m.name for m in labels["goto+avoid-2"]] == ["goto", "avoid"]
+    (host,) = load_hosts().hosts.values()
+    assert [m.name for m in share(twice, Options(), host)].count("goto") == 2
+
+
+LAB = HostTable(
+    {
+        "robot": Host(agents=("robot", "encoder", "sonar", "monitor")),
+        "lab": Host(agents=("goto", "avoid", "path-planning", "interface", "relocate")),
+    }
+)
+
+
+def test_a_host_has_the_watchers_of_its_entry_whatever_the_scenario_says() -> None:
+    found = share(SC4, Options(), LAB.host("robot"))
+    assert [member.name for member in found] == ["robot", "encoder", "sonar", "monitor"]
+
+
+def test_a_host_could_start_what_another_has_but_for_who_owns_a_device() -> None:
+    found = {m.name: m.sets for m in spare(SC4, Options(), LAB.host("lab"), LAB)}
+    assert list(found) == ["encoder", "sonar", "monitor", "teleop"], "and who drives by hand"
+    assert found["encoder"] == by_name()["encoder"], "as its own host would have"
+    no = Host(agents=("goto",), takes=("sonar", "gothrough"))
+    assert [m.name for m in spare(SC4, Options(), no, LAB)] == ["sonar"], "who is placed"
+    assert [m.name for m in spare(None, Options(), LAB.host("robot"), LAB)] == [
+        *LAB.host("lab").agents,
+        "teleop",
+    ]
+
+
+def test_what_is_needed_is_what_takes_part_and_has_a_place() -> None:
+    needed_here = needed(SC4, Options(without=("avoid",)), LAB)
+    assert needed_here == ("robot", "encoder", "sonar", "goto", "interface", "path-planning")
+    assert needed(None, Options(), LAB) == (
+        *("robot", "encoder", "sonar", "goto", "avoid", "interface", "path-planning"),
+    )
+
+
+def test_whoever_is_not_wanted_is_left_out() -> None:
+    without = by_name(Options(without=("gothrough", "avoid")))
+    assert set(by_name()) - set(without) == {"gothrough", "avoid"}
+
+
+def test_a_controller_is_gotos_and_an_exchange_every_behaviours() -> None:
+    sets = by_name(Options(controller="fast", exchange="abrupt"))
+    assert sets["goto"] == ("controller=fast", "social.exchange=abrupt")
+    assert sets["avoid"] == sets["gothrough"] == ("social.exchange=abrupt",)
+    assert not any("exchange" in one for one in sets["encoder"])
+
+
+def test_a_scenarios_speed_limit_is_told_to_all_that_drive() -> None:
+    slow = msgspec.structs.replace(SC4, v_max=0.4)
+    sets = by_name(scenario=slow)
+    assert all("v_max=0.4" in sets[name] for name in ("goto", "avoid", "gothrough"))
+    assert not any("v_max" in one for one in sets["encoder"])
+
+
+def test_what_the_command_line_says_comes_after_the_set_and_wins() -> None:
+    sets = by_name(Options(parameters="thesis", exchange="abrupt"))
+    assert sets["goto"][-1] == "social.exchange=abrupt"
+    parameters = load_parameters(load(AGENTS, "goto", Agent).parameters, None, list(sets["goto"]))
+    assert parameters.rules == "thesis"  # type: ignore[attr-defined]
+    assert parameters.social.exchange == "abrupt"
+    assert parameters.social.margin == 0.0
+
+
+@pytest.mark.parametrize("options", [Options(), Options(parameters="thesis")])
+def test_every_member_understands_what_it_is_told(options: Options) -> None:
+    for member in members(SC4, options, "memory:"):
+        kind = load(AGENTS, member.name, Agent)
+        assert isinstance(
+            load_parameters(kind.parameters, None, list(member.sets)), kind.parameters
+        )
+
+
+def test_a_planned_mission_leaves_the_way_to_the_planner() -> None:
+    on_query = mission(SC4)
+    assert on_query is not None
+    assert on_query.planned
+    assert on_query.waypoints == ()
+    assert on_query.goal == Waypoint(7.4, 0.7, -pi / 2)
+
+
+def test_a_mission_over_waypoints_brings_them() -> None:
+    on_query = mission(msgspec.structs.replace(SC4, plan="waypoints"))
+    assert on_query is not None
+    assert not on_query.planned
+    assert [(w.x, w.y) for w in on_query.waypoints] == [
+        (1.5, 2.5),
+        (1.5, 3.6),
+        (6.3, 3.75),
+        (6.3, 2.4),
+    ]
+    assert on_query.waypoints[0].theta == pytest.approx(pi / 2)
+
+
+def test_the_time_limit_is_five_times_the_way_at_0_3_m_s_and_a_minute_at_least() -> None:
+    assert time_limit(12.0, Options()) == pytest.approx(200.0)
+    assert time_limit(0.5, Options()) == 60.0
+    assert time_limit(12.0, Options(limit=7.0)) == 7.0
+
+
+def test_without_a_goal_there_is_no_mission() -> None:
+    assert mission(msgspec.structs.replace(SC4, goal=None)) is None
+
+
+JACKAL = prepared(load_scenario("house"), Options(), profile="jackal")
+
+
+def test_a_robot_with_a_laser_and_real_sensors_explores_by_slam() -> None:
+    found = [member.name for member in members(exploring(JACKAL), Options(), "memory:")]
+    assert {"slam", "explore", "laser", "path-planning"} < set(found)
+    assert not {"localization", "relocate", "mapping"} & set(found)
+    exact = exploring(with_sensors(JACKAL, "ideal"))
+    assert "mapping" in exact.agents
+    assert not {"slam", "path-planning"} & set(exact.agents)
+
+
+def test_an_exploration_leaves_out_the_mission() -> None:
+    found = exploring(prepared(load_scenario("surveillance"), Options(), profile="jackal"))
+    assert isinstance(errand(found, Options()), ExploreRequest)
+    assert not {"mission-planning", "battery-charger", "dock"} & set(found.agents)
+
+
+def test_what_an_exploration_by_slam_needs() -> None:
+    found = set(least(exploring(JACKAL)).agents)
+    assert {"slam", "explore"} < found
+    assert not {"localization", "mapping"} & found
+
+
+@pytest.mark.parametrize("rival", ["localization", "mapping"])
+def test_slam_beside_an_agent_that_publishes_the_same_is_refused(rival: str) -> None:
+    agents = (*exploring(JACKAL).agents, rival)
+    with pytest.raises(ConfigError, match=f"agents slam and {rival}: .*--without {rival}"):
+        members(replace(JACKAL, agents=agents), Options(), "memory:")
+    members(replace(JACKAL, agents=agents), Options(without=(rival,)), "memory:")

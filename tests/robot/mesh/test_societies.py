@@ -1,0 +1,216 @@
+"""Agents on both meshes: the same rules of admission, tokens and queries."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any, ClassVar
+
+import pytest
+from msgspec.structs import replace
+
+from armadico.agents.localization.encoder import Encoder
+from armadico.bridge.robot import Robot
+from armadico.core.agent import Agent, Publish, Question
+from armadico.core.driver import Driver
+from armadico.core.membership import Stage
+from armadico.core.messages import (
+    LARGEST_PAYLOAD,
+    PROTOCOL,
+    Ballot,
+    Card,
+    Claim,
+    Cycle,
+    Log,
+    Message,
+    Stop,
+)
+from armadico.core.resources import WHEELS
+from armadico.launch.client import Client
+from armadico.mesh.virtual import VirtualMesh
+from armadico.mesh.virtual_session import VirtualSession
+from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
+from armadico.runtime.process import AgentHost
+from tests.core.mesh.conftest import SOON, Crowd
+
+REQUEST = PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 2, 0.5))
+
+
+class Toy(Agent):
+    """Subscribes to the stop, and plans nothing."""
+
+    name = "toy"
+    answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
+
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
+        return Plan((), refusal=f"{self.instance} does not plan")
+
+
+class Foreign(Toy):
+    """Speaks another protocol."""
+
+    name = "foreign"
+
+    def fill_card(self, card: Card) -> Card:
+        return replace(card, protocol=PROTOCOL + 1)
+
+
+class Other(Agent):
+    """Owns the wheels too, by another name."""
+
+    name = "other"
+    owns = (WHEELS,)
+
+    def obey(self, resource: Any, action: Any) -> None:
+        """Nothing."""
+
+    def rest(self, resource: Any) -> None:
+        """Nothing."""
+
+
+def start(crowd: Crowd, kind: type[Agent]) -> Driver:
+    return crowd.start(kind(crowd.identity(kind.name)))
+
+
+def joined(crowd: Crowd, kind: type[Agent]) -> Driver:
+    """One that is at work, and seen to be."""
+    driver = start(crowd, kind)
+    agent = (driver.agent.name, driver.agent.instance)
+    assert crowd.until(lambda: driver.started and agent in crowd.client.alive)
+    return driver
+
+
+def refusal(crowd: Crowd, driver: Driver) -> str:
+    assert crowd.until(lambda: driver.refusal)
+    assert driver.stage is Stage.REFUSED
+    return driver.refusal
+
+
+def alive(crowd: Crowd) -> set[str]:
+    """Return the names of the remaining agents once nothing changes any more."""
+    crowd.client.settle()
+    return {name for name, _ in crowd.client.alive}
+
+
+@pytest.mark.parametrize("kind", [Robot, Encoder])
+def test_a_second_robot_or_encoder_agent_is_refused_and_never_seen(
+    crowd: Crowd, kind: type[Agent]
+) -> None:
+    first = joined(crowd, kind)
+    seen: set[tuple[str, str]] = set()
+    second = start(crowd, kind)
+    assert crowd.until(lambda: seen.update(crowd.client.alive) or second.refusal)
+    why = refusal(crowd, second)
+    assert why.startswith(f"another {kind.name} agent is alive already: {first.agent.instance} (")
+    assert why.endswith("end that one, or use another namespace: --namespace")
+    crowd.client.settle()
+    assert seen | crowd.client.alive == {(kind.name, first.agent.instance)}
+    assert first.started
+
+
+def test_a_second_owner_of_a_resource_is_refused_by_whatever_name(crowd: Crowd) -> None:
+    first = joined(crowd, Robot)
+    why = refusal(crowd, start(crowd, Other))
+    assert why.startswith(f"wheels has an owner already: {first.agent.instance} (")
+    assert alive(crowd) == {"robot"}
+
+
+def test_of_several_that_begin_at_once_one_stays(crowd: Crowd) -> None:
+    drivers = [start(crowd, Encoder) for _ in range(3)]
+    assert crowd.until(lambda: sum(bool(d.refusal) for d in drivers) == 2)
+    (left,) = (driver for driver in drivers if not driver.refusal)
+    assert crowd.until(lambda: left.started)
+    assert alive(crowd) == {"encoder"}
+
+
+def test_among_agents_of_another_protocol_a_newcomer_is_refused(crowd: Crowd) -> None:
+    foreign = joined(crowd, Foreign)
+    why = refusal(crowd, start(crowd, Toy))
+    assert why.startswith(f"{foreign.agent.instance} (")
+    assert f"uses protocol {PROTOCOL + 1}, this agent {PROTOCOL};" in why
+    assert alive(crowd) == {"foreign"}
+
+
+def test_where_an_owner_speaks_its_protocol_it_may_join_beside_another(crowd: Crowd) -> None:
+    joined(crowd, Robot)
+    joined(crowd, Foreign)
+    joined(crowd, Toy)
+    assert alive(crowd) == {"robot", "foreign", "toy"}
+
+
+def test_a_joining_agent_gets_the_tokens_and_the_latched_states(
+    crowd: Crowd,
+) -> None:
+    first, stop = joined(crowd, Toy), Stop(7, True, "tester", 1)
+
+    def has_stop(driver: Driver) -> bool:
+        return driver.agent.memory.newest(Stop) == stop
+
+    crowd.client.publish(stop)
+    assert crowd.until(lambda: has_stop(first))
+    second = joined(crowd, Toy)
+    assert crowd.until(lambda: ("toy", first.agent.instance) in second.alive and has_stop(second))
+
+
+def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
+    toys = [joined(crowd, Toy), joined(crowd, Encoder)]
+    cards = crowd.client.cards(SOON)
+    assert set(cards) == {(d.agent.name, d.agent.instance) for d in toys}
+    for (name, instance), card in cards.items():
+        assert card is not None
+        assert (card.name, card.instance, card.protocol) == (name, instance, PROTOCOL)
+    instance = toys[0].agent.instance
+    assert crowd.client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
+    card = crowd.client.card("toy", instance, SOON)
+    assert card is not None
+    assert card.provides == ("path/plan",)
+    assert crowd.client.card("toy", "toy-0", SOON) is None
+
+
+class Loud(Toy):
+    """Publishes on a stop claims that are invalid by numbers or size, and a valid one."""
+
+    name = "loud"
+    receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
+
+    def on_stop(self, stop: Stop) -> None:
+        ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
+        claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
+        too_large = replace(claim, wanted=large, commanded=large)
+        self.kernel.outbox += [Publish(WHEELS.utility_key, each) for each in (too_large, claim)]
+        self.kernel.outbox += [
+            Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)
+        ]
+
+
+def test_messages_that_cannot_be_decoded_are_dropped_and_logged(crowd: Crowd) -> None:
+    client = crowd.client
+    received: list[Any] = []
+    lines: list[Any] = []
+    client.listen(Claim, Pose, then=lambda message, _: received.append(message))
+    client.listen(Log, then=lambda message, _: lines.append(message))
+    driver = joined(crowd, Loud)
+    client.publish(Stop(1, True, "tester", 1))
+    assert crowd.until(lambda: received and isinstance(received[-1], Pose))
+    claim, pose = received
+    assert claim.wanted == ()
+    assert pose.x == 1.0
+    assert crowd.until(lambda: lines)
+    assert "1 x on resource/wheels/utility: Claim cannot be sent" in lines[0].text
+    assert driver.started
+
+
+def test_a_host_of_agents_lives_on_the_virtual_mesh_too() -> None:
+    """Virtual only: live ones are processes (`test_processes`). It moves the clock by waiting."""
+    mesh = VirtualMesh(1)
+    node = mesh.add(Encoder(mesh.identity("encoder")))
+    client = Client(VirtualSession(mesh))
+    toy, second = Toy(mesh.identity("toy")), Encoder(mesh.identity("encoder", 1))
+    host = AgentHost([toy], VirtualSession(mesh, name="toy"), wall=lambda: 0.0)
+    mesh.call_at(2.0, lambda _a, _b: host.request_stop())
+    host.live()
+    assert mesh.now == pytest.approx(2.0)
+    assert host.drivers[0].started
+    assert client.wait_for(lambda: len(client.alive) == 2, 1.0)
+    late = AgentHost([second], VirtualSession(mesh, name="late"), wall=lambda: 0.0)
+    late.live()
+    assert f"another encoder agent is alive already: {node.agent.instance}" in late.refusal

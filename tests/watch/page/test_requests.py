@@ -1,0 +1,80 @@
+"""The requests that a browser may send."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from armadico.observe.page_requests import (
+    LONGEST,
+    Asked,
+    Goto,
+    RequestError,
+    Resume,
+    bits,
+)
+from armadico.watch.page.model import reader
+from armadico.watch.teleop.page import Hold
+
+READER = reader()
+GOTO = {"do": "go", "id": 1, "robot": "robot1", "x": 1.5, "y": -2}
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (GOTO, Goto(1, "robot1", 1.5, -2.0)),
+        (GOTO | {"theta": 3.0}, Goto(1, "robot1", 1.5, -2.0, 3.0)),
+        (
+            {"do": "resume", "id": 2, "robot": "r", "press": "9223372036854775807"},
+            Resume(2, "r", "9223372036854775807"),
+        ),
+        (
+            {"do": "stick", "id": 3, "robot": "r", "v": 1, "w": -1, "cycle": 7},
+            Hold(3, "r", 1.0, -1.0, 7),
+        ),
+    ],
+)
+def test_valid_requests(data: dict[str, object], expected: Asked) -> None:
+    assert READER.read(json.dumps(data)) == expected
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        *(
+            "",
+            "[]",
+            "null",
+            "{",
+            "5",
+            '{"do":"go"}',
+            '"' + "x" * LONGEST,
+            b"\xff\xfe",
+            "[" * 4000,
+        ),
+        json.dumps(GOTO | {"do": "command"}),
+        json.dumps(GOTO | {"x": None}),
+        json.dumps(GOTO | {"x": 1e7}),
+        json.dumps(GOTO | {"x": float("nan")}),
+        json.dumps(GOTO | {"x": "1"}),
+        json.dumps(GOTO | {"theta": 100.0}),
+        json.dumps(GOTO | {"robot": ""}),
+        json.dumps(GOTO | {"robot": "\x1b[2J"}),
+        json.dumps(GOTO | {"utility": 1.0}),
+        json.dumps(GOTO | {"id": -1}),
+        json.dumps({"do": "stick", "id": 3, "robot": "r", "v": 1.01, "w": 0, "cycle": 7}),
+        json.dumps({"do": "resume", "id": 2, "robot": "r", "press": "-1"}),
+        json.dumps({"do": "resume", "id": 2, "robot": "r", "press": 1}),
+    ],
+)
+def test_other_requests_are_refused(data: str | bytes) -> None:
+    with pytest.raises(RequestError):
+        READER.read(data)
+
+
+def test_a_number_of_more_than_63_bits_is_refused() -> None:
+    assert bits("9223372036854775807") == 2**63 - 1
+    with pytest.raises(RequestError, match="9223372036854775808"):
+        bits("9223372036854775808")

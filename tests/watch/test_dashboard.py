@@ -1,0 +1,413 @@
+"""The dashboard's drawings, from messages and from a run."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
+
+import numpy as np
+from msgspec.structs import replace
+from PIL import Image
+
+from armadico.config.grid_map import Cells, message_of
+from armadico.config.scenarios import ideal, load_scenario
+from armadico.config.worlds import Segment, World, load_world
+from armadico.core import messages as m
+from armadico.launch.society import Options, prepared
+from armadico.launch.virtual import Rehearsal
+from armadico.mobile.map_graphs import message_of as graph_message
+from armadico.mobile.messages import Cell, Echo, LocalMap, OccupancyGrid, Pose, Sonar
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.particles import MOST
+from armadico.mobile.particles import message_of as particles_of
+from armadico.mobile.scans import message_of as scan_of
+from armadico.watch.commands.dashboard import zones
+from armadico.watch.dashboard import palette, shapes, viewer
+from armadico.watch.dashboard.blueprint import VIEWS
+from armadico.watch.dashboard.global_map import PATH_POINTS
+from armadico.watch.dashboard.scene import Scene
+from armadico.watch.dashboard.server import close, keep
+from armadico.watch.dashboard.virtual_run import Rehearsed
+from armadico_tools.dashboard_picture import photograph
+from tests.core.framework.robots import body, described
+from tests.robot.observe.kept import (
+    AVOID,
+    GOTO,
+    Kept,
+    ack,
+    ballot,
+    colour_of,
+    cycle,
+    drawn,
+    record,
+    state,
+)
+
+BODY = m.Description("slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
+
+# Entities -----------------------------------------------------------------------------------------
+
+
+def test_the_map_made_by_driving_is_at_its_place_in_the_world(tmp_path: Path) -> None:
+    states = np.array([[0, 1, 2], [1, 1, 0]], dtype=np.uint8)
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(message_of(Cells(-1.0, 2.0, 0.5, states)), 1.0)
+        scene.update(OccupancyGrid(0.0, 0.0, 0.5, 9, 9, b"no"), 9.0)
+    ((_, kept),) = Kept(path).rows["/p/map/world/mapped"]
+    assert kept["translation"] == [[-1.0, 2.0, 0.0]]
+    with Image.open(io.BytesIO(bytes(kept["blob"][0]))) as image:
+        assert image.size == (3, 2)
+        assert image.getpixel((0, 0)) == palette.MAPPED[0]
+        assert image.getpixel((1, 0)) == palette.MAPPED[1]  # the lowest row comes first
+        assert image.getpixel((2, 0)) == palette.MAPPED[2]
+
+
+def test_a_loop_is_drawn_when_it_closes_and_one_that_is_switched_off_in_another_colour(
+    tmp_path: Path,
+) -> None:
+    grid = message_of(Cells(0.0, 0.0, 0.5, np.ones((4, 4), dtype=np.uint8)), 1)
+    poses = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(graph_message(1, poses, [(0, 2)], [False]), 0.5)  # no map is drawn yet
+        scene.update(grid, 1.0)
+        scene.update(graph_message(1, poses[:2], [], []), 1.1)
+        scene.update(graph_message(1, poses, [], []), 1.2)  # too soon, without a new loop
+        scene.update(graph_message(1, poses, [(0, 2), (1, 2)], [False, True]), 1.3)
+        scene.update(replace(graph_message(1, poses, [(0, 2)], [False]), packed=b"no"), 9.0)
+        scene.update(graph_message(2, poses, [(0, 2)], [False]), 9.0)  # of a map to come
+        scene.update(replace(grid, revision=2), 9.1)
+    kept = Kept(path)
+    slam = "/p/map/world/slam"
+    assert [(t, rows["strips"]) for t, rows in kept.rows[f"{slam}/loops"]] == [
+        (1.1, []),
+        (1.3, [[[0.0, 0.0], [1.0, 1.0]]]),
+    ]
+    assert [(t, rows["strips"]) for t, rows in kept.rows[f"{slam}/off"]] == [
+        (1.1, []),
+        (1.3, [[[1.0, 0.0], [1.0, 1.0]]]),
+    ]
+    on, off = (kept.rows[f"{slam}/{name}"][-1][1]["colors"] for name in ("loops", "off"))
+    assert on != off
+    assert kept.rows[f"{slam}/status"][-1][1]["labels"] == [
+        "map: revision 1, 3 key scans, 2 loops (1 off)"
+    ]
+    assert [t for t, _ in kept.rows[slam]] == [9.1], "cleared with the map that it belongs to"
+
+
+def pose(number: int, xx: float, yy: float = 0.01, tt: float = 0.01) -> Pose:
+    return Pose(cycle(number), 2.0, 1.0, 0.5, (xx, 0.0, 0.0, yy, 0.0, tt))
+
+
+def test_the_poses_covariance_is_drawn_as_an_ellipse_and_an_angle(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(Pose(cycle(1), 2.0, 1.0, 0.5), 0.0)  # no covariance
+        scene.update(pose(2, 0.09), 1.0)
+    ((t, kept),) = Kept(path).rows["/p/map/world/unsure"]
+    assert t == 1.0
+    ellipse, angle = kept["strips"]
+    xs, ys = zip(*ellipse, strict=True)
+    assert (min(xs), max(xs)) == pytest.approx((1.4, 2.6))  # 2 sigma of 0.3 m
+    assert (min(ys), max(ys)) == pytest.approx((0.8, 1.2), abs=0.001)
+    (left, here, right) = angle
+    assert here == pytest.approx((2.0, 1.0))
+    headings = [math.atan2(y - 1.0, x - 2.0) for x, y in (left, right)]
+    assert headings == pytest.approx([0.7, 0.3], abs=1e-5)
+
+
+def test_an_ellipse_lies_along_the_axes_of_the_covariance() -> None:
+    c, s = math.cos(0.4), math.sin(0.4)
+    xx, yy, xy = 4 * c * c + s * s, 4 * s * s + c * c, 3 * c * s  # 2 m along 0.4 rad, 1 m across
+    strip = shapes.ellipse(xx, xy, yy, 1.0)
+    reach = np.hypot(*strip.T)
+    assert np.abs(strip[reach.argmax()]) == pytest.approx([2 * c, 2 * s])
+    assert reach.min() == pytest.approx(1.0, abs=0.01)
+
+
+def test_particles_are_drawn_until_they_time_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        particles = particles_of(cycle(1), [(1.0, 2.0, 0.0), (3.0, -1.0, math.pi / 2)])
+        scene.update(particles, 1.0)
+        scene.update(replace(particles, packed=b"no"), 1.5)
+        for number, t in enumerate((2.0, 3.1, 9.0)):
+            scene.update(state(number), t)
+    (_, shown), (gone_at, gone) = Kept(path).rows["/p/map/world/particles"]
+    assert np.array(shown["origins"]) == pytest.approx(np.array([[1.0, 2.0], [3.0, -1.0]]))
+    assert shown["vectors"][0] == pytest.approx((0.12, 0.0), abs=1e-5)
+    assert shown["vectors"][1] == pytest.approx((0.0, 0.12), abs=1e-4)
+    assert gone_at == 3.1
+    assert "origins" not in gone
+
+
+def test_queried_bids_are_drawn_at_the_times_of_their_cycles(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        for number in range(1, 6):
+            scene.update(state(number), number / 10)
+            claim = m.Claim("wheels", ballot(GOTO), cycle(number), 0.6)
+            scene.update(claim, number / 10 + 0.01)
+        late = [record(n, u) for n, u in ((2, None), (3, 0.25), (4, 0.5), (5, None), (9, 0.9))]
+        for _ in range(2):  # asked twice, drawn once
+            scene.update(m.BidHistory(AVOID, tuple(late)), 1.0)
+        scene.update(m.BidHistory(GOTO, (record(5, 0.6),)), 1.0)
+    kept = Kept(path)
+    assert kept.values("/p/utility/wheels/goto", "scalars") == [(n / 10, 0.6) for n in range(1, 6)]
+    avoid = kept.values("/p/utility/wheels/avoid", "scalars")
+    assert avoid[:2] == [(0.3, 0.25), (0.4, 0.5)]
+    assert avoid[2][0] == 0.5
+    assert math.isnan(avoid[2][1])  # no bid is a gap
+    assert len(avoid) == 3
+
+
+def test_an_agent_has_one_colour_in_curve_and_path(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(state(1), 0.1)
+        for step in range(30):
+            scene.update(ack(step, AVOID), 0.1 + step / 10)
+            scene.update(Pose(cycle(1), 0.05 * step, 0.0, 0.0), 0.1 + step / 10)
+        scene.update(m.Claim("wheels", ballot(AVOID), cycle(1), 0.6), 0.2)
+    kept = Kept(path)
+    avoid = palette.agent("avoid")
+    assert colour_of(kept.fixed["/p/utility/wheels/avoid"]["colors"][0]) == avoid
+    assert colour_of(kept.rows["/p/map/world/path"][-1][1]["colors"][-1]) == avoid
+
+
+def test_a_scan_is_points_and_obstacles_are_those_of_all_sensors(tmp_path: Path) -> None:
+    body = ("r", 0.1, 0.2, 0.2, 0.2, 1.0, 5.0, 0.3, 0.6, 1.7, 1.7, 0.3, 2.0)
+    ranges = [1.0, 2.0, math.nan, math.inf, 9.0]
+    scan = scan_of(cycle(1), ranges, (-0.2, 0.1), (0.1, 30.0), (0.1, 0.0, 0.0))
+    laser = Obstacles(cycle(1), None, None, None, None, (m.Point(1, 0),), "laser")
+    sonar = Obstacles(cycle(1), None, None, None, None, (m.Point(0, 1),))
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(m.Description(*body, sensors=("laser", "sonar")), 0.0)
+        scene.update(Pose(cycle(1), 5.0, 0.0, 0.0), 0.0)
+        scene.update(scan, 0.1)
+        scene.update(replace(scan, packed=b"abc"), 0.5)
+        scene.update(laser, 0.2)
+        scene.update(sonar, 0.2)
+        scene.update(replace(sonar, sensor="camera"), 0.9)
+    kept = Kept(path)
+    (seen,) = (parts["positions"] for _, parts in kept.rows["/p/local/robot/scan"])
+    assert len(seen) == 2, "those within sight of the local map"
+    (echoes,) = (parts["positions"] for _, parts in kept.rows["/p/map/world/echoes"])
+    assert len(echoes) == 3
+    (points,) = (parts["positions"] for _, parts in kept.rows["/p/local/robot/points"])
+    assert len(points) == 2
+
+
+@pytest.mark.long
+def test_drawing_rates_and_memory_are_bounded(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    seconds, rate = 20, 200
+    with drawn(path) as scene:
+        for step in range(seconds * rate):
+            scene.update(Pose(cycle(step), 0.05 * step, 0.0, 0.0), step / rate)
+            echo = Echo(0.1, 0.0, step * 0.01, 1.0 + step % 20)
+            scene.update(Sonar(cycle(step), 30.0, (echo,)), step / rate)
+    kept = Kept(path)
+    rows = {name: len(rows) / seconds for name, rows in kept.rows.items()}
+    assert 5.0 < rows["/p/map/world/robot"] < 16.0
+    assert 0.5 < rows["/p/map/world/path"] < 1.5
+    assert len(kept.rows["/p/map/world/path"][-1][1]["strips"][0]) == PATH_POINTS
+    assert max(len(parts["positions"]) for _, parts in kept.rows["/p/map/world/echoes"]) <= 1500
+
+
+def test_two_robots_have_separate_entities(tmp_path: Path) -> None:
+    recording = keep({"one": None, "two": None}, tmp_path / "a.rrd")
+    one, two = (Scene(recording, None, name) for name in ("one", "two"))
+    one.update(state(1), 0.0)
+    one.update(m.Claim("wheels", ballot(GOTO), cycle(1), 0.6), 0.0)
+    two.update(Pose(cycle(1), 1.0, 2.0, 0.0), 0.0)
+    close(recording)
+    kept = Kept(tmp_path / "a.rrd")
+    assert "/one/utility/wheels/goto" in kept.rows
+    assert "/two/utility/wheels/goto" not in kept.rows
+    assert kept.rows["/two/map/world/robot"][0][1]["translation"] == [[1.0, 2.0, 0.0]]
+    assert "/one/map/world/robot" not in kept.rows
+
+
+def test_other_messages_are_ignored(tmp_path: Path) -> None:
+    with drawn(tmp_path / "a.rrd") as scene:
+        scene.update(m.Ask(), 0.0)
+    assert Kept(tmp_path / "a.rrd").rows == {}
+
+
+@pytest.mark.parametrize("sector", [0, 4, 13, 8], ids=["ahead", "left", "right", "behind"])
+def test_cells_are_drawn_at_their_sector_and_ring(tmp_path: Path, sector: int) -> None:
+    cells = tuple(Cell(sector, ring, 1.0, 0, 0) for ring in range(10))
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
+    ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
+    arcs = np.array(shown["strips"])
+    assert np.hypot(arcs[..., 0], arcs[..., 1]) == pytest.approx(
+        np.tile(0.25 * np.arange(10) + 0.125, (4, 1)).T
+    )
+    assert shown["radii"] == [0.125]
+    turns = np.degrees(np.unwrap(np.arctan2(arcs[..., 1], arcs[..., 0]))) % 360
+    assert ((20 * sector < turns) & (turns < 20 * (sector + 1))).all()
+
+
+def test_the_local_map_has_forward_up(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path):
+        pass
+    turned = np.reshape(Kept(path).fixed["/p/local/robot"]["mat3x3"], (3, 3)).T  # by columns
+    assert (turned @ (1, 0, 0)).tolist() == [0, -1, 0]  # the screen's y points down
+    assert (turned @ (0, 1, 0)).tolist() == [-1, 0, 0]
+
+
+def test_the_largest_probability_in_a_cell_is_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    cells = (Cell(0, 7, 1.0, 0, 0), Cell(0, 7, 0.1, 0, 0), Cell(3, 7, 0.0, 0, 0))
+    with drawn(path) as scene:
+        scene.update(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
+    ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
+    assert list(map(colour_of, shown["colors"])) == [(86, 180, 233, 255)]
+
+
+def test_zones_lie_around_the_footprint() -> None:
+    strip = shapes.around_footprint(described(), 0.3)
+    assert tuple(strip[0]) == tuple(strip[-1])
+    assert all(abs(body().outline.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
+
+
+@pytest.mark.parametrize("profile", ["pioneer-2dx", "amigobot"])
+def test_the_robot_is_drawn_with_its_described_size_and_not_before(
+    tmp_path: Path, profile: str
+) -> None:
+    robot, pose = described(profile), Pose(cycle(1), 1.0, 2.0, 0.0)
+    path = tmp_path / "a.rrd"
+    with drawn(path) as scene:
+        scene.update(pose, 0.0)
+        scene.update(robot, 0.1)
+        scene.update(pose, 0.2)
+    fixed = Kept(path).fixed
+    for where in ("map/world/robot", "local/robot"):
+        x, y = zip(*fixed[f"/p/{where}/outline"]["strips"][0], strict=True)
+        assert (max(x), -min(x), max(y)) == pytest.approx(
+            (robot.front, robot.rear, robot.half_width)
+        )
+    assert "/p/map/world/truth/outline" not in fixed
+
+
+@pytest.mark.parametrize(
+    ("bounds", "xs", "ys"),
+    [
+        (None, range(-10, 11, 2), range(-10, 11, 2)),
+        ((-2.0, 0.5, 7.0, 3.0), range(-2, 8), (1, 2, 3)),
+        ((100.2, 0.0, 180.0, 39.0), range(105, 185, 5), range(0, 40, 5)),
+    ],
+)
+def test_coordinates_can_be_read_off_the_global_map(
+    tmp_path: Path, bounds: Segment | None, xs: Iterable[int], ys: Iterable[int]
+) -> None:
+    path = tmp_path / "a.rrd"
+    with drawn(path, None if bounds is None else World("w", (), bounds)):
+        pass
+    fixed = Kept(path).fixed
+    lines = fixed["/p/map/world/grid"]["strips"]
+    assert [a[0] for a, b in lines if a[0] == b[0]] == pytest.approx([*xs])
+    assert [a[1] for a, b in lines if a[1] == b[1]] == pytest.approx([*ys])
+    numbers = fixed["/p/map/world/numbers"]
+    assert numbers["labels"] == [*map(str, xs), *map(str, ys), "x, m", "y, m"]
+    assert [x for x, _ in numbers["positions"][: len([*xs])]] == pytest.approx([*xs])
+
+
+def test_docks_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "a.rrd"
+    world = World("w", (), (0.0, 0.0, 5.0, 5.0), docks={"one": (1.0, 2.0, 0.0)})
+    with drawn(path, world):
+        pass
+    assert Kept(path).fixed["/p/map/world/docks"]["labels"] == ["one"]
+
+
+# A run --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Rehearsal]:
+    path = tmp_path_factory.mktemp("run") / "sc3.rrd"
+    rehearsal = Rehearsal(ideal(load_scenario("sc3")), Options())
+    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
+        assert rehearsal.run().reached
+    return path, rehearsal
+
+
+def test_a_virtual_run_has_all_entities(run: tuple[Path, Rehearsal]) -> None:
+    path, _ = run
+    kept = Kept(path)
+    entities = {name.removeprefix("/robot1/") for name in kept.rows}
+    assert entities >= {
+        *(
+            f"map/world/{part}"
+            for part in ("robot", "truth", "path", "plan", "waypoints", "echoes")
+        ),
+        *(f"local/robot/{part}" for part in ("points", "closest", "zones", "sonar")),
+        *(f"utility/wheels/{name}" for name in ("goto", "avoid", "gothrough")),
+        "local/robot/cells",
+    }
+    walls = kept.fixed["/robot1/map/world/walls"]["strips"]
+    assert len(walls) == len(load_world("sc3").walls)
+
+
+@pytest.mark.long
+def test_a_run_with_an_unknown_start_is_drawn_until_it_is_localized(
+    tmp_path: Path,
+) -> None:
+    anywhere = tmp_path / "anywhere.toml"
+    anywhere.write_text('[localization]\nstart = "anywhere"\n', encoding="utf-8")
+    chosen = Options(
+        seed=1,
+        sensors="real",
+        besides=("localization", "relocate"),
+        parameters=str(anywhere),
+        limit=40.0,
+    )
+    path = tmp_path / "sc4.rrd"
+    rehearsal = Rehearsal(prepared(load_scenario("sc4"), chosen), chosen)
+    with Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones()):
+        rehearsal.run()
+    kept = Kept(path)
+    rows = kept.rows["/robot1/map/world/particles"]
+    counts = [len(row["origins"]) for _, row in rows]
+    assert max(counts) == min(counts) == MOST
+    assert 1.5 < len(rows) / (rows[-1][0] - rows[0][0]) < 2.5  # a second
+    spreads = [np.std(np.array(row["origins"]), axis=0).max() for _, row in rows]
+    assert spreads[0] > 1.0 > 0.2 > min(spreads)
+    assert "/robot1/map/world/unsure" in kept.rows
+
+
+def test_other_contenders_are_drawn_in_almost_every_cycle_in_which_they_bid(
+    run: tuple[Path, Rehearsal],
+) -> None:
+    path, rehearsal = run
+    goto = Kept(path).values("/robot1/utility/wheels/goto", "scalars")
+    assert len(goto) > 0.9 * len(rehearsal.watch.path)  # goto lost a fifth of the cycles
+
+
+def test_the_native_viewer_shows_every_view_without_an_error(
+    run: tuple[Path, Rehearsal], tmp_path: Path
+) -> None:
+    try:
+        taken = photograph(run[0], 12.0, (1280, 720))
+    except viewer.ViewerError as error:
+        pytest.skip(f"no headless viewer here: {error}")
+    assert taken.errors == ()
+    assert taken.views >= set(VIEWS)
+    (tmp_path / "dashboard.png").write_bytes(taken.png)
+    picture = Image.open(io.BytesIO(taken.png)).convert("RGB")
+    assert picture.size == (1280, 720)
+    colours = {colour for _, colour in picture.getcolors(2**20) or []}
+    assert {palette.agent(name)[:3] for name in ("goto", "avoid")} <= colours

@@ -1,0 +1,124 @@
+"""Pictures of runs and worlds: their size, colours and content."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from math import pi
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from armadico.config.loading import names
+from armadico.config.profile import load_profile
+from armadico.config.worlds import load_world
+
+pytest.importorskip("matplotlib")
+
+from armadico.watch.pictures import (
+    COLOURS,
+    NO_AGENT,
+    Canvas,
+    Run,
+    Step,
+    _spaced,
+    _tenures,
+    colour,
+    draw_run,
+)
+
+BODY = load_profile("pioneer-2dx").body
+DOCS = Path(__file__).parents[2] / "docs"
+
+STRAIGHT: list[Step] = [
+    (i / 10, 1.0 + 0.05 * i, 0.5, 0.0, "goto" if i < 40 else "avoid") for i in range(81)
+]
+
+
+def pixels(path: Path) -> set[tuple[int, int, int]]:
+    with Image.open(path) as image:
+        assert image.size == (1280, 720)
+        colours = image.convert("RGB").getcolors(1280 * 720)
+    assert colours is not None
+    return {(r, g, b) for _, (r, g, b) in colours}  # type: ignore[misc]
+
+
+def rgb(name: str | None) -> tuple[int, int, int]:
+    code = colour(name)
+    return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)
+
+
+def near(wanted: tuple[int, int, int], seen: set[tuple[int, int, int]]) -> bool:
+    """Whether a colour is in the picture, within the error of its palette."""
+    return any(max(abs(a - b) for a, b in zip(wanted, one, strict=True)) <= 8 for one in seen)
+
+
+def test_a_run_is_drawn_in_its_holders_colours(tmp_path: Path) -> None:
+    waypoints, echoes = [(3.0, 0.5, 0.0)], [(2.0, 0.0)] * 9
+    start, goal = (1.0, 0.5, 0.0), (5.0, 0.5, pi)
+    run = Run(STRAIGHT, start, goal, BODY, waypoints, echoes, "T", ["c"])
+    draw_run(load_world("sc3"), run, tmp_path / "new folder" / "run.png")
+    seen = pixels(tmp_path / "new folder" / "run.png")
+    assert near(rgb("goto"), seen)
+    assert near(rgb("avoid"), seen)
+    assert not near(rgb("gothrough"), seen)
+
+
+def test_a_run_that_never_began_can_be_drawn(tmp_path: Path) -> None:
+    draw_run(load_world("empty"), Run([], (0, 0, 0), (1, 0, 0), BODY), tmp_path / "run.png")
+    assert pixels(tmp_path / "run.png")
+
+
+def test_a_path_is_split_at_exchanges_without_gaps() -> None:
+    tenures = list(_tenures(STRAIGHT))
+    assert [holder for holder, _ in tenures] == ["goto", "avoid"]
+    assert tenures[0][1][-1] == tenures[1][1][0]
+    assert sum(len(points) for _, points in tenures) == len(STRAIGHT) + 1
+
+
+def test_footprints_are_spaced_and_the_last_is_marked() -> None:
+    drawn = list(_spaced(STRAIGHT, 0.98))
+    assert [round(step[1], 2) for step, _ in drawn] == [2.0, 3.0, 3.95, 4.95, 5.0]
+    assert [last for _, last in drawn] == [False] * 4 + [True]
+
+
+def test_colours_are_fixed_by_name_and_differ_for_the_shipped_behaviours() -> None:
+    assert len({*COLOURS, NO_AGENT}) == len(COLOURS) + 1
+    assert len({colour(name) for name in ("goto", "avoid", "gothrough")}) == 3
+    assert colour("wander") in COLOURS
+    assert colour(None) == NO_AGENT
+
+
+def test_holders_of_the_same_colour_have_different_line_styles() -> None:
+    assert colour("wander") == colour("avoid")
+    canvas = Canvas(load_world("empty"))
+    holders = ["goto", "avoid", "goto", "wander", None]
+    canvas.path([(i, float(i), 0.0, 0.0, holder) for i, holder in enumerate(holders)])
+    styles = {
+        name: (line.get_color(), line.get_linestyle()) for name, line in canvas.legend.items()
+    }
+    assert len(set(styles.values())) == 4
+    assert len({styles[name][1] for name in ("goto", "avoid", "wander")}) == 3
+
+
+def test_docks_of_a_world_are_drawn() -> None:
+    world = load_world("floor")
+    canvas = Canvas(world)
+    before = len(canvas.axes.lines)
+    canvas.poses(None, None, (), world.docks.values())
+    assert len(canvas.axes.lines) == before + len(world.docks) == before + 2
+    assert set(canvas.legend) == {"docks"}
+
+
+def test_matplotlib_is_not_imported_until_something_is_drawn() -> None:
+    code = "import sys, armadico.watch.pictures; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_shipped_world_is_in_the_documentation() -> None:
+    text = (DOCS / "worlds.md").read_text(encoding="utf-8")
+    assert sorted(path.stem for path in (DOCS / "worlds").glob("*.png")) == names("worlds")
+    for name in names("worlds"):
+        assert f"(worlds/{name}.png)" in text
+        assert (DOCS / "worlds" / f"{name}.png").stat().st_size < 40_000

@@ -1,0 +1,525 @@
+"""The recorder: recordings can be read, also after a kill and if the file is damaged."""
+
+from __future__ import annotations
+
+import csv
+import json
+import resource
+import struct
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("mcap")
+
+import lz4.frame
+import zstandard
+from mcap.reader import make_reader
+from mcap.records import Chunk
+
+from armadico.core import messages as m
+from armadico.core.services import services
+from armadico.mobile.messages import Echo, Origin, Pose, Sonar
+from armadico.observe import salvage
+from armadico.observe.salvage import MAGIC
+from armadico.observe.watching import (
+    Presence,
+    Received,
+    as_object,
+    from_object,
+    json_schema,
+    kind_at,
+)
+from armadico.watch.export import Tables, to_rrd
+from armadico.watch.recorder import TRIES, Gaps, Recording, record
+from armadico.watch.recordings import RecordingError, Row, rows
+from tests.programs import call
+
+CYCLE = m.Cycle(2**62 + 1, 7)
+BALLOT = m.Ballot(3, 0.6, False, "goto-1")
+POSE = Pose(CYCLE, 1.5, -2.0, 0.25)
+CLAIM = m.Claim("wheels", BALLOT, CYCLE, 0.6, False, (0.3, 0.1), (0.2, 0.0))
+SONAR = Sonar(CYCLE, 5.0, (Echo(0.1, 0.2, 0.3, None), Echo(0.1, 0.2, 0.3, 2.0)))
+STATE = m.RobotState(CYCLE, 1, 2, 3, 0.5, 0, 12.5, True, False)
+ACK = m.Ack("wheels", CYCLE, BALLOT, None, CYCLE, measured=(0.5, 0.0))
+COMMAND = m.Command("wheels", CYCLE, BALLOT, (0.5, 0.0))
+RELEASE = m.Command("wheels", CYCLE, BALLOT, None)
+ENCODED = m.Claim("arm", BALLOT, CYCLE, 0.6, wanted=b"\x00\xff", commanded=b"")
+CARD = m.Card("goto", "goto-1", "lab1", 7, "1", 1, ("a",), ("b",), ("wheels",))
+SECOND = 1_000_000_000
+MEMORY = 1_000_000_000
+
+
+def received(key: str, message: m.Message, at: int = 0, *, on_query: bool = False) -> Received:
+    return Received("robot1", key, m.encode(message), at, on_query)
+
+
+def bid(number: int) -> m.BidRecord:
+    return m.BidRecord(m.Cycle(1, number), "wheels", 0.5, False, (0.1, 0.2), "", ("encoder/pose",))
+
+
+def recorded(path: Path, *items: Received | Presence, **options: Any) -> Recording:
+    recording = Recording(path, **options)
+    for item in items:
+        recording.add(item)
+        recording.flush()
+    recording.close()
+    return recording
+
+
+def read(path: Path) -> list[Row]:
+    warnings: list[str] = []
+    found = list(rows(path, warnings.append))
+    assert not warnings
+    return found
+
+
+@pytest.mark.parametrize(
+    "message",
+    [POSE, CLAIM, SONAR, STATE, CARD, ACK, COMMAND, RELEASE, ENCODED],
+    ids=lambda m: type(m).__name__,
+)
+def test_a_message_is_the_same_after_being_an_object(message: m.Message) -> None:
+    plain = json.loads(json.dumps(as_object(message)))
+    assert from_object(type(message), plain) == message
+
+
+@pytest.mark.parametrize("service", services(), ids=lambda s: s.key)
+def test_every_message_has_a_schema_that_viewers_read(service: Any) -> None:
+    def check(schema: dict[str, Any]) -> None:
+        assert schema["type"] in {"object", "array", "string", "number", "integer", "boolean"}
+        assert not {"$ref", "anyOf", "oneOf"} & set(schema)
+        for inner in (*schema.get("properties", {}).values(), schema.get("items")):
+            if inner is not None:
+                check(inner)
+
+    schema = json_schema(service.reply or service.message)
+    assert schema["type"] == "object"
+    check(schema)
+
+
+def test_optional_fields_are_not_required() -> None:
+    schema = json_schema(m.Claim)
+    assert schema["properties"]["utility"]["type"] == "number"
+    assert "utility" not in schema["required"]
+    assert "utility" not in as_object(m.Claim("wheels", BALLOT, CYCLE, None))
+
+
+def test_an_encoded_action_is_hexadecimal_text_in_a_separate_field() -> None:
+    found = as_object(ENCODED)
+    assert (found["wanted_hex"], found["commanded_hex"]) == ("00ff", "")
+    assert not {"wanted", "commanded"} & set(found)
+    schema = json_schema(m.Claim)["properties"]
+    assert schema["wanted"] == {"type": "array", "items": {"type": "number"}}
+    assert schema["wanted_hex"] == {"type": "string"}
+    with pytest.raises(m.MessageError):
+        from_object(m.Claim, found | {"wanted_hex": "not hexadecimal"})
+
+
+def test_messages_are_read_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, received("encoder/pose", POSE, 5), received("resource/wheels/utility", CLAIM, 6))
+    back = read(path)
+    assert [(row.t, row.topic) for row in back] == [
+        (5, "/robot1/encoder/pose"),
+        (6, "/robot1/resource/wheels/utility"),
+    ]
+    assert [row.message for row in back] == [POSE, CLAIM]
+
+
+def test_other_readers_find_schemas_and_an_index(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, received("encoder/pose", POSE, 5))
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        (channel,) = summary.channels.values()
+        schema = summary.schemas[channel.schema_id]
+        assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+        assert json.loads(schema.data)["properties"]["x"] == {"type": "number"}
+        assert summary.chunk_indexes
+        ((_, _, message),) = make_reader(stream).iter_messages()
+        assert json.loads(message.data)["x"] == POSE.x
+
+
+def test_unknown_and_invalid_payloads_are_recorded_raw(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    strange = Received("robot1", "other/key", b"\x01\x02", 1)
+    broken = Received("robot1", "encoder/pose", b"\xff", 2)
+    recording = recorded(path, strange, broken)
+    assert recording.refused == 1
+    assert [(row.key, row.schema, row.data) for row in read(path)] == [
+        ("other/key", "", b"\x01\x02"),
+        ("encoder/pose.refused", "", b"\xff"),
+    ]
+
+
+def test_repeated_tokens_and_cards_are_recorded_once(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    came = Presence("robot1", "goto", "goto-1", True, 1)
+    gone = Presence("robot1", "goto", "goto-1", False, 2)
+    card = received("agent/goto/goto-1/card", CARD, 1, on_query=True)
+    recorded(path, came, came, card, card, gone, gone)
+    assert [(row.key, row.fields.get("there")) for row in read(path)] == [
+        ("agent/goto/goto-1", True),
+        ("agent/goto/goto-1/card", None),
+        ("agent/goto/goto-1", False),
+    ]
+
+
+def test_each_bid_of_overlapping_histories_is_recorded_once(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    key = "agent/goto/goto-1/bids"
+    answers = [
+        received(key, m.BidHistory("goto-1", tuple(map(bid, numbers))), on_query=True)
+        for numbers in ((1, 2, 3), (2, 3, 4), (2, 3, 4), (9,))
+    ]
+    recorded(path, *answers)
+    assert [row.message for row in read(path)] == [bid(n) for n in (1, 2, 3, 4, 9)]
+
+
+def test_each_file_of_a_recording_can_be_read_alone(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    came = Presence("robot1", "goto", "goto-1", True, 1)
+    card = received("agent/goto/goto-1/card", CARD, 1, on_query=True)
+    poses = [received("encoder/pose", POSE, n) for n in range(80)]
+    recording = recorded(path, came, card, *poses, max_bytes=5000)
+    assert recording.files >= 3
+    files = [path, *sorted(tmp_path.glob("run-*.mcap"))]
+    assert len(files) == recording.files
+    for file in files:
+        assert {row.key for row in read(file)} >= {"agent/goto/goto-1", "agent/goto/goto-1/card"}
+    kept = [row.t for file in files for row in read(file) if row.key == "encoder/pose"]
+    assert kept == list(range(80))
+
+
+class Crowd:
+    """A watcher that receives messages without pause."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def get(self, _: float) -> Received:
+        self.count += 1
+        return received("encoder/pose", POSE, self.count)
+
+    def subscribe(self) -> None: ...
+
+    watch_alive = subscribe
+
+
+def test_a_recording_ends_between_two_messages(tmp_path: Path) -> None:
+    crowd: Any = Crowd()
+    recording = Recording(tmp_path / "run.mcap")
+    record(crowd, recording, lambda _: None, over=lambda: crowd.count == 7)
+    recording.close()
+    assert len(read(recording.path)) == 7
+
+
+def test_a_recording_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorded(path, received("encoder/pose", POSE))
+    with pytest.raises(FileExistsError):
+        Recording(path)
+
+
+def test_flushed_messages_are_read_wherever_the_file_ends(tmp_path: Path) -> None:
+    path, cut = tmp_path / "run.mcap", tmp_path / "cut.mcap"
+    recording = Recording(path)
+    sizes = []
+    for n in range(5):
+        recording.add(received("encoder/pose", POSE, n))
+        recording.flush()
+        sizes.append(path.stat().st_size)
+    data = path.read_bytes()
+    recording.close()
+    for length in range(sizes[0], len(data), 7):
+        cut.write_bytes(data[:length])
+        warnings: list[str] = []
+        found = [row.t for row in rows(cut, warnings.append)]
+        flushed = sum(size <= length for size in sizes)
+        assert found[:flushed] == list(range(flushed))
+        assert str(cut) in warnings[0]
+
+
+@given(st.binary(max_size=200))
+def test_another_file_is_no_recording(
+    tmp_path_factory: pytest.TempPathFactory, data: bytes
+) -> None:
+    path = tmp_path_factory.mktemp("bad") / "bad.mcap"
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"bad\.mcap"):
+        raise RecordingError(f"{list(rows(path, raising))}")
+
+
+def raising(text: str) -> None:
+    raise RecordingError(text)
+
+
+@given(st.integers(0, 4000), st.integers(1, 255))
+def test_a_damaged_byte_is_a_warning_at_worst(
+    tmp_path_factory: pytest.TempPathFactory, where: int, change: int
+) -> None:
+    folder = tmp_path_factory.mktemp("damaged")
+    path = folder / "run.mcap"
+    recorded(path, *(received("robot/state", STATE, n) for n in range(5)))
+    data = bytearray(path.read_bytes())
+    data[where % len(data)] ^= change
+    path.write_bytes(data)
+    warnings: list[str] = []
+    try:
+        found = [row.t for row in rows(path, warnings.append)]
+    except RecordingError:
+        found = []
+        warnings.append("no recording")
+    assert len(found) >= 4 or where % len(data) < len(MAGIC), "one chunk at most"
+    assert len(found) == 5 or warnings
+
+
+def test_all_intact_chunks_of_a_damaged_file_are_read_and_missing_times_are_reported(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "run.mcap"
+    keys = ["robot/state", "encoder/pose"]  # each is described in the chunk that it begins in
+    messages = {"robot/state": STATE, "encoder/pose": POSE}
+    recorded(path, *(received(keys[n > 2], messages[keys[n > 2]], n * SECOND) for n in range(9)))
+    data = path.read_bytes()
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    starts = [chunk.chunk_start_offset for chunk in summary.chunk_indexes]
+    assert len(starts) == 9
+    for chunk in 0, 3, 8:
+        for place in starts[chunk], starts[chunk] + 3, starts[chunk] + 60:
+            path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+            warnings: list[str] = []
+            found = [row.t // SECOND for row in rows(path, warnings.append)]
+            assert found == [n for n in range(9) if n != chunk]
+            assert any("8 messages" in w and "1 could not" in w for w in warnings)
+            if chunk == 3:
+                assert "2.0 s and 4.0 s" in warnings[0]
+
+
+def test_metadata_of_a_damaged_beginning_are_read_from_the_end(tmp_path: Path) -> None:
+    path, about = tmp_path / "run.mcap", dict[str, str]()
+    recorded(path, received("robot/state", STATE, 1), about={"version": "7"})
+    data = bytearray(path.read_bytes())
+    data[len(MAGIC) + 2] ^= 1  # how long the header is: the metadata are after it
+    path.write_bytes(data)
+    assert len(list(rows(path, lambda _: None, about))) == 1
+    assert about["version"] == "7"
+
+
+def test_a_file_larger_than_the_memory_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recording = recorded(path, *(received("robot/state", STATE, n) for n in range(3)))
+    with recording.path.open("r+b") as file:
+        file.truncate(MEMORY)  # a hole, and no end
+
+    def limit_memory() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+    done = call("export", str(path), "--to", "csv", preexec_fn=limit_memory)
+    assert done.returncode == 0, done.stderr
+    assert "3 messages" in done.stdout
+
+
+def test_tables_have_a_file_per_topic_and_a_column_per_field(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    released = m.Claim("wheels", BALLOT, CYCLE, None)
+    recorded(
+        path,
+        received("resource/wheels/utility", CLAIM, SECOND),
+        received("encoder/pose", POSE, SECOND + SECOND // 2),
+        received("resource/wheels/utility", released, 2 * SECOND),
+    )
+    with Tables(tmp_path / "out") as tables:
+        for row in read(path):
+            tables.write(row)
+    with (tmp_path / "out" / "robot1_resource_wheels_utility.csv").open() as stream:
+        claims = list(csv.DictReader(stream))
+    assert [row["t"] for row in claims] == ["0.000000", "1.000000"]
+    assert [row["utility"] for row in claims] == ["0.6", ""]
+    assert claims[0]["ballot.instance"] == "goto-1"
+    assert json.loads(claims[0]["commanded"]) == [0.2, 0.0]
+    with (tmp_path / "out" / "robot1_encoder_pose.csv").open() as stream:
+        assert [row["x"] for row in csv.DictReader(stream)] == ["1.5"]
+
+
+def test_a_recording_is_drawn_like_the_dashboard(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path, out = tmp_path / "run.mcap", tmp_path / "run.rrd"
+    recorded(
+        path,
+        Presence("robot1", "goto", "goto-1", True, 1),
+        received("robot/state", STATE, 2),
+        received("encoder/pose", POSE, 3),
+        received("agent/goto/goto-1/bids", m.BidHistory("goto-1", (bid(1),)), 4, on_query=True),
+        Received("robot1", "encoder/pose", b"broken", 5),
+    )
+    warnings: list[str] = []
+    assert to_rrd(path, out, None, None, {}, warnings.append) == 3
+    assert not warnings
+    assert out.stat().st_size > 1000
+
+
+def test_of_several_robots_one_is_drawn(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path = tmp_path / "run.mcap"
+    recorded(
+        path, received("robot/state", STATE), Received("robot2", "robot/state", m.encode(STATE), 1)
+    )
+    with pytest.raises(RecordingError, match="robot1, robot2"):
+        to_rrd(path, tmp_path / "run.rrd", None, None, {}, lambda _: None)
+    assert to_rrd(path, tmp_path / "run.rrd", "robot2", None, {}, lambda _: None) == 1
+
+
+# Keys ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "kind"),
+    [
+        ("robot/state", m.RobotState),
+        ("robot/cmd/goto-1", m.Command),
+        ("resource/arm/cmd/goto-1", m.Command),
+        ("resource/arm/ack", m.Ack),
+        ("encoder/origin", Origin),
+        ("agent/goto/goto-1/card", m.Card),
+        ("agent/goto/goto-1/bids", m.BidHistory),
+        ("robot/cmd", None),
+        ("robot/state/more", None),
+    ],
+)
+def test_a_key_determines_the_type_of_its_message(key: str, kind: type[m.Message] | None) -> None:
+    assert kind_at(key) is kind
+
+
+# Journals -----------------------------------------------------------------------------------------
+
+
+def piece(number: int, instance: str = "goto-1") -> m.JournalPiece:
+    return m.JournalPiece(instance, number, b"")
+
+
+def test_missing_pieces_are_queried_until_they_arrive() -> None:
+    gaps = Gaps()
+    assert all(gaps.add("robot1", piece(n)) for n in (0, 1, 4))
+    assert gaps.lost == 2
+    assert gaps.due() == gaps.due() == [("robot1", "goto-1", 2), ("robot1", "goto-1", 3)]
+    assert gaps.add("robot1", piece(2))
+    assert not gaps.add("robot1", piece(2))  # a duplicate
+    assert not gaps.add("robot1", piece(1))
+    assert gaps.due() == [("robot1", "goto-1", 3)]
+
+
+class Lossy:
+    """A watcher that does not receive piece 1 until it is queried."""
+
+    def __init__(self) -> None:
+        self._waiting = [piece(0), piece(2)]
+
+    def get(self, _: float) -> Received | None:
+        return received("journal/goto-1", self._waiting.pop(0)) if self._waiting else None
+
+    def subscribe(self) -> None: ...
+
+    watch_alive = subscribe
+
+    def query_piece(self, _n: str, _i: str, number: int, _t: float) -> None:
+        self._waiting.append(piece(number))
+
+
+def test_missing_pieces_are_queried_before_the_end(tmp_path: Path) -> None:
+    watcher: Any = Lossy()
+    recording = Recording(tmp_path / "run.mcap")
+    record(watcher, recording, lambda _: None, over=lambda: recording.gaps.lost > 0)
+    recording.close()
+    assert not recording.gaps.lost
+    assert len(read(recording.path)) == 3
+
+
+def test_the_first_piece_of_an_agent_is_expected_if_other_agents_keep_journals() -> None:
+    gaps = Gaps()
+    gaps.expect("robot1", "avoid-1")
+    assert not gaps.lost  # no agent keeps a journal
+    gaps.add("robot1", piece(0))
+    for namespace, instance in (("robot1", "goto-1"), ("robot1", "avoid-1"), ("robot2", "goto-2")):
+        gaps.expect(namespace, instance)
+    assert gaps.due() == [("robot1", "avoid-1", 0)]
+    assert gaps.add("robot1", piece(0, "avoid-1"))
+    assert not gaps.lost
+
+
+def test_the_number_of_queries_per_piece_is_bounded() -> None:
+    gaps = Gaps()
+    gaps.add("robot1", piece(3, "avoid-1"))
+    gaps.add("robot2", piece(0))
+    queries = [gaps.due() for _ in range(TRIES + 1)]
+    assert queries[0] == [("robot1", "avoid-1", n) for n in range(3)]
+    assert queries[-1] == []
+    assert gaps.lost == 3
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_chunk_larger_than_declared_is_damaged_and_not_unpacked(
+    compression: str,
+) -> None:
+    """Otherwise 13 kB of zstd use 400 MB."""
+    zeros = bytes(2**24)
+    packed = zstandard.compress(zeros) if compression == "zstd" else lz4.frame.compress(zeros)
+    chunk = Chunk(compression, packed, 0, 0, 0, 100)
+    with pytest.raises(ValueError, match=r"size|content"):
+        salvage._unpacked(chunk)
+
+
+class Counted(BytesIO):
+    """A file that counts the bytes read."""
+
+    work = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        self.work += len(data)
+        return data
+
+
+def heads(count: int) -> bytes:
+    """Nested chunks, each with packed bytes and all that follow; then no record."""
+    packed = zstandard.compress(bytes(range(256)) * 4)
+    found = b""
+    for _ in range(count):
+        rest = packed + found
+        fields = struct.pack("<QQQII4sQ", 0, 0, 1024, 7, 4, b"zstd", len(rest))
+        found = b"\x06" + struct.pack("<Q", len(fields) + len(rest)) + fields + rest
+    return found + bytes(100)
+
+
+def test_the_work_for_many_false_chunks_is_linear(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The checksum of each is found wrong only after it was read and unpacked."""
+    monkeypatch.setattr(salvage, "AT_LEAST", 0)
+    unpacked, real = list[int](), salvage._unpacked
+
+    def unpack(chunk: Chunk) -> bytes:
+        unpacked.append(chunk.uncompressed_size)
+        return real(chunk)
+
+    monkeypatch.setattr(salvage, "_unpacked", unpack)
+    data = heads(1000)
+    stream = Counted(data)
+    assert [record for record, _ in salvage.records(stream)] == [None]
+    assert unpacked, "they are tried"
+    assert stream.work + sum(unpacked) < 2 * salvage.FAILING * len(data)
+    assert 1000 * len(data) / 2 > 4 * salvage.FAILING * len(data), "the work without the budget"
+
+
+def test_a_chunk_with_an_extreme_compression_ratio_is_damaged() -> None:
+    packed = zstandard.compress(bytes([6]) * 2**20)
+    with pytest.raises(ValueError, match="too large"):
+        salvage._unpacked(Chunk("zstd", packed, 0, 0, 0, 2**20))
