@@ -18,10 +18,11 @@ from armadico.config.loading import set_values
 from armadico.config.scenarios import load_scenario
 from armadico.contracts.contract import Contract
 from armadico.core import messages as m
-from armadico.core.agent import Agent, Identity, Publish, SendQuery
+from armadico.core.agent import Agent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import AGENTS, agent_class, installed
 from armadico.core.judgement import Judgement, all_of, no, unknown, whether, yes
+from armadico.core.outgoing import Publish, SendQuery
 from armadico.core.resources import Resource
 from armadico.core.services import latched
 from armadico.launch.society import Options, prepared

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from armadico.core import messages as m
 from armadico.core.coordination import COMPARISONS, Contender
 from armadico.core.cycles import CycleClock
+from armadico.core.desk import Desk
 from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.messages import Message
 from armadico.core.outgoing import ERROR, Publish, Refused
 from armadico.core.resources import Resource
-
-if TYPE_CHECKING:
-    from armadico.core.kernel import Kernel
 
 LONGEST_REASON: Final = 200  # characters of a bid's reason that are kept
 
@@ -22,12 +20,12 @@ LONGEST_REASON: Final = 200  # characters of a bid's reason that are kept
 class Bidding:
     """Has the agent bid for a resource once per cycle, and publishes what its contender decides."""
 
-    def __init__(self, kernel: Kernel, resource: Resource) -> None:
-        self._kernel = kernel
-        self._agent = agent = kernel.agent
+    def __init__(self, desk: Desk, resource: Resource) -> None:
+        self._desk = desk
+        self._agent = agent = desk.agent
         self.resource = resource
         social, period = agent.p.social, resource.period_s
-        self.clock = kernel.cycles if period is None else CycleClock(period)
+        self.clock = desk.cycles if period is None else CycleClock(period)
         self.contender = Contender(
             resource,
             agent.instance,
@@ -45,19 +43,14 @@ class Bidding:
         self._send(self.contender.on_claim(claim, now))
 
     def on_ack(self, ack: m.Ack, now: float) -> bool:
-        """Process an acknowledgement; return whether it is a newer one."""
-        contender, resource, kernel = self.contender, self.resource, self._kernel
-        if resource.period_s is not None:
-            if not kernel.advance(self.clock, ack.cycle, resource.ack_key):
-                return False
-        elif not self.clock.fresh(ack.cycle):
-            return False
+        """Process an acknowledgement of a fresh cycle; return whether it is a newer one."""
+        contender, resource = self.contender, self.resource
         known = contender.ack.cycle if contender.ack is not None else ack.cycle
         if known.epoch == ack.cycle.epoch and known.number > ack.cycle.number:
             return False
         if ack.measured and (fault := resource.fault(ack.measured)):
             why = f"measured values are ignored: {fault}"
-            kernel.outbox.append(Refused(resource.ack_key, why))
+            self._desk.outbox.append(Refused(resource.ack_key, why))
         self._send(contender.acked(ack, now))
         return True
 
@@ -83,8 +76,8 @@ class Bidding:
     def turn(self, message: Any) -> None:
         """Bid, if a message that the agent reacts to starts a turn."""
         if self._begins_turn(message):
-            bid, kernel = self._bid(message), self._kernel
-            self._send(self.contender.bid(message.cycle, bid, kernel.now, kernel.oldest_input()))
+            bid, desk = self._bid(message), self._desk
+            self._send(self.contender.bid(message.cycle, bid, desk.now, desk.oldest_input()))
 
     def _begins_turn(self, message: Any) -> bool:
         """Return whether a message starts a turn: one per cycle, none for an older cycle."""
@@ -98,20 +91,20 @@ class Bidding:
 
     def _bid(self, message: Any) -> Bid | None:
         """Return the agent's bid if the inputs are fresh, and keep its record."""
-        kernel, agent, resource = self._kernel, self._agent, self.resource
+        desk, agent, resource = self._desk, self._agent, self.resource
         bid, unsound, agent.why, agent.lacks = None, False, "", ""
-        if not self.clock.alive(kernel.now) or not self.contender.owned:
+        if not self.clock.alive(desk.now) or not self.contender.owned:
             agent.lacks = resource.ack_key
-        elif resource.stops and (stop := kernel.stopped) is not None:
+        elif resource.stops and (stop := desk.stopped) is not None:
             agent.why = f"stopped by {stop.requester}"
-        elif stale := kernel.stale_need():
+        elif stale := desk.stale_need():
             agent.lacks = stale
         else:
             proposed = agent.bid_for(resource, message)
             if proposed is not None:
                 bid = self._sound(proposed)
                 unsound = bid is None
-        cycle, name, inputs = message.cycle, resource.name, kernel.inputs
+        cycle, name, inputs = message.cycle, resource.name, desk.inputs
         if bid is None:
             why = agent.why or (f"no fresh {agent.lacks}" if agent.lacks else "")
             agent.why = why
@@ -121,7 +114,7 @@ class Bidding:
             record = m.BidRecord(
                 cycle, name, bid.utility, bid.critical, bid.action, bid.reason, inputs
             )
-        kernel.bids.append(record)
+        desk.bids.append(record)
         return bid
 
     def _sound(self, bid: Bid) -> Bid | None:
@@ -138,11 +131,11 @@ class Bidding:
             return Bid(utility, self.resource.pack(bid.action), bool(bid.critical), within, reason)
         except (TypeError, ValueError) as error:
             why = self._agent.why = m.line(f"its bid is invalid: {error}")[:LONGEST_REASON]
-        self._kernel.log(f"{self._agent.instance}: {why}", ERROR)
+        self._desk.log(f"{self._agent.instance}: {why}", ERROR)
         return None
 
     def _send(self, messages: list[Message]) -> None:
-        resource, outbox = self.resource, self._kernel.outbox
+        resource, outbox = self.resource, self._desk.outbox
         for message in messages:
             claim = type(message) is m.Claim
             key = resource.utility_key if claim else resource.command_key_of(self._agent.instance)

@@ -14,23 +14,12 @@ from typing import Any, Final
 
 from msgspec.structs import replace
 
-from armadico.core.agent import (
-    WARNING,
-    Agent,
-    Answer,
-    DeviceAgent,
-    Publish,
-    Question,
-    Refused,
-    SendQuery,
-    Subscription,
-    Write,
-)
+from armadico.core.agent import WARNING, Agent, DeviceAgent, Question
+from armadico.core.kernel import Subscription
 from armadico.core.membership import CARD_S, Admission, Stage
 from armadico.core.messages import (
     Ack,
     Ask,
-    BidHistory,
     Card,
     Claim,
     Command,
@@ -41,6 +30,7 @@ from armadico.core.messages import (
     ParametersRequest,
     decode,
 )
+from armadico.core.outgoing import Answer, Publish, Refused, SendQuery, Write
 from armadico.core.services import BIDS, CARD
 
 OPEN_QUERIES: Final = 64  # queries that may wait for their answers; beyond, the oldest is dropped
@@ -126,6 +116,14 @@ class Driver:
             else None
         )
         self._wall = wall
+        names = {"name": agent.name, "instance": agent.instance}
+        self._card_key, self._bids_key = CARD.key_for(**names), BIDS.key_for(**names)
+        self._served: dict[str, type[Message]] = {
+            **{self.kernel.key_of(kind): kind for kind in agent.answers},
+            self._card_key: Ask,
+            self._bids_key: Ask,
+            self.kernel.key_of(ParametersRequest): ParametersRequest,
+        }
         self._out: list[Output] = []
         self._check_at: float | None = now  # when the admission is checked again
         self._announced = False
@@ -270,30 +268,12 @@ class Driver:
 
     def answers(self, key: str) -> type[Message] | None:
         """Return the type of query that is answered on a key; None if none is."""
-        return self._answers(key)
-
-    def _answers(self, key: str) -> type[Message] | None:
-        if key in {self._card_key, self._bids_key}:
-            return Ask
-        if key == self._parameters_key:
-            return ParametersRequest
-        for kind in self.agent.answers:
-            if self.kernel.key_of(kind) == key:
-                return kind
-        return None
+        return self._served.get(key)
 
     @property
     def queries(self) -> dict[str, type[Message]]:
         """The keys of answered queries, with the type of each query."""
-        return self._queries()
-
-    def _queries(self) -> dict[str, type[Message]]:
-        own: dict[str, type[Message]] = {
-            self._card_key: Ask,
-            self._bids_key: Ask,
-            self._parameters_key: ParametersRequest,
-        }
-        return {self.kernel.key_of(kind): kind for kind in self.agent.answers} | own
+        return dict(self._served)
 
     def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """Process a query. Its `Reply` with this `call` comes now, later or never."""
@@ -302,8 +282,8 @@ class Driver:
             if self._announced:
                 self._out.append(Reply(call, key, self._card()))
         elif key == self._bids_key:
-            self._out.append(Reply(call, key, self._history()))
-        elif (kind := self._answers(key)) is not None and self.stage is Stage.JOINED:
+            self._out.append(Reply(call, key, self.kernel.history()))
+        elif (kind := self._served.get(key)) is not None and self.stage is Stage.JOINED:
             request = self._read(kind, key, payload, now)
             if request is None:
                 return
@@ -425,24 +405,9 @@ class Driver:
         if isinstance(self.agent, DeviceAgent):
             self._out.append(OpenPort())
 
-    @property
-    def _card_key(self) -> str:
-        return CARD.key_for(name=self.agent.name, instance=self.agent.instance)
-
-    @property
-    def _bids_key(self) -> str:
-        return BIDS.key_for(name=self.agent.name, instance=self.agent.instance)
-
-    @property
-    def _parameters_key(self) -> str:
-        return self.kernel.key_of(ParametersRequest)
-
     def _card(self) -> Card:
         card = self.kernel.card()
         return card if self._wall is None else replace(card, clock=self._wall())
-
-    def _history(self) -> BidHistory:
-        return self.kernel.history()
 
     def _answer(self, answer: Answer) -> None:
         call, key = self._calls.pop(answer.id, (None, ""))

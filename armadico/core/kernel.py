@@ -9,27 +9,23 @@ time, and sends the contents of `outbox`.
 
 from __future__ import annotations
 
-import random
 import re
-from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
+from typing import Any, cast
 
 from armadico.core import messages as m
 from armadico.core.bidding import Bidding
 from armadico.core.cycles import AHEAD, CycleClock
-from armadico.core.latched import Memory
+from armadico.core.desk import Desk
+from armadico.core.individual import Individual
 from armadico.core.messages import Message
 from armadico.core.outgoing import (
     ERROR,
     INFO,
     WARNING,
     Answer,
-    Outgoing,
-    Publish,
     Question,
     Refused,
     SendQuery,
@@ -38,25 +34,6 @@ from armadico.core.owning import Owning
 from armadico.core.resources import Resource, declare, differently
 from armadico.core.services import Gathering, Kind, Service, derived, latched, service_of
 from armadico.core.settings import Settings
-
-if TYPE_CHECKING:
-    from armadico.core.agent import Agent, DeviceAgent
-
-M = TypeVar("M", bound=Message)
-
-BIDS_REMEMBERED: Final = 50
-
-
-@dataclass(frozen=True)
-class Identity:
-    """An instance's identity, set by the process that runs it."""
-
-    instance: str
-    host: str = "localhost"
-    pid: int = 0
-    version: str = ""
-    rng: random.Random = field(default_factory=random.Random, compare=False)
-    table: str = ""  # the digest of its host table; empty: it has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +45,7 @@ class Subscription:
     kind: Kind
 
 
-def subscriptions(cls: type[Agent]) -> tuple[Subscription, ...]:
+def subscriptions(cls: type[Individual]) -> tuple[Subscription, ...]:
     """Return the subscriptions that an agent declares and those of the social intelligence."""
     triggers = cls.reacts_to.values() if isinstance(cls.reacts_to, Mapping) else [cls.reacts_to]
     kinds = [kind for kind in triggers if kind is not None and kind is not m.Ack]
@@ -100,38 +77,26 @@ class _Route:
     turns: tuple[Bidding, ...] = ()  # that it starts
 
 
-class Kernel:
+class Kernel(Desk):
     """Runs one agent between its driver and the user's object.
 
     Attributes:
-        agent: The user's object.
-        now: The agent's time, s.
-        cycles: The robot's cycles.
         tenure: The cycles for which the agent has worked.
-        outbox: What the driver is to send, in order.
-        memory: The latched states.
         foreign: Instances with another protocol or other resources.
         reachable: Whether the robot's router can be reached.
-        bids: The records of the last bids.
         drawn: The state of `rng` before the first draw: a replay begins here.
+        alarm: When the agent wants to be woken, s.
     """
 
-    def __init__(self, agent: Agent) -> None:
-        self.agent = agent
+    def __init__(self, agent: Individual) -> None:
+        super().__init__(agent)
         self.drawn = agent.rng.getstate()
-        self.now = 0.0
-        self.cycles = CycleClock()
         self.tenure = 0
-        self.outbox: list[Outgoing] = []
-        self.memory = Memory(agent.rng)
         self.foreign: set[str] = set()
         self.reachable = True
-        self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
         self.subscriptions = subscriptions(type(agent))
-        self.inputs = tuple(service_of(kind).pattern for kind in agent.needs)
         self.alarm: float | None = None
         self._settings = Settings(self)
-        self._latest: dict[type[Message], Message] = {}
         self._queries = 0
         self._replies: dict[int, Callable[[Any], None]] = {}  # of the queries under way
         self._owning = {r.name: Owning(self, declare(r)) for r in agent.owns}
@@ -153,10 +118,10 @@ class Kernel:
         routes: dict[type[Message], _Route] = {}
         for kind in dict.fromkeys((*accepts, *(to.message for to in self.subscriptions))):
             service = None if kind in of_resources else service_of(kind)
-            gather = service.gather if service is not None else None
-            routes[kind] = _Route(
-                accepts.get(kind), service, gather() if gather else None, self._handler(kind)
-            )
+            if service is not None and service.gather is not None:
+                self.gatherings[kind] = service.gather()
+            gathering = self.gatherings.get(kind)
+            routes[kind] = _Route(accepts.get(kind), service, gathering, self._handler(kind))
         to = self.agent.reacts_to
         for bidding in self._bidding.values():
             resource = bidding.resource
@@ -169,38 +134,7 @@ class Kernel:
         snake = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
         return getattr(self.agent, f"on_{snake}", None)
 
-    # What the agent uses: see `Agent` -------------------------------------------------------------
-
-    def key_of(self, kind: type[Message], **names: str) -> str:
-        key = service_of(kind).key
-        if "{" not in key:
-            return key
-        agent = self.agent
-        own = {"instance": agent.instance, "name": agent.name, **agent.key_names}
-        return key.format(**{**own, **names})
-
-    def publish(self, message: Message, **names: str) -> None:
-        service = service_of(type(message))
-        if service.kind is Kind.LATCHED:
-            with suppress(m.MessageError):  # a message that cannot be sent is not stored either
-                self.memory.note(m.checked(cast("m.Latched", message)))
-        key = service.key
-        self.outbox.append(
-            Publish(self.key_of(type(message), **names) if "{" in key else key, message)
-        )
-
-    def log(self, text: str, level: int = INFO, event: str = "") -> None:
-        self.publish(m.Log(level, m.line(text), event))
-
-    def latest(self, kind: type[M]) -> M | None:
-        return cast("M | None", self._latest.get(kind))
-
-    def fresh(self, kind: type[M]) -> M | None:
-        message: Any = self._latest.get(kind)
-        if message is None:
-            return None
-        within = service_of(type(message)).fresh_cycles
-        return message if within is None or self.cycles.fresh(message.cycle, within) else None
+    # What the agent uses: see `Agent`, and `Desk` -------------------------------------------------
 
     def query(
         self,
@@ -223,11 +157,6 @@ class Kernel:
         """Return the owner's side of a resource. Raises KeyError if it does not own it."""
         return self._owning[resource.name]
 
-    @property
-    def stopped(self) -> m.Stop | None:
-        stop = self.memory.newest(m.Stop)
-        return stop if stop is not None and stop.stopped else None
-
     def latch(self, by: str) -> None:
         known = self.memory.newest(m.Stop) or m.Stop()
         press = self.agent.rng.getrandbits(63)
@@ -240,51 +169,6 @@ class Kernel:
         for owning in self._owning.values():
             if owning.counter is None:
                 owning.acknowledge()
-
-    # What its resources use -----------------------------------------------------------------------
-
-    def stale_need(self) -> str:
-        """Return the key on which the first needed message is missing or stale; "" if none is."""
-        stale = next((kind for kind in self.agent.needs if self.fresh(kind) is None), None)
-        if stale is None:
-            return ""
-        service, gathering = service_of(stale), self._routes[stale].gathering
-        if gathering is None:
-            return service.key
-        within = service.fresh_cycles
-        return service.key.format(name=gathering.missing(lambda c: self.cycles.fresh(c, within)))
-
-    def oldest_input(self) -> m.Cycle | None:
-        """Return the oldest cycle of the needed messages; None if none has a cycle."""
-        latest = (self._latest.get(kind) for kind in self.agent.needs)
-        return min((c for each in latest if (c := getattr(each, "cycle", None))), default=None)
-
-    def advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:
-        """Advance a clock to its owner's cycle; report strays and changes of epoch."""
-        before, strays, returns = clock.newest, clock.strays, clock.returns
-        moved = clock.advance(cycle, self.now)
-        if clock.strays != strays:
-            self.outbox.append(Refused(key, clock.stray))
-        if clock.returns != returns:
-            self._returned(clock)
-        if moved and before is not None and before.epoch != cycle.epoch:
-            self._epoch_changed(key, before.epoch, cycle, back=clock.left(cycle.epoch))
-        return moved
-
-    def _returned(self, clock: CycleClock) -> None:
-        """Discard turns and obeyed cycles of false numbers, as all later numbers are smaller."""
-        for bidding in self._bidding.values():
-            if bidding.clock is clock:
-                bidding.returned(self.now)
-        for owning in self._owning.values():
-            if owning.owner.clock is clock:
-                owning.owner.returned()
-
-    def _epoch_changed(self, key: str, before: int, cycle: m.Cycle, *, back: bool) -> None:
-        # Two owners that take turns are a fault; a restart of the owner is known to the operator.
-        why = "two owners may be running" if back else "its owner has restarted"
-        text = f"{key}: epoch {before:x} ended, epoch {cycle.epoch:x} began at cycle {cycle.number}"
-        self.log(f"{text} ({why})", WARNING if back else INFO)
 
     # What the driver calls -----------------------------------------------------------------------
 
@@ -318,12 +202,12 @@ class Kernel:
                 return
             message = gathered
         elif not (
-            self._newer(message, self._latest.get(kind), route)
+            self._newer(message, self.newest.get(kind), route)
             if route.accepts is None
             else route.accepts(message)
         ):
             return
-        self._latest[kind] = message
+        self.newest[kind] = message
         if route.handler is not None:
             route.handler(message)
         for bidding in route.turns:
@@ -333,7 +217,7 @@ class Kernel:
     def remember(self, message: m.Latched, now: float) -> None:
         """Store a latched state that is received before the start."""
         self.now = now
-        self._latest[type(message)] = message
+        self.newest[type(message)] = message
         self._note_latched(message)
 
     def on_query(self, request: Message, question: Question, now: float) -> None:
@@ -359,12 +243,12 @@ class Kernel:
         # has timed out must not be executed on them.
         for owning in self._owning.values():
             owning.wake(now)
-        cast("DeviceAgent", self.agent).on_bytes(data)
+        cast("Any", self.agent).on_bytes(data)
 
     def on_link(self, up: bool, why: str, now: float) -> None:
         """Process that the device was opened or lost."""
         self.now = now
-        cast("DeviceAgent", self.agent).on_link(up, why)
+        cast("Any", self.agent).on_link(up, why)
 
     def appeared(self, name: str, instance: str, now: float) -> None:
         """Process a new liveliness token."""
@@ -503,7 +387,7 @@ class Kernel:
         return age is None or age < -AHEAD or before.cycle.number <= cycle.number
 
     def _accept_state(self, state: m.RobotState) -> bool:
-        if not self.advance(self.cycles, state.cycle, service_of(m.RobotState).key):
+        if not self._advance(self.cycles, state.cycle, service_of(m.RobotState).key):
             return False
         if state.stop != self.memory.newest(m.Stop) and self._note_latched(state.stop):
             self._stop_changed()
@@ -512,9 +396,8 @@ class Kernel:
 
     def _accept_description(self, description: m.Description) -> bool:
         self.cycles.period = description.cycle_s
-        for route in self._routes.values():
-            if route.gathering is not None:
-                route.gathering.describe(description)
+        for gathering in self.gatherings.values():
+            gathering.describe(description)
         return True
 
     def _accept_claim(self, claim: m.Claim) -> bool:
@@ -535,7 +418,15 @@ class Kernel:
 
     def _accept_ack(self, ack: m.Ack) -> bool:
         bidding = self._bidding.get(ack.resource)
-        return bidding is not None and bidding.on_ack(ack, self.now)
+        if bidding is None:
+            return False
+        clock, key = bidding.clock, bidding.resource.ack_key
+        counts = (
+            clock.fresh(ack.cycle)
+            if clock is self.cycles
+            else self._advance(clock, ack.cycle, key)  # its acknowledgements make its cycles
+        )
+        return counts and bidding.on_ack(ack, self.now)
 
     def _accept_latched(self, message: m.Latched) -> bool:
         news = self._note_latched(message)
@@ -569,3 +460,30 @@ class Kernel:
         if self._owning:
             stop = self.memory.newest(m.Stop) or m.Stop()
             self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.requester}", WARNING)
+
+    def _advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:
+        """Advance a clock to its owner's cycle; report strays and changes of epoch."""
+        before, strays, returns = clock.newest, clock.strays, clock.returns
+        moved = clock.advance(cycle, self.now)
+        if clock.strays != strays:
+            self.outbox.append(Refused(key, clock.stray))
+        if clock.returns != returns:
+            self._returned(clock)
+        if moved and before is not None and before.epoch != cycle.epoch:
+            self._epoch_changed(key, before.epoch, cycle, back=clock.left(cycle.epoch))
+        return moved
+
+    def _returned(self, clock: CycleClock) -> None:
+        """Discard turns and obeyed cycles of false numbers, as all later numbers are smaller."""
+        for bidding in self._bidding.values():
+            if bidding.clock is clock:
+                bidding.returned(self.now)
+        for owning in self._owning.values():
+            if owning.owner.clock is clock:
+                owning.owner.returned()
+
+    def _epoch_changed(self, key: str, before: int, cycle: m.Cycle, *, back: bool) -> None:
+        # Two owners that take turns are a fault; a restart of the owner is known to the operator.
+        why = "two owners may be running" if back else "its owner has restarted"
+        text = f"{key}: epoch {before:x} ended, epoch {cycle.epoch:x} began at cycle {cycle.number}"
+        self.log(f"{text} ({why})", WARNING if back else INFO)

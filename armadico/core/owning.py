@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from armadico.core import messages as m
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import CycleClock, CycleCounter
+from armadico.core.desk import Desk
 from armadico.core.outgoing import INFO, WARNING, Publish, Refused
 from armadico.core.resources import Resource
-
-if TYPE_CHECKING:
-    from armadico.core.kernel import Kernel
 
 REPORT_S: Final = 2.0  # shortest time between two reports of refused commands, s
 # Different reasons in one report. Each excessive speed is a reason of its own.
@@ -24,15 +22,15 @@ EXPECTED_REFUSALS: Final = frozenset({Verdict.STALE_BALLOT, Verdict.OVER, Verdic
 class Owning:
     """Has the agent obey the holder of a resource, and rest the resource without one."""
 
-    def __init__(self, kernel: Kernel, resource: Resource) -> None:
-        self._kernel = kernel
-        self._agent = kernel.agent
+    def __init__(self, desk: Desk, resource: Resource) -> None:
+        self._desk = desk
+        self._agent = desk.agent
         self.resource = resource
         period = resource.period_s
         self.counter: CycleCounter | None = None  # only of a resource with its own period
-        clock = kernel.cycles
+        clock = desk.cycles
         if period is not None:
-            self.counter = CycleCounter(kernel.agent.rng.getrandbits(63), period)
+            self.counter = CycleCounter(desk.agent.rng.getrandbits(63), period)
             clock = CycleClock(period)
         self.owner = Owner(resource, clock)
         self._due: float | None = None  # when the counter's next cycle begins, s
@@ -55,7 +53,7 @@ class Owning:
         action, fault = command.action, ""
         if action is not None:
             fault = resource.fault(action) or agent.beyond(resource, resource.unpack(action))
-        stopped = resource.stops and self._kernel.stopped is not None
+        stopped = resource.stops and self._desk.stopped is not None
         verdict = owner.judge(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.OBEYED and action is not None:
             agent.obey(resource, resource.unpack(action))
@@ -67,24 +65,24 @@ class Owning:
 
     def acknowledge(self) -> None:
         """Publish the cycle's acknowledgement; report refusals at intervals."""
-        kernel, resource, owner = self._kernel, self.resource, self.owner
+        desk, resource, owner = self._desk, self.resource, self.owner
         measured = self._agent.measure(resource)
         if measured and (fault := resource.fault(measured)):
             why = f"{type(self._agent).__name__}.measure: {fault}; the values are ignored"
-            kernel.outbox.append(Refused(resource.ack_key, why))
+            desk.outbox.append(Refused(resource.ack_key, why))
             measured = ()
         ack = owner.ack(measured)
         if ack is not None:
-            kernel.outbox.append(Publish(resource.ack_key, ack))
+            desk.outbox.append(Publish(resource.ack_key, ack))
         refusals = owner.refusals
-        if refusals and kernel.now - self._reported_at >= REPORT_S:
-            self._reported_at = kernel.now
+        if refusals and desk.now - self._reported_at >= REPORT_S:
+            self._reported_at = desk.now
             counts = [f"{count} x {verdict}" for verdict, count in refusals.items()]
             if len(counts) > REASONS_REPORTED:
                 counts[REASONS_REPORTED:] = [f"{sum(refusals.values())} in all"]
             text = "; ".join(counts)
             level = INFO if set(refusals) <= EXPECTED_REFUSALS else WARNING
-            kernel.log(f"commands refused: {text}", level, m.LogEvent.COMMANDS_REFUSED)
+            desk.log(f"commands refused: {text}", level, m.LogEvent.COMMANDS_REFUSED)
             refusals.clear()
 
     def rest(self) -> None:
@@ -95,10 +93,8 @@ class Owning:
         """Rest the resource after its command timeout; begin its next cycle if it has its own."""
         silent_at = self.owner.silent_at
         if silent_at is not None and now >= silent_at:
-            after = self.resource.silence(self._kernel.cycles.period)
-            self._kernel.log(
-                f"{self.resource.name}: no valid command for {after:g} s: stop", WARNING
-            )
+            after = self.resource.silence(self._desk.cycles.period)
+            self._desk.log(f"{self.resource.name}: no valid command for {after:g} s: stop", WARNING)
             self.rest()
         if self.counter is not None and self._due is not None and now >= self._due:
             self.owner.clock.advance(self.counter.next(now), now)

@@ -6,14 +6,12 @@ agent stores it and a restarted or second instance adopts it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from armadico.core import changeable
 from armadico.core import messages as m
+from armadico.core.desk import Desk
 from armadico.core.outgoing import WARNING
-
-if TYPE_CHECKING:
-    from armadico.core.kernel import Kernel
 
 MOST_SETTINGS: Final = 256  # settings that are replicated, of all agents together
 RESTORED: Final = "those who remember"  # the `by` of a change restored after a restart
@@ -22,9 +20,9 @@ RESTORED: Final = "those who remember"  # the `by` of a change restored after a 
 class Settings:
     """Applies, shares and adopts changes of an agent's parameters."""
 
-    def __init__(self, kernel: Kernel) -> None:
-        self._kernel = kernel
-        self._agent = kernel.agent
+    def __init__(self, desk: Desk) -> None:
+        self._desk = desk
+        self._agent = desk.agent
         self._begun = self._agent.p  # at the start
         self._set: dict[str, str] = {}  # by this or an earlier instance: JSON by name
         changeable.allowed(type(self._begun), self._agent.changeable)  # raises for a wrong name
@@ -54,13 +52,13 @@ class Settings:
             try:
                 self._apply((m.Setting(name, value),), RESTORED)
             except ValueError as error:  # for example by an instance of another version
-                self._kernel.log(f"not set as before: {error}", WARNING)
+                self._desk.log(f"not set as before: {error}", WARNING)
         if set(self._set) - set(mine):  # the publisher did not have them
             self._share()
 
     def _apply(self, change: tuple[m.Setting, ...], by: str) -> None:
         """Change parameters and publish it. Raises ValueError; nothing is changed then."""
-        agent, kernel = self._agent, self._kernel
+        agent, desk = self._agent, self._desk
         before = agent.p
         agent.p = changeable.changed(before, agent.changeable, change)
         try:
@@ -69,16 +67,16 @@ class Settings:
             agent.p = before
             raise
         for name, old, new in changeable.differences(before, agent.p, tuple(agent.changeable)):
-            kernel.publish(m.ParameterChange(agent.name, agent.instance, name, old, new, by))
-            kernel.log(f"{name} = {new}, before {old}: changed by {by}")
+            desk.publish(m.ParameterChange(agent.name, agent.instance, name, old, new, by))
+            desk.log(f"{name} = {new}, before {old}: changed by {by}")
 
     def _share(self) -> None:
         """Publish this agent's settings as part of the latched state of all agents."""
-        kernel, agent = self._kernel, self._agent
-        known = kernel.memory.newest(m.Tuning) or m.Tuning(0, 0)
+        desk, agent = self._desk, self._agent
+        known = desk.memory.newest(m.Tuning) or m.Tuning(0, 0)
         others = [each for each in known.settings if each.agent != agent.name]
         mine = [m.AgentSetting(agent.name, m.Setting(*each)) for each in self._set.items()]
         if known.settings == (settings := (*others, *mine)):
             return
         by = agent.rng.getrandbits(63)
-        kernel.publish(m.Tuning(m.next_count(known.counter), by, settings[-MOST_SETTINGS:]))
+        desk.publish(m.Tuning(m.next_count(known.counter), by, settings[-MOST_SETTINGS:]))

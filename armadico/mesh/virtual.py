@@ -25,8 +25,9 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from armadico.core.agent import Agent, Identity, SendQuery
+from armadico.core.agent import Agent, Identity
 from armadico.core.messages import Message
+from armadico.core.outgoing import SendQuery
 from armadico.core.services import matches, service_of
 from armadico.mesh.topology import DEFAULT_NAMESPACE, rooted
 from armadico.mesh.virtual_device import Ports

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from armadico.core.agent import Agent, Publish, SendQuery, Subscription, Write
+from armadico.core.agent import Agent
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
+from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
 from armadico.core.messages import JournalPiece, Message
+from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, matches
 from armadico.mesh.virtual_clock import Step

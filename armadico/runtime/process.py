@@ -30,19 +30,13 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from armadico.core.agent import (
-    Agent,
-    DeviceAgent,
-    Identity,
-    Publish,
-    SendQuery,
-    Subscription,
-    Write,
-)
+from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
+from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS
 from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
+from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import LEAST_SILENCE_S
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import atan2, degrees, hypot, radians
 from typing import Final, TypeVar
 
-from armadico.core.agent import Agent, Answer, Publish, Question, SendQuery
+from armadico.core.agent import Agent, Question
 from armadico.core.coordination import DRAW
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
@@ -21,6 +21,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
+from armadico.core.outgoing import Answer, Publish, SendQuery
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.obstacles import Obstacles

@@ -19,12 +19,14 @@ from msgspec import Struct, msgpack
 
 from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
-from armadico.core.agent import Agent, DeviceAgent, Identity, SendQuery, Subscription
+from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class
 from armadico.core.driver import Driver
 from armadico.core.errors import UnknownNameError
+from armadico.core.kernel import Subscription
 from armadico.core.messages import BidRecord, Message, MessageError, decode, line, plain
+from armadico.core.outgoing import SendQuery
 from armadico.observe.conditions import software
 from armadico.observe.journals import Entry, Head, Journal, files, stream
 from armadico.observe.watching import kind_at

@@ -9,8 +9,9 @@ import pytest
 
 from armadico.agents.fleet.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
 from armadico.agents.fleet.messages import FleetPassages
-from armadico.core.agent import Identity, Publish, Refused
+from armadico.core.agent import Identity
 from armadico.core.messages import Message, Stop
+from armadico.core.outgoing import Publish, Refused
 from armadico.mobile.messages import FleetPose, Trajectory
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to

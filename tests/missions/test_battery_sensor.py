@@ -13,9 +13,10 @@ from armadico.agents.missions.battery_sensor import BatterySensor, Parameters
 from armadico.agents.missions.messages import BatteryAlarm
 from armadico.bridge.simulator.battery import Battery
 from armadico.config.profile import load_profile
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Identity
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import Cycle, Log, Message
+from armadico.core.outgoing import Publish
 from armadico.mobile.messages import BatteryLevel
 from armadico.testing import Alone
 

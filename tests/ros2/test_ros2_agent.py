@@ -14,7 +14,7 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.frames import Decoder, Seen, control_frame, frame
 from armadico.bridge.ros2.profile import Ros2Robot
-from armadico.core.agent import Identity, Publish, Write
+from armadico.core.agent import Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import (
@@ -27,6 +27,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
+from armadico.core.outgoing import Publish, Write
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import bearings_of, points_of, ranges_of

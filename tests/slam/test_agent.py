@@ -13,9 +13,10 @@ from armadico.agents.localization.localization import Parameters as OnMap
 from armadico.agents.slam.agent import INVALID, Parameters, SlamAgent
 from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.config.grid_map import FREE, OCCUPIED, cells_of
-from armadico.core.agent import ERROR, Answer, Identity, Publish, Question
+from armadico.core.agent import ERROR, Identity, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Log, Message, RobotState, encode
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import (
     Correction,
     MapGraph,
@@ -75,7 +76,7 @@ class Robot:
             messages.insert(1, Pose(cycle, *pose.tolist(), self.known))
         for message in messages[::-1] if scan_first else messages:
             self.agent.kernel.receive(message, now)
-        out, self.agent.kernel.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         logs = [one.message for one in out if isinstance(one, Publish)]
         self.logged += "".join(each.text for each in logs if isinstance(each, Log))
         return [one.message for one in out if isinstance(one, Publish | Answer)]

@@ -18,9 +18,10 @@ from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.config import graph_file, graph_parts, grid_map
 from armadico.config.graph_file import SavedGraph
 from armadico.config.grid_map import FREE, OCCUPIED
-from armadico.core.agent import Answer, Identity, Question
+from armadico.core.agent import Identity, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import LARGEST_PAYLOAD, Message, encode
+from armadico.core.outgoing import Answer
 from armadico.mobile.messages import (
     Correction,
     MapGraphPart,

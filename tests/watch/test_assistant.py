@@ -10,8 +10,9 @@ import pytest
 
 from armadico.agents.interface.messages import MissionCancel, MissionOrder
 from armadico.agents.missions.messages import Board, BoardMission, MissionEnd
-from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
+from armadico.core.outgoing import Answer, Publish, SendQuery
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 from armadico.watch.assistant.assistant import Assistant, Parameters
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest

@@ -25,11 +25,12 @@ from armadico.config import grid_map
 from armadico.config.grid_map import Cells, new_mapper
 from armadico.config.loading import load_parameters
 from armadico.config.profile import RobotProfile
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class, providers
 from armadico.core.judgement import Judgement, all_of, no, unknown
 from armadico.core.messages import Cycle, Message, RobotState
+from armadico.core.outgoing import Publish
 from armadico.core.services import service_of
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, OccupancyGrid, Pose, Scan

@@ -11,20 +11,14 @@ from armadico.agents.fleet.messages import FleetBoard
 from armadico.agents.missions.messages import Board
 from armadico.core import messages as m
 from armadico.core import services
-from armadico.core.agent import (
-    ERROR,
-    Agent,
-    Answer,
-    Identity,
-    Parameters,
-    Question,
-    SendQuery,
-    Social,
-)
+from armadico.core.agent import ERROR, Agent, Identity, Parameters, Question
+from armadico.core.desk import BIDS_REMEMBERED
 from armadico.core.exchange import Bid
-from armadico.core.kernel import BIDS_REMEMBERED, subscriptions
+from armadico.core.kernel import subscriptions
 from armadico.core.latched import RESTORE_S
 from armadico.core.messages import Cycle, Message, RobotState, Stop
+from armadico.core.outgoing import Answer, SendQuery
+from armadico.core.parameters import Social
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, Service
 from armadico.mobile.messages import (

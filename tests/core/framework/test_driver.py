@@ -6,10 +6,11 @@ from typing import ClassVar
 
 import pytest
 
-from armadico.core.agent import Agent, Answer, Identity, Publish, Question
+from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import OPEN_QUERIES, SLOW_S, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
 from armadico.core.messages import PROTOCOL, Card, Log, Message, Stop, encode
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
 STOP = Stop(3, True, "a guest", 5)

@@ -9,9 +9,10 @@ from msgspec import msgpack
 
 from armadico.agents.missions.messages import Alarm
 from armadico.core import journal as j
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.driver import Driver, Output, Reply
 from armadico.core.messages import Ask, Card, JournalPiece, JournalRequest, Log, Message, encode
+from armadico.core.outgoing import Publish
 from armadico.core.services import service_of
 
 AGAIN = "journal/bell-1/piece"

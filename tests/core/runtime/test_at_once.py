@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.messages import Ballot, Command, Cycle, RobotState
+from armadico.core.outgoing import Publish
 from armadico.mobile.messages import Pose
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.process import CALM_S, SLOW_S, identity

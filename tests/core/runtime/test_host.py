@@ -10,7 +10,7 @@ import cbor2
 import pytest
 
 from armadico.core import messages as m
-from armadico.core.agent import INFO, WARNING, Agent, Publish, Question, SendQuery
+from armadico.core.agent import INFO, WARNING, Agent, Question
 from armadico.core.driver import LINES, LINES_A_S, OPEN_QUERIES, REPORT_S, Announce, Driver
 from armadico.core.exchange import Bid
 from armadico.core.mailbox import EVENTS
@@ -29,6 +29,7 @@ from armadico.core.messages import (
     Stop,
     encode,
 )
+from armadico.core.outgoing import Publish, SendQuery
 from armadico.core.resources import WHEELS, Resource
 from armadico.mobile.messages import (
     MissionState,

@@ -18,8 +18,9 @@ from armadico.bridge.simulator.walls import DEAD, Wall, Walls
 from armadico.config.loading import load_entry
 from armadico.config.profile import Laser, SensorProfile
 from armadico.config.shipped import find
-from armadico.core.agent import ERROR, Identity, Publish
+from armadico.core.agent import ERROR, Identity
 from armadico.core.messages import Cycle, Log, Point, RobotState
+from armadico.core.outgoing import Publish
 from armadico.core.services import service_of
 from armadico.mobile.geometry import Pose2, relative
 from armadico.mobile.messages import Pose, Scan
@@ -94,7 +95,7 @@ class Robot:
         return messages[0].message if messages else None  # type: ignore[return-value]
 
     def out(self) -> list[Publish]:
-        out, self.agent.kernel.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         return [o for o in out if isinstance(o, Publish)]
 
 

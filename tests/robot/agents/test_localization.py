@@ -43,9 +43,10 @@ from armadico.config.loading import load_entry
 from armadico.config.profile import NARROW, Odometry, SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.config.worlds import load_world
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Log, Message, RobotState, checked
+from armadico.core.outgoing import Publish
 from armadico.mobile.behaviour import LOST_M, UNSURE_M
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, Echo, InitialPose, Particles, Pose, Sonar

@@ -14,9 +14,10 @@ from armadico.agents.perception.grid_mapping import Mapper, Settings
 from armadico.agents.perception.mapping import Mapping, Parameters
 from armadico.config import grid_map
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
-from armadico.core.agent import WARNING, Answer, Identity, Publish, Question
+from armadico.core.agent import WARNING, Identity, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Log, RobotState
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Echo, MapRequest, OccupancyGrid, Pose, Scan, Sonar
 from armadico.mobile.scans import message_of
 from tests.core.framework.robots import described
@@ -159,7 +160,7 @@ class Ring:
             self.agent.kernel.receive(message, now)
 
     def grids(self) -> list[OccupancyGrid]:
-        out, self.agent.kernel.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         return [
             o.message
             for o in out
@@ -216,7 +217,7 @@ def test_it_logs_once_where_the_map_can_grow_no_more() -> None:
     logged = []
     for x in (2.0, 150.0, 250.0, 260.0, 2.0):
         ring.cycle(x=x)
-        messages, ring.agent.kernel.outbox = ring.agent.outbox, []
+        messages, ring.agent.kernel.outbox = ring.agent.kernel.outbox, []
         logged += [
             (x, "250.0" in o.message.text, o.message.level)
             for o in messages

@@ -11,8 +11,9 @@ import pytest
 
 from armadico.agents.driving.path_planning import Parameters, PathPlanning
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
-from armadico.core.agent import Answer, Identity, Publish, Question
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import Cycle, Log, Point, RobotState, decode, encode
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.behaviour import UNSURE_M
 from armadico.mobile.messages import Echo, MissionRequest, Plan, PlanRequest, Pose, Sonar, Waypoint
 from armadico.mobile.scans import message_of as scan_message
@@ -28,7 +29,7 @@ def planner() -> PathPlanning:
 
 def request_plan(planner: PathPlanning, start: Waypoint, goal: Waypoint) -> Plan:
     planner.kernel.on_query(PlanRequest(start, goal), Question(5), 1.0)
-    out, planner.kernel.outbox = planner.outbox, []
+    out, planner.kernel.outbox = planner.kernel.outbox, []
     (answer,) = (item for item in out if isinstance(item, Answer))
     assert answer.id == 5
     assert isinstance(answer.message, Plan)
@@ -135,7 +136,7 @@ def look(
 
 def doors(planner: PathPlanning) -> str:
     planner.kernel.on_query(PlanRequest(BEFORE, BEYOND, "no nearer"), Question(5), planner.now)
-    out, planner.kernel.outbox = planner.outbox, []
+    out, planner.kernel.outbox = planner.kernel.outbox, []
     texts = [o.message.text for o in out if isinstance(o, Publish) and isinstance(o.message, Log)]
     return texts[-1] if texts else next(o.message.refusal for o in out if isinstance(o, Answer))
 

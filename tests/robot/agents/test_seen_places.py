@@ -19,8 +19,9 @@ from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.config.worlds import load_world
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, RobotState
+from armadico.core.outgoing import Publish
 from armadico.mobile.behaviour import LOST_M, UNSURE_M
 from armadico.mobile.geometry import Pose2, compose, relative
 from armadico.mobile.messages import Correction, Echo, Pose, Scan, Sonar

@@ -11,8 +11,9 @@ from msgspec.structs import replace
 from armadico.agents.perception.approaching import AHEAD_S
 from armadico.agents.perception.sonar import START_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, Point, RobotState
+from armadico.core.outgoing import Publish
 from armadico.launch.society import Options, members
 from armadico.mobile.messages import Correction, Echo, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
@@ -54,7 +55,7 @@ class Ring:
             self.agent.kernel.receive(Pose(cycle, *pose, covariance), self.now)
         measured = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
         self.agent.kernel.receive(Sonar(cycle, 5.0, measured), self.now)
-        out, self.agent.kernel.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         messages = [o.message for o in out if isinstance(o, Publish)]
         (found,) = (message for message in messages if isinstance(message, Obstacles))
         assert found.cycle == cycle

@@ -18,8 +18,9 @@ from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.planning import Plan, PlanError, plan
 from armadico.config.profile import load_profile
 from armadico.config.worlds import World, distance, load_world
-from armadico.core.agent import Answer, Identity, Question
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import Point
+from armadico.core.outgoing import Answer
 from armadico.mobile.messages import Plan as PlanReply
 from armadico.mobile.messages import PlanRequest, Rule, Stretch, Waypoint
 from armadico.mobile.motion import Body

@@ -9,8 +9,9 @@ from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, decode_command
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import Parameters, Robot
-from armadico.core.agent import Identity, Publish, Write
+from armadico.core.agent import Identity
 from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
+from armadico.core.outgoing import Publish, Write
 from tests.ros2.kit import PROFILE
 
 

@@ -696,7 +696,7 @@ def test_of_a_flood_of_status_packets_only_the_newest_are_decoded(ready: Bench) 
         flood = [replace(AT_REST, x_m=0.0084 * (50 * tens + n) / 50) for n in range(50)]
         ready.answer(b"".join(encode(encode_status(s, PROFILE.p2os)) for s in flood))
         ready.let_pass(0.0)
-        if ready.robot.kernel.wakeup is not None and ready.now >= ready.robot.wakeup:
+        if ready.robot.kernel.wakeup is not None and ready.now >= ready.robot.kernel.wakeup:
             ready.robot.kernel.wake(ready.now)
             ready.take()
     decoded = sum(isinstance(m, RobotState) for _, m in ready.published) - before

@@ -34,8 +34,9 @@ from armadico.agents.supervision.wakeup import (
     lines,
     orders,
 )
-from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery, Write
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import PROTOCOL, Card, Message, MonitorReport
+from armadico.core.outgoing import Answer, Publish, SendQuery, Write
 from armadico.core.restart_policy import MISUSED
 
 GOTO = 11

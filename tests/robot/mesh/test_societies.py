@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from armadico.agents.localization.encoder import Encoder
 from armadico.bridge.robot import Robot
-from armadico.core.agent import Agent, Publish, Question
+from armadico.core.agent import Agent, Question
 from armadico.core.driver import Driver
 from armadico.core.membership import Stage
 from armadico.core.messages import (
@@ -24,6 +24,7 @@ from armadico.core.messages import (
     Message,
     Stop,
 )
+from armadico.core.outgoing import Publish
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
 from armadico.mesh.virtual import VirtualMesh
