@@ -152,12 +152,8 @@ class Driver:
     def started(self) -> bool:
         return self.stage is Stage.JOINED
 
-    @property
-    def wakeup(self) -> float | None:
-        """When `wake` is due, s; None: not at all."""
-        return self._due()
-
     def _due(self) -> float | None:
+        """When `wake` is due, s; None: not at all."""
         mine = self._check_at
         if self.stage is not Stage.JOINED:
             return mine
@@ -166,6 +162,8 @@ class Driver:
             return mine
         due += self._paused_s
         return due if mine is None else min(due, mine)
+
+    wakeup = property(_due)
 
     def _pass(self, now: float) -> float:
         """Note the time; return the agent's own time, s."""

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Any, cast
+from typing import Any, Final, cast
 
 from armadico.core import messages as m
 from armadico.core.bidding import Bidding
@@ -66,6 +66,9 @@ def subscriptions(cls: type[Individual]) -> tuple[Subscription, ...]:
     return tuple(found)
 
 
+_STATE_KEY: Final = service_of(m.RobotState).key
+
+
 @dataclass(slots=True)
 class _Route:
     """What is done with the messages of one kind."""
@@ -102,6 +105,7 @@ class Kernel(Desk):
         self._owning = {r.name: Owning(self, declare(r)) for r in agent.owns}
         self._bidding = {r.name: Bidding(self, declare(r)) for r in agent.competes_for}
         self._answerers = {kind: self._handler(kind) for kind in agent.answers}
+        self._watches = type(agent).on_message is not Individual.on_message
         self._routes = self._make_routes()
 
     def _make_routes(self) -> dict[type[Message], _Route]:
@@ -212,7 +216,8 @@ class Kernel(Desk):
             route.handler(message)
         for bidding in route.turns:
             bidding.turn(message)
-        self.agent.on_message(received)
+        if self._watches:
+            self.agent.on_message(received)
 
     def remember(self, message: m.Latched, now: float) -> None:
         """Store a latched state that is received before the start."""
@@ -387,7 +392,7 @@ class Kernel(Desk):
         return age is None or age < -AHEAD or before.cycle.number <= cycle.number
 
     def _accept_state(self, state: m.RobotState) -> bool:
-        if not self._advance(self.cycles, state.cycle, service_of(m.RobotState).key):
+        if not self._advance(self.cycles, state.cycle, _STATE_KEY):
             return False
         if state.stop != self.memory.newest(m.Stop) and self._note_latched(state.stop):
             self._stop_changed()

@@ -131,7 +131,7 @@ class Node(Place):
         if not self.alive:
             return
         key, message = what
-        if self._waits():
+        if self.hung or self.work_s or self._busy or self.mailbox.lanes:  # `_waits`: it costs
             keep = 1 if to.kind is Kind.STATE else EVENTS
             self._accept(lambda: self.driver.deliver(to, key, message, self.time), key, keep)
             return
