@@ -141,7 +141,7 @@ class LineNotes:
         return True
 
 
-class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
+class Robot(DeviceAgent):
     """The robot, as other agents know it."""
 
     name = "robot"
@@ -183,12 +183,6 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
         self._touch, self._response = Touch(), Response(self.profile)
         self._obedience = Obedience(self.profile)
         self._line_notes = LineNotes()
-
-    @classmethod
-    def subscriptions(cls) -> tuple[agent.Subscription, ...]:
-        """All but cycles and descriptions, which it publishes itself."""
-        own = (RobotState, Description)
-        return tuple(s for s in super().subscriptions() if s.message not in own)
 
     def on_appeared(self, name: str, instance: str) -> None:  # noqa: ARG002
         """Publish the description with the next status packet, for the new agent."""
@@ -244,9 +238,8 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
     def _healthy(self) -> bool:
         return self.now - self._reported_at <= HEALTHY_S
 
-    def stop(self, now: float) -> None:
-        """Leave the robot at rest, and its controller closed."""
-        super().stop(now)
+    def on_leave(self) -> None:
+        """Close the controller of the robot, which rests."""
         if self._session is not None:
             self._session.close()
             self._send()
@@ -364,7 +357,6 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
         self._reported_at, self._known.openings, self._known.connections = self.now, 0, 0
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
-        self.tenure += 1
         v, w = self._orders.measured = report.v, report.w
         ordered = self._orders.driven
         self._check_response(report)
@@ -406,10 +398,9 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
             self.log(f"from the controller so far: {line.summary}", WARNING)
         return line
 
-    def card(self) -> Card:
-        """The card without the messages of sensors that this robot lacks."""
+    def fill_card(self, card: Card) -> Card:
+        """Leave out the messages of sensors that this robot lacks; add its faults."""
         none = {self.key_of(kind) for kind in (Sonar, Scan) if kind not in self._readings.provides}
-        card = super().card()
         provides = tuple(key for key in card.provides if key not in none)
         doubts = line("; ".join((*self._known.doubts, *self._known.differs)))
         fault = line(self._known.unfit or self._fault)

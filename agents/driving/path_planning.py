@@ -126,10 +126,8 @@ class PathPlanning(Agent):
         if self._world is None and grid.revision and grid.rows and grid.columns:
             self._grid, self._chart, self._seen = grid, None, None
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, request: PlanRequest, _question: Question) -> Plan:
         """The waypoints, or the reason why there is no path."""
-        request = question.request
-        assert isinstance(request, PlanRequest)
         return self._plan(request)
 
     def _plan(self, request: PlanRequest) -> Plan:

@@ -21,7 +21,7 @@ from armadico.agents.fleet.messages import (
 from armadico.agents.fleet.task_sharing import TaskSharing, done_of
 from armadico.agents.fleet.tours import TURN_S, Tours
 from armadico.core import agent
-from armadico.core.agent import WARNING, Agent, Question, Refused
+from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.exchange import Bid
 from armadico.core.messages import Cycle, Description, Message, RobotState, line, next_count
 from armadico.core.services import service_of
@@ -104,7 +104,7 @@ class Work:
         return [*order, *(task for task in mine if task not in order)]
 
 
-class Fleet(Agent, overrides=("key_of",)):
+class Fleet(Agent):
     """Bids for tasks against the other robots' fleet agents, and drives by missions of its own.
 
     It bids while its robot can drive: the pose is known, and the robot is neither stopped nor
@@ -129,6 +129,7 @@ class Fleet(Agent, overrides=("key_of",)):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
+        self.key_names = {"robot": self.robot}
         self.work: Work | None = None
         self._over: set[int] = set()  # earlier lists, done or not
         self._doing: int | None = None
@@ -143,10 +144,6 @@ class Fleet(Agent, overrides=("key_of",)):
         self._give_at: float | None = None
         self._given_at = -inf
         self._note = ""
-
-    def key_of(self, kind: type[Message], **names: str) -> str:
-        """Add the robot to keys of messages that each robot publishes."""
-        return super().key_of(kind, robot=self.robot, **names)
 
     def on_start(self) -> None:
         """Begin to publish regularly."""
@@ -176,10 +173,8 @@ class Fleet(Agent, overrides=("key_of",)):
             )
         )
 
-    def on_fleet_request(self, question: Question) -> FleetReply:
+    def on_fleet_request(self, request: FleetRequest, _question: Question) -> FleetReply:
         """Accept a list for the fleet; while it works on another, only with `replace`."""
-        request = question.request
-        assert isinstance(request, FleetRequest)
         work = self.work
         if work is not None and not work.sharing.over(self.now) and not request.replace:
             left, all_ = len(work.sharing.open), len(work.list.tasks)
@@ -206,7 +201,7 @@ class Fleet(Agent, overrides=("key_of",)):
                 f"a list that is not this fleet's, whose own is not done yet: two fleets are named"
                 f" {fleet!r}; each goes on with its own; another --namespace tells them apart"
             )
-            self.outbox.append(Refused(service_of(FleetTasks).key, why))
+            self.refuse(service_of(FleetTasks).key, why)
 
     def on_fleet_claims(self, message: FleetClaims) -> None:
         """Process another robot's claims and done tasks; send it the list if it has none."""

@@ -16,7 +16,6 @@ from armadico.agents.methods.geometry import clip
 from armadico.agents.methods.known_robots import KnownRobots
 from armadico.config.worlds import load_world
 from armadico.core import agent
-from armadico.core.agent import Refused
 from armadico.core.exchange import Bid
 from armadico.core.messages import Message, RobotState
 from armadico.core.parameters import Safety
@@ -94,7 +93,7 @@ def resource_of(passage: int) -> Resource:
     )
 
 
-class GiveWay(Behaviour, overrides=("key_of",)):
+class GiveWay(Behaviour):
     """Contends for the passages on the robot's path, and for the wheels while it has to wait.
 
     A passage is a part of the map where two robots cannot pass each other (`passages.py`). It is a
@@ -119,6 +118,7 @@ class GiveWay(Behaviour, overrides=("key_of",)):
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
+        self.key_names = {"robot": self.robot}
         self.passages: Passages | None = None
         if self.p.world is not None:
             self.passages = passages_of(load_world(self.p.world))
@@ -133,10 +133,6 @@ class GiveWay(Behaviour, overrides=("key_of",)):
         self._waits_since: dict[int, float] = {}
         self._trail: list[tuple[float, float]] = []
         self._here: tuple[float, float] | None = None
-
-    def key_of(self, kind: type[Message], **names: str) -> str:
-        """Add the robot to keys of messages that each robot publishes."""
-        return super().key_of(kind, robot=self.robot, **names)
 
     def on_start(self) -> None:
         """Begin to share the passages of the map, if it has any."""
@@ -160,7 +156,7 @@ class GiveWay(Behaviour, overrides=("key_of",)):
             return
         if message.cycle.epoch != self.sharing.clock.epoch:
             why = f"{message.robot} has another map: its passages are not these, and are ignored"
-            self.outbox.append(Refused(service_of(FleetPassages).key, why))
+            self.refuse(service_of(FleetPassages).key, why)
             return
         self._received[message.robot] = message, self.now
         if self.sharing.on_other_claims(message.instance, message.cycle, message.claims, self.now):

@@ -220,10 +220,10 @@ class Interface(Agent):
         """Begin to publish regularly."""
         self.wake_at(self.now + self.p.repeat_s)
 
-    def on_mission_request(self, question: Question) -> MissionReply | None:
+    def on_mission_request(
+        self, request: MissionRequest, question: Question
+    ) -> MissionReply | None:
         """Accept a mission, or refuse it with the reason, before the robot moves."""
-        request = question.request
-        assert isinstance(request, MissionRequest)
         if request.start is not None:
             return self._place(question, request, request.start)
         return self._consider(question, request)
@@ -312,14 +312,12 @@ class Interface(Agent):
         only = request.replaces
         return only not in (None, self._mission.number) and self._stage is Stage.DRIVING
 
-    def on_mission_order(self, question: Question) -> None:
+    def on_mission_order(self, order: MissionOrder, question: Question) -> None:
         """Propose a mission of several tasks to the mission planning agent (use case 1).
 
         An agent that does not reply may be hung, and would begin the mission later. So an order
         that is reported as refused is withdrawn.
         """
-        order = question.request
-        assert isinstance(order, MissionOrder)
         order = order if order.mission else replace(order, mission=self.rng.getrandbits(63) or 1)
 
         def on_reply(reply: MissionReply | None) -> None:
@@ -330,9 +328,7 @@ class Interface(Agent):
 
         self.query(MissionProposal(order), on_reply)
 
-    def on_mission_cancel(self, question: Question) -> None:
-        cancel = question.request
-        assert isinstance(cancel, MissionCancel)
+    def on_mission_cancel(self, cancel: MissionCancel, question: Question) -> None:
 
         def on_reply(reply: MissionReply | None) -> None:
             if reply is None and cancel.mission:

@@ -225,7 +225,7 @@ class Published:
     message: Particles
 
 
-class Localization(Agent, overrides=("card",)):
+class Localization(Agent):
     """Estimates the pose on a known map with a particle filter, from a laser or sonars.
 
     A robot with a laser uses the laser alone: its rays are precise, sonars are not.
@@ -367,10 +367,10 @@ class Localization(Agent, overrides=("card",)):
             return
         self._update(scan.cycle, lambda: beams)
 
-    def card(self) -> Card:
-        """The card, with the estimated wheel errors."""
+    def fill_card(self, card: Card) -> Card:
+        """Add the estimated wheel errors."""
         learnt = self._wheels() if self._started else ""
-        return replace(super().card(), learnt=line(learnt), doubts=line(self._doubts))
+        return replace(card, learnt=line(learnt), doubts=line(self._doubts))
 
     def _wheels(self) -> str:
         turning, drift, way = self._filter.wheel_errors

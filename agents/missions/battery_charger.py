@@ -223,19 +223,15 @@ class BatteryCharger(DeliberativeAgent):
         if often or self.now - self._published_at >= REPORT_S:
             self._publish_status(state)
 
-    def on_energy_request(self, question: Question) -> EnergyReply | None:
+    def on_energy_request(self, request: EnergyRequest, question: Question) -> EnergyReply | None:
         """Reply whether the energy suffices, after planning from the goal to the docks."""
-        request = question.request
-        assert isinstance(request, EnergyRequest)
         if not self._docks:
             return self._judge(request, 0.0, "no dock on the map")
         self._questions.append((question, request))
         return None
 
-    def on_charge_request(self, question: Question) -> MissionReply:
+    def on_charge_request(self, request: ChargeRequest, _question: Question) -> MissionReply:
         """Accept a request to charge, even if the energy suffices."""
-        request = question.request
-        assert isinstance(request, ChargeRequest)
         if not self._docks:
             return MissionReply(0, "no dock on the map")
         self._sent = Sent(request.until, self.now)

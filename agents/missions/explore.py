@@ -181,10 +181,8 @@ class Explore(Agent):
         """Begin to publish regularly."""
         self.wake_at(self.now + 1.0)
 
-    def on_explore_request(self, question: Question) -> MissionReply:
+    def on_explore_request(self, request: ExploreRequest, _question: Question) -> MissionReply:
         """Begin at once; an earlier exploration ends."""
-        request = question.request
-        assert isinstance(request, ExploreRequest)
         pose = self.fresh(Pose)
         if pose is None:
             return self._refuse("the robot's pose is not known: no fresh encoder/pose")

@@ -170,10 +170,8 @@ class MissionPlanning(DeliberativeAgent):
 
     # Orders ---------------------------------------------------------------------------------------
 
-    def on_mission_proposal(self, question: Question) -> MissionReply:
+    def on_mission_proposal(self, request: MissionProposal, _question: Question) -> MissionReply:
         """Accept a mission; it begins at once if no active one is as urgent (use case 1)."""
-        request = question.request
-        assert isinstance(request, MissionProposal)
         number = request.order.mission or self.rng.getrandbits(63) or 1
         if number in self._missions.entries:  # ordered again because the reply was lost
             return MissionReply(number)
@@ -191,9 +189,9 @@ class MissionPlanning(DeliberativeAgent):
         self._select()
         return MissionReply(number)
 
-    def on_mission_withdrawal(self, question: Question) -> MissionReply:
-        request = question.request
-        assert isinstance(request, MissionWithdrawal)
+    def on_mission_withdrawal(
+        self, request: MissionWithdrawal, _question: Question
+    ) -> MissionReply:
         number = request.cancel.mission
         found = self._missions.cancel(number)
         if number:

@@ -32,7 +32,7 @@ class Surprise(StrEnum):
     FAILED = "failed"  # a step has failed for another reason
 
 
-class Planner(Agent, hooks=("steps",), overrides=("card",)):
+class Planner(Agent, hooks=("steps",)):
     """A planner agent: answers each request with its steps and their cost.
 
     `plans` are the kinds of surprise that it plans for.
@@ -69,9 +69,9 @@ class Planner(Agent, hooks=("steps",), overrides=("card",)):
             return
         _Legs(self, request, found, [request.at, *(known[name] for name in names)]).query_next()
 
-    def card(self) -> Card:
-        """Return the card with the surprises that it plans for."""
-        return replace(super().card(), plans=tuple(map(str, self.plans)))
+    def fill_card(self, card: Card) -> Card:
+        """Add the surprises that it plans for."""
+        return replace(card, plans=tuple(map(str, self.plans)))
 
     def _refuse(self, request: SubplanRequest, why: str) -> None:
         self.publish(Subplan(request.id, self.instance, (), refusal=line(why)))

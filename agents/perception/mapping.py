@@ -65,7 +65,7 @@ class Mapping(Agent):
         if self._has_laser:
             self._match(self.latest(Pose), scan)
 
-    def on_map_request(self, _question: Question) -> OccupancyGrid:
+    def on_map_request(self, _request: MapRequest, _question: Question) -> OccupancyGrid:
         return grid_map.message_of(self._map.cells())
 
     def _match(self, pose: Pose | None, reading: Sonar | Scan | None) -> None:

@@ -242,20 +242,16 @@ class SlamAgent(Agent):
         """Place a scan of the cycle of the odometry."""
         self._match(scan)
 
-    def on_map_request(self, _question: Question) -> OccupancyGrid:
+    def on_map_request(self, _request: MapRequest, _question: Question) -> OccupancyGrid:
         """The map as it is now."""
         return self._grid()
 
-    def on_map_graph_request(self, question: Question) -> MapGraphPart:
+    def on_map_graph_request(self, request: MapGraphRequest, _question: Question) -> MapGraphPart:
         """A part of the graph."""
-        request = question.request
-        assert isinstance(request, MapGraphRequest)
         return self._outgoing.part(request, self._graph)
 
-    def on_map_load_request(self, question: Question) -> MapLoadReply:
+    def on_map_load_request(self, request: MapLoadRequest, _question: Question) -> MapLoadReply:
         """Take a part of a graph; with the last one the own map is dropped."""
-        request = question.request
-        assert isinstance(request, MapLoadRequest)
         try:
             data = self._incoming.take(request)
             if data is not None:

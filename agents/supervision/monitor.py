@@ -178,7 +178,7 @@ _Process = tuple[str, str, int]
 """An agent in a process of a host: the wakeup agent's instance, the agent's name, the pid."""
 
 
-class Monitor(Agent, overrides=("receive",)):
+class Monitor(Agent):
     """Detects agents that hang or are missing, and requests restarts and starts. Sans-IO."""
 
     name = "monitor"
@@ -200,6 +200,7 @@ class Monitor(Agent, overrides=("receive",)):
         self._habits: dict[str, _Habit] = {}  # by key
         self._lost: dict[_Process, float] = {}  # up without a token, since
         self._resumed_at = 0.0  # when the robot's cycles came back
+        self._cycle_at = -inf  # of the last one
         self._linked_at = 0.0  # since when this monitor could receive
         self._kills: set[str] = set()  # that hosts report as done by themselves
         # Lateness counts from here, after a change of the society or a hang of this monitor.
@@ -219,13 +220,15 @@ class Monitor(Agent, overrides=("receive",)):
         self._check_at = self.now + PERIOD_S
         self.wake_at(self._check_at)
 
-    def receive(self, message: Message, now: float) -> None:
-        if isinstance(message, RobotState) and not self.cycles.alive(now):
-            self._resumed_at = now  # the robot was off: its agents had nothing to publish
-        super().receive(message, now)
+    def on_robot_state(self, _state: RobotState) -> None:
+        if self.now - self._cycle_at > self.cycles.fresh_cycles * self.cycles.period:
+            self._resumed_at = self.now  # the robot was off: its agents had nothing to publish
+        self._cycle_at = self.now
+
+    def on_message(self, message: Message) -> None:
         kind = type(message)
         name = message.sensor if isinstance(message, Obstacles) else ""
-        if kind in WATCHED and self.accepted(message):
+        if kind in WATCHED:
             self._note_publication(self.key_of(kind, name=name), service_of(kind).rate_hz or 1.0)
 
     def _note_publication(self, key: str, rate_hz: float) -> None:
@@ -347,7 +350,7 @@ class Monitor(Agent, overrides=("receive",)):
 
     @property
     def _tenure(self) -> int:
-        return min(self.tenure, LONGEST_TENURE)
+        return min(self.kernel.tenure, LONGEST_TENURE)
 
     # Faults --------------------------------------------------------------------------------------
 

@@ -208,7 +208,7 @@ class _Pace:
         return False
 
 
-class Wakeup(DeviceAgent, overrides=("stop",)):
+class Wakeup(DeviceAgent):
     """Keeps a host's processes up within a budget, and answers requests."""
 
     name = "wakeup"
@@ -474,9 +474,7 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
 
     # Requests ------------------------------------------------------------------------------------
 
-    def on_wakeup_request(self, question: Question) -> WakeupReply:
-        request = question.request
-        assert isinstance(request, WakeupRequest)
+    def on_wakeup_request(self, request: WakeupRequest, _question: Question) -> WakeupReply:
         found = [label for label, p in self._kept.items() if request.agent in p.agents]
         do = {
             WakeupOrder.START: self._start,
@@ -693,9 +691,8 @@ class Wakeup(DeviceAgent, overrides=("stop",)):
         at, why = process.killed
         return line(why) if self.now - at <= KILLED_S else ""
 
-    def stop(self, now: float) -> None:
+    def on_leave(self) -> None:
         """Leave in order: no other host replaces these agents, unless this host gave up."""
-        super().stop(now)
         if not self.gave_up:
             self._publish_share(leaving=True)
 

@@ -18,10 +18,11 @@ from armadico.config.loading import set_values
 from armadico.config.scenarios import load_scenario
 from armadico.contracts.contract import Contract
 from armadico.core import messages as m
-from armadico.core.agent import Agent, Identity, Publish, SendQuery
+from armadico.core.agent import Agent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import AGENTS, agent_class, installed
 from armadico.core.judgement import Judgement, all_of, no, unknown, whether, yes
+from armadico.core.outgoing import Publish, SendQuery
 from armadico.core.resources import Resource
 from armadico.core.services import latched
 from armadico.launch.society import Options, prepared
@@ -85,8 +86,8 @@ class AgentContract(Contract):
             return no("the class has no `name`")
         found = [self._as_installed()]
         agent = kind(Identity(f"{kind.name}-1"))
-        agent.start(0.0)
-        for message in (agent.card(), agent.history()):
+        agent.kernel.start(0.0)
+        for message in (agent.kernel.card(), agent.kernel.history()):
             m.decode(m.encode(message), type(message))
         for each in (*kind.provides, *kind.answers, *kind.queries):
             agent.key_of(each)
@@ -182,15 +183,15 @@ class AgentContract(Contract):
             pass
         else:
             return no("an unknown parameter was accepted", "derive from Parameters, frozen=True")
-        agent.start(0.0)
-        rows = {row.name: row for row in agent.tune(m.ParametersRequest(), 0.0).parameters}
+        agent.kernel.start(0.0)
+        rows = {row.name: row for row in agent.kernel.tune(m.ParametersRequest(), 0.0).parameters}
         found = [yes()]
         for name in kind.changeable:
             keep = m.ParametersRequest((m.Setting(name, rows[name].json),), "test")
-            refusal = agent.tune(keep, 0.0).refusal
+            refusal = agent.kernel.tune(keep, 0.0).refusal
             found.append(whether(not refusal, f"{name}: its own value is refused: {refusal}"))
             for bad in ("{}", "NaN", '"no value"'):
-                reply = agent.tune(m.ParametersRequest((m.Setting(name, bad),), "test"), 0.0)
+                reply = agent.kernel.tune(m.ParametersRequest((m.Setting(name, bad),), "test"), 0.0)
                 found.append(whether(bool(reply.refusal), f"{name} = {bad} was accepted"))
         return all_of(found)
 
@@ -254,7 +255,7 @@ class AgentContract(Contract):
         def progress(watch: RunWatch) -> None:
             began[:] = began or [run.mesh.now]
             for node in done.instances:  # an agent keeps its last 50 only
-                kept.update({(node, b.cycle, b.resource): b for b in node.agent.bids})
+                kept.update({(node, b.cycle, b.resource): b for b in node.agent.kernel.bids})
             elapsed = run.mesh.now - began[0]
             fault(run, done.instances[-1], elapsed)
             if limit_s is not None and elapsed >= limit_s:
@@ -331,7 +332,7 @@ class ResourceContract(Contract):
         if self.resource.message is not None:
             return yes()
         owner = self.owner(Identity("owner-1"))
-        owner.start(0.0)
+        owner.kernel.start(0.0)
         wild = tuple(1e6 * scale for scale in self.resource.scale)
         return whether(
             bool(owner.beyond(self.resource, wild)),

@@ -14,23 +14,12 @@ from typing import Any, Final
 
 from msgspec.structs import replace
 
-from armadico.core.agent import (
-    WARNING,
-    Agent,
-    Answer,
-    DeviceAgent,
-    Publish,
-    Question,
-    Refused,
-    SendQuery,
-    Subscription,
-    Write,
-)
+from armadico.core.agent import WARNING, Agent, DeviceAgent, Question
+from armadico.core.kernel import Subscription
 from armadico.core.membership import CARD_S, Admission, Stage
 from armadico.core.messages import (
     Ack,
     Ask,
-    BidHistory,
     Card,
     Claim,
     Command,
@@ -41,6 +30,7 @@ from armadico.core.messages import (
     ParametersRequest,
     decode,
 )
+from armadico.core.outgoing import Answer, Publish, Refused, SendQuery, Write
 from armadico.core.services import BIDS, CARD
 
 OPEN_QUERIES: Final = 64  # queries that may wait for their answers; beyond, the oldest is dropped
@@ -107,6 +97,7 @@ class Driver:
             wall: Returns wall time for the card, s since 1970: for people only.
         """
         self.agent = agent
+        self.kernel = agent.kernel
         self.now = now
         self._paused_s = 0.0  # time that did not pass for the agent
         self.stage = Stage.LOOKING
@@ -125,6 +116,14 @@ class Driver:
             else None
         )
         self._wall = wall
+        names = {"name": agent.name, "instance": agent.instance}
+        self._card_key, self._bids_key = CARD.key_for(**names), BIDS.key_for(**names)
+        self._served: dict[str, type[Message]] = {
+            **{self.kernel.key_of(kind): kind for kind in agent.answers},
+            self._card_key: Ask,
+            self._bids_key: Ask,
+            self.kernel.key_of(ParametersRequest): ParametersRequest,
+        }
         self._out: list[Output] = []
         self._check_at: float | None = now  # when the admission is checked again
         self._announced = False
@@ -153,20 +152,18 @@ class Driver:
     def started(self) -> bool:
         return self.stage is Stage.JOINED
 
-    @property
-    def wakeup(self) -> float | None:
-        """When `wake` is due, s; None: not at all."""
-        return self._due()
-
     def _due(self) -> float | None:
+        """When `wake` is due, s; None: not at all."""
         mine = self._check_at
         if self.stage is not Stage.JOINED:
             return mine
-        due = self.agent.wakeup
+        due = self.kernel.wakeup
         if due is None:
             return mine
         due += self._paused_s
         return due if mine is None else min(due, mine)
+
+    wakeup = property(_due)
 
     def _pass(self, now: float) -> float:
         """Note the time; return the agent's own time, s."""
@@ -180,29 +177,29 @@ class Driver:
     def wake(self, now: float) -> None:
         own = self._pass(now)
         if self.stage is Stage.JOINED:
-            due = self.agent.wakeup
+            due = self.kernel.wakeup
             if due is not None and now >= due + self._paused_s:
-                self.agent.wake(max(own, due))  # the sum above is rounded
+                self.kernel.wake(max(own, due))  # the sum above is rounded
         if self._check_at is not None and now >= self._check_at:
             self._progress(now)
 
     def leave(self, now: float) -> None:
         """Release all held resources and rest all owned ones."""
-        self.agent.outbox.clear()  # an interrupted turn is not sent
+        self.kernel.outbox.clear()  # an interrupted turn is not sent
         own = self._pass(now)
         if self.stage is Stage.JOINED:
-            self.agent.stop(own)
+            self.kernel.leave(own)
 
     def drain(self) -> list[Output]:
         """Return the outputs since the last call, in order."""
-        agent = self.agent
-        if not agent.outbox:
+        kernel = self.kernel
+        if not kernel.outbox:
             if not self._out:
                 return []
             sent, self._out = self._out, []
             return sent
-        while agent.outbox:
-            out, agent.outbox = agent.outbox, []
+        while kernel.outbox:
+            out, kernel.outbox = kernel.outbox, []
             for item in out:
                 if type(item) is Publish:
                     if type(item.message) is Log and not self._may_log():
@@ -231,9 +228,9 @@ class Driver:
         if self.refused or self._slow:
             self._report(now)  # may be due since
         if self.stage is Stage.JOINED:
-            self.agent.receive(message, own)
+            self.kernel.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
-            self.agent.remember(message, own)
+            self.kernel.remember(message, own)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
         """Process that a liveliness token appeared (`alive`) or disappeared."""
@@ -248,7 +245,7 @@ class Driver:
             else:
                 self._admission.disappeared(instance, now)
         if self.stage is Stage.JOINED:
-            notify = self.agent.appeared if alive else self.agent.disappeared
+            notify = self.kernel.appeared if alive else self.kernel.disappeared
             notify(name, instance, own)
         self._progress(now)
 
@@ -256,43 +253,25 @@ class Driver:
         """Process that the robot's router became reachable (`there`) or unreachable."""
         own = self._pass(now)
         if self.stage is Stage.JOINED:
-            self.agent.router(there, own)
+            self.kernel.router(there, own)
         else:
-            self.agent.reachable = there
+            self.kernel.reachable = there
 
     def latch(self, by: str, now: float) -> None:
         """Latch the robot's stop if this agent owns a resource that stops."""
         own = self._pass(now)
         if self.stage is Stage.JOINED and any(each.stops for each in self.agent.owns):
-            self.agent.now = own
-            self.agent.latch(by)
+            self.kernel.now = own
+            self.kernel.latch(by)
 
     def answers(self, key: str) -> type[Message] | None:
         """Return the type of query that is answered on a key; None if none is."""
-        return self._answers(key)
-
-    def _answers(self, key: str) -> type[Message] | None:
-        if key in {self._card_key, self._bids_key}:
-            return Ask
-        if key == self._parameters_key:
-            return ParametersRequest
-        for kind in self.agent.answers:
-            if self.agent.key_of(kind) == key:
-                return kind
-        return None
+        return self._served.get(key)
 
     @property
     def queries(self) -> dict[str, type[Message]]:
         """The keys of answered queries, with the type of each query."""
-        return self._queries()
-
-    def _queries(self) -> dict[str, type[Message]]:
-        own: dict[str, type[Message]] = {
-            self._card_key: Ask,
-            self._bids_key: Ask,
-            self._parameters_key: ParametersRequest,
-        }
-        return {self.agent.key_of(kind): kind for kind in self.agent.answers} | own
+        return dict(self._served)
 
     def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
         """Process a query. Its `Reply` with this `call` comes now, later or never."""
@@ -301,25 +280,25 @@ class Driver:
             if self._announced:
                 self._out.append(Reply(call, key, self._card()))
         elif key == self._bids_key:
-            self._out.append(Reply(call, key, self._history()))
-        elif (kind := self._answers(key)) is not None and self.stage is Stage.JOINED:
+            self._out.append(Reply(call, key, self.kernel.history()))
+        elif (kind := self._served.get(key)) is not None and self.stage is Stage.JOINED:
             request = self._read(kind, key, payload, now)
             if request is None:
                 return
             if type(request) is ParametersRequest:
-                self._out.append(Reply(call, key, self.agent.tune(request, own)))
+                self._out.append(Reply(call, key, self.kernel.tune(request, own)))
                 return
             self._call_ids += 1
             self._calls[self._call_ids] = (call, key)
             if len(self._calls) > OPEN_QUERIES:
                 self._calls.popitem(last=False)
-            self.agent.on_query(Question(self._call_ids, request), own)
+            self.kernel.on_query(request, Question(self._call_ids), own)
 
     def on_reply(self, question: int, reply: Message | None, now: float) -> None:
         """Process the reply to an `SendQuery`; None after a timeout."""
         own = self._pass(now)
         if question >= 0:
-            self.agent.on_reply(question, reply, own)
+            self.kernel.on_reply(question, reply, own)
             return
         instance = self._cards.pop(question, None)
         if instance is None or self._admission is None:
@@ -328,25 +307,25 @@ class Driver:
         card = reply if isinstance(reply, Card) and reply.instance == instance else None
         self._admission.on_card(instance, card, now)
         if card is not None and (card.name, card.instance) in self.alive:
-            self.agent.met(card, own)
+            self.kernel.met(card, own)
         self._progress(now)
 
     def received(self, data: bytes, now: float) -> None:
         """Process bytes from the device."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.receive_bytes(data, self._pass(now))
+        self.kernel.on_bytes(data, self._pass(now))
 
     def link(self, up: bool, why: str, now: float) -> None:
         """Process that the device was opened or lost."""
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
-        self.agent.update_link(up, why, self._pass(now))
+        self.kernel.on_link(up, why, self._pass(now))
 
     def slow(self, took: float) -> None:
         """Count a delivery or wake-up that took `took` s, if that is longer than a cycle.
 
         The first one is logged at once, the others together, at most once in `SLOW_S`.
         """
-        if took > self.agent.cycles.period and self.stage is Stage.JOINED:
+        if took > self.kernel.cycles.period and self.stage is Stage.JOINED:
             self._slow.append(took)
             self._report(self.now)
 
@@ -375,16 +354,16 @@ class Driver:
         if self._slow and now - self._slow_at >= SLOW_S:
             count, worst, since = len(self._slow), max(self._slow), now - self._slow_at
             turns = "one turn" if count == 1 else f"{count} turns in {since:.0f} s, the longest"
-            period = self.agent.cycles.period
+            period = self.kernel.cycles.period
             text = f"{instance}: too slow: {turns} took {worst:.2f} s, a cycle is {period:g} s"
             self._slow_at = now
             self._slow.clear()
-            self.agent.log(text, WARNING)
+            self.kernel.log(text, WARNING)
         if not self.refused or now - self._reported_at < REPORT_S:
             return
         self._reported_at = now
         text = "; ".join(f"{count} x {why}" for why, count in self.refused.most_common(3))
-        self.agent.log(f"{instance}: rejected or dropped: {text}", WARNING)
+        self.kernel.log(f"{instance}: rejected or dropped: {text}", WARNING)
         self.refused.clear()
 
     def _progress(self, now: float) -> None:
@@ -393,7 +372,7 @@ class Driver:
         if admission is None or self.stage is Stage.REFUSED:
             self._check_at = None
             return
-        admission.tenure = self.agent.tenure
+        admission.tenure = self.kernel.tenure
         for name, instance in admission.queries(now):
             number = -1 - self._call_ids
             self._call_ids += 1
@@ -418,30 +397,15 @@ class Driver:
         self._announce()
         self.stage = Stage.JOINED
         own = now - self._paused_s
-        self.agent.start(own)
+        self.kernel.start(own)
         for name, instance in sorted(self.alive):
-            self.agent.appeared(name, instance, own)
+            self.kernel.appeared(name, instance, own)
         if isinstance(self.agent, DeviceAgent):
             self._out.append(OpenPort())
 
-    @property
-    def _card_key(self) -> str:
-        return CARD.key_for(name=self.agent.name, instance=self.agent.instance)
-
-    @property
-    def _bids_key(self) -> str:
-        return BIDS.key_for(name=self.agent.name, instance=self.agent.instance)
-
-    @property
-    def _parameters_key(self) -> str:
-        return self.agent.key_of(ParametersRequest)
-
     def _card(self) -> Card:
-        card = self.agent.card()
+        card = self.kernel.card()
         return card if self._wall is None else replace(card, clock=self._wall())
-
-    def _history(self) -> BidHistory:
-        return self.agent.history()
 
     def _answer(self, answer: Answer) -> None:
         call, key = self._calls.pop(answer.id, (None, ""))
@@ -465,7 +429,7 @@ class Driver:
 
     def _may_log(self) -> bool:
         """Return whether the limits `LINES` and `LINES_A_S` allow one more log line."""
-        now = self.agent.now
+        now = self.kernel.now
         passed = max(now - self._lines_at, 0.0)
         self._lines = min(self._lines + LINES_A_S * passed, LINES)
         self._lines_at = now
@@ -475,7 +439,7 @@ class Driver:
         self._lines -= 1.0
         if self._left_out:
             left_out, self._left_out = self._left_out, 0
-            self.agent.log(f"{left_out} log lines were dropped", WARNING)
+            self.kernel.log(f"{left_out} log lines were dropped", WARNING)
         return True
 
 

@@ -36,9 +36,11 @@ from typing import Any, Final
 
 from msgspec import msgpack
 
-from armadico.core.agent import Agent, Publish, SendQuery, Subscription, Write
+from armadico.core.agent import Agent
 from armadico.core.driver import Announce, Driver, Output, Reply
+from armadico.core.kernel import Subscription
 from armadico.core.messages import JournalPiece, JournalRequest, Message, MessageError, decode
+from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.services import service_of
 
 FORMAT: Final = 3  # the version of this format
@@ -155,7 +157,7 @@ class Journalled(Driver):
     @property
     def queries(self) -> dict[str, type[Message]]:
         """See `Driver`; and the query for a lost piece."""
-        return self._queries() | {self._again_key: JournalRequest}
+        return super().queries | {self._again_key: JournalRequest}
 
     # Inputs --------------------------------------------------------------------------------------
 

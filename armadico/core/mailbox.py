@@ -26,24 +26,29 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Deliveries in order of arrival, by key."""
+    """Deliveries in order of arrival, by key.
+
+    Attributes:
+        dropped: The dropped items, by key, since the last report.
+        lanes: The waiting items, by key; empty if nothing waits.
+    """
 
     def __init__(self) -> None:
-        self.dropped: Counter[str] = Counter()  # by key, since the last report
-        self._lanes: dict[str, deque[tuple[int, T]]] = {}
+        self.dropped: Counter[str] = Counter()
+        self.lanes: dict[str, deque[tuple[int, T]]] = {}
         self._alike: Counter[str] = Counter()  # lanes, by all but the last part of their keys
         self._arrivals = 0
 
     def put(self, key: str, item: T, keep: int = EVENTS) -> None:
         """Queue an item on a key; of more than `keep` the oldest is dropped, uncounted if 1."""
-        lane = self._lanes.get(key)
+        lane = self.lanes.get(key)
         if lane is None:
             kin = key.rpartition("/")[0]
             if self._alike[kin] >= LANES:
                 self.dropped[f"{kin}/*"] += 1
                 return
             self._alike[kin] += 1
-            lane = self._lanes[key] = deque()
+            lane = self.lanes[key] = deque()
         if keep == 1 and lane:
             lane[0] = (lane[0][0], item)
             return
@@ -56,7 +61,7 @@ class Mailbox(Generic[T]):
 
     def get(self) -> T | None:
         """Return the oldest item; None if there is none."""
-        lanes = self._lanes
+        lanes = self.lanes
         if not lanes:
             return None
         key = next(iter(lanes)) if len(lanes) == 1 else min(lanes, key=lambda k: lanes[k][0][0])
@@ -82,7 +87,7 @@ class Mailbox(Generic[T]):
             del self._alike[kin]
 
     def __len__(self) -> int:
-        return sum(map(len, self._lanes.values()))
+        return sum(map(len, self.lanes.values()))
 
     def __bool__(self) -> bool:
-        return bool(self._lanes)
+        return bool(self.lanes)

@@ -1,29 +1,29 @@
 """The names of an agent's base classes, which a class of the user must not take.
 
-An agent's methods and attributes share one name space with those of the framework. A `def stop`
-would replace the method that releases the wheels, and a `self.history = []` the answer to a query,
-without an error until it is called. So such a class is refused when it is made.
+An agent's methods and attributes share one name space with those of its base classes. A
+`self.route = None` would replace the path of a behaviour, and a `def log` its log lines, without an
+error until it is called. So such a class is refused when it is made.
 
 Attributes are found in the compiled code (`self.x = ...`), so that nothing is checked while the
-agent runs. `Agent.start` finds what `setattr` hides.
+agent runs.
 """
 
 from __future__ import annotations
 
 import dis
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from inspect import get_annotations, unwrap
 from types import CodeType
 from typing import Final
 
 HOOKS: Final = frozenset(
-    ("bid", "bid_for", "obey", "rest", "measure", "beyond", "unavailable", "why", "lacks")
+    (
+        *("bid", "bid_for", "obey", "rest", "measure", "beyond", "unavailable", "why", "lacks"),
+        *("fill_card", "key_names"),
+    )
 )
 """The methods and attributes of `Agent` that a subclass may replace, besides declarations
 (`ClassVar`) and handlers (`on_...`)."""
-
-CALLED: Final = frozenset(("on_query", "on_reply"))
-"""Not handlers: the driver calls them."""
 
 STORE: Final = dis.opmap["STORE_ATTR"]
 LOADS: Final = {
@@ -67,14 +67,6 @@ def check(cls: type, overrides: Iterable[str] = ()) -> None:
         found.pop(name, None)
     if found:
         raise TypeError(_refusal(cls, found.values()))
-
-
-def check_set(agent: object, before: Container[str]) -> None:
-    """Raise TypeError if an attribute that was set since `before` hides a name of the framework."""
-    cls = type(agent)
-    hidden = [name for name in vars(agent) if name in taken(cls) and name not in before]
-    if hidden:
-        raise TypeError(_refusal(cls, [f"self.{name}" for name in hidden]))
 
 
 def stored(cls: type) -> Iterator[tuple[str, int]]:
@@ -134,7 +126,7 @@ def _is_dunder(name: str) -> bool:
 
 
 def _is_hook(name: str) -> bool:
-    return name in HOOKS or (name.startswith("on_") and name not in CALLED)
+    return name in HOOKS or name.startswith("on_")
 
 
 def _line(value: object) -> int:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from armadico.core.agent import Agent, Publish, SendQuery, Subscription, Write
+from armadico.core.agent import Agent
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
+from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
 from armadico.core.messages import JournalPiece, Message
+from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, matches
 from armadico.mesh.virtual_clock import Step
@@ -123,13 +125,13 @@ class Node(Place):
     # Inputs --------------------------------------------------------------------------------------
 
     def listeners(self) -> list[tuple[str, Step, Any]]:
-        return [(to.pattern, self._deliver, to) for to in self.agent.subscriptions()]
+        return [(to.pattern, self._deliver, to) for to in self.driver.kernel.subscriptions]
 
     def _deliver(self, to: Subscription, what: tuple[str, Message | bytes]) -> None:
         if not self.alive:
             return
         key, message = what
-        if self._waits():
+        if self.hung or self.work_s or self._busy or self.mailbox.lanes:  # `_waits`: it costs
             keep = 1 if to.kind is Kind.STATE else EVENTS
             self._accept(lambda: self.driver.deliver(to, key, message, self.time), key, keep)
             return

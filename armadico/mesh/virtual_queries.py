@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from armadico.core.agent import SendQuery
 from armadico.core.messages import Message, MessageError, checked
+from armadico.core.outgoing import SendQuery
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual_place import CLIENT, Network, Place
 

@@ -90,7 +90,7 @@ class Head(Struct, frozen=True, kw_only=True):
 def head(agent: Agent) -> bytes:
     """The head of an agent's journal. Raises ConfigError if a file that it names is missing."""
     identity, kind = agent.identity, type(agent)
-    version, words, gauss = agent.drawn
+    version, words, gauss = agent.kernel.drawn
     code = software()
     return msgpack.encode(
         Head(

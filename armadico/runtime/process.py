@@ -30,19 +30,13 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from armadico.core.agent import (
-    Agent,
-    DeviceAgent,
-    Identity,
-    Publish,
-    SendQuery,
-    Subscription,
-    Write,
-)
+from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
+from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS
 from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
+from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import LEAST_SILENCE_S
 from armadico.core.restart_policy import MISUSED
 from armadico.core.services import Kind, matches
@@ -125,7 +119,7 @@ class AgentHost:
         self._devices: dict[str, Device] = {}
         for driver in self.drivers:
             agent = driver.agent
-            for to in agent.subscriptions():
+            for to in driver.kernel.subscriptions:
                 self._listeners.setdefault(to.pattern, []).append((to, driver))
             opens = (connect or {}).get(agent.instance)
             if isinstance(agent, DeviceAgent) and opens is not None:
@@ -258,7 +252,7 @@ class AgentHost:
         began = self._clock()
         step(*args, began)
         took = self._clock() - began
-        if took > driver.agent.cycles.period:
+        if took > driver.kernel.cycles.period:
             driver.slow(took)
 
     def _send(self, *, at_once: bool = False) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from math import atan2, degrees, hypot, radians
 from typing import Final, TypeVar
 
-from armadico.core.agent import Agent, Answer, Publish, Question, SendQuery
+from armadico.core.agent import Agent, Question
 from armadico.core.coordination import DRAW
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
@@ -21,6 +21,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
+from armadico.core.outgoing import Answer, Publish, SendQuery
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.obstacles import Obstacles
@@ -95,7 +96,7 @@ class Alone:
         self.on_query: list[SendQuery] = []
         self.answers: dict[int, Message] = {}
         self._replied: set[int] = set()
-        if robot and any(each.message is Description for each in agent.subscriptions()):
+        if robot and any(each.message is Description for each in agent.kernel.subscriptions):
             self.give(robot)
 
     @property
@@ -106,7 +107,7 @@ class Alone:
     @property
     def bid(self) -> BidRecord:
         """Its last bid, or its reason for none."""
-        return self.agent.bids[-1]
+        return self.agent.kernel.bids[-1]
 
     @property
     def commanded(self) -> tuple[float, float]:
@@ -118,12 +119,13 @@ class Alone:
     def give(self, *messages: Message) -> list[Message]:
         """Deliver messages in order; return what the agent publishes."""
         for message in messages:
-            self.agent.receive(message, self.now)
+            self.agent.kernel.receive(message, self.now)
         return self.collect()
 
     def collect(self) -> list[Message]:
         """Return what it has published since the last call."""
-        out, self.agent.outbox = self.agent.outbox, []
+        kernel = self.agent.kernel
+        out, kernel.outbox = kernel.outbox, []
         found = [item.message for item in out if isinstance(item, Publish)]
         self.on_query += [item for item in out if isinstance(item, SendQuery)]
         self.answers |= {item.id: item.message for item in out if isinstance(item, Answer)}
@@ -141,7 +143,7 @@ class Alone:
     def query(self, request: Message, number: int = 1) -> Message | None:
         """Send it a query; return the reply, or None if it comes later, in `answers`."""
         self.answers.pop(number, None)
-        self.agent.on_query(Question(number, request), self.now)
+        self.agent.kernel.on_query(request, Question(number), self.now)
         self.collect()
         return self.answers.get(number)
 
@@ -153,14 +155,14 @@ class Alone:
     def reply(self, message: Message | None) -> list[Message]:
         """Reply to its last query; return what it publishes."""
         self._replied.add(self.on_query[-1].id)
-        self.agent.on_reply(self.on_query[-1].id, message, self.now)
+        self.agent.kernel.on_reply(self.on_query[-1].id, message, self.now)
         return self.collect()
 
     def wake(self) -> list[Message]:
         """Wake it if that is due; return what it publishes."""
-        due = self.agent.wakeup
+        due = self.agent.kernel.wakeup
         if due is not None and self.now >= due:
-            self.agent.wake(self.now)
+            self.agent.kernel.wake(self.now)
         return self.collect()
 
     def state(self, stop: Stop = NO_STOP, *, cycles: int = 1) -> list[Message]:
@@ -199,10 +201,10 @@ class Alone:
 
     def _settle(self) -> list[Message]:
         """Let the drawn delay pass if it is about to take over the resource."""
-        for contender in self.agent._contenders.values():
-            due = contender.wakeup
+        for resource in self.agent.competes_for:
+            due = self.agent.kernel.bidding(resource).contender.wakeup
             if due is not None and due <= self.now + DRAW * PERIOD:
-                self.agent.wake(due)
+                self.agent.kernel.wake(due)
         return self.collect()
 
     def holding(self, *, points: Iterable[Point] = ()) -> list[Message]:

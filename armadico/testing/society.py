@@ -7,7 +7,7 @@ from typing import Any, ClassVar, cast
 
 import msgspec
 
-from armadico.core.agent import Agent, Identity, Subscription
+from armadico.core.agent import Agent, Identity
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import PERIOD, CycleCounter
 from armadico.core.exchange import Bid
@@ -66,7 +66,7 @@ class ResourceOwner(Agent):
         return self.does[resource.name]
 
 
-class RobotOwner(ResourceOwner, overrides=("subscriptions",)):
+class RobotOwner(ResourceOwner):
     """A robot agent without a robot: a timer makes the cycles instead of status packets."""
 
     name = "robot"
@@ -81,10 +81,6 @@ class RobotOwner(ResourceOwner, overrides=("subscriptions",)):
         super().__init__(identity, parameters)
         self.counter = CycleCounter(self.rng.getrandbits(63), PERIOD)
 
-    @classmethod
-    def subscriptions(cls) -> tuple[Subscription, ...]:
-        return tuple(s for s in super().subscriptions() if s.message not in cls.provides)
-
     def on_start(self) -> None:
         self.on_wakeup()
 
@@ -93,7 +89,6 @@ class RobotOwner(ResourceOwner, overrides=("subscriptions",)):
         self.wake_at(self.now + PERIOD)
         cycle = self.counter.next(self.now)
         self.cycles.advance(cycle, self.now)
-        self.tenure += 1
         v, w = self.does["wheels"]
         stop = self.memory.newest(Stop) or Stop()
         self.publish(RobotState(cycle, 0.0, 0.0, 0.0, v, w, 12.0, True, False, stop))

@@ -19,12 +19,14 @@ from msgspec import Struct, msgpack
 
 from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
-from armadico.core.agent import Agent, DeviceAgent, Identity, SendQuery, Subscription
+from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class
 from armadico.core.driver import Driver
 from armadico.core.errors import UnknownNameError
+from armadico.core.kernel import Subscription
 from armadico.core.messages import BidRecord, Message, MessageError, decode, line, plain
+from armadico.core.outgoing import SendQuery
 from armadico.observe.conditions import software
 from armadico.observe.journals import Entry, Head, Journal, files, stream
 from armadico.observe.watching import kind_at
@@ -124,7 +126,7 @@ class Life:
         clock = 0.0
         driver = Driver(self.agent, began, admit=admit, wall=lambda: clock)
         queries: dict[int, type[Message]] = {}
-        subscriptions = {to.pattern: to for to in self.agent.subscriptions()}
+        subscriptions = {to.pattern: to for to in self.agent.kernel.subscriptions}
         entry = next(entries, None)
         seen: BidRecord | None = None
         while entry is not None:
@@ -347,7 +349,7 @@ _DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Any], None]]] = 
 
 def _since(agent: Agent, seen: BidRecord | None) -> tuple[BidRecord, ...]:
     """The bids after `seen`."""
-    bids = agent.bids
+    bids = agent.kernel.bids
     if not bids or bids[-1] is seen:
         return ()
     found: list[BidRecord] = []

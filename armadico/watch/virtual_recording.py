@@ -80,9 +80,11 @@ class Recorded:
             self._write(here)
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
-                self._write_message(where, CARD.key_for(**names), agent.card(), now, on_query=True)
                 self._write_message(
-                    where, BIDS.key_for(**names), agent.history(), now, on_query=True
+                    where, CARD.key_for(**names), agent.kernel.card(), now, on_query=True
+                )
+                self._write_message(
+                    where, BIDS.key_for(**names), agent.kernel.history(), now, on_query=True
                 )
         self._write_journals()
         if self._failure is None:

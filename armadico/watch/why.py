@@ -16,7 +16,6 @@ from typing import Final, TypeVar
 
 from msgspec.structs import replace
 
-from armadico.core.agent import EXPECTED_REFUSALS, REPORT_S, WARNING
 from armadico.core.coordination import SILENCE, Owner, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import Bid
@@ -34,6 +33,8 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
+from armadico.core.outgoing import WARNING
+from armadico.core.owning import EXPECTED_REFUSALS, REPORT_S
 from armadico.core.resources import WHEELS, declared
 from armadico.core.services import matches
 from armadico.mobile.messages import MissionState, Pose, Truth

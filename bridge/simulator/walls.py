@@ -356,7 +356,8 @@ def _clearance(walls: Segments, pose: tuple[float, float, float], box: Box) -> f
     turn = np.exp(-1j * pose[2])
     start = (walls.start - complex(pose[0], pose[1])) * turn - box.ahead
     along = walls.along * turn
-    ends = np.concatenate((start, start + along * walls.length))
+    reach = along * walls.length
+    ends = np.concatenate((start, start + reach))
     size = complex(box.half_length, box.half_width)
     outside_x = np.maximum(np.abs(ends.real) - size.real, 0.0)
     outside_y = np.maximum(np.abs(ends.imag) - size.imag, 0.0)
@@ -364,10 +365,12 @@ def _clearance(walls: Segments, pose: tuple[float, float, float], box: Box) -> f
     # corners in the wall's frame: real along it, imaginary away from it
     seen = (corners - start) * along.conj()
     over = seen.real - np.minimum(np.maximum(seen.real, 0.0), walls.length)
+    least = np.minimum.reduce  # `min` goes through Python
     nearest = min(
-        float(np.hypot(outside_x, outside_y).min()), float(np.hypot(over, seen.imag).min())
+        float(least(np.hypot(outside_x, outside_y))),
+        float(least(np.hypot(over, seen.imag), axis=None)),
     )
-    if nearest < size.real + size.imag and _crosses(start, along * walls.length, size):
+    if nearest < size.real + size.imag and _crosses(start, reach, size):
         return 0.0
     return nearest
 

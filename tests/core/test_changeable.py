@@ -8,7 +8,7 @@ import pytest
 from msgspec import Meta, Struct
 
 from armadico.core import parameters
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.changeable import allowed
 from armadico.core.discovery import AGENTS, agent_class, installed
 from armadico.core.driver import Driver, Reply
@@ -22,6 +22,7 @@ from armadico.core.messages import (
     Tuning,
     encode,
 )
+from armadico.core.outgoing import Publish
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True):
@@ -177,7 +178,7 @@ def remembered(*entries: tuple[str, str, str], counter: int = 1, by: int = 7) ->
 
 
 def deliver(driver: Driver, outputs: Tuning) -> list[Any]:
-    (to,) = (to for to in driver.agent.subscriptions() if to.message is Tuning)
+    (to,) = (to for to in driver.agent.kernel.subscriptions if to.message is Tuning)
     driver.deliver(to, to.pattern, encode(outputs), 2.0)
     return driver.drain()
 

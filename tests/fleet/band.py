@@ -82,15 +82,11 @@ class Puppet(Agent):
     def on_start(self) -> None:
         self.wake_at(self.now + CYCLE_S)
 
-    def on_plan_request(self, question: Question) -> Plan:
-        request = question.request
-        assert isinstance(request, PlanRequest)
+    def on_plan_request(self, request: PlanRequest, _question: Question) -> Plan:
         length = hypot(request.goal.x - request.start.x, request.goal.y - request.start.y)
         return Plan((request.goal,), length, length * JOULES_A_M)
 
-    def on_mission_request(self, question: Question) -> MissionReply:
-        request = question.request
-        assert isinstance(request, MissionRequest)
+    def on_mission_request(self, request: MissionRequest, _question: Question) -> MissionReply:
         if self.dumb:
             return MissionReply(0, "no agent accepts missions")
         if (request.goal.x, request.goal.y) in self.unreachable:

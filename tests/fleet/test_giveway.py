@@ -9,8 +9,9 @@ import pytest
 
 from armadico.agents.fleet.giveway import SPOKEN_S, UNSEEN_S, GiveWay, Parameters
 from armadico.agents.fleet.messages import FleetPassages
-from armadico.core.agent import Identity, Publish, Refused
+from armadico.core.agent import Identity
 from armadico.core.messages import Message, Stop
+from armadico.core.outgoing import Publish, Refused
 from armadico.mobile.messages import FleetPose, Trajectory
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to
@@ -38,7 +39,7 @@ class Robot(Alone):
         super().__init__(GiveWay(Identity(f"giveway-{name}-{start}"), parameters))
         self.name, self.goal, self.sent = name, goal, 0
         self.pose = (x, Y, 0.0 if goal > x else pi)
-        self.agent.start(0.0)
+        self.agent.kernel.start(0.0)
         self.state()
         self.give(drive_to((goal, Y, 0.0)))
 
@@ -58,8 +59,8 @@ class Robot(Alone):
     def tick(self) -> list[Message]:
         """One cycle of the robot."""
         said = self.cycle()
-        if (self.agent.wakeup or self.now + 1.0) <= self.now:
-            self.agent.wake(self.now)
+        if (self.agent.kernel.wakeup or self.now + 1.0) <= self.now:
+            self.agent.kernel.wake(self.now)
             said += self.collect()
         x, y, theta = self.pose
         own = [c for c in commands(said) if c.action is not None]
@@ -203,10 +204,10 @@ def test_a_robot_with_another_map_is_reported_and_its_passages_are_ignored(world
         cycle = passages.clock.cycles.newest
     assert cycle is not None
     other = FleetPassages("b", "giveway-b", type(cycle)(cycle.epoch ^ 1, 3), (), (0,))
-    robot.agent.receive(other, robot.now)
-    refused = [item for item in robot.agent.outbox if isinstance(item, Refused)]
+    robot.agent.kernel.receive(other, robot.now)
+    refused = [item for item in robot.agent.kernel.outbox if isinstance(item, Refused)]
     assert "b has another map" in refused[0].why
-    assert not [item for item in robot.agent.outbox if isinstance(item, Publish)]
+    assert not [item for item in robot.agent.kernel.outbox if isinstance(item, Publish)]
     for _ in range(300):
         robot.tick()
     assert robot.there

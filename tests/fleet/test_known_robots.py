@@ -95,11 +95,11 @@ def test_behaviours_receive_another_robot_that_no_sonar_has_detected(deviation: 
     """Also where the pose has no covariance, as that of ideal sensors."""
     ring = Ring(Parameters(namespace="lab/r1"))
     ring.ping(pose=HERE, deviation=deviation)
-    ring.agent.receive(report(1.0), ring.now)
+    ring.agent.kernel.receive(report(1.0), ring.now)
     found = ring.ping(pose=HERE, deviation=deviation)
     assert found.closest is not None
     assert found.closest.x == pytest.approx(1.0 - 0.23, abs=0.03)
     own = Ring(Parameters(namespace="lab/r2"))
     own.ping(pose=HERE)
-    own.agent.receive(report(1.0), own.now)
+    own.agent.kernel.receive(report(1.0), own.now)
     assert own.ping(pose=HERE).closest is None

@@ -125,7 +125,7 @@ class Desk(Alone):
 
     def __init__(self, cells: Cells | None = None) -> None:
         super().__init__(Explore(Identity("explore-1"), Parameters(tries=2)), robot=None)
-        self.agent.start(0.0)
+        self.agent.kernel.start(0.0)
         self.mission, self.refusal = 0, ""
         self.moved(1.0, 1.0)
         if cells is not None:

@@ -265,8 +265,8 @@ class ToyExplorer(Agent):
     answers = (ExploreRequest,)
     refuses = ""
 
-    def on_explore_request(self, question: Question) -> Message:
-        self.asked_for = question.request
+    def on_explore_request(self, request: ExploreRequest, _question: Question) -> Message:
+        self.asked_for = request
         self.wake_at(self.now + 2.0)
         return MissionReply(0, self.refuses) if self.refuses else MissionReply(77)
 
@@ -301,7 +301,7 @@ class SlowExplorer(Agent):
     state = ExploreState.NONE
     mission = 0
 
-    def on_explore_request(self, question: Question) -> Message:
+    def on_explore_request(self, _request: ExploreRequest, _question: Question) -> Message:
         self.state = ExploreState.EXPLORING
         self.wake_at(self.now + 0.5)
 
@@ -356,16 +356,16 @@ def test_an_exploration_whose_agent_is_gone_for_good_fails() -> None:
 class LateExplorer(SlowExplorer):
     """Thinks for a while before it begins."""
 
-    question: Question | None = None
+    asked: tuple[ExploreRequest, Question] | None = None
 
-    def on_explore_request(self, question: Question) -> Any:
-        self.question = question
+    def on_explore_request(self, request: ExploreRequest, question: Question) -> Any:
+        self.asked = request, question
 
     def on_wakeup(self) -> None:
         super().on_wakeup()
-        if self.question is not None:
-            self.answer(self.question, super().on_explore_request(self.question))
-            self.question = None
+        if self.asked is not None:
+            self.answer(self.asked[1], super().on_explore_request(*self.asked))
+            self.asked = None
 
 
 def test_an_exploration_that_is_cancelled_as_it_begins_ends() -> None:
@@ -374,7 +374,7 @@ def test_an_exploration_that_is_cancelled_as_it_begins_ends() -> None:
     building.run(1.0)
     number = building.taken(text('do = "explore"'))
     building.run(0.1)
-    assert explorer.question is not None
+    assert explorer.asked is not None
     building.cancel(number)
     building.run(8.0)
     assert explorer.state is ExploreState.FAILED

@@ -132,7 +132,7 @@ def test_with_sonars_and_a_laser_both_count_and_without_one_of_them_nobody_drive
     truth = run.watch.view.truth
     assert isinstance(truth, Truth)
     assert abs(truth.v) < 0.01
-    found = run.mesh.node("goto").agent.bids[-1].reason
+    found = run.mesh.node("goto").agent.kernel.bids[-1].reason
     assert found == f"no fresh {silent}/obstacles"
     run.enter(silent)
     run.mesh.run(run.mesh.now + 90.0, lambda: run.watch.done)

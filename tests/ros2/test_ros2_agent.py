@@ -14,7 +14,7 @@ from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.frames import Decoder, Seen, control_frame, frame
 from armadico.bridge.ros2.profile import Ros2Robot
-from armadico.core.agent import Identity, Publish, Write
+from armadico.core.agent import Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.cycles import LISTEN
 from armadico.core.messages import (
@@ -27,6 +27,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
+from armadico.core.outgoing import Publish, Write
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import bearings_of, points_of, ranges_of
@@ -52,12 +53,12 @@ class Bench:
         self.decoder = Decoder()
         self.ranges: list[float] | None = [2.0] * 21
         self.step = 0.1
-        self.agent.start(0.0)
-        self.agent.update_link(True, "", 0.0)
+        self.agent.kernel.start(0.0)
+        self.agent.kernel.on_link(True, "", 0.0)
         self.take()
 
     def take(self) -> None:
-        for item in self.agent.outbox:
+        for item in self.agent.kernel.outbox:
             if isinstance(item, Publish):
                 self.published.append(item.message)
             elif isinstance(item, Write):
@@ -68,10 +69,10 @@ class Bench:
                         else:
                             twist = decode(types.Twist, payload)
                         self.commands.append((self.now, twist.linear.x, twist.angular.z))
-        self.agent.outbox.clear()
+        self.agent.kernel.outbox.clear()
 
     def raw(self, data: bytes) -> None:
-        self.agent.receive_bytes(data, self.now)
+        self.agent.kernel.on_bytes(data, self.now)
         self.take()
 
     def go(
@@ -97,16 +98,16 @@ class Bench:
                 self.raw(frame(self.ros2.odom.name, data))
                 if command and len(self.all(RobotState)) > cycles:
                     self.command(*command)
-            due = self.agent.wakeup
+            due = self.agent.kernel.wakeup
             if due is not None and self.now >= due:
-                self.agent.wake(self.now)
+                self.agent.kernel.wake(self.now)
                 self.take()
 
     def command(self, v: float, w: float = 0.0, ballot: Ballot = BALLOT) -> None:
         self.hand(Command("wheels", self.all(RobotState)[-1].cycle, ballot, (v, w)))
 
     def hand(self, message: Message) -> None:
-        self.agent.receive(message, self.now)
+        self.agent.kernel.receive(message, self.now)
         self.take()
 
     def all(self, kind: type) -> list:
@@ -215,7 +216,7 @@ def test_a_robot_that_is_otherwise_than_its_profile_is_doubted_and_driven() -> N
     bench.go(1.0)
     assert "8 rays" not in bench.logs()
     assert "21 rays" in bench.logs()
-    assert "21 rays" in bench.agent.card().doubts
+    assert "21 rays" in bench.agent.kernel.card().doubts
     assert bench.agent.unavailable(WHEELS) == ""
 
 
@@ -320,7 +321,7 @@ def test_after_a_pause_beyond_the_silence_nothing_old_is_sent(
     elif first == "bytes":
         data = odometry(CLOCK_S + ready.now - paused + 0.1, x=ready.x, v=before)
         ready.raw(frame(ready.ros2.odom.name, data))
-    ready.agent.wake(ready.now)
+    ready.agent.kernel.wake(ready.now)
     ready.take()
     ready.go(1.5)
     speeds = [v for _, v, _ in ready.commands[commands:]]
@@ -368,7 +369,7 @@ def test_a_base_that_does_not_read_its_commands_is_not_driven_and_says_why(ready
     ready.go(0.5, command=(0.3, 0.0))
     assert ready.commands[-1][1:] == (0.0, 0.0)
     assert ready.all(RobotState)[-1].fault == why
-    assert ready.agent.card().fault == why
+    assert ready.agent.kernel.card().fault == why
     assert [log.text for log in ready.all(Log) if log.event == LogEvent.UNFIT] == [
         f"no command reaches the robot: {why}"
     ]

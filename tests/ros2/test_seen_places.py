@@ -19,8 +19,9 @@ from armadico.config.loading import load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.shipped import find
 from armadico.config.worlds import load_world
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, RobotState
+from armadico.core.outgoing import Publish
 from armadico.mobile.behaviour import LOST_M, UNSURE_M
 from armadico.mobile.geometry import Pose2, compose, relative
 from armadico.mobile.messages import Correction, Echo, Pose, Scan, Sonar
@@ -109,13 +110,13 @@ class Society:
         self.pose = compose(self.pose, motion)
         self.odometry = compose(self.odometry, (1.03 * motion[0], 0.0, 0.97 * motion[2]))
         cycle = Cycle(1, self.number)
-        take = self.agent.receive
+        take = self.agent.kernel.receive
         take(RobotState(cycle, *self.odometry, 0.4, 0, 12, True, False), self.now)
         each = (0.01, 0.0, 0.0, 0.01, 0.0, 0.01)
         take(Pose(cycle, *compose(START, self.odometry), each), self.now)
         if scans:
             take(scan_at(self.sees, self.pose, self.number, cycle), self.now)
-        out, self.agent.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         messages = [o.message for o in out if isinstance(o, Publish)]
         found = [message for message in messages if isinstance(message, Correction)]
         return found[-1] if found else None
@@ -177,17 +178,17 @@ def test_sonars_do_not_count_beside_a_laser_and_a_scan_counts_once() -> None:
     society.agent._filter.weigh = lambda echoes: (weighed.append(len(echoes)), weigh(echoes))[1]  # type: ignore[method-assign]
     assert society.cycle(scans=False) is None
     cycle = Cycle(1, society.number)
-    society.agent.receive(Sonar(cycle, 5.0, (Echo(0, 0, 0, 1.0),)), society.now)
+    society.agent.kernel.receive(Sonar(cycle, 5.0, (Echo(0, 0, 0, 1.0),)), society.now)
     assert weighed == []
     sent = scan_at(society.sees, society.pose, 77, cycle)
-    society.agent.receive(sent, society.now)
+    society.agent.kernel.receive(sent, society.now)
     assert len(weighed) == 1
     assert weighed[0] > 0.9 * BEAMS
     society.cycle(scans=False)
     again = replace(sent, cycle=Cycle(1, society.number))
-    society.agent.receive(again, society.now)
+    society.agent.kernel.receive(again, society.now)
     assert weighed[1:] == [0], "the same scan again"
-    society.agent.receive(replace(again, packed=b"abc", number=78), society.now)
+    society.agent.kernel.receive(replace(again, packed=b"abc", number=78), society.now)
     assert weighed[1:] == [0]
 
 

@@ -14,9 +14,10 @@ from armadico.agents.localization.localization import Parameters as OnMap
 from armadico.agents.slam.agent import INVALID, Parameters, SlamAgent
 from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.config.grid_map import FREE, OCCUPIED, cells_of
-from armadico.core.agent import ERROR, Answer, Identity, Publish, Question
+from armadico.core.agent import ERROR, Identity, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Log, Message, RobotState, encode
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import (
     Correction,
     MapGraph,
@@ -47,7 +48,7 @@ class Robot:
         self.agent = SlamAgent(Identity("slam-1", rng=Random(seed)), given)
         self.known: tuple[float, ...] = ()  # the covariance of the first pose
         self.logged = ""
-        self.agent.receive(described(with_laser()), 0.0)
+        self.agent.kernel.receive(described(with_laser()), 0.0)
         self.number, self.epoch = 0, 1
         self._noise = np.random.default_rng(1)
 
@@ -76,8 +77,8 @@ class Robot:
         if self.number == 1:
             messages.insert(1, Pose(cycle, *pose.tolist(), self.known))
         for message in messages[::-1] if scan_first else messages:
-            self.agent.receive(message, now)
-        out, self.agent.outbox = self.agent.outbox, []
+            self.agent.kernel.receive(message, now)
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         logs = [one.message for one in out if isinstance(one, Publish)]
         self.logged += "".join(each.text for each in logs if isinstance(each, Log))
         return [one.message for one in out if isinstance(one, Publish | Answer)]
@@ -132,8 +133,8 @@ def test_pose_and_map_move_together_when_a_loop_closes() -> None:
     (last,) = corrections
     off = place(last, odometry[-1]) - PATH[-1]
     assert np.hypot(*off[:2]) < 0.1
-    robot.agent.on_query(Question(1, MapRequest()), 100.0)
-    (answer,) = (one for one in robot.agent.outbox if isinstance(one, Answer))
+    robot.agent.kernel.on_query(MapRequest(), Question(1), 100.0)
+    (answer,) = (one for one in robot.agent.kernel.outbox if isinstance(one, Answer))
     assert isinstance(answer.message, OccupancyGrid)
     assert answer.message.revision == revision
     cells = cells_of(answer.message)
@@ -193,8 +194,8 @@ def test_a_restarted_agent_begins_another_map_as_uncertain_as_the_pose() -> None
     for robot in (first, again):
         said = robot.cycle(PATH[20], own_odometry(PATH[:21])[20])
         corrections += of(Correction, said)
-        robot.agent.on_query(Question(1, MapRequest()), 100.0)
-        grids += [one.message for one in robot.agent.outbox if isinstance(one, Answer)]
+        robot.agent.kernel.on_query(MapRequest(), Question(1), 100.0)
+        grids += [one.message for one in robot.agent.kernel.outbox if isinstance(one, Answer)]
     assert grids[0].map_id != grids[1].map_id
     more = np.subtract(corrections[1].covariance, corrections[0].covariance)
     assert more == pytest.approx(again.known, abs=1e-9)
@@ -223,8 +224,8 @@ def test_a_robot_without_a_laser_is_refused() -> None:
 def test_a_second_agent_that_publishes_the_same_is_reported() -> None:
     robot = Robot()
     for other in (Localization(Identity("localization-1"), MAPPED), Goto(Identity("goto-1"))):
-        robot.agent.met(other.card(), 1.0)
-    logs = [one.message for one in robot.agent.outbox if isinstance(one, Publish)]
+        robot.agent.kernel.met(other.kernel.card(), 1.0)
+    logs = [one.message for one in robot.agent.kernel.outbox if isinstance(one, Publish)]
     assert [(log.level, "localization-1" in log.text) for log in logs if isinstance(log, Log)] == [
         (ERROR, True)
     ]
@@ -236,8 +237,8 @@ def test_a_lost_return_frees_nothing_behind_a_wall() -> None:
     ranges = np.full(360, 1.0)
     ranges[[40, 200, 201]] = np.inf
     scan = message_of(Cycle(1, 2), ranges, (0.0, np.radians(1.0)), (0.1, 30.0), (0.0, 0.0, 0.0))
-    robot.agent.receive(RobotState(Cycle(1, 2), 0.0, 0.0, 0.0, 0, 0, 12.0, True, False), 0.2)
-    robot.agent.receive(scan, 0.2)
+    robot.agent.kernel.receive(RobotState(Cycle(1, 2), 0.0, 0.0, 0.0, 0, 0, 12.0, True, False), 0.2)
+    robot.agent.kernel.receive(scan, 0.2)
     kept = robot.agent._drawn[-1].scan
     assert isinstance(kept, Scan)
     assert np.flatnonzero(np.isnan(ranges_of(kept))).tolist() == [40]
@@ -262,7 +263,7 @@ def test_a_robot_that_is_carried_is_reported_once_and_has_a_map_of_its_own() -> 
     (last,) = of(Correction, said)
     assert isinstance(last, Correction)
     assert last.confidence == 0.5
-    cells = cells_of(robot.agent.on_map_request(Question(1, MapRequest())))
+    cells = cells_of(robot.agent.on_map_request(MapRequest(), Question(1)))
     assert cells.states.shape[0] * cells.cell_m > 10.0, "only the hall"
     x, _, _ = compose(odometry[-1], step).tolist()
     assert cells.bounds[0] > x - 15.0

@@ -18,9 +18,10 @@ from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.config import graph_file, graph_parts, grid_map
 from armadico.config.graph_file import SavedGraph
 from armadico.config.grid_map import FREE, OCCUPIED
-from armadico.core.agent import Answer, Identity, Question
+from armadico.core.agent import Identity, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import LARGEST_PAYLOAD, Message, encode
+from armadico.core.outgoing import Answer
 from armadico.mobile.messages import (
     Correction,
     MapGraphPart,
@@ -43,9 +44,9 @@ def driven(count: int = 90) -> Robot:
 
 def asked(agent: SlamAgent, request: Message) -> Message:
     """The answer of an agent."""
-    agent.on_query(Question(7, request), agent.now)
-    (answer,) = (one for one in agent.outbox if isinstance(one, Answer))
-    agent.outbox = []
+    agent.kernel.on_query(request, Question(7), agent.now)
+    (answer,) = (one for one in agent.kernel.outbox if isinstance(one, Answer))
+    agent.kernel.outbox = []
     return answer.message
 
 

@@ -50,8 +50,8 @@ def whole() -> Observed:
 def on_card(society: Observed, name: str, **changed: Any) -> None:
     """Change what an agent's card says."""
     agent = society.agent(name)
-    card = agent.card
-    agent.card = lambda: replace(card(), **changed)
+    fill = agent.fill_card
+    agent.fill_card = lambda card: replace(fill(card), **changed)
 
 
 def kill(*names: str) -> Callable[[Observed], object]:
@@ -102,7 +102,7 @@ def second(name: str) -> Callable[[Observed], object]:
     """The card of a second instance of an agent is received, on another host."""
 
     def plant(society: Observed) -> None:
-        first = society.agent(name).card()
+        first = society.agent(name).kernel.card()
         other = replace(first, instance=f"{name}-0000000000000002", host="lab")
 
         def answer(_a: object = None, _b: object = None) -> None:

@@ -93,8 +93,8 @@ class Observed(Driven):
             if node.alive and not node.hung:
                 names = {"name": agent.name, "instance": agent.instance}
                 answers: tuple[tuple[str, Message], ...] = (
-                    (CARD.key_for(**names), agent.card()),
-                    (BIDS.key_for(**names), agent.history()),
+                    (CARD.key_for(**names), agent.kernel.card()),
+                    (BIDS.key_for(**names), agent.kernel.history()),
                 )
                 for _, message in answers:
                     self.chronicle.learn(message if self.worded else reworded(message), now)

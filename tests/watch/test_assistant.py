@@ -7,8 +7,9 @@ import random
 
 import pytest
 
-from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
+from armadico.core.outgoing import Answer, Publish, SendQuery
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 from armadico.watch.assistant.assistant import Assistant, Parameters
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
@@ -21,7 +22,7 @@ class Counter:
     def __init__(self, **parameters: float) -> None:
         identity = Identity("assistant-1", rng=random.Random(1))
         self.agent = Assistant(identity, Parameters(**parameters))
-        self.agent.start(0.0)
+        self.agent.kernel.start(0.0)
         self.now = 1.0
         self.number = 0
         self.published: list[object] = []
@@ -29,7 +30,7 @@ class Counter:
         self.replies: dict[int, AssistantReply] = {}
 
     def collect(self) -> None:
-        for item in self.agent.outbox:
+        for item in self.agent.kernel.outbox:
             if isinstance(item, Publish):
                 self.published.append(decode(encode(item.message), type(item.message)))
             elif isinstance(item, SendQuery):
@@ -37,13 +38,13 @@ class Counter:
             elif isinstance(item, Answer):
                 assert isinstance(item.message, AssistantReply)
                 self.replies[item.id] = item.message
-        self.agent.outbox.clear()
+        self.agent.kernel.outbox.clear()
 
     def request(self, tool: str, text: str | None = None, **args: object) -> AssistantReply | None:
         """Return the reply to a program's request; None: no reply yet."""
         self.number += 1
         request = AssistantRequest(tool, json.dumps(args) if text is None else text, "model")
-        self.agent.on_query(Question(self.number, request), self.now)
+        self.agent.kernel.on_query(request, Question(self.number), self.now)
         self.collect()
         return self.replies.get(self.number)
 
@@ -54,13 +55,13 @@ class Counter:
 
     def reply_to_query(self, reply: MissionReply | None) -> AssistantReply:
         """Return the reply to the program after the queried agent's reply."""
-        self.agent.on_reply(self.queries[-1].id, reply, self.now)
+        self.agent.kernel.on_reply(self.queries[-1].id, reply, self.now)
         self.collect()
         return self.replies[self.number]
 
     def receive(self, *messages: object) -> None:
         for message in messages:
-            self.agent.receive(message, self.now)  # type: ignore[arg-type]
+            self.agent.kernel.receive(message, self.now)  # type: ignore[arg-type]
         self.collect()
 
     @property
@@ -76,7 +77,7 @@ STOPPED = Stop(3, stopped=True, by="ann", press=0x2A5F)
 
 
 def test_its_card_has_the_lowest_authority() -> None:
-    card = Counter().agent.card()
+    card = Counter().agent.kernel.card()
     assert (card.resources, card.owns, card.holds, card.declares) == ((), (), (), ())
     assert set(card.provides) == {"assistant/record", "assistant/request"}
 

@@ -109,7 +109,7 @@ def test_the_head_has_the_state_of_the_agents_random_numbers(recording: Path) ->
     assert goto.head is not None
     options = Options(seed=5, limit=3.0, sensors="ideal")
     node: Node = Rehearsal(prepared(load_scenario("sc4"), options), options).mesh.node("goto")
-    assert stream(goto.head.random).getstate() == node.agent.drawn
+    assert stream(goto.head.random).getstate() == node.agent.kernel.drawn
 
 
 def test_pieces_are_assembled_in_the_order_of_their_numbers() -> None:

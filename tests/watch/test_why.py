@@ -106,8 +106,8 @@ def foreign(society: Observed) -> None:
     """Goto restarts with another protocol."""
     society.mesh.node("goto").kill()
     goto = society.run.enter("goto").agent
-    card = goto.card
-    goto.card = lambda: replace(card(), protocol=PROTOCOL + 1)  # type: ignore[method-assign]
+    card = goto.kernel.card
+    goto.kernel.card = lambda: replace(card(), protocol=PROTOCOL + 1)  # type: ignore[method-assign]
 
 
 def sees_no_way(society: Observed) -> None:
@@ -288,8 +288,8 @@ def test_an_agent_that_declares_the_wheels_differently_is_foreign() -> None:
     society.worded = False
     society.mesh.node("goto").kill()
     goto = society.run.enter("goto").agent
-    card = goto.card
-    goto.card = lambda: replace(card(), declares=("wheels(left, right)",))  # type: ignore[method-assign]
+    card = goto.kernel.card
+    goto.kernel.card = lambda: replace(card(), declares=("wheels(left, right)",))  # type: ignore[method-assign]
     society.let_pass(6.0)
     cause = standing(society)
     assert cause is not None

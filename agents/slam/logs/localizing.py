@@ -25,11 +25,12 @@ from armadico.config import grid_map
 from armadico.config.grid_map import Cells, new_mapper
 from armadico.config.loading import load_parameters
 from armadico.config.profile import RobotProfile
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class, providers
 from armadico.core.judgement import Judgement, all_of, no, unknown
 from armadico.core.messages import Cycle, Message, RobotState
+from armadico.core.outgoing import Publish
 from armadico.core.services import service_of
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, OccupancyGrid, Pose, Scan
@@ -190,7 +191,7 @@ class Run:
             self._agent = _make_agent(chosen.agent, chosen.seed, facts, sets)
         except ConfigError as error:
             raise ConfigError(f"{chosen.agent}: {error}") from None
-        self._subscribed = {to.message for to in self._agent.subscriptions()}
+        self._subscribed = {to.message for to in self._agent.kernel.subscriptions}
         self._correction: Correction | None = None
         self._published: Pose | None = None
         self._took = 0.0
@@ -211,8 +212,8 @@ class Run:
         log, track, due = self._log, Track(), 0
         begun, way, before, heading = self._ticks[0], 0.0, None, None
         begun -= CYCLE_S
-        self._agent.start(0.0)
-        self._pose.start(0.0)
+        self._agent.kernel.start(0.0)
+        self._pose.kernel.start(0.0)
         for tick, t in enumerate(self._ticks, start=1):
             x, y, theta = log.odometry_at(t)
             heading = theta if heading is None else heading + wrap(theta - heading)
@@ -244,19 +245,20 @@ class Run:
 
     def _cycle(self, state: RobotState, now: float) -> None:
         """Deliver the odometry of a cycle, and the pose that results from it."""
-        self._pose.receive(state, now)
+        self._pose.kernel.receive(state, now)
         self._deliver(state, now)
-        sent, self._pose.outbox = self._pose.outbox, []
+        kernel = self._pose.kernel
+        sent, kernel.outbox = kernel.outbox, []
         for out in sent:
             if isinstance(out, Publish) and isinstance(out.message, Pose):
                 self._published = out.message
                 self._deliver(out.message, now)
 
     def _wake(self, now: float) -> None:
-        due = self._agent.wakeup
+        due = self._agent.kernel.wakeup
         if due is not None and due <= now:
             began = self._clock()
-            self._agent.wake(now)
+            self._agent.kernel.wake(now)
             self._took += self._clock() - began
             self._collect(now)
 
@@ -265,16 +267,17 @@ class Run:
         if type(message) not in self._subscribed:
             return
         began = self._clock()
-        self._agent.receive(message, now)
+        self._agent.kernel.receive(message, now)
         self._took += self._clock() - began
         self._collect(now)
 
     def _collect(self, now: float) -> None:
-        sent, self._agent.outbox = self._agent.outbox, []
+        kernel = self._agent.kernel
+        sent, kernel.outbox = kernel.outbox, []
         for out in sent:
             if isinstance(out, Publish) and isinstance(out.message, Correction):
                 self._correction = out.message
-                self._pose.receive(out.message, now)
+                self._pose.kernel.receive(out.message, now)
 
     def _note(self, track: Track, reading: int, now: float, way: float, here: Pose2) -> None:
         correction, log = self._correction, self._log

@@ -69,10 +69,10 @@ class Assistant(Agent):
             "resume": self._resume,
         }
 
-    def on_assistant_request(self, question: Question) -> AssistantReply | None:
+    def on_assistant_request(
+        self, request: AssistantRequest, question: Question
+    ) -> AssistantReply | None:
         """Execute the request, or refuse it with the reason. A stop ignores the rate limit."""
-        request = question.request
-        assert isinstance(request, AssistantRequest)
         if request.tool != "stop" and not self._within_rate():
             self._left_out = next_count(self._left_out)
             often = f"{self.p.a_second:g} a second, after {self.p.at_once:g} at once"

@@ -37,5 +37,5 @@ class Rehearsed:
         """Read each agent's recent bids once per second, without a message on the mesh."""
         for node in self._mesh.nodes:
             if node.alive and not node.hung:
-                self._scene.update(node.agent.history(), self._mesh.now)
+                self._scene.update(node.agent.kernel.history(), self._mesh.now)
         self._mesh.call_at(self._mesh.now + QUERY_S, self._query)

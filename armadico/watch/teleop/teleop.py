@@ -193,7 +193,7 @@ class Teleop(Behaviour):
             return line(f"stopped by {stop.requester}")
         if not self._hand:
             return ""
-        last = self.bids[-1] if self.bids else None
+        last = self.kernel.bids[-1] if self.kernel.bids else None
         if last is not None and last.utility is None:
             return last.reason
         if not holds:

@@ -9,20 +9,14 @@ import pytest
 
 from armadico.core import messages as m
 from armadico.core import services
-from armadico.core.agent import (
-    BIDS_REMEMBERED,
-    ERROR,
-    Agent,
-    Answer,
-    Identity,
-    Parameters,
-    Question,
-    SendQuery,
-    Social,
-)
+from armadico.core.agent import ERROR, Agent, Identity, Parameters, Question
+from armadico.core.desk import BIDS_REMEMBERED
 from armadico.core.exchange import Bid
+from armadico.core.kernel import subscriptions
 from armadico.core.latched import RESTORE_S
 from armadico.core.messages import Cycle, Message, RobotState, Stop
+from armadico.core.outgoing import Answer, SendQuery
+from armadico.core.parameters import Social
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, Service
 from armadico.mobile.messages import (
@@ -72,7 +66,9 @@ class Driver(Agent):
     def on_trajectory(self, trajectory: Trajectory) -> None:
         self.received.append(trajectory)
 
-    def on_mission_request(self, question: Question) -> MissionReply | None:
+    def on_mission_request(
+        self, _request: MissionRequest, _question: Question
+    ) -> MissionReply | None:
         return self.reply
 
     def on_wakeup(self) -> None:
@@ -140,8 +136,8 @@ def test_no_bid_on_stale_inputs_and_the_record_has_which(stage: Alone, driver: D
     stage.state()
     messages = stage.give(Pose(stage.at, 0, 0, 0))
     assert len(driver.turns) == turns + 3
-    assert driver.bids[-1].utility is None
-    assert driver.bids[-1].reason == "no fresh sonar/obstacles"
+    assert driver.kernel.bids[-1].utility is None
+    assert driver.kernel.bids[-1].reason == "no fresh sonar/obstacles"
     assert [claim.utility for claim in claims(messages)] == [None]
     assert [c.action for c in commands(messages)] == [None]
 
@@ -180,11 +176,11 @@ def test_of_two_sensors_one_that_falls_silent_makes_the_obstacles_stale(
     around = driver.latest(Obstacles)
     assert around is not None
     assert (around.cycle.number, len(around.points)) == (4, 1)
-    assert driver.bids[-2].utility is not None, "good for three cycles"
+    assert driver.kernel.bids[-2].utility is not None, "good for three cycles"
     stage.state()
     stage.give(Obstacles(stage.at, None, None, None, None, (), "laser"))
     stage.give(Pose(stage.at, 0, 0, 0))
-    assert driver.bids[-1].reason == "no fresh sonar/obstacles"
+    assert driver.kernel.bids[-1].reason == "no fresh sonar/obstacles"
 
 
 def test_no_bid_without_the_robot_agents_acks(stage: Alone, driver: Driver) -> None:
@@ -192,7 +188,7 @@ def test_no_bid_without_the_robot_agents_acks(stage: Alone, driver: Driver) -> N
     stage.now += 0.31
     stage.give(Pose(Cycle(1, stage.number + 1), 0, 0, 0))
     assert len(driver.turns) == 1
-    assert driver.bids[-1].reason == "no fresh resource/wheels/ack"
+    assert driver.kernel.bids[-1].reason == "no fresh resource/wheels/ack"
 
 
 def test_what_is_too_old_or_not_yet_there_is_not_even_kept(stage: Alone, driver: Driver) -> None:
@@ -259,7 +255,7 @@ def test_an_invalid_bid_is_a_release_and_is_logged(stage: Alone, driver: Driver,
     assert [c.action for c in commands(messages)] == [None]
     logs = [message for message in messages if isinstance(message, m.Log)]
     assert [log.level for log in logs] == [ERROR]
-    assert driver.bids[-1].unsound
+    assert driver.kernel.bids[-1].unsound
     assert all(m.decode(m.encode(message), type(message)) for message in messages)
 
 
@@ -268,10 +264,10 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
 ) -> None:
     driver.next = None
     stage.cycle()
-    assert driver.bids[-1].reason == "set to None"
+    assert driver.kernel.bids[-1].reason == "set to None"
     driver.next = Bid(0.5, ACTION, reason="because")
     stage.cycle()
-    record = driver.bids[-1]
+    record = driver.kernel.bids[-1]
     assert (record.utility, record.wanted, record.reason) == (0.5, ACTION, "because")
     assert record.inputs == ("encoder/pose", "*/obstacles")
     assert driver.why == ""
@@ -280,7 +276,7 @@ def test_why_there_was_no_bid_is_remembered_for_that_frame_only(
 def test_recent_bids_are_bounded_and_can_be_queried(stage: Alone, driver: Driver) -> None:
     for _ in range(BIDS_REMEMBERED + 5):
         stage.cycle()
-    history = driver.history()
+    history = driver.kernel.history()
     assert history.instance == "driver-1"
     assert len(history.bids) == BIDS_REMEMBERED
     assert [bid.cycle.number for bid in history.bids] == list(range(6, BIDS_REMEMBERED + 6))
@@ -300,7 +296,7 @@ def test_no_bid_while_the_robot_is_stopped(stage: Alone, driver: Driver) -> None
     turns = len(driver.turns)
     assert stage.cycle(STOPPED) == []
     assert len(driver.turns) == turns
-    assert driver.bids[-1].reason == "stopped by a guest"
+    assert driver.kernel.bids[-1].reason == "stopped by a guest"
     assert commands(stage.cycle(RELEASED))
 
 
@@ -308,7 +304,7 @@ def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Alone) 
     stage.cycle(STOPPED)
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
-    stage.agent.wake(stage.now + RESTORE_S)
+    stage.agent.kernel.wake(stage.now + RESTORE_S)
     assert stage.collect() == [STOPPED]
     assert stage.cycle(STOPPED) == []
 
@@ -318,8 +314,8 @@ def test_a_release_is_remembered_too(stage: Alone, driver: Driver) -> None:
     stage.cycle(RELEASED)
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
-    assert driver.bids[-1].utility == 0.5
-    stage.agent.wake(stage.now + RESTORE_S)
+    assert driver.kernel.bids[-1].utility == 0.5
+    stage.agent.kernel.wake(stage.now + RESTORE_S)
     assert RELEASED in stage.collect()
 
 
@@ -328,9 +324,9 @@ def test_a_stop_counts_though_its_counter_is_smaller(stage: Alone, driver: Drive
     stage.give(Stop(1, True, "another", 77))
     assert driver.stopped == Stop(7, True, "another", 77)
     stage.cycle(Stop(7, True, "another", 77))
-    assert driver.bids[-1].reason == "stopped by another"
+    assert driver.kernel.bids[-1].reason == "stopped by another"
     stage.cycle(Stop(8, False, "another", 77))
-    assert driver.bids[-1].utility == 0.5
+    assert driver.kernel.bids[-1].utility == 0.5
 
 
 # What goes round ---------------------------------------------------------------------------------
@@ -348,17 +344,17 @@ def test_handlers_get_what_was_subscribed(stage: Alone, driver: Driver) -> None:
 
 
 def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None:
-    listens = {subscription.message for subscription in Driver.subscriptions()}
+    listens = {subscription.message for subscription in subscriptions(Driver)}
     latched = {m.Stop, Origin, Trajectory, m.Tuning}
     social = {RobotState, m.Description, m.Claim, m.Ack}
     assert listens >= {Pose, Obstacles} | social | latched
-    patterns = {s.pattern for s in Driver.subscriptions() if s.message in (m.Claim, m.Ack)}
+    patterns = {s.pattern for s in subscriptions(Driver) if s.message in (m.Claim, m.Ack)}
     assert patterns == {"resource/wheels/utility", "resource/wheels/ack"}, "its own, no others"
 
 
 def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) -> None:
     stage.cycle()
-    card = driver.card()
+    card = driver.kernel.card()
     assert (card.name, card.instance, card.host, card.pid, card.version) == (
         "driver",
         "driver-1",
@@ -385,13 +381,13 @@ def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) 
 def test_a_question_is_answered_now_or_later(driver: Driver) -> None:
     request = MissionRequest(Waypoint(1, 0, 0))
     driver.reply = MissionReply(3)
-    driver.on_query(Question(11, request), 0.0)
-    assert driver.outbox == [Answer(11, MissionReply(3))]
+    driver.kernel.on_query(request, Question(11), 0.0)
+    assert driver.kernel.outbox == [Answer(11, MissionReply(3))]
     driver.reply = None
-    driver.on_query(Question(12, request), 0.0)
-    assert len(driver.outbox) == 1
-    driver.answer(Question(12, request), MissionReply(4))
-    assert driver.outbox[-1] == Answer(12, MissionReply(4))
+    driver.kernel.on_query(request, Question(12), 0.0)
+    assert len(driver.kernel.outbox) == 1
+    driver.answer(Question(12), MissionReply(4))
+    assert driver.kernel.outbox[-1] == Answer(12, MissionReply(4))
 
 
 def test_a_reply_reaches_its_query_once(driver: Driver) -> None:
@@ -399,32 +395,32 @@ def test_a_reply_reaches_its_query_once(driver: Driver) -> None:
     here = Waypoint(0, 0, 0)
     driver.query(PlanRequest(here, here), got.append, timeout=3.0)
     driver.query(PlanRequest(here, here), got.append)
-    first, second = driver.outbox
+    first, second = driver.kernel.outbox
     assert isinstance(first, SendQuery)
     assert isinstance(second, SendQuery)
     assert (first.key, first.reply, first.timeout) == ("path/plan", Plan, 3.0)
     assert first.id != second.id
     plan = Plan((), refusal="no")
-    driver.on_reply(second.id, None, 1.0)
-    driver.on_reply(first.id, plan, 1.0)
-    driver.on_reply(first.id, plan, 1.0)
+    driver.kernel.on_reply(second.id, None, 1.0)
+    driver.kernel.on_reply(first.id, plan, 1.0)
+    driver.kernel.on_reply(first.id, plan, 1.0)
     assert got == [None, plan]
 
 
 def test_a_wake_up_comes_once_and_not_before_its_time(driver: Driver) -> None:
     driver.wake_at(2.0)
-    assert driver.wakeup == 2.0
-    driver.wake(1.9)
-    driver.wake(2.0)
-    driver.wake(2.1)
+    assert driver.kernel.wakeup == 2.0
+    driver.kernel.wake(1.9)
+    driver.kernel.wake(2.0)
+    driver.kernel.wake(2.1)
     assert driver.woken == [2.0]
-    assert driver.wakeup is None
+    assert driver.kernel.wakeup is None
 
 
 def test_leaving_lets_go_of_what_it_holds(stage: Alone, driver: Driver) -> None:
     for _ in range(5):
         stage.cycle()
-    driver.stop(stage.now)
+    driver.kernel.leave(stage.now)
     messages = stage.collect()
     assert [c.action for c in commands(messages)] == [None]
     assert [claim.utility for claim in claims(messages)] == [None]

@@ -272,7 +272,9 @@ def test_after_its_own_hang_a_contender_does_not_take_the_holder_for_gone() -> N
     sleeper.hang()
     society.run(2.0)
     holder = society.nodes["a"].agent.instance
-    sleeper.mailbox.put("token/a", lambda: sleeper.agent.disappeared("a", holder, society.mesh.now))
+    sleeper.mailbox.put(
+        "token/a", lambda: sleeper.agent.kernel.disappeared("a", holder, society.mesh.now)
+    )
     sleeper.resume()
     society.run(2.0)
     assert set(society.obeyed_names()) == {"a"}
@@ -350,7 +352,7 @@ def test_one_huge_term_excludes_no_contender() -> None:
 def test_a_contender_with_an_implausible_ballot_adopts_the_owners() -> None:
     society = Society(bidder("a", lambda now: 0.9 if now > 3.0 else None))
     society.run(1.0)
-    contender = society.mesh.node("a").agent._contenders["wheels"]
+    contender = society.mesh.node("a").agent.kernel.bidding(WHEELS).contender
     contender.largest = Ballot(3 * JUMP, 1.0, True, "forger-1")
     society.run(4.0)
     assert society.obeyed_names(since=3.0)

@@ -6,10 +6,11 @@ from typing import ClassVar
 
 import pytest
 
-from armadico.core.agent import Agent, Answer, Identity, Publish, Question
+from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import OPEN_QUERIES, SLOW_S, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
 from armadico.core.messages import PROTOCOL, Card, Log, Message, Stop, encode
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
 STOP = Stop(3, True, "a guest", 5)
@@ -29,7 +30,7 @@ class Planner(Agent):
         super().__init__(identity)
         self.questions: list[Question] = []
 
-    def on_plan_request(self, question: Question) -> None:
+    def on_plan_request(self, _request: PlanRequest, question: Question) -> None:
         self.questions.append(question)
 
 
@@ -52,7 +53,7 @@ def card(instance: str, tenure: int = 0) -> Card:
 
 
 def deliver(driver: Driver, message: Message, now: float) -> None:
-    (to,) = [to for to in driver.agent.subscriptions() if to.message is type(message)]
+    (to,) = [to for to in driver.agent.kernel.subscriptions if to.message is type(message)]
     driver.deliver(to, to.pattern, encode(message), now)
 
 
@@ -91,7 +92,7 @@ def test_of_more_questions_than_it_keeps_the_oldest_has_no_answer() -> None:
         driver.on_query("path/plan", encode(REQUEST), call, now)
     assert len(agent.questions) == len(calls)
     for question in agent.questions:
-        agent.outbox.append(Answer(question.id, Plan((), 1.0)))
+        agent.kernel.outbox.append(Answer(question.id, Plan((), 1.0)))
     replies = [item for item in driver.drain() if isinstance(item, Reply)]
     assert [reply.call for reply in replies] == calls[3:]
 
@@ -103,7 +104,7 @@ def test_a_card_speaks_for_its_own_instance_only() -> None:
     """An instance replies with the card of another instance that has worked longer."""
     agent, driver, now = begun()
     listening: list[Card] = []
-    agent.met = lambda card, now: listening.append(card)  # type: ignore[method-assign]
+    agent.kernel.met = lambda card, now: listening.append(card)  # type: ignore[method-assign]
     driver.token("planner", "planner-1", True, now)
     driver.token("evil", "evil-1", True, now)
     on_query = {item.key: item.id for item in driver.drain() if isinstance(item, SendQuery)}

@@ -8,9 +8,10 @@ from typing import Any, ClassVar
 from msgspec import msgpack
 
 from armadico.core import journal as j
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.driver import Driver, Output, Reply
 from armadico.core.messages import Ask, Card, JournalPiece, JournalRequest, Log, Message, encode
+from armadico.core.outgoing import Publish
 from armadico.core.services import Kind, Service, register, service_of
 
 AGAIN = "journal/bell-1/piece"
@@ -48,7 +49,7 @@ def journalled(**more: Any) -> j.Journalled:
 
 def ring(driver: Driver, now: float, payload: bytes | None = None) -> list[Output]:
     """What comes of it."""
-    to = next(to for to in driver.agent.subscriptions() if to.message is Ringing)
+    to = next(to for to in driver.agent.kernel.subscriptions if to.message is Ringing)
     driver.deliver(to, "ringing", encode(Ringing("R1")) if payload is None else payload, now)
     return driver.drain()
 

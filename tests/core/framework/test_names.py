@@ -20,14 +20,14 @@ def test_methods_and_attributes_of_the_framework_are_refused_together() -> None:
             name = "weaver"
             memory = 3
 
-            def stop(self) -> None: ...  # type: ignore[override]
+            def log(self) -> None: ...  # type: ignore[override]
 
             @property
             def cycles(self) -> int:  # type: ignore[override]
                 return 0
 
             def on_start(self) -> None:
-                self.history = []  # type: ignore[method-assign, assignment]
+                self.query = []  # type: ignore[method-assign, assignment]
                 self.seen, self.route = 1, None  # type: ignore[assignment]
 
                 def later() -> None:
@@ -37,32 +37,42 @@ def test_methods_and_attributes_of_the_framework_are_refused_together() -> None:
 
     text = str(refused.value)
     found = text.partition("Choose")[0]
-    for name in ("memory", "stop (line ", "cycles (line", "self.history", "self.route", "_speeds"):
+    for name in ("memory", "log (line ", "cycles (line", "self.query", "self.route", "_speeds"):
         assert name in found
     for free in ("seen", "later", "on_start", "name,"):
         assert free not in found
     assert "publish" in text, "it lists what is taken"
 
 
-def test_a_name_in_a_mix_in_is_refused_and_one_behind_setattr_when_the_agent_begins() -> None:
+def test_a_name_in_a_mix_in_is_refused() -> None:
     class Mixed:
-        def wake(self) -> None: ...
+        def wake_at(self) -> None: ...
 
-    with pytest.raises(TypeError, match=r"wake \(line"):
+    with pytest.raises(TypeError, match=r"wake_at \(line"):
         type("Sleeper", (Mixed, Agent), {"name": "sleeper"})
 
-    class Hider(Agent):
-        name = "hider"
+
+def test_what_the_kernel_does_has_no_name_in_an_agent() -> None:
+    class Free(Agent):
+        name = "free"
 
         def on_start(self) -> None:
-            vars(self)["history"] = []
+            self.history = self.card = self.outbox = self.bids = 1
 
-    with pytest.raises(TypeError, match=r"self\.history"):
-        Hider(Identity("hider-1")).start(0.0)
+        def stop(self) -> None:
+            raise AssertionError
+
+        start = receive = wake = wakeup = leave = stop
+
+    kernel = Free(Identity("free-1")).kernel
+    kernel.start(0.0)
+    kernel.wake(1.0)
+    kernel.leave(2.0)
+    assert (kernel.card().name, kernel.history().bids) == ("free", ())
 
 
 def test_hooks_declarations_handlers_and_names_overridden_on_purpose_are_accepted() -> None:
-    class Mine(Behaviour, overrides=("card",)):
+    class Mine(Behaviour, overrides=("limited",)):
         name = "mine"
         needs_goal = False
 
@@ -71,13 +81,13 @@ def test_hooks_declarations_handlers_and_names_overridden_on_purpose_are_accepte
 
         def on_parameters(self, before: object) -> None: ...
 
-        def card(self):  # type: ignore[no-untyped-def]
-            return super().card()
+        def limited(self, *wanted):  # type: ignore[no-untyped-def, override]
+            return super().limited(*wanted)
 
     class Derived(Mine):  # what was overridden on purpose is no fault of a subclass
         name = "derived"
 
-    Derived(Identity("derived-1")).start(0.0)
+    Derived(Identity("derived-1")).kernel.start(0.0)
 
 
 def test_a_base_class_for_agents_protects_its_own_names() -> None:
@@ -112,8 +122,8 @@ def test_no_agent_of_the_project_takes_one(name: str) -> None:
 def test_an_installed_class_is_refused_with_its_own_file_and_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lines = "from armadico import Agent\n\n\nclass Bad(Agent):\n    name = 'bad'\n    history = 1\n"
+    lines = "from armadico import Agent\n\n\nclass Bad(Agent):\n    name = 'bad'\n    query = 1\n"
     (tmp_path / "bad_names.py").write_text(lines)
     monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(ImportError, match=r"names of the framework: history.*bad_names.py, line 4"):
+    with pytest.raises(ImportError, match=r"names of the framework: query.*bad_names.py, line 4"):
         Found("bad", "bad_names:Bad", "bad").load()

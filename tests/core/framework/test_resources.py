@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.core import resources
-from armadico.core.agent import ERROR, WARNING, Agent, Identity, Parameters, Refused
+from armadico.core.agent import ERROR, WARNING, Agent, Identity, Parameters
 from armadico.core.coordination import SILENCE, Verdict
 from armadico.core.driver import Driver
 from armadico.core.exchange import Bid
@@ -28,6 +28,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
+from armadico.core.outgoing import Refused
 from armadico.core.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mobile.messages import Waypoint
@@ -207,7 +208,7 @@ def test_a_killed_holder_is_replaced_and_a_stale_ballot_is_refused(resource: Res
     late = Command(resource.name, newest, old.ballot, old.action)
     assert owner.judge(late, world.mesh.now) is Verdict.STALE_BALLOT
     refused = owner.refusals[Verdict.STALE_BALLOT]
-    world.agent("arm").receive(late, world.mesh.now)
+    world.agent("arm").kernel.receive(late, world.mesh.now)
     assert owner.refusals[Verdict.STALE_BALLOT] == refused + 1
     assert owner.obeyed.instance.startswith("low")
 
@@ -462,8 +463,8 @@ def test_without_an_owner_no_contender_takes_over_and_the_reason_is_kept() -> No
     assert world.of(Claim, GRIPPER) == []
     assert world.of(Command, GRIPPER) == []
     assert world.holders(GRIPPER) == []
-    assert not world.agent("high").bids
-    records = {record.resource: record.reason for record in world.agent("low").bids}
+    assert not world.agent("high").kernel.bids
+    records = {record.resource: record.reason for record in world.agent("low").kernel.bids}
     assert records == {"gripper": "no fresh resource/gripper/ack"}
 
 
@@ -491,7 +492,7 @@ def test_a_bid_of_the_wrong_shape_is_none_and_names_agent_and_resource(
 
     world = World(arm(GRIPPER), Wrong).run(2.0)
     assert world.of(Claim, GRIPPER) == []
-    record = world.agent("wrong").bids[-1]
+    record = world.agent("wrong").kernel.bids[-1]
     assert record.utility is None
     assert record.unsound
     assert why in record.reason
@@ -532,7 +533,7 @@ def received(agent: Agent, key: str, message: Message) -> Driver:
     """Return a started driver that has received a message on a key."""
     driver = Driver(agent, 0.0, admit=False)
     driver.begin(0.0)
-    for to in agent.subscriptions():
+    for to in agent.kernel.subscriptions:
         if to.message is type(message):
             driver.deliver(to, key, message, 1.0)
     return driver
@@ -559,8 +560,8 @@ def test_a_claim_or_ack_of_another_resource_on_a_key_is_refused() -> None:
     ):
         key = QUICK.utility_key if isinstance(message, Claim) else QUICK.ack_key
         driver = received(agent, key, message)
-        assert driver.agent._contenders["gripper"].largest is None
-        assert driver.agent._contenders["quick"].largest is None
+        assert driver.kernel.bidding(GRIPPER).contender.largest is None
+        assert driver.kernel.bidding(QUICK).contender.largest is None
         assert any("it is about gripper" in why for why in driver.refused) or any(
             isinstance(getattr(item, "message", None), Log)
             and "it is about gripper" in item.message.text  # type: ignore[union-attr]
@@ -592,8 +593,8 @@ def test_an_ack_of_another_shape_is_counted_and_the_rest_of_it_taken() -> None:
     world.run(1.0)
     ack = world.of(Ack, GRIPPER)[-1]
     low = world.agent("low")
-    low.receive(replace(ack, measured=(5.0, 5.0)), world.mesh.now)
-    refused = [item for item in low.outbox if isinstance(item, Refused)]
+    low.kernel.receive(replace(ack, measured=(5.0, 5.0)), world.mesh.now)
+    refused = [item for item in low.kernel.outbox if isinstance(item, Refused)]
     assert [item.key for item in refused] == [GRIPPER.ack_key]
     assert "takes 1 numbers" in refused[0].why
     assert low.acked(GRIPPER).obeyed == ack.obeyed

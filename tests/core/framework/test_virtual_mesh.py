@@ -82,7 +82,7 @@ class Planner(Agent):
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
     length: ClassVar[float] = 1.0
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan((), self.length)
 
 

@@ -25,7 +25,7 @@ class Toy(Agent):
     def on_robot_state(self, state: RobotState) -> None:
         self.publish(Pose(state.cycle, state.x, state.y, state.theta))
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan(waypoints=(), refusal=f"{self.instance} does not plan")
 
 

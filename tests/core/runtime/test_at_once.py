@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.messages import Ballot, Command, Cycle, RobotState
+from armadico.core.outgoing import Publish
 from armadico.mobile.messages import Pose
 from armadico.runtime.inbox import Inbox
 from armadico.runtime.process import CALM_S, SLOW_S, identity
@@ -127,7 +128,7 @@ def test_commands_are_sent_before_the_next_agent_receives() -> None:
         def on_robot_state(self, state: RobotState) -> None:
             self.publish(Pose(state.cycle, 0.0, 0.0, 0.0))
             command = Command("wheels", state.cycle, Ballot(1, 0.5, False, self.instance), (0.1, 0))
-            self.outbox.append(Publish(f"robot/cmd/{self.instance}", command))
+            self.kernel.outbox.append(Publish(f"robot/cmd/{self.instance}", command))
 
     class Following(Agent):
         name = "following"

@@ -10,7 +10,7 @@ import cbor2
 import pytest
 
 from armadico.core import messages as m
-from armadico.core.agent import INFO, WARNING, Agent, Publish, Question, SendQuery
+from armadico.core.agent import INFO, WARNING, Agent, Question
 from armadico.core.driver import LINES, LINES_A_S, REPORT_S, Announce, Driver
 from armadico.core.exchange import Bid
 from armadico.core.mailbox import EVENTS
@@ -29,6 +29,7 @@ from armadico.core.messages import (
     Stop,
     encode,
 )
+from armadico.core.outgoing import Publish, SendQuery
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import (
     MissionState,
@@ -55,7 +56,7 @@ class Poser(Agent):
     def on_robot_state(self, state: RobotState) -> None:
         self.publish(Pose(state.cycle, self.x, 0.0, 0.0))
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan((), self.x)
 
 
@@ -205,7 +206,7 @@ def test_an_agent_that_fails_ends_the_process_and_the_others_release() -> None:
 
     hand = Hand(identity("hand"))
     left: list[str] = []
-    hand.stop = lambda now: left.append("hand")  # type: ignore[method-assign]
+    hand.kernel.leave = lambda now: left.append("hand")  # type: ignore[method-assign]
     host, mesh = on_a_fake(Poser(identity("poser")), Failing(identity("watcher")), hand)
     with pytest.raises(RuntimeError, match="cannot bear it"):
         play(host, lambda: mesh.receive("robot/state", state(1)))
@@ -301,11 +302,11 @@ def bidding(bid: Any) -> tuple[Hand, list[Message]]:
     hand.next = bid
     for number in range(1, 8):
         now = number / 10
-        hand.receive(state(number), now)
-        hand.receive(Ack("wheels", Cycle(7, number), measured=(0.0, 0.0)), now)
-        if hand.wakeup is not None:
-            hand.wake(now + 0.05)
-    return hand, [item.message for item in hand.outbox if hasattr(item, "message")]
+        hand.kernel.receive(state(number), now)
+        hand.kernel.receive(Ack("wheels", Cycle(7, number), measured=(0.0, 0.0)), now)
+        if hand.kernel.wakeup is not None:
+            hand.kernel.wake(now + 0.05)
+    return hand, [item.message for item in hand.kernel.outbox if hasattr(item, "message")]
 
 
 def test_numbers_that_are_no_floats_are_made_floats() -> None:
@@ -320,13 +321,13 @@ def test_numbers_that_are_no_floats_are_made_floats() -> None:
         claims = [message for message in sent if isinstance(message, Claim)]
         assert {(c.utility, c.wanted, c.critical) for c in claims} == {(0.5, (0.5, 0.25), True)}
         assert all(m.decode(encode(message), type(message)) == message for message in sent)
-        assert m.decode(encode(hand.history()), BidHistory) == hand.history()
+        assert m.decode(encode(hand.kernel.history()), BidHistory) == hand.kernel.history()
 
 
 @pytest.mark.parametrize("reason", ["x" * 5000, "two\nlines", "\x1b[31m red", "a\u2028b"])
 def test_a_reason_of_any_length_and_content_can_be_queried(reason: str) -> None:
     hand, _ = bidding(Bid(0.5, (0.1, 0.2), reason=reason))
-    history = hand.history()
+    history = hand.kernel.history()
     assert m.decode(encode(history), BidHistory) == history
     silent = Hand(identity("hand"))
     silent.why = reason
@@ -335,10 +336,10 @@ def test_a_reason_of_any_length_and_content_can_be_queried(reason: str) -> None:
         silent.why = reason
 
     silent.bid = nothing  # type: ignore[method-assign]
-    silent.receive(state(1), 0.1)
-    silent.receive(Ack("wheels", Cycle(7, 1)), 0.1)
-    assert silent.bids
-    assert m.decode(encode(silent.history()), BidHistory) == silent.history()
+    silent.kernel.receive(state(1), 0.1)
+    silent.kernel.receive(Ack("wheels", Cycle(7, 1)), 0.1)
+    assert silent.kernel.bids
+    assert m.decode(encode(silent.kernel.history()), BidHistory) == silent.kernel.history()
 
 
 # Floods -------------------------------------------------------------------------------------------
@@ -376,7 +377,7 @@ def test_lines_for_people_are_limited_whatever_comes(minutes: int) -> None:
     driver.begin(0.0)
     published = 0
     for step in range(minutes * 6000):
-        agent.now = step / 100
+        agent.kernel.now = step / 100
         agent.log("again and again")
         out = driver.drain()
         published += sum(isinstance(getattr(item, "message", None), Log) for item in out)
@@ -397,7 +398,7 @@ class Observed:
         self.driver.drain()
 
     def receive(self, message: Message, now: float, key: str) -> list[Log]:
-        (to,) = [to for to in self.driver.agent.subscriptions() if to.message is type(message)]
+        (to,) = [to for to in self.driver.agent.kernel.subscriptions if to.message is type(message)]
         self.driver.deliver(to, key, message, now)
         sent = [item.message for item in self.driver.drain() if isinstance(item, Publish)]
         return [message for message in sent if isinstance(message, Log)]
@@ -483,7 +484,7 @@ def test_a_card_in_anothers_name_is_ignored() -> None:
     driver.drain()
     driver.on_reply(question, card("goto-1", 99), 1.1)
     driver.on_reply(question, card(driver.agent.instance, 99), 1.1)
-    assert driver.agent.foreign == set()
+    assert driver.agent.kernel.foreign == set()
     assert driver.refusal == ""
     assert not [item for item in driver.drain() if isinstance(item, Publish)]
 
@@ -493,12 +494,12 @@ def test_claims_of_an_instance_with_another_declaration_are_rejected() -> None:
     question = queried_card(driver, "evil", "evil-1", 5.0)
     driver.on_reply(question, card("evil-1", declares=("wheels(left, right)",)), 5.1)
     agent = driver.agent
-    assert agent.foreign == {"evil-1"}
-    agent.receive(state(1), 5.2)
-    agent.receive(Claim("wheels", Ballot(9, 1.0, True, "evil-1"), Cycle(7, 1), 1.0), 5.2)
-    assert agent._contenders["wheels"].largest is None
+    assert agent.kernel.foreign == {"evil-1"}
+    agent.kernel.receive(state(1), 5.2)
+    agent.kernel.receive(Claim("wheels", Ballot(9, 1.0, True, "evil-1"), Cycle(7, 1), 1.0), 5.2)
+    assert agent.kernel.bidding(WHEELS).contender.largest is None
     driver.token("evil", "evil-1", False, 6.0)
-    assert agent.foreign == set(), "an instance that has gone is forgotten"
+    assert agent.kernel.foreign == set(), "an instance that has gone is forgotten"
 
 
 # Time ---------------------------------------------------------------------------------------------

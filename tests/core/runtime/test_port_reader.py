@@ -212,13 +212,12 @@ def test_what_was_decided_before_a_pause_of_the_process_is_not_written_after_it(
     """Paused in the middle of a turn: its output follows an older command."""
     clock, written = Clock(), list[bytes]()
 
-    class Paused(Listener, overrides=("stop",)):
+    class Paused(Listener):
         def on_bytes(self, data: bytes) -> None:
             super().on_bytes(data)
             clock.now += paused
 
-        def stop(self, now: float) -> None:
-            super().stop(now)
+        def on_leave(self) -> None:
             self.write(b"rest")
             clock.now += paused
 

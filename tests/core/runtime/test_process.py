@@ -47,7 +47,7 @@ class Recorder(Agent):
         self.seen.append("woken")
         self.end()
 
-    def on_plan_request(self, question: Question) -> None:
+    def on_plan_request(self, _request: PlanRequest, question: Question) -> None:
         self.questions.append(question)
 
     def on_appeared(self, name: str, instance: str) -> None:
@@ -273,7 +273,7 @@ def test_an_agent_is_refused_the_truth() -> None:
 
 
 def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
-    class Failing(Agent, overrides=("stop",)):
+    class Failing(Agent):
         name = "failing"
         receives: ClassVar[tuple[type[Message], ...]] = (Stop,)
 
@@ -281,8 +281,7 @@ def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
             self.log("half a turn")
             raise RuntimeError("the other half")
 
-        def stop(self, now: float) -> None:
-            super().stop(now)
+        def on_leave(self) -> None:
             self.log("released")
 
     host, mesh = on_a_fake(Failing(identity("failing")))

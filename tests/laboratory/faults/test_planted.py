@@ -19,8 +19,10 @@ from armadico.bridge.p2os.odometry import Odometry
 from armadico.bridge.p2os.session import Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.core.agent import Agent
+from armadico.core.bidding import Bidding
 from armadico.core.coordination import TRANSITIONS, Contender, Event, Owner, State, Verdict
 from armadico.core.exchange import AT_ONCE, Bid, Blend, Handover, SmoothExchange
+from armadico.core.kernel import Kernel
 from armadico.core.latched import Memory
 from armadico.core.messages import Action, Latched, Message, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource
@@ -133,14 +135,14 @@ def is_blind(patch: pytest.MonkeyPatch) -> None:
 
 
 def takes_no_turn_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
-    def begins(self: Agent, resource: Resource, message: Any) -> bool:
-        last, cycle = self._turned.get(resource.name), message.cycle
+    def begins(self: Bidding, message: Any) -> bool:
+        last, cycle = self._turned, message.cycle
         if last is not None and cycle.number <= last.number:
             return False
-        self._turned[resource.name] = cycle
+        self._turned = cycle
         return True
 
-    patch.setattr(Agent, "_begins_turn", begins)
+    patch.setattr(Bidding, "_begins_turn", begins)
 
 
 def stands_back_for_a_minute(patch: pytest.MonkeyPatch) -> None:
@@ -202,16 +204,16 @@ def orders_a_stop_late(patch: pytest.MonkeyPatch) -> None:
 
 
 def latches_no_stop(patch: pytest.MonkeyPatch) -> None:
-    take = Agent._receive_latched
+    take = Kernel._accept_latched
 
-    def taken(self: Agent, message: Latched) -> bool:
-        if not (isinstance(self, robot.Robot) and isinstance(message, Stop)):
+    def taken(self: Kernel, message: Latched) -> bool:
+        if not (isinstance(self.agent, robot.Robot) and isinstance(message, Stop)):
             return take(self, message)
         if message.stopped:
-            self.rest(WHEELS)
+            self.agent.rest(WHEELS)
         return False
 
-    patch.setattr(Agent, "_receive_latched", taken)
+    patch.setattr(Kernel, "_accept_latched", taken)
 
 
 def stops_again_by_an_old_stop(patch: pytest.MonkeyPatch) -> None:
@@ -227,17 +229,17 @@ def stops_again_by_an_old_stop(patch: pytest.MonkeyPatch) -> None:
 
 def drives_though_stopped(patch: pytest.MonkeyPatch) -> None:
     """Neither the robot agent nor the others mind the stop."""
-    patch.setattr(Agent, "stopped", None)
+    patch.setattr(Kernel, "stopped", None)
 
 
 def does_not_publish_the_stop(patch: pytest.MonkeyPatch) -> None:
-    publish = Agent.publish
+    publish = Kernel.publish
 
-    def published(self: Agent, message: Message, **names: str) -> None:
+    def published(self: Kernel, message: Message, **names: str) -> None:
         if not isinstance(message, Stop):
             publish(self, message, **names)
 
-    patch.setattr(Agent, "publish", published)
+    patch.setattr(Kernel, "publish", published)
 
 
 def ignores_restored_states(patch: pytest.MonkeyPatch) -> None:

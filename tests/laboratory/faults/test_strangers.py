@@ -8,6 +8,7 @@ from math import hypot
 
 import pytest
 
+from armadico.core.kernel import Kernel
 from armadico.core.messages import (
     JUMP,
     LARGEST_COUNT,
@@ -38,17 +39,17 @@ class Spied(Workload):
         self.mesh.watch(lambda _key, line, _now: self.lines.append(line.text), Log)  # type: ignore[attr-defined]
         self.received: dict[str, list[Message]] = {"goto": [], "robot": []}
         for name, received in self.received.items():
-            self._spy(self.mesh.node(name).agent, received)
+            self._spy(self.mesh.node(name).driver.kernel, received)
 
     @staticmethod
-    def _spy(agent: object, received: list[Message]) -> None:
-        receive = agent.receive  # type: ignore[attr-defined]
+    def _spy(kernel: Kernel, received: list[Message]) -> None:
+        receive = kernel.receive
 
         def spy(message: Message, now: float) -> None:
             received.append(message)
             receive(message, now)
 
-        vars(agent)["receive"] = spy
+        vars(kernel)["receive"] = spy
 
 
 def strange(received: Sequence[Message], kind: type[Claim | Command]) -> list[Claim | Command]:

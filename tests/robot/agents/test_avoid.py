@@ -186,7 +186,7 @@ def driven_by_goto(made: Alone, cycles: int, points: Sequence[Point] = ()) -> se
         made.give(RobotState(made.at, 0, 0, 0, 0, 0, 12, True, False))
         made.give(Ack("wheels", made.at, ballot, ballot, made.at, 0.6, measured=(0.0, 0.0)))
         made.give(Pose(made.at, *made.pose), obstacles(made.at, *points))
-    return {bid.utility for bid in made.agent.bids}
+    return {bid.utility for bid in made.agent.kernel.bids}
 
 
 def test_a_driven_robot_that_stands_still_far_from_its_goal_is_worked_free() -> None:
@@ -200,7 +200,7 @@ def test_a_robot_that_still_stands_after_turning_out_is_backed_off() -> None:
     shut = [*wall(OUTLINE.front + 0.05, -1.5, 1.5), Point(0.1, -OUTLINE.half_width - 0.05)]
 
     def backs(made: Alone) -> bool:
-        return any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.bids)
+        return any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.kernel.bids)
 
     made, free, gone = stage(), stage(), stage()
     for one, points in ((made, shut), (free, []), (gone, shut)):
@@ -216,7 +216,7 @@ def test_a_robot_that_no_agent_drives_may_stand_still() -> None:
     made = stage()
     for _ in range(60):
         made.cycle()
-    assert {bid.utility for bid in made.agent.bids} == {None}
+    assert {bid.utility for bid in made.agent.kernel.bids} == {None}
 
 
 def test_a_robot_at_its_goal_may_stand_still() -> None:
@@ -247,7 +247,7 @@ def test_a_robot_that_is_slow_for_its_uncertain_pose_has_longer_to_leave_a_place
     made.speed = (0.0, 0.5)
     for _ in range(round(15 * Parameters().nowhere_s)):
         made.cycle(points=wall(0.4, -0.4, 0.4))
-    assert any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.bids) == backed
+    assert any(bid.wanted and bid.wanted[0] < 0.0 for bid in made.agent.kernel.bids) == backed
 
 
 def test_a_robot_stalled_by_an_undetected_obstacle_is_backed_off_at_once() -> None:

@@ -68,8 +68,8 @@ class Robot(Alone):
         known = self.origin()
         self.agent = self.new_encoder()
         if remembered:
-            self.agent.remember(known, self.now)
-            self.agent.start(self.now)
+            self.agent.kernel.remember(known, self.now)
+            self.agent.kernel.start(self.now)
 
 
 @settings(max_examples=30)
@@ -108,8 +108,8 @@ def test_odometry_is_put_where_the_robot_stood() -> None:
 def test_one_status_packet_one_pose_of_its_cycle() -> None:
     robot = Robot()
     assert [robot.moved(0, 0, 0).cycle.number for _ in range(3)] == [1, 2, 3]
-    robot.agent.receive(RobotState(Cycle(1, 3), 9, 9, 0, 0, 0, 12, True, False), 0.3)
-    assert robot.agent.outbox == []
+    robot.agent.kernel.receive(RobotState(Cycle(1, 3), 9, 9, 0, 0, 0, 12, True, False), 0.3)
+    assert robot.agent.kernel.outbox == []
 
 
 def test_headings_stay_in_one_turn() -> None:
@@ -224,7 +224,7 @@ def test_a_late_agent_waits_a_while_for_the_origin() -> None:
         robot.moved(1.0, 0, 0)
     known = robot.origin()
     robot.restart_encoder(remembered=False)
-    robot.agent.start(robot.now)
+    robot.agent.kernel.start(robot.now)
     messages = [robot.moved(1.0, 0, 0) for _ in range(WAIT_CYCLES)]
     assert all(isnan(pose.x) for pose in messages)
     robot.give(known)

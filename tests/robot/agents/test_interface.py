@@ -51,7 +51,7 @@ class Desk(Alone):
     def __init__(self, *, begun: bool = True, parameters: Parameters | None = None) -> None:
         super().__init__(Interface(Identity("interface-1"), parameters), robot=None)
         if begun:
-            self.agent.start(0.0)
+            self.agent.kernel.start(0.0)
         self.questions = 0
 
     @property
@@ -108,7 +108,7 @@ def test_a_mission_is_refused_when_nobody_knows_where_the_robot_is() -> None:
 def test_an_old_pose_will_not_do(desk: Desk) -> None:
     for number in range(2, 7):
         cycle = Cycle(1, number)
-        desk.agent.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), number / 10)
+        desk.agent.kernel.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), number / 10)
     assert "no fresh encoder/pose" in desk.replies[desk.request(MissionRequest(GOAL))].refusal
 
 
@@ -237,7 +237,7 @@ def test_who_gives_the_end_of_the_mission_back_does_not_undo_that_it_was_reached
 ) -> None:
     driving.moved(1.0)
     driving.moved(3.0)
-    driving.agent.receive(driving.last(Trajectory), driving.agent.now)
+    driving.agent.kernel.receive(driving.last(Trajectory), driving.agent.now)
     for _ in range(12):
         driving.moved(3.0)
     assert driving.last(MissionStatus).state is MissionState.REACHED
@@ -289,8 +289,8 @@ def test_each_mission_and_each_end_has_a_larger_counter(desk: Desk) -> None:
 def restarted(driving: Desk) -> Desk:
     """Another interface agent, that is given back what the others remember."""
     other = Desk(begun=False)
-    other.agent.remember(driving.last(Trajectory), 0.1)
-    other.agent.start(0.1)
+    other.agent.kernel.remember(driving.last(Trajectory), 0.1)
+    other.agent.kernel.start(0.1)
     other.collect()
     return other
 
@@ -708,7 +708,7 @@ def test_for_who_drives_fast_what_is_beside_the_body_s_way_is_across_it(
 ) -> None:
     """As wide as the robot is, whichever it is, and the next look decides."""
     desk = Desk(parameters=Parameters(flank_m=0.05, across_s=0.0))
-    desk.agent.receive(described(), 0.0)
+    desk.agent.kernel.receive(described(), 0.0)
     desk.moved(0.0)
     desk.request(MissionRequest(GOAL))
     desk.reply(PLAN)

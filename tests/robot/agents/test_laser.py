@@ -17,8 +17,9 @@ from armadico.bridge.simulator.walls import DEAD, Wall, Walls
 from armadico.config.loading import load_entry
 from armadico.config.profile import Laser, SensorProfile
 from armadico.config.shipped import find
-from armadico.core.agent import ERROR, Identity, Publish
+from armadico.core.agent import ERROR, Identity
 from armadico.core.messages import Cycle, Log, Point, RobotState
+from armadico.core.outgoing import Publish
 from armadico.mobile.geometry import Pose2, relative
 from armadico.mobile.messages import Pose, Scan
 from armadico.mobile.obstacles import Obstacles
@@ -44,7 +45,7 @@ class Robot:
         self, walls: list[Wall], laser: Laser = LASER, parameters: Parameters | None = None
     ) -> None:
         self.agent = LaserAgent(Identity("laser-1"), parameters)
-        self.agent.receive(described(), 0.0)
+        self.agent.kernel.receive(described(), 0.0)
         self.laser, self.number, self.now = laser, 0, 0.0
         self.pose = HERE
         self.build(walls)
@@ -81,18 +82,18 @@ class Robot:
         at = None if touch is None else Point(touch, 0.0)
         cycle = Cycle(1, self.number)
         state = RobotState(cycle, *self.pose, 0, 0, 12, True, at is not None, touch=at)
-        self.agent.receive(state, self.now)
+        self.agent.kernel.receive(state, self.now)
         if known is not None:
             each = known * known / 2.0
             covariance = (each, 0.0, 0.0, each, 0.0, 1e-4)
-            self.agent.receive(Pose(cycle, *self.pose, covariance), self.now)
-        self.agent.receive(self.scan(ranges), self.now)
+            self.agent.kernel.receive(Pose(cycle, *self.pose, covariance), self.now)
+        self.agent.kernel.receive(self.scan(ranges), self.now)
         messages = [o for o in self.out() if isinstance(o.message, Obstacles)]
         assert all(o.key == "laser/obstacles" for o in messages)
         return messages[0].message if messages else None  # type: ignore[return-value]
 
     def out(self) -> list[Publish]:
-        out, self.agent.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         return [o for o in out if isinstance(o, Publish)]
 
 
@@ -210,10 +211,10 @@ def test_a_blind_laser_publishes_nothing_and_is_reported_once(bad: float) -> Non
     for _ in range(5):
         robot.number += 1
         robot.now += 0.1
-        robot.agent.receive(
+        robot.agent.kernel.receive(
             RobotState(Cycle(1, robot.number), 0, 0, 0, 0, 0, 12, True, False), robot.now
         )
-        robot.agent.receive(robot.scan(np.full(LASER.rays, bad)), robot.now)
+        robot.agent.kernel.receive(robot.scan(np.full(LASER.rays, bad)), robot.now)
         out = [o.message for o in robot.out()]
         assert not [m for m in out if isinstance(m, Obstacles)]
         logs += [m for m in out if isinstance(m, Log)]
@@ -238,8 +239,8 @@ def test_bytes_that_are_no_scan_are_a_blind_laser() -> None:
     robot.cycle()
     robot.number += 1
     cycle = Cycle(1, robot.number)
-    robot.agent.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.3)
-    robot.agent.receive(replace(robot.scan(), packed=b"abc"), 0.3)
+    robot.agent.kernel.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.3)
+    robot.agent.kernel.receive(replace(robot.scan(), packed=b"abc"), 0.3)
     assert not [o for o in robot.out() if isinstance(o.message, Obstacles)]
 
 

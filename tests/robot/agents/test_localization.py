@@ -40,9 +40,10 @@ from armadico.agents.localization.sonar_model import (
 from armadico.agents.methods.grid import Grid
 from armadico.config.profile import Odometry, load_profile
 from armadico.config.worlds import load_world
-from armadico.core.agent import Agent, Identity, Publish
+from armadico.core.agent import Agent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle, Log, Message, RobotState, checked
+from armadico.core.outgoing import Publish
 from armadico.mobile.behaviour import LOST_M, UNSURE_M
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, Echo, InitialPose, Particles, Pose, Sonar
@@ -464,7 +465,7 @@ class Robot:
 
     def __init__(self, parameters: Parameters, seed: int = 3) -> None:
         self.agent = Localization(Identity("localization-1", rng=random.Random(seed)), parameters)
-        self.agent.start(0.0)
+        self.agent.kernel.start(0.0)
         self.epoch, self.number, self.begun = 1, 0, 0.0
         self.odometry: Pose2 = (0.0, 0.0, 0.0)
         self.stands = False  # a person 0.5 m in front of the sonars on the right
@@ -493,9 +494,9 @@ class Robot:
         if self.deaf:
             pings = tuple(replace(p, range=None) for p in pings)
         for message in (state, Pose(cycle, *by_encoder, covariance), Sonar(cycle, 5.0, pings)):
-            self.agent.receive(message, now)
-        published = [item.message for item in self.agent.outbox if isinstance(item, Publish)]
-        self.agent.outbox.clear()
+            self.agent.kernel.receive(message, now)
+        published = [item.message for item in self.agent.kernel.outbox if isinstance(item, Publish)]
+        self.agent.kernel.outbox.clear()
         self.published += published
         return [message for message in published if isinstance(message, Correction)]
 
@@ -837,7 +838,7 @@ def test_an_initial_pose_without_free_space_is_rejected(world: str) -> None:
             placed(robot.at(START, (0.0, 0.0, 0.0), START)[-1], robot.odometry),
             [],
         )
-        robot.agent.receive(InitialPose(x, y, 0.0), robot.begun + 0.1 * robot.number)
+        robot.agent.kernel.receive(InitialPose(x, y, 0.0), robot.begun + 0.1 * robot.number)
         after = placed(robot.at((x, y, 0.0), (0.0, 0.0, 0.0), START)[-1], robot.odometry)
         assert (hypot(after[0] - x, after[1] - y) < 0.3) == room
         assert (hypot(after[0] - before[0], after[1] - before[1]) < 0.3) != room
@@ -851,7 +852,7 @@ def test_wheels_worse_than_in_the_profile_are_reported(world: str) -> None:
         robot = Robot(Parameters(world=world), seed=0)
         for pose, motion in drive(START, 400, drift=drift):
             robot.at(pose, motion, pose)
-        card = robot.agent.card()
+        card = robot.agent.kernel.card()
         assert card.learnt
         assert bool(card.doubts) == worn
         assert (

@@ -13,9 +13,10 @@ from armadico.agents.perception.grid_mapping import Mapper, Settings
 from armadico.agents.perception.mapping import Mapping, Parameters
 from armadico.config import grid_map
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
-from armadico.core.agent import Answer, Identity, Publish, Question
+from armadico.core.agent import Identity, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Cycle
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Echo, MapRequest, OccupancyGrid, Pose, Scan, Sonar
 from armadico.mobile.scans import message_of
 from tests.robot.robots import described
@@ -145,7 +146,7 @@ class Ring:
 
     def __init__(self, parameters: Parameters | None = None) -> None:
         self.agent = Mapping(Identity("mapping-1"), parameters)
-        self.agent.receive(described("pioneer-2dx"), 0.0)
+        self.agent.kernel.receive(described("pioneer-2dx"), 0.0)
         self.number = 0
 
     def cycle(self, *, pose_first: bool = False, pose: bool = True, x: float = 2.0) -> None:
@@ -155,10 +156,10 @@ class Ring:
         messages = [Sonar(cycle, 5.0, (Echo(0.2, 0.0, 0.0, 1.0),))]
         messages = [*messages, *([Pose(cycle, x, 1.0, 0.0)] if pose else [])]
         for message in messages[::-1] if pose_first else messages:
-            self.agent.receive(message, now)
+            self.agent.kernel.receive(message, now)
 
     def grids(self) -> list[OccupancyGrid]:
-        out, self.agent.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         return [
             o.message
             for o in out
@@ -188,13 +189,13 @@ def test_a_ping_without_a_pose_of_its_cycle_is_left_out() -> None:
 
 def test_the_map_is_returned_on_request() -> None:
     ring = Ring()
-    ring.agent.on_query(Question(1, MapRequest()), 0.0)
+    ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
     (nothing,) = ring.grids()
     assert not nothing.rows
     for _ in range(20):
         ring.cycle()
     ring.grids()
-    ring.agent.on_query(Question(2, MapRequest()), 2.1)
+    ring.agent.kernel.on_query(MapRequest(), Question(2), 2.1)
     (grid,) = ring.grids()
     assert cells_of(grid).at(3.2, 1.0) == OCCUPIED
 
@@ -202,7 +203,7 @@ def test_the_map_is_returned_on_request() -> None:
 def test_it_resumes_a_saved_map_or_reports_the_error(tmp_path: Path) -> None:
     file, image = grid_map.save(mapped((0.0, 1.0)).cells(), tmp_path / "saved.yaml")
     ring = Ring(Parameters(resume=str(file)))
-    ring.agent.on_query(Question(1, MapRequest()), 0.0)
+    ring.agent.kernel.on_query(MapRequest(), Question(1), 0.0)
     (grid,) = ring.grids()
     assert cells_of(grid).at(1.0, 0.0) == OCCUPIED
     image.unlink()

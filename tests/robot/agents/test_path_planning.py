@@ -11,8 +11,9 @@ import pytest
 
 from armadico.agents.driving.path_planning import Parameters, PathPlanning
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, message_of
-from armadico.core.agent import Answer, Identity, Publish, Question
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import Cycle, Log, Point, RobotState, decode, encode
+from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.behaviour import UNSURE_M
 from armadico.mobile.messages import Echo, MissionRequest, Plan, PlanRequest, Pose, Sonar, Waypoint
 from armadico.mobile.scans import message_of as scan_message
@@ -27,8 +28,8 @@ def planner() -> PathPlanning:
 
 
 def request_plan(planner: PathPlanning, start: Waypoint, goal: Waypoint) -> Plan:
-    planner.on_query(Question(5, PlanRequest(start, goal)), 1.0)
-    out, planner.outbox = planner.outbox, []
+    planner.kernel.on_query(PlanRequest(start, goal), Question(5), 1.0)
+    out, planner.kernel.outbox = planner.kernel.outbox, []
     (answer,) = (item for item in out if isinstance(item, Answer))
     assert answer.id == 5
     assert isinstance(answer.message, Plan)
@@ -75,8 +76,8 @@ def test_what_cannot_be_is_refused_with_the_reason(
 
 
 def test_another_question_than_for_a_plan_is_not_answered(planner: PathPlanning) -> None:
-    planner.on_query(Question(6, MissionRequest(GOAL)), 1.0)
-    assert planner.outbox == []
+    planner.kernel.on_query(MissionRequest(GOAL), Question(6), 1.0)
+    assert planner.kernel.outbox == []
 
 
 def test_a_way_of_more_turns_than_a_mission_may_have_is_refused(
@@ -130,12 +131,12 @@ def look(
         pose = Pose(cycle, BEFORE.x, BEFORE.y, BEFORE.theta, covariance(off_m))
         state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
         for message in (state, pose, Sonar(cycle, 5.0, tuple(echoes))):
-            planner.receive(message, now)
+            planner.kernel.receive(message, now)
 
 
 def doors(planner: PathPlanning) -> str:
-    planner.on_query(Question(5, PlanRequest(BEFORE, BEYOND, "no nearer")), planner.now)
-    out, planner.outbox = planner.outbox, []
+    planner.kernel.on_query(PlanRequest(BEFORE, BEYOND, "no nearer"), Question(5), planner.now)
+    out, planner.kernel.outbox = planner.kernel.outbox, []
     texts = [o.message.text for o in out if isinstance(o, Publish) and isinstance(o.message, Log)]
     return texts[-1] if texts else next(o.message.refusal for o in out if isinstance(o, Answer))
 
@@ -167,7 +168,7 @@ def test_once_the_door_is_seen_open_the_way_leads_through_it_again(two_doors: Pa
 
 def test_points_that_no_sensor_covers_fade(two_doors: PathPlanning) -> None:
     look(two_doors, DOOR)
-    two_doors.receive(RobotState(Cycle(1, 400), 0, 0, 0, 0, 0, 12, True, False), 40.0)
+    two_doors.kernel.receive(RobotState(Cycle(1, 400), 0, 0, 0, 0, 0, 12, True, False), 40.0)
     assert "through near" in doors(two_doors)
 
 
@@ -183,14 +184,14 @@ def test_a_collision_is_planned_round_though_no_sonar_detects_it(
     touch = Point(0.21, 0.0)
     state = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, True, touch=touch)
     for message in (state, near_door, Sonar(Cycle(1, 1), 5.0, ())):
-        two_doors.receive(message, 0.1)
+        two_doors.kernel.receive(message, 0.1)
     assert "through far" in doors(two_doors)
 
 
 def test_something_at_the_goal_itself_is_the_reason(two_doors: PathPlanning) -> None:
     look(two_doors, DOOR)
-    two_doors.on_query(Question(5, PlanRequest(BEFORE, Waypoint(4.6, 3.05, 0.0))), 2.0)
-    (refusal,) = (o.message.refusal for o in two_doors.outbox if isinstance(o, Answer))
+    two_doors.kernel.on_query(PlanRequest(BEFORE, Waypoint(4.6, 3.05, 0.0)), Question(5), 2.0)
+    (refusal,) = (o.message.refusal for o in two_doors.kernel.outbox if isinstance(o, Answer))
     assert "something was seen" in refusal
 
 
@@ -199,8 +200,8 @@ def test_a_robot_that_has_driven_somewhere_is_there_however_near_a_wall_is_by_it
 ) -> None:
     beside = Waypoint(4.4, 2.0, 0.0)
     assert "inside a wall" in request_plan(two_doors, beside, BEYOND).refusal
-    two_doors.on_query(Question(5, PlanRequest(beside, BEYOND, "the robot was lost")), 1.0)
-    (plan,) = (o.message for o in two_doors.outbox if isinstance(o, Answer))
+    two_doors.kernel.on_query(PlanRequest(beside, BEYOND, "the robot was lost"), Question(5), 1.0)
+    (plan,) = (o.message for o in two_doors.kernel.outbox if isinstance(o, Answer))
     assert isinstance(plan, Plan)
     assert plan.waypoints
 
@@ -221,7 +222,7 @@ def looks(planner: PathPlanning, ranges: list[tuple[float, float]], *, first: in
         pose = Pose(cycle, 0.0, 0.0, 0.0, covariance(0.01))
         state = RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False)
         for message in (state, pose, Sonar(cycle, 5.0, echoes)):
-            planner.receive(message, number / 10)
+            planner.kernel.receive(message, number / 10)
 
 
 def test_without_a_map_what_was_not_seen_is_free_wherever_the_goal_is(
@@ -259,9 +260,9 @@ def test_without_a_map_it_forgets_what_would_shut_it_in(without_a_map: PathPlann
 def length(planner: PathPlanning, now: float) -> float | None:
     """Length of the path to a place 3 m ahead, m; None without a path."""
     request = PlanRequest(Waypoint(0.0, 0.0, 0.0), Waypoint(3.0, 0.0, 0.0))
-    planner.on_query(Question(5, request), now)
-    (plan,) = (o.message for o in planner.outbox if isinstance(o, Answer))
-    planner.outbox = []
+    planner.kernel.on_query(request, Question(5), now)
+    (plan,) = (o.message for o in planner.kernel.outbox if isinstance(o, Answer))
+    planner.kernel.outbox = []
     assert isinstance(plan, Plan)
     return plan.length if plan.waypoints else None
 
@@ -283,7 +284,7 @@ def made_map(*, door: bool = True) -> Cells:
 def test_on_the_map_of_slam_it_plans_over_what_is_known() -> None:
     planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="pioneer-2dx"))
     here, there = Waypoint(1.0, 0.5, 0.0), Waypoint(5.0, 2.5, 0.0)
-    planner.receive(message_of(made_map(), 3), 1.0)
+    planner.kernel.receive(message_of(made_map(), 3), 1.0)
     plan = request_plan(planner, here, there)
     assert plan.waypoints[-1] == there
     assert plan.revision == 3
@@ -295,14 +296,14 @@ def test_on_the_map_of_slam_it_plans_over_what_is_known() -> None:
         (Waypoint(3.0, 0.5, 0.0), "the goal (3, 0.5) is inside a wall, or 0.05 m from one"),
     ):
         assert request_plan(planner, here, goal).refusal.startswith(why)
-    planner.receive(message_of(made_map(door=False), 4), 2.0)
+    planner.kernel.receive(message_of(made_map(door=False), 4), 2.0)
     assert "over what the map knows" in request_plan(planner, here, there).refusal
 
 
 def test_a_planner_that_knows_the_world_ignores_the_map_that_is_made(
     planner: PathPlanning,
 ) -> None:
-    planner.receive(message_of(made_map(), 3), 1.0)
+    planner.kernel.receive(message_of(made_map(), 3), 1.0)
     plan = request_plan(planner, START, GOAL)
     assert (plan.refusal, plan.revision) == ("", 0)
 
@@ -310,11 +311,11 @@ def test_a_planner_that_knows_the_world_ignores_the_map_that_is_made(
 def test_what_the_newest_scan_sees_is_no_way() -> None:
     planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="pioneer-2dx"))
     here, there = Waypoint(1.0, 1.6, 0.0), Waypoint(5.0, 1.6, 0.0)
-    planner.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12.0, True, False), 1.0)
-    planner.receive(message_of(made_map(), 3), 1.0)
-    planner.receive(Pose(Cycle(1, 1), 1.0, 1.6, 0.0, revision=3), 1.0)
+    planner.kernel.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12.0, True, False), 1.0)
+    planner.kernel.receive(message_of(made_map(), 3), 1.0)
+    planner.kernel.receive(Pose(Cycle(1, 1), 1.0, 1.6, 0.0, revision=3), 1.0)
     ranges = np.full(41, 2.0)  # a closed door
     scan = scan_message(Cycle(1, 1), ranges, (-0.4, 0.02), (0.1, 10.0), (0.0, 0.0, 0.0), number=1)
     assert request_plan(planner, here, there).refusal == ""
-    planner.receive(scan, 1.0)
+    planner.kernel.receive(scan, 1.0)
     assert "over what the map knows" in request_plan(planner, here, there).refusal

@@ -11,8 +11,9 @@ from msgspec.structs import replace
 from armadico.agents.perception.approaching import AHEAD_S
 from armadico.agents.perception.sonar import START_S, Parameters, SonarAgent
 from armadico.config.scenarios import load_scenario
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, Point, RobotState
+from armadico.core.outgoing import Publish
 from armadico.launch.society import Options, members
 from armadico.mobile.messages import Correction, Echo, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
@@ -29,7 +30,7 @@ class Ring:
 
     def __init__(self, parameters: Parameters | None = None, robot: str = "pioneer-2dx") -> None:
         self.agent = SonarAgent(Identity("sonar-1"), parameters)
-        self.agent.receive(described(robot), 0.0)
+        self.agent.kernel.receive(described(robot), 0.0)
         self.epoch, self.number, self.now = 1, 0, 0.0
         self.agent._cycles = 99
 
@@ -47,14 +48,14 @@ class Ring:
         cycle = Cycle(self.epoch, self.number)
         at = None if touch is None else Point(touch, 0.0)
         state = RobotState(cycle, *odometry, 0, 0, 12, True, at is not None, touch=at)
-        self.agent.receive(state, self.now)
+        self.agent.kernel.receive(state, self.now)
         if pose is not None:
             each = deviation * deviation / 2.0
             covariance = (each, 0.0, 0.0, each, 0.0, 1e-4) if deviation else ()
-            self.agent.receive(Pose(cycle, *pose, covariance), self.now)
+            self.agent.kernel.receive(Pose(cycle, *pose, covariance), self.now)
         measured = tuple(Echo(0.0, 0.0, bearing, distance) for bearing, distance in echoes)
-        self.agent.receive(Sonar(cycle, 5.0, measured), self.now)
-        out, self.agent.outbox = self.agent.outbox, []
+        self.agent.kernel.receive(Sonar(cycle, 5.0, measured), self.now)
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         messages = [o.message for o in out if isinstance(o, Publish)]
         (found,) = (message for message in messages if isinstance(message, Obstacles))
         assert found.cycle == cycle
@@ -78,14 +79,14 @@ def polar(distance: float, bearing: float) -> Point:
 @pytest.mark.parametrize("cycle_s", [0.05, 0.1])
 def test_after_a_start_it_publishes_nothing_for_one_turn_of_the_ring(cycle_s: float) -> None:
     agent = SonarAgent(Identity("sonar-2"))
-    agent.receive(replace(described(), cycle_s=cycle_s), 0.0)
+    agent.kernel.receive(replace(described(), cycle_s=cycle_s), 0.0)
     cycles, messages = round(START_S / cycle_s), []
     for number in range(1, cycles + 2):
         now = cycle_s * number
-        agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), now)
-        agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), now)
-        messages += [o.message for o in agent.outbox if isinstance(o, Publish)]
-        agent.outbox.clear()
+        agent.kernel.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), now)
+        agent.kernel.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), now)
+        messages += [o.message for o in agent.kernel.outbox if isinstance(o, Publish)]
+        agent.kernel.outbox.clear()
     published_in = [m.cycle.number for m in messages if isinstance(m, Obstacles)]
     assert published_in == [cycles, cycles + 1]
 
@@ -94,11 +95,15 @@ def test_before_the_robot_is_described_it_publishes_nothing() -> None:
     agent, messages = SonarAgent(Identity("sonar-2")), []
     for number in range(1, 13):
         if number == 11:
-            agent.receive(described(), 0.1 * number)
-        agent.receive(RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
-        agent.receive(Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number)
-        messages += [o.message for o in agent.outbox if isinstance(o, Publish)]
-        agent.outbox.clear()
+            agent.kernel.receive(described(), 0.1 * number)
+        agent.kernel.receive(
+            RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, False), 0.1 * number
+        )
+        agent.kernel.receive(
+            Sonar(Cycle(1, number), 5.0, (Echo(0.0, 0.0, AHEAD, 1.0),)), 0.1 * number
+        )
+        messages += [o.message for o in agent.kernel.outbox if isinstance(o, Publish)]
+        agent.kernel.outbox.clear()
     assert [m.cycle.number for m in messages if isinstance(m, Obstacles)] == [11, 12]
 
 
@@ -167,8 +172,8 @@ def test_odometry_that_begins_anew_does_not_move_the_map(ring: Ring) -> None:
 
 def test_an_echo_of_another_cycle_is_not_taken(ring: Ring) -> None:
     ring.ping((AHEAD, None))
-    ring.agent.receive(Sonar(Cycle(1, 99), 5.0, (Echo(0.0, 0.0, 0.0, 1.0),)), ring.now)
-    assert ring.agent.outbox == []
+    ring.agent.kernel.receive(Sonar(Cycle(1, 99), 5.0, (Echo(0.0, 0.0, 0.0, 1.0),)), ring.now)
+    assert ring.agent.kernel.outbox == []
     assert ring.ping((AHEAD, None)).points == ()
 
 
@@ -258,7 +263,7 @@ def test_one_that_was_lifted_expects_what_is_forbidden_and_no_wall_of_where_it_w
     assert {point.x > 0.0 for point in found.points} == {False, True}
     wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
     lost = Correction(Cycle(1, ring.number), 0, 0, 0, wide, 0.0, elsewhere)
-    ring.agent.receive(lost, ring.now)
+    ring.agent.kernel.receive(lost, ring.now)
     found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0), deviation=1.4)
     assert {point.x > 0.0 for point in found.points} == ({False} if elsewhere else {False, True})
     found = ring.ping((AHEAD, None), pose=(0.0, 0.0, 0.0))

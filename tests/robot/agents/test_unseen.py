@@ -18,8 +18,9 @@ from armadico.agents.methods.geometry import Placed
 from armadico.agents.methods.planning import Plan, PlanError, plan
 from armadico.config.profile import load_profile
 from armadico.config.worlds import World, distance, load_world
-from armadico.core.agent import Answer, Identity, Question
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import Point
+from armadico.core.outgoing import Answer
 from armadico.mobile.messages import Plan as PlanReply
 from armadico.mobile.messages import PlanRequest, Rule, Stretch, Waypoint
 from armadico.mobile.motion import Body
@@ -145,8 +146,8 @@ def test_the_nearest_rule_holds(
     parameters = PlannersParameters(world=str(file), unseen=of_scenario)
     planner = PathPlanning(Identity("path-planning-1"), parameters)
     request = PlanRequest(Waypoint(1.5, 1.5, 0.0), Waypoint(6.5, 1.5, 0.0), rule=of_request)
-    planner.on_query(Question(1, request), 1.0)
-    (answer,) = (item.message for item in planner.outbox if isinstance(item, Answer))
+    planner.kernel.on_query(request, Question(1), 1.0)
+    (answer,) = (item.message for item in planner.kernel.outbox if isinstance(item, Answer))
     assert isinstance(answer, PlanReply)
     assert bool(answer.refusal) is refused
     assert bool(answer.unseen) is not refused

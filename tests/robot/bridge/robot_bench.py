@@ -9,8 +9,9 @@ from armadico.bridge.p2os.commands import SYNC0, SYNC1, Cmd, decode_command
 from armadico.bridge.p2os.packets import Decoder, encode
 from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import Parameters, Robot
-from armadico.core.agent import Identity, Publish, Write
+from armadico.core.agent import Identity
 from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
+from armadico.core.outgoing import Publish, Write
 from tests.robot.bridge.kit import PROFILE
 
 
@@ -36,21 +37,21 @@ class Bench:
         self.written: list[tuple[float, int, int]] = []  # when, which command, its value
         self.raw = b""
         self._decoder = Decoder()
-        self.robot.start(0.0)
+        self.robot.kernel.start(0.0)
 
     # What happens ------------------------------------------------------------------------------
 
     def plug(self) -> None:
-        self.robot.update_link(True, "", self.now)
+        self.robot.kernel.on_link(True, "", self.now)
         self.take()
 
     def unplug(self) -> None:
-        self.robot.update_link(False, "pulled out", self.now)
+        self.robot.kernel.on_link(False, "pulled out", self.now)
         self.take()
 
     def answer(self, *packets: bytes) -> None:
         for packet in packets:
-            self.robot.receive_bytes(packet, self.now)
+            self.robot.kernel.on_bytes(packet, self.now)
             self.take()
 
     def connect(self) -> Bench:
@@ -81,9 +82,9 @@ class Bench:
             self.now = round(self.now + TICK, 6)
             if statuses and step % 10 == 0:
                 self.status()
-            due = self.robot.wakeup
+            due = self.robot.kernel.wakeup
             if due is not None and self.now >= due:
-                self.robot.wake(self.now)
+                self.robot.kernel.wake(self.now)
                 self.take()
 
     def cycles(self, count: int) -> Bench:
@@ -91,7 +92,7 @@ class Bench:
         return self
 
     def hand(self, message: Message) -> None:
-        self.robot.receive(message, self.now)
+        self.robot.kernel.receive(message, self.now)
         self.take()
 
     def command(
@@ -119,7 +120,7 @@ class Bench:
 
     def take(self) -> None:
         """Collect what it has written and published since."""
-        for item in self.robot.outbox:
+        for item in self.robot.kernel.outbox:
             if isinstance(item, Write):
                 self.raw += item.data
                 for payload in self._decoder.feed(item.data, self.now):
@@ -127,4 +128,4 @@ class Bench:
                     self.written.append((self.now, one.number, one.value))
             elif isinstance(item, Publish):
                 self.published.append((self.now, item.message))
-        self.robot.outbox.clear()
+        self.robot.kernel.outbox.clear()

@@ -112,7 +112,7 @@ def test_only_a_controller_of_the_profiles_type_is_opened(
     ]
     assert bool(bench.sent(Cmd.ENABLE)) is driven
     assert bool(refused) is not driven
-    assert bool(bench.robot.card().fault) is not driven
+    assert bool(bench.robot.kernel.card().fault) is not driven
     assert all(name in refused[0] for name in named)
     bench.report()
     assert bool(bench.sent(Cmd.SONAR)) is driven
@@ -136,11 +136,11 @@ def test_a_controller_of_another_type_after_a_broken_line_is_not_moved(ready: Be
     ready.command(0.3)
     ready.let_pass(3.0)
     assert {n for at, n, _ in ready.written if at >= began} & MOVING == set()
-    assert "pioneer-3dx" in ready.robot.card().fault
+    assert "pioneer-3dx" in ready.robot.kernel.card().fault
     ready.plug()  # and the right one again
     ready.answer(SYNC0, SYNC1, NAMES)
     assert ready.sent(Cmd.ENABLE, began)
-    assert not ready.robot.card().fault
+    assert not ready.robot.kernel.card().fault
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def test_motors_that_a_person_switched_off_stay_off_when_it_is_opened_again(
     else:
         ready = Bench()
         began = 0.0
-        ready.robot.remember(stop, 0.0)
+        ready.robot.kernel.remember(stop, 0.0)
         ready.connect()
     for _ in range(20):
         ready.let_pass(0.1)
@@ -556,13 +556,13 @@ def test_wheels_that_have_never_turned_as_ordered_touch_nothing_and_the_robot_is
     state = ready.state()
     assert "deaf base: it does not move; 0.30 m/s, 0.00 rad/s are ordered" in state.fault
     assert not state.stalled
-    assert state.fault in ready.robot.card().fault
+    assert state.fault in ready.robot.kernel.card().fault
     assert sum("deaf base" in text for text in ready.logs()) == 1
     pushes(ready, 0.0, for_s=3.0)
     assert not ready.state().fault, "it may be tried again"
-    assert "deaf base" in ready.robot.card().doubts
+    assert "deaf base" in ready.robot.kernel.card().doubts
     moves(ready)
-    assert not ready.robot.card().doubts
+    assert not ready.robot.kernel.card().doubts
 
 
 @pytest.mark.parametrize(
@@ -690,8 +690,8 @@ def test_of_a_flood_of_status_packets_only_the_newest_are_decoded(ready: Bench) 
         flood = [replace(AT_REST, x_m=0.0084 * (50 * tens + n) / 50) for n in range(50)]
         ready.answer(b"".join(encode(encode_status(s, PROFILE.p2os)) for s in flood))
         ready.let_pass(0.0)
-        if ready.robot.wakeup is not None and ready.now >= ready.robot.wakeup:
-            ready.robot.wake(ready.now)
+        if ready.robot.kernel.wakeup is not None and ready.now >= ready.robot.kernel.wakeup:
+            ready.robot.kernel.wake(ready.now)
             ready.take()
     decoded = sum(isinstance(m, RobotState) for _, m in ready.published) - before
     assert decoded <= 50 + 30 + 1
@@ -827,7 +827,7 @@ def test_speeds_of_before_do_not_come_back_with_the_port(ready: Bench) -> None:
 def test_leaving_it_rests_switches_off_and_closes(ready: Bench) -> None:
     ready.command(0.3)
     began = ready.now
-    ready.robot.stop(ready.now)
+    ready.robot.kernel.leave(ready.now)
     ready.take()
     numbers = [n for at, n, _ in ready.written if at >= began]
     assert numbers[-4:] == [Cmd.VEL, Cmd.RVEL, Cmd.ENABLE, Cmd.CLOSE]

@@ -161,7 +161,7 @@ def test_an_agent_that_dies_or_hangs_is_restarted_once_and_the_mission_continues
 
 def test_only_the_agent_that_stops_publishing_is_restarted() -> None:
     society = Society().let_pass(6.0)
-    society.mesh.node("encoder").agent._handlers[RobotState] = lambda _: None
+    society.mesh.node("encoder").agent.kernel._routes[RobotState].handler = None
     society.back("encoder", 7.0)
     assert "encoder/pose" in society.notes[0]
     society.let_pass(15.0)
@@ -175,7 +175,7 @@ def test_each_restart_doubles_the_limit_of_lateness() -> None:
     society, took = Society().let_pass(6.0), []
     for within in (7.0, 10.0, 16.0):
         begun = society.mesh.now
-        society.mesh.node("encoder").agent._handlers[RobotState] = lambda _: None
+        society.mesh.node("encoder").agent.kernel._routes[RobotState].handler = None
         society.back("encoder", within)
         society.let_pass(4.0)  # it is late only with what it has published regularly
         took.append(society.mesh.now - begun - 4.0)
@@ -269,7 +269,7 @@ def test_a_host_that_stays_silent_is_given_up_in_the_end_within_its_budget() -> 
 @pytest.mark.long
 def test_on_a_loaded_machine_everything_may_take_longer() -> None:
     society = Society().let_pass(6.0)
-    society.run.hosts["here"].wakeup.agent.receive_bytes(lines(Load(3.0)), society.mesh.now)
+    society.run.hosts["here"].wakeup.agent.kernel.on_bytes(lines(Load(3.0)), society.mesh.now)
     society.let_pass(2.0)
     node = society.mesh.node("goto")
     FAULTS["deaf"](node)

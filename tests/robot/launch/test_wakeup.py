@@ -34,8 +34,9 @@ from armadico.agents.supervision.wakeup import (
     lines,
     orders,
 )
-from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery, Write
+from armadico.core.agent import Identity, Question
 from armadico.core.messages import PROTOCOL, Card, Message, MonitorReport
+from armadico.core.outgoing import Answer, Publish, SendQuery, Write
 from armadico.core.restart_policy import MISUSED
 
 GOTO = 11
@@ -55,7 +56,7 @@ class Bench:
         self.started: list[float] = []  # when processes were, s
         self.queries: list[SendQuery] = []
         self.answers: list[WakeupReply] = []
-        self.agent.start(self.now)
+        self.agent.kernel.start(self.now)
         if up:
             self.begins("goto", GOTO)
             self.begins("avoid", AVOID)
@@ -66,7 +67,7 @@ class Bench:
     def take(self) -> list[Order]:
         """The orders since the last time."""
         found: list[Order] = []
-        out, self.agent.outbox = self.agent.outbox, []
+        out, self.agent.kernel.outbox = self.agent.kernel.outbox, []
         for item in out:
             match item:
                 case Write():
@@ -86,14 +87,14 @@ class Bench:
         return [(order.do, order.label) for order in self.take() if order.do is not Do.SAY]
 
     def begins(self, label: str, pid: int) -> None:
-        self.agent.receive_bytes(lines(Event(label, pid)), self.now)
+        self.agent.kernel.on_bytes(lines(Event(label, pid)), self.now)
 
     def ends(self, label: str, code: int = -9, words: str = "") -> None:
         how = f"status {code}" if code >= 0 else "signal SIGKILL"
-        self.agent.receive_bytes(lines(Event(label, 0, how, code, words)), self.now)
+        self.agent.kernel.on_bytes(lines(Event(label, 0, how, code, words)), self.now)
 
     def appear(self, instance: str) -> None:
-        self.agent.appeared(instance.rpartition("-")[0], instance, self.now)
+        self.agent.kernel.appeared(instance.rpartition("-")[0], instance, self.now)
 
     def card(self, instance: str, pid: int, host: str = "lab1") -> Card:
         name = instance.rpartition("-")[0]
@@ -101,10 +102,10 @@ class Bench:
 
     def meet(self, instance: str, pid: int, host: str = "lab1") -> None:
         self.appear(instance)
-        self.agent.met(self.card(instance, pid, host), self.now)
+        self.agent.kernel.met(self.card(instance, pid, host), self.now)
 
     def receive(self, message: Message) -> None:
-        self.agent.receive(message, self.now)
+        self.agent.kernel.receive(message, self.now)
 
     def other(self, *kept: Kept, host: str = "lab2") -> None:
         """Receive the share of another host."""
@@ -112,8 +113,10 @@ class Bench:
 
     def request(self, order: WakeupOrder, agent: str, pid: int = 0) -> str:
         """Send a request; return its refusal, or ""."""
-        self.agent.on_query(Question(1, WakeupRequest(order, agent, pid, "a test")), self.now)
-        out = self.agent.outbox
+        self.agent.kernel.on_query(
+            WakeupRequest(order, agent, pid, "a test"), Question(1), self.now
+        )
+        out = self.agent.kernel.outbox
         (answer,) = (item.message for item in out if isinstance(item, Answer))
         assert isinstance(answer, WakeupReply)
         return answer.refusal
@@ -121,9 +124,9 @@ class Bench:
     def pass_time(self, seconds: float, late: float = 0.0) -> list[tuple[Do, str]]:
         """Wake the agent when due, or `late` s later, for some time. Return the orders."""
         end, found = self.now + seconds, []
-        while (due := self.agent.wakeup) is not None and due <= end:
+        while (due := self.agent.kernel.wakeup) is not None and due <= end:
             self.now = max(self.now, due) + late
-            self.agent.wake(self.now)
+            self.agent.kernel.wake(self.now)
             found += self.done()
         self.now = max(self.now, end)
         return found
@@ -183,10 +186,10 @@ def test_a_query_for_a_card_is_repeated_and_delays_no_other() -> None:
     (dead,) = (item for item in bench.queries if "avoid-dead" in item.key)
     assert dead.timeout == CARD_S
     assert sorted(bench.queried()) == ["avoid-1", "avoid-dead", "goto-1"], "and whom it waits for"
-    bench.agent.on_reply(dead.id, None, bench.now)
+    bench.agent.kernel.on_reply(dead.id, None, bench.now)
     assert bench.queried() == ["avoid-dead"]
-    bench.agent.met(bench.card("goto-1", GOTO), bench.now)
-    bench.agent.met(bench.card("avoid-1", AVOID), bench.now)
+    bench.agent.kernel.met(bench.card("goto-1", GOTO), bench.now)
+    bench.agent.kernel.met(bench.card("avoid-1", AVOID), bench.now)
     assert (Do.READY, "") in bench.done()
 
 
@@ -204,7 +207,7 @@ def test_a_process_that_does_not_join_the_mesh_is_killed() -> None:
 def test_on_a_loaded_machine_a_start_may_take_as_many_times_longer() -> None:
     bench = Bench(up=False)
     bench.begins("goto", GOTO)
-    bench.agent.receive_bytes(lines(Load(2.0)), bench.now)
+    bench.agent.kernel.on_bytes(lines(Load(2.0)), bench.now)
     assert bench.pass_time(2 * START_S - 1.0) == []
     assert bench.share().load == 2.0
     assert bench.pass_time(2.0) == [(Do.KILL, "goto")]
@@ -238,7 +241,7 @@ def test_a_process_that_keeps_dying_is_given_up_with_its_last_output() -> None:
     assert "status 1" in order.text
     assert "the budget of 2 restarts in 30 s is spent" in order.text
     assert "ValueError: no goal" in order.text
-    bench.agent.stop(bench.now)
+    bench.agent.kernel.leave(bench.now)
     assert not bench.share().leaving, "another host must replace them"
 
 
@@ -359,8 +362,8 @@ def test_in_the_way_of_one_that_another_host_took_over_is_no_fault_however_early
     bench.other(Kept(("goto",), KeptState.UP, 5, lent=True))
     assert bench.pass_time(60.0) == [(Do.READY, "")], "it would be refused again"
     assert bench.state("goto") is KeptState.WAITING
-    bench.agent.appeared("wakeup", "wakeup-lab2", bench.now)
-    bench.agent.disappeared("wakeup", "wakeup-lab2", bench.now)
+    bench.agent.kernel.appeared("wakeup", "wakeup-lab2", bench.now)
+    bench.agent.kernel.disappeared("wakeup", "wakeup-lab2", bench.now)
     assert bench.pass_time(IN_THE_WAY_S[-1]) == [(Do.START, "goto")]
 
 
@@ -474,7 +477,7 @@ def test_the_share_is_published_each_second_with_needs_and_leaving() -> None:
     bench.pass_time(5.0)
     assert len(bench.published) - before == 5
     assert bench.share().needs == ("robot", "goto")
-    bench.agent.stop(bench.now)
+    bench.agent.kernel.leave(bench.now)
     assert bench.share().leaving
     assert bench.share().needs == ()
 
@@ -490,10 +493,10 @@ def test_a_monitor_of_this_host_that_stops_reporting_is_killed() -> None:
     assert bench.pass_time(MONITOR_S - 1.0) == []
     assert bench.pass_time(2.0) == [], "it is asked first"
     asked = bench.queries[-1]
-    bench.agent.on_reply(asked.id, bench.card("monitor-1", 41), bench.now)
+    bench.agent.kernel.on_reply(asked.id, bench.card("monitor-1", 41), bench.now)
     assert bench.pass_time(MONITOR_S - 1.0) == [], "it answers"
     bench.pass_time(2.0)
-    bench.agent.on_reply(bench.queries[-1].id, None, bench.now)
+    bench.agent.kernel.on_reply(bench.queries[-1].id, None, bench.now)
     assert bench.done() == [(Do.KILL, "monitor")]
     evidence = bench.orders[-2].text
     assert "has not reported for" in evidence
@@ -508,9 +511,9 @@ def test_the_outage_of_the_router_is_in_no_process_s_account() -> None:
     bench.begins("monitor", 41)
     bench.meet("monitor-1", 41)
     bench.receive(MonitorReport("monitor-1", 5, acts=True))
-    bench.agent.router(False, bench.now)
+    bench.agent.kernel.router(False, bench.now)
     bench.pass_time(2.0 * MONITOR_S)
-    bench.agent.router(True, bench.now)
+    bench.agent.kernel.router(True, bench.now)
     bench.take()
     asked = len(bench.queries)
     assert bench.pass_time(MONITOR_S - 1.0) == []

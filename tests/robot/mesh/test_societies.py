@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from armadico.agents.localization.encoder import Encoder
 from armadico.bridge.robot import Robot
-from armadico.core.agent import Agent, Publish, Question
+from armadico.core.agent import Agent, Question
 from armadico.core.driver import Driver
 from armadico.core.membership import Stage
 from armadico.core.messages import (
@@ -24,6 +24,7 @@ from armadico.core.messages import (
     Message,
     Stop,
 )
+from armadico.core.outgoing import Publish
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
 from armadico.mesh.virtual import VirtualMesh
@@ -41,17 +42,17 @@ class Toy(Agent):
     name = "toy"
     answers: ClassVar[tuple[type[Message], ...]] = (PlanRequest,)
 
-    def on_plan_request(self, question: Question) -> Plan:
+    def on_plan_request(self, _request: PlanRequest, _question: Question) -> Plan:
         return Plan((), refusal=f"{self.instance} does not plan")
 
 
-class Foreign(Toy, overrides=("card",)):
+class Foreign(Toy):
     """Speaks another protocol."""
 
     name = "foreign"
 
-    def card(self) -> Card:
-        return replace(super().card(), protocol=PROTOCOL + 1)
+    def fill_card(self, card: Card) -> Card:
+        return replace(card, protocol=PROTOCOL + 1)
 
 
 class Other(Agent):
@@ -176,8 +177,10 @@ class Loud(Toy):
         ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
         claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
         too_large = replace(claim, wanted=large, commanded=large)
-        self.outbox += [Publish(WHEELS.utility_key, each) for each in (too_large, claim)]
-        self.outbox += [Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)]
+        self.kernel.outbox += [Publish(WHEELS.utility_key, each) for each in (too_large, claim)]
+        self.kernel.outbox += [
+            Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)
+        ]
 
 
 def test_messages_that_cannot_be_decoded_are_dropped_and_logged(crowd: Crowd) -> None:

@@ -100,10 +100,10 @@ def test_without_a_goal_it_does_not_bid(newcomer: type[Agent]) -> None:
     mesh = rehearsal.mesh
     agent = mesh.node(NEWCOMER).agent
     mesh.run(5.0)
-    said = {(record.utility, record.reason) for record in agent.history().bids}
+    said = {(record.utility, record.reason) for record in agent.kernel.history().bids}
     assert (None, "no goal") in said
     assert {utility for utility, _ in said} == {None}
-    assert not agent.card().holds
+    assert not agent.kernel.card().holds
 
 
 def test_it_is_found_by_the_name_of_its_entry_point(newcomer: type[Agent]) -> None:

@@ -132,8 +132,8 @@ class Exploration:
         self._cycles_s: list[float] = []
         self._off = [(0.0, 0.0)]  # m and rad, each cycle
         mesh = self.rehearsal.mesh
-        agent = mesh.node("slam").agent
-        agent.receive = self._timed(agent.receive)  # type: ignore[method-assign]
+        kernel = mesh.node("slam").agent.kernel
+        kernel.receive = self._timed(kernel.receive)  # type: ignore[method-assign]
         mesh.watch(lambda _k, message, _t: self._compare(message), Pose)
 
     def go(self) -> Exploration:

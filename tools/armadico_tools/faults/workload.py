@@ -197,9 +197,11 @@ class Workload:
             if not node.alive or not agent.competes_for:
                 continue
             there.add(agent.instance)
-            if agent.bids and id(agent.bids[-1]) != self._last_bids.get(agent.instance):
-                self._last_bids[agent.instance] = id(agent.bids[-1])
-                self.observe(Bids(self.mesh.now, agent.instance, agent.bids[-1]))
+            if agent.kernel.bids and id(agent.kernel.bids[-1]) != self._last_bids.get(
+                agent.instance
+            ):
+                self._last_bids[agent.instance] = id(agent.kernel.bids[-1])
+                self.observe(Bids(self.mesh.now, agent.instance, agent.kernel.bids[-1]))
         for instance in [name for name in self._last_bids if name not in there]:
             del self._last_bids[instance]
             self.observe(Left(self.mesh.now, instance))
@@ -225,14 +227,14 @@ class Workload:
             if isinstance(message, RobotState):
                 self._elsewhere.add(message.cycle.epoch)
 
-        _before(agent, "disappeared", disappears)
+        _before(agent.kernel, "disappeared", disappears)
         if not isinstance(agent, Robot):
             return
         if node.device is self.rehearsal.robot:
             _before(agent, "write", writes)
             _tap_owner(agent.owner(WHEELS), self)
         else:
-            _before(agent, "publish", publishes)
+            _before(agent.kernel, "publish", publishes)
 
     # Missions ------------------------------------------------------------------------------------
 

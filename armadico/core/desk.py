@@ -1,0 +1,104 @@
+"""What the parts of an agent's kernel share: the time, the messages, the outbox."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+from typing import Any, Final, TypeVar, cast
+
+from armadico.core import messages as m
+from armadico.core.cycles import CycleClock
+from armadico.core.individual import Individual
+from armadico.core.latched import Memory
+from armadico.core.messages import Message
+from armadico.core.outgoing import INFO, Outgoing, Publish
+from armadico.core.services import Gathering, Kind, service_of
+
+M = TypeVar("M", bound=Message)
+
+BIDS_REMEMBERED: Final = 50
+
+
+class Desk:
+    """The state that the kernel of an agent shares with its parts.
+
+    Attributes:
+        agent: The user's object.
+        now: The agent's time, s.
+        cycles: The robot's cycles.
+        outbox: What the driver is to send, in order.
+        memory: The latched states.
+        newest: The newest messages, by kind.
+        gatherings: What combines the messages of several publishers, by kind.
+        bids: The records of the last bids.
+        inputs: The key expressions of the needed messages.
+    """
+
+    def __init__(self, agent: Individual) -> None:
+        self.agent = agent
+        self.now = 0.0
+        self.cycles = CycleClock()
+        self.outbox: list[Outgoing] = []
+        self.memory = Memory(agent.rng)
+        self.newest: dict[type[Message], Message] = {}
+        self.gatherings: dict[type[Message], Gathering] = {}
+        self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
+        self.inputs = tuple(service_of(kind).pattern for kind in agent.needs)
+
+    def key_of(self, kind: type[Message], **names: str) -> str:
+        """Return the key of a kind's service, filled with `names`, else the agent's names."""
+        key = service_of(kind).key
+        if "{" not in key:
+            return key
+        agent = self.agent
+        own = {"instance": agent.instance, "name": agent.name, **agent.key_names}
+        return key.format(**{**own, **names})
+
+    def publish(self, message: Message, **names: str) -> None:
+        """Publish a message on its service's key; `names` fill the key's braces."""
+        service = service_of(type(message))
+        if service.kind is Kind.LATCHED:
+            with suppress(m.MessageError):  # a message that cannot be sent is not stored either
+                self.memory.note(m.checked(cast("m.Latched", message)))
+        key = service.key
+        self.outbox.append(
+            Publish(self.key_of(type(message), **names) if "{" in key else key, message)
+        )
+
+    def log(self, text: str, level: int = INFO, event: str = "") -> None:
+        """Publish a log line; `event` (`m.LogEvent`) is for programs."""
+        self.publish(m.Log(level, m.line(text), event))
+
+    def latest(self, kind: type[M]) -> M | None:
+        """Return the newest message of a kind, fresh or not."""
+        return cast("M | None", self.newest.get(kind))
+
+    def fresh(self, kind: type[M]) -> M | None:
+        """Return the newest message of a kind if it is fresh by the table of services."""
+        message: Any = self.newest.get(kind)
+        if message is None:
+            return None
+        within = service_of(type(message)).fresh_cycles
+        return message if within is None or self.cycles.fresh(message.cycle, within) else None
+
+    @property
+    def stopped(self) -> m.Stop | None:
+        """The robot's stop, while it is latched."""
+        stop = self.memory.newest(m.Stop)
+        return stop if stop is not None and stop.stopped else None
+
+    def stale_need(self) -> str:
+        """Return the key on which the first needed message is missing or stale; "" if none is."""
+        stale = next((kind for kind in self.agent.needs if self.fresh(kind) is None), None)
+        if stale is None:
+            return ""
+        service, gathering = service_of(stale), self.gatherings.get(stale)
+        if gathering is None:
+            return service.key
+        within = service.fresh_cycles
+        return service.key.format(name=gathering.missing(lambda c: self.cycles.fresh(c, within)))
+
+    def oldest_input(self) -> m.Cycle | None:
+        """Return the oldest cycle of the needed messages; None if none has a cycle."""
+        latest = (self.newest.get(kind) for kind in self.agent.needs)
+        return min((c for each in latest if (c := getattr(each, "cycle", None))), default=None)

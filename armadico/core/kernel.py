@@ -1,0 +1,494 @@
+"""The social intelligence of one agent (thesis 3.3): what makes the user's object a contender.
+
+A kernel owns the object that a user wrote, an `Agent`. The driver calls the kernel; the kernel
+calls the agent's handlers and hooks, and nothing else of it. It has the clocks, the newest
+messages, the latched states, the queries under way, one `Bidding` for each resource that the agent
+competes for and one `Owning` for each that it owns. Sans-IO: the driver passes messages and the
+time, and sends the contents of `outbox`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any, Final, cast
+
+from armadico.core import messages as m
+from armadico.core.bidding import Bidding
+from armadico.core.cycles import AHEAD, CycleClock
+from armadico.core.desk import Desk
+from armadico.core.individual import Individual
+from armadico.core.messages import Message
+from armadico.core.outgoing import (
+    ERROR,
+    INFO,
+    WARNING,
+    Answer,
+    Question,
+    Refused,
+    SendQuery,
+)
+from armadico.core.owning import Owning
+from armadico.core.resources import Resource, declare, differently
+from armadico.core.services import Gathering, Kind, Service, derived, latched, service_of
+from armadico.core.settings import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """A subscription: messages of a type on the keys of a pattern."""
+
+    message: type[Message]
+    pattern: str
+    kind: Kind
+
+
+def subscriptions(cls: type[Individual]) -> tuple[Subscription, ...]:
+    """Return the subscriptions that an agent declares and those of the social intelligence."""
+    triggers = cls.reacts_to.values() if isinstance(cls.reacts_to, Mapping) else [cls.reacts_to]
+    kinds = [kind for kind in triggers if kind is not None and kind is not m.Ack]
+    kinds += [*cls.needs, *(kind for base in cls.receives for kind in derived(base))]
+    if kinds or cls.provides or cls.competes_for or cls.owns:  # needs the robot's cycles
+        cycles = (m.RobotState, m.Description)
+        kinds = [*(kind for kind in cycles if kind not in cls.provides), *kinds]
+    kinds += [service.message for service in latched()]
+    services = [service_of(kind) for kind in dict.fromkeys(kinds)]
+    for service in services:
+        if service.watchers_only:
+            raise ValueError(f"{cls.name} listens to {service.key}, which agents may not")
+    found = [Subscription(s.message, s.pattern, s.kind) for s in services]
+    both = dict.fromkeys((*cls.competes_for, *cls.owns))
+    found += [Subscription(m.Claim, r.utility_key, Kind.EVENT) for r in both]
+    found += [Subscription(m.Ack, r.ack_key, Kind.STATE) for r in cls.competes_for]
+    found += [Subscription(m.Command, r.command_pattern, Kind.EVENT) for r in cls.owns]
+    return tuple(found)
+
+
+_STATE_KEY: Final = service_of(m.RobotState).key
+
+
+@dataclass(slots=True)
+class _Route:
+    """What is done with the messages of one kind."""
+
+    accepts: Callable[[Any], bool] | None = None  # None: by the cycle
+    service: Service | None = None  # None: of a resource
+    gathering: Gathering | None = None  # of several publishers
+    handler: Callable[[Any], object] | None = None
+    turns: tuple[Bidding, ...] = ()  # that it starts
+
+
+class Kernel(Desk):
+    """Runs one agent between its driver and the user's object.
+
+    Attributes:
+        tenure: The cycles for which the agent has worked.
+        foreign: Instances with another protocol or other resources.
+        reachable: Whether the robot's router can be reached.
+        drawn: The state of `rng` before the first draw: a replay begins here.
+        alarm: When the agent wants to be woken, s.
+    """
+
+    def __init__(self, agent: Individual) -> None:
+        super().__init__(agent)
+        self.drawn = agent.rng.getstate()
+        self.tenure = 0
+        self.foreign: set[str] = set()
+        self.reachable = True
+        self.subscriptions = subscriptions(type(agent))
+        self.alarm: float | None = None
+        self._settings = Settings(self)
+        self._queries = 0
+        self._replies: dict[int, Callable[[Any], None]] = {}  # of the queries under way
+        self._owning = {r.name: Owning(self, declare(r)) for r in agent.owns}
+        self._bidding = {r.name: Bidding(self, declare(r)) for r in agent.competes_for}
+        self._answerers = {kind: self._handler(kind) for kind in agent.answers}
+        self._watches = type(agent).on_message is not Individual.on_message
+        self._routes = self._make_routes()
+
+    def _make_routes(self) -> dict[type[Message], _Route]:
+        """Return what is done with each kind of message."""
+        accepts: dict[type[Message], Callable[[Any], bool]] = {
+            m.RobotState: self._accept_state,
+            m.Description: self._accept_description,
+            m.Claim: self._accept_claim,
+            m.Command: self._accept_command,
+            m.Ack: self._accept_ack,
+            **{service.message: self._accept_latched for service in latched()},
+        }
+        of_resources = (m.Claim, m.Command, m.Ack)
+        routes: dict[type[Message], _Route] = {}
+        for kind in dict.fromkeys((*accepts, *(to.message for to in self.subscriptions))):
+            service = None if kind in of_resources else service_of(kind)
+            if service is not None and service.gather is not None:
+                self.gatherings[kind] = service.gather()
+            gathering = self.gatherings.get(kind)
+            routes[kind] = _Route(accepts.get(kind), service, gathering, self._handler(kind))
+        to = self.agent.reacts_to
+        for bidding in self._bidding.values():
+            resource = bidding.resource
+            by = to.get(resource) if isinstance(to, Mapping) else to
+            own = resource.period_s is not None
+            routes[m.Ack if by is None or own else by].turns += (bidding,)
+        return routes
+
+    def _handler(self, kind: type[Message]) -> Callable[..., Any] | None:
+        snake = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+        return getattr(self.agent, f"on_{snake}", None)
+
+    # What the agent uses: see `Agent`, and `Desk` -------------------------------------------------
+
+    def query(
+        self,
+        key: str,
+        request: Message,
+        reply: type[Message],
+        then: Callable[[Any], None],
+        timeout: float,
+    ) -> None:
+        """Send a query on a key; `then` gets the reply, or None after the timeout (s)."""
+        self._queries += 1
+        self._replies[self._queries] = then
+        self.outbox.append(SendQuery(self._queries, key, request, reply, timeout))
+
+    def bidding(self, resource: Resource) -> Bidding:
+        """Return the contender's side of a resource. Raises KeyError if it does not compete."""
+        return self._bidding[resource.name]
+
+    def owning(self, resource: Resource) -> Owning:
+        """Return the owner's side of a resource. Raises KeyError if it does not own it."""
+        return self._owning[resource.name]
+
+    def latch(self, by: str) -> None:
+        known = self.memory.newest(m.Stop) or m.Stop()
+        press = self.agent.rng.getrandbits(63)
+        self.publish(m.Stop(m.next_count(known.counter), stopped=True, by=by, press=press))
+        self._stop_changed()
+
+    def acknowledge(self) -> None:
+        """Count a cycle, and acknowledge the owned resources that have the robot's cycles."""
+        self.tenure += 1
+        for owning in self._owning.values():
+            if owning.counter is None:
+                owning.acknowledge()
+
+    # What the driver calls -----------------------------------------------------------------------
+
+    def start(self, now: float) -> None:
+        self.now = now
+        self.tenure = 1
+        for owning in self._owning.values():
+            owning.start(now)
+        self.agent.on_start()
+        for message in self.memory.all():  # received before the start
+            if type(message) is m.Tuning:
+                self._settings.adopt(message)
+            route = self._routes.get(type(message))
+            if route is not None and route.handler is not None:
+                route.handler(message)
+
+    def receive(self, message: Message, now: float) -> None:
+        """Process one message of a subscription."""
+        self.now = now
+        kind = type(message)
+        route = self._routes.get(kind) or _Route(service=service_of(kind))
+        received, gathering = message, route.gathering
+        if gathering is not None:
+            if not (
+                gathering.counts(message) and self._newer(message, gathering.newest(message), route)
+            ):
+                return
+            gathered = gathering.update(message)
+            if gathered is None:
+                self.agent.on_message(received)
+                return
+            message = gathered
+        elif not (
+            self._newer(message, self.newest.get(kind), route)
+            if route.accepts is None
+            else route.accepts(message)
+        ):
+            return
+        self.newest[kind] = message
+        if route.handler is not None:
+            route.handler(message)
+        for bidding in route.turns:
+            bidding.turn(message)
+        if self._watches:
+            self.agent.on_message(received)
+
+    def remember(self, message: m.Latched, now: float) -> None:
+        """Store a latched state that is received before the start."""
+        self.now = now
+        self.newest[type(message)] = message
+        self._note_latched(message)
+
+    def on_query(self, request: Message, question: Question, now: float) -> None:
+        """Process a received query; the `Answer` enters the outbox now or later."""
+        self.now = now
+        answerer = self._answerers.get(type(request))
+        if answerer is not None:
+            reply = answerer(request, question)
+            if reply is not None:
+                self.outbox.append(Answer(question.id, reply))
+
+    def on_reply(self, number: int, reply: Message | None, now: float) -> None:
+        """Process the reply to a query; None after a timeout."""
+        self.now = now
+        then = self._replies.pop(number, None)
+        if then is not None:
+            then(reply)
+
+    def on_bytes(self, data: bytes, now: float) -> None:
+        """Process bytes from the device."""
+        self.now = now
+        # After a hang, the device's bytes may come before the wake-up that is due. A command that
+        # has timed out must not be executed on them.
+        for owning in self._owning.values():
+            owning.wake(now)
+        cast("Any", self.agent).on_bytes(data)
+
+    def on_link(self, up: bool, why: str, now: float) -> None:
+        """Process that the device was opened or lost."""
+        self.now = now
+        cast("Any", self.agent).on_link(up, why)
+
+    def appeared(self, name: str, instance: str, now: float) -> None:
+        """Process a new liveliness token."""
+        self.now = now
+        self.memory.met(now)
+        self.agent.on_appeared(name, instance)
+
+    def met(self, card: m.Card, now: float) -> None:
+        """Process an instance's card; messages of an incompatible instance are then rejected."""
+        self.now = now
+        self.agent.on_card(card)
+        if card.instance in self.foreign:
+            return
+        if card.protocol != m.PROTOCOL:
+            why = f"uses protocol {card.protocol}, this agent {m.PROTOCOL}"
+        elif differing := differently(card.declares, self._signatures()):
+            why = f"declares {differing[0]}, this agent {differing[1]}"
+        else:
+            return
+        self.foreign.add(card.instance)
+        sender = f"{card.instance} (host {card.host}, pid {card.pid})"
+        self.log(f"{sender} {why}: its claims and commands are refused", ERROR)
+
+    def disappeared(self, name: str, instance: str, now: float) -> None:
+        """Process the end of a liveliness token."""
+        self.now = now
+        self.foreign.discard(instance)
+        for bidding in self._bidding.values():
+            bidding.gone(instance, now)
+        self.agent.on_disappeared(name, instance)
+
+    def router(self, there: bool, now: float) -> None:
+        """Process that the robot's router became reachable or unreachable."""
+        self.now = now
+        if there != self.reachable:
+            self.reachable = there
+            if there:  # latched states may have been missed while disconnected
+                self.memory.met(now)
+            self.agent.on_router()
+
+    def wake(self, now: float) -> None:
+        """Process everything that is due; called when `wakeup` is reached."""
+        self.now = now
+        for owning in self._owning.values():
+            owning.wake(now)
+        for bidding in self._bidding.values():
+            bidding.wake(now)
+        for message in self.memory.due(now):
+            self.publish(message)
+        if self.alarm is not None and now >= self.alarm:
+            self.alarm = None
+            self.agent.on_wakeup()
+
+    @property
+    def wakeup(self) -> float | None:
+        """When `wake` is due, s; None: not at all."""
+        due, at = self.alarm, self.memory.wakeup
+        if at is not None and (due is None or at < due):
+            due = at
+        for bidding in self._bidding.values():
+            at = bidding.contender.wakeup
+            if at is not None and (due is None or at < due):
+                due = at
+        for owning in self._owning.values():
+            at = owning.wakeup
+            if at is not None and (due is None or at < due):
+                due = at
+        return due
+
+    def leave(self, now: float) -> None:
+        """Release all held resources and rest all owned ones."""
+        self.now = now
+        for bidding in self._bidding.values():
+            bidding.leave(now)
+        for owning in self._owning.values():
+            owning.rest()
+        self.agent.on_leave()
+
+    def card(self) -> m.Card:
+        """Return the agent's identity and what it offers (thesis table 3.1)."""
+        agent, identity = self.agent, self.agent.identity
+        competes = agent.competes_for
+        holds = (r.name for r in competes if self.bidding(r).contender.holding)
+        return agent.fill_card(
+            m.Card(
+                name=agent.name,
+                instance=agent.instance,
+                host=identity.host,
+                pid=identity.pid,
+                version=identity.version,
+                protocol=m.PROTOCOL,
+                provides=tuple(self.key_of(k) for k in (*agent.provides, *agent.answers)),
+                requests=tuple(s.pattern for s in self.subscriptions if self._requests(s))
+                + tuple(service_of(k).key for k in agent.queries),
+                resources=tuple(r.name for r in competes),
+                holds=tuple(holds),
+                owns=tuple(r.name for r in agent.owns),
+                tenure=min(self.tenure, m.LONGEST_TENURE),
+                declares=tuple(dict.fromkeys(self._signatures())),
+                world=m.line(PurePath(str(getattr(agent.p, "world", None) or "")).stem),
+                table=identity.table,
+            )
+        )
+
+    def _requests(self, to: Subscription) -> bool:
+        """Return whether this agent needs a subscription that not every agent has."""
+        common = to.kind is Kind.LATCHED or to.message is m.Description
+        return not common or to.message in (*self.agent.receives, *self.agent.needs)
+
+    def _signatures(self) -> list[str]:
+        return [each.signature for each in (*self.agent.competes_for, *self.agent.owns)]
+
+    def tune(self, request: m.ParametersRequest, now: float) -> m.ParametersReply:
+        """Apply all requested changes or none; return the changeable parameters afterwards."""
+        self.now = now
+        return self._settings.tune(request)
+
+    def history(self) -> m.BidHistory:
+        return m.BidHistory(self.agent.instance, tuple(self.bids))
+
+    # Reception: whether a message counts ----------------------------------------------------------
+
+    def _newer(self, message: Any, before: Any, route: _Route) -> bool:
+        """Return whether a message's cycle is fresh and not before the latest message's."""
+        service = route.service
+        within = None if service is None else service.fresh_cycles
+        if within is None:
+            return True
+        cycle = message.cycle
+        if not self.cycles.fresh(cycle, within):
+            return False
+        if before is None or (service is not None and service.kind is Kind.EVENT):
+            return True  # events of several publishers need not be in cycle order
+        age = self.cycles.age(before.cycle)
+        # A message with a false number, far ahead, does not count as newer.
+        return age is None or age < -AHEAD or before.cycle.number <= cycle.number
+
+    def _accept_state(self, state: m.RobotState) -> bool:
+        if not self._advance(self.cycles, state.cycle, _STATE_KEY):
+            return False
+        if state.stop != self.memory.newest(m.Stop) and self._note_latched(state.stop):
+            self._stop_changed()
+        self.acknowledge()
+        return True
+
+    def _accept_description(self, description: m.Description) -> bool:
+        self.cycles.period = description.cycle_s
+        for gathering in self.gatherings.values():
+            gathering.describe(description)
+        return True
+
+    def _accept_claim(self, claim: m.Claim) -> bool:
+        if claim.ballot.instance in self.foreign:
+            return False
+        if (bidding := self._bidding.get(claim.resource)) is not None:
+            bidding.on_claim(claim, self.now)
+        if (owning := self._owning.get(claim.resource)) is not None:
+            owning.on_claim(claim)
+        return True
+
+    def _accept_command(self, command: m.Command) -> bool:
+        owning = self._owning.get(command.resource)
+        if owning is None or command.ballot.instance in self.foreign:
+            return False
+        owning.on_command(command, self.now)
+        return True
+
+    def _accept_ack(self, ack: m.Ack) -> bool:
+        bidding = self._bidding.get(ack.resource)
+        if bidding is None:
+            return False
+        clock, key = bidding.clock, bidding.resource.ack_key
+        counts = (
+            clock.fresh(ack.cycle)
+            if clock is self.cycles
+            else self._advance(clock, ack.cycle, key)  # its acknowledgements make its cycles
+        )
+        return counts and bidding.on_ack(ack, self.now)
+
+    def _accept_latched(self, message: m.Latched) -> bool:
+        news = self._note_latched(message)
+        if news and type(message) is m.Stop:
+            self._stop_changed()
+        if news and type(message) is m.Tuning:
+            self._settings.adopt(message)
+        return news
+
+    def _note_latched(self, message: m.Latched) -> bool:
+        """Store a latched state, report an implausible counter; return whether it is new."""
+        memory, kind = self.memory, type(message)
+        refused = memory.refused
+        news = memory.update(message, self.now)
+        if memory.refused != refused:
+            done, by = "rejected", ""
+            if isinstance(message, m.Stop):
+                by = f" by {message.requester}"
+                if message.stopped and self.stopped is not None:
+                    done = "stopped, with the next known counter"
+            why = f"{done}: a {kind.__name__}{by} has an implausible counter"
+            self.outbox.append(Refused(service_of(kind).key, why))
+        return news
+
+    def _stop_changed(self) -> None:
+        """Rest all owned resources that the stop concerns; while it is latched no agent bids."""
+        if self.stopped is not None:
+            for owning in self._owning.values():
+                if owning.resource.stops:
+                    owning.rest()
+        if self._owning:
+            stop = self.memory.newest(m.Stop) or m.Stop()
+            self.log(f"{'stopped' if stop.stopped else 'released'} by {stop.requester}", WARNING)
+
+    def _advance(self, clock: CycleClock, cycle: m.Cycle, key: str) -> bool:
+        """Advance a clock to its owner's cycle; report strays and changes of epoch."""
+        before, strays, returns = clock.newest, clock.strays, clock.returns
+        moved = clock.advance(cycle, self.now)
+        if clock.strays != strays:
+            self.outbox.append(Refused(key, clock.stray))
+        if clock.returns != returns:
+            self._returned(clock)
+        if moved and before is not None and before.epoch != cycle.epoch:
+            self._epoch_changed(key, before.epoch, cycle, back=clock.left(cycle.epoch))
+        return moved
+
+    def _returned(self, clock: CycleClock) -> None:
+        """Discard turns and obeyed cycles of false numbers, as all later numbers are smaller."""
+        for bidding in self._bidding.values():
+            if bidding.clock is clock:
+                bidding.returned(self.now)
+        for owning in self._owning.values():
+            if owning.owner.clock is clock:
+                owning.owner.returned()
+
+    def _epoch_changed(self, key: str, before: int, cycle: m.Cycle, *, back: bool) -> None:
+        # Two owners that take turns are a fault; a restart of the owner is known to the operator.
+        why = "two owners may be running" if back else "its owner has restarted"
+        text = f"{key}: epoch {before:x} ended, epoch {cycle.epoch:x} began at cycle {cycle.number}"
+        self.log(f"{text} ({why})", WARNING if back else INFO)

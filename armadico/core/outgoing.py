@@ -1,0 +1,59 @@
+"""What an agent gives to its driver to be sent, and the query that it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armadico.core.messages import Message
+
+DEBUG, INFO, WARNING, ERROR = 10, 20, 30, 40  # levels of log lines
+
+
+@dataclass(frozen=True, slots=True)
+class Publish:
+    key: str
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A received query. An agent that does not reply at once keeps it for `Agent.answer`."""
+
+    id: int
+
+
+@dataclass(frozen=True, slots=True)
+class SendQuery:
+    """Send a query. The reply arrives at `Kernel.on_reply` with this id."""
+
+    id: int
+    key: str
+    request: Message
+    reply: type[Message]
+    timeout: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer to a `Question`."""
+
+    id: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """Write bytes to the agent's device."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A rejected message. The driver counts these by reason and reports them at intervals."""
+
+    key: str
+    why: str  # the sender, the fault and the consequence; few different texts
+
+
+Outgoing = Publish | SendQuery | Answer | Write | Refused
