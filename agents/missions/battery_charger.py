@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
@@ -139,6 +139,27 @@ class Sent:
     at: float = -inf
 
 
+@dataclass
+class Survey:
+    """A search for the dock with the cheapest path from a place.
+
+    Attributes:
+        start: The place.
+        question: The query to answer; None: the robot's own distance is sought.
+        left: The docks to be planned to, with their straight distances, m; the nearest first.
+        requested_at: When the plan in progress was requested, s.
+        dock: The dock with the cheapest path so far.
+        plan: That path.
+    """
+
+    start: Waypoint
+    question: tuple[Question, EnergyRequest] | None
+    left: list[tuple[float, str]]
+    requested_at: float = -inf
+    dock: str = ""
+    plan: Plan | None = None
+
+
 class BatteryCharger(DeliberativeAgent):
     """Competes for the planner and the trajectory, with a utility that rises as the charge falls.
 
@@ -167,8 +188,7 @@ class BatteryCharger(DeliberativeAgent):
         self._battery = load_profile(self.p.profile).battery
         self._desk = PlanDesk(self.rng)  # for plans that are not driven
         self._questions: list[tuple[Question, EnergyRequest]] = []
-        self._current: tuple[Question, EnergyRequest] | None = None  # the question in progress
-        self._requested_at = -inf  # when the plan in progress was requested
+        self._survey: Survey | None = None  # in progress
         self._state = ChargeState.NONE
         self._since = 0.0  # when that state began
         self._still_at = 0.0  # when the robot last moved
@@ -359,7 +379,7 @@ class BatteryCharger(DeliberativeAgent):
         elif pose.deviation > LOST_M:
             self._dock = self._dock or next(iter(self._docks))
             self._set_out(pose, state)
-        elif not self._desk.busy and self._needed is None:
+        elif self._survey is None and self._needed is None:
             # A failed search for a path takes long and blocks the planner for others.
             if self.now - self._needed_at > self.p.again_s:
                 self._seek(pose)
@@ -434,25 +454,18 @@ class BatteryCharger(DeliberativeAgent):
     def _answer_questions(self, pose: Pose) -> None:
         """Answer queries one after another; else survey the docks from time to time."""
         self._shunned = {name: until for name, until in self._shunned.items() if until > self.now}
-        if self._desk.busy and self.now - self._requested_at > PATIENCE_S:
+        survey = self._survey
+        if survey is not None and self.now - survey.requested_at > PATIENCE_S:
             self._desk.drop()
-            if self._current is not None:
-                question, request = self._current
-                self.answer(
-                    question,
-                    self._judge(request, None, "no way known: no path planning agent answered"),
-                )
-        if self._desk.busy or self.errand.desk.busy:
+            self._survey = None
+            if survey.question is not None:
+                why = "no way known: no path planning agent answered"
+                self._reply(*survey.question, None, why)
+        if self._survey is not None or self.errand.desk.busy:
             return
-        self._current = None
         if self._questions:
-            question, request = self._current = self._questions.pop(0)
-
-            def judged(_: str, plan: Plan | None) -> None:
-                note = "" if plan is not None else "no way from there to a dock"
-                self.answer(question, self._judge(request, plan.energy if plan else None, note))
-
-            self._survey(request.goal, judged)
+            question = self._questions.pop(0)
+            self._begin_survey(question[1].goal, question)
         elif (
             self._state not in IN_DOCK
             and self.errand.stage is not Stage.DRIVING
@@ -463,50 +476,58 @@ class BatteryCharger(DeliberativeAgent):
     def _seek(self, pose: Pose) -> None:
         """Find the dock with the cheapest path from here."""
         self._needed_at = self.now
+        self._begin_survey(Waypoint(pose.x, pose.y, pose.theta))
 
-        def found(name: str, plan: Plan | None) -> None:
-            self._needed = None if plan is None else plan.energy
-            if plan is None:
-                if not self._note:
-                    self._note = "no way to any dock"
-                    self.log(self._note, WARNING)
-                return
-            self._note = ""
-            if self._state is ChargeState.NONE and name != self._dock:
-                self._dock = name
-                self.errand.drop()  # planned to another dock, and not driven yet
-
-        self._survey(Waypoint(pose.x, pose.y, pose.theta), found)
-
-    def _survey(self, start: Waypoint, then: Callable[[str, Plan | None], None]) -> None:
-        """Have the paths to all docks planned, the nearest in a straight line first.
-
-        Docks whose straight distance exceeds the shortest path so far are skipped.
-        """
+    def _begin_survey(
+        self, start: Waypoint, question: tuple[Question, EnergyRequest] | None = None
+    ) -> None:
         left = sorted(
             (hypot(dock[0] - start.x, dock[1] - start.y), name)
             for name, dock in self._docks.items()
             if name not in self._shunned
         )
-        best: tuple[str, Plan | None] = ("", None)
+        self._survey = Survey(start, question, left)
+        self._plan_next(self._survey)
 
-        def following() -> None:
-            while left:
-                straight, name = left.pop(0)
-                if best[1] is None or straight < best[1].length:
-                    self._requested_at = self.now
-                    goal = _waypoint(before(self._docks[name]))
-                    self._desk.request(start, goal, partial(planned, name), SURVEY)
-                    return
-            then(*best)
+    def _plan_next(self, survey: Survey) -> None:
+        """Have the path to the next dock planned, if it can be shorter than the shortest so far."""
+        while survey.left:
+            straight, name = survey.left.pop(0)
+            if survey.plan is None or straight < survey.plan.length:
+                survey.requested_at = self.now
+                goal = _waypoint(before(self._docks[name]))
+                self._desk.request(survey.start, goal, partial(self._planned, survey, name), SURVEY)
+                return
+        self._survey = None
+        energy = None if survey.plan is None else survey.plan.energy
+        if survey.question is not None:
+            note = "no way from there to a dock" if energy is None else ""
+            self._reply(*survey.question, energy, note)
+        else:
+            self._found(survey.dock, energy)
 
-        def planned(name: str, plan: Plan) -> None:
-            nonlocal best
-            if not plan.refusal and (best[1] is None or plan.energy < best[1].energy):
-                best = name, plan
-            following()
+    def _planned(self, survey: Survey, dock: str, plan: Plan) -> None:
+        if not plan.refusal and (survey.plan is None or plan.energy < survey.plan.energy):
+            survey.dock, survey.plan = dock, plan
+        self._plan_next(survey)
 
-        following()
+    def _found(self, dock: str, energy: float | None) -> None:
+        """Note the nearest dock and the energy to it, J; None: there is no path to any."""
+        self._needed = energy
+        if energy is None:
+            if not self._note:
+                self._note = "no way to any dock"
+                self.log(self._note, WARNING)
+            return
+        self._note = ""
+        if self._state is ChargeState.NONE and dock != self._dock:
+            self._dock = dock
+            self.errand.drop()  # planned to another dock, and not driven yet
+
+    def _reply(
+        self, question: Question, request: EnergyRequest, to_dock: float | None, note: str
+    ) -> None:
+        self.answer(question, self._judge(request, to_dock, note))
 
     def _judge(self, request: EnergyRequest, to_dock: float | None, note: str) -> EnergyReply:
         """Use case 2: to the goal, then to a dock (J; None: no path), with a reserve."""
