@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
-from armadico.observe.drives import Drive, Unobeyed
 from armadico.observe.findings import Finding, Sort, cause
 from armadico.observe.standing import Standing
 from armadico.observe.view import agent_of
+from armadico.watch.drives import Drive, Unobeyed
 
 
 class Input(Struct, frozen=True):

@@ -40,10 +40,10 @@ from armadico.core.services import matches
 from armadico.mobile.messages import MissionState, Pose, Truth
 from armadico.mobile.motion import Body
 from armadico.mobile.obstacles import Obstacles
-from armadico.observe.drives import Drives
 from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
 from armadico.observe.standing import standing
 from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
+from armadico.watch.drives import Drives
 from armadico.watch.explained import (
     Bidding,
     Collision,

@@ -55,8 +55,7 @@ class Gateway:
         self._goal: MissionRequest | None = None  # received, and not yet requested
         self._goal_at = -math.inf
         self._received_at = mesh.now()
-        self._mission: Mission | None = None
-        self._request: MissionRequest | None = None  # of that mission
+        self._driven: tuple[MissionRequest, Mission] | None = None  # requested, and not over
         self._offset = time.time_ns() - round(1e9 * mesh.now())  # from the mesh's time, ns
         self._client.listen(*society.kinds, then=self._translate)
         self._client.listen(MissionStatus, RobotState)
@@ -97,9 +96,10 @@ class Gateway:
 
     def _is_driving(self, request: MissionRequest) -> bool:
         """Whether the robot drives there already: some tools repeat a goal."""
-        if self._mission is None or request != self._request:
+        if self._driven is None:
             return False
-        return self._mission.status is not None
+        requested, mission = self._driven
+        return request == requested and mission.status is not None
 
     def _drive(self, request: MissionRequest) -> None:
         # Samples are published while the client waits for the reply.
@@ -110,7 +110,7 @@ class Gateway:
         except SocietyError as error:
             self._log(f"{topic} {where} refused: {error}")
             return
-        self._mission, self._request = Mission(self._client, reply), request
+        self._driven = request, Mission(self._client, reply)
         state = self._client.latest(RobotState)
         until = ""
         if state is not None and state.stop.stopped:
@@ -121,10 +121,10 @@ class Gateway:
 
     def _follow(self) -> None:
         """Log the end of the gateway's own mission."""
-        status = None if self._mission is None else self._mission.status
+        status = None if self._driven is None else self._driven[1].status
         if status is None or status.state not in {MissionState.REACHED, MissionState.FAILED}:
             return
-        self._mission = None
+        self._driven = None
         self._log(
             "the goal is reached"
             if not status.note
