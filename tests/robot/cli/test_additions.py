@@ -69,6 +69,7 @@ LEFT_OUT = {
     "armadico.agents, sonar = toy:Chair": "armadico has an entry point of this name",
     "armadico.commands, run = toy:Chair": "armadico has an entry point of this name",
     "armadico.guests, older = toy:building": "takes 0 positional arguments",
+    "armadico.slots, chair = toy:Chair": "must be an armadico.config.slots.Slot",
     "armadico.messages, ends = toy_ends": "SystemExit: 7",
 }
 """What is reported of each unusable entry point."""
