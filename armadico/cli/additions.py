@@ -141,9 +141,9 @@ def _installed(command: str, taken: Collection[str]) -> list[type[Addition]]:
         if command not in kind.commands:
             continue
         try:
-            Command("", kind, lambda _: 0, "", "").parser()  # as it will be declared
+            Command("", kind, lambda _: 0, "", "").parse([])  # no word of it may be required
             own = flags_of(kind)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             left_out(point, f"its options: {type(error).__name__}: {error}")
             continue
         if both := next((flag for flag in own if flag in flags), None):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, fields
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, ClassVar, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 DECLARED: Final = "option"
 """The key of a field's declaration in its metadata."""
@@ -80,17 +80,10 @@ class Group(NamedTuple):
     title: str
 
 
-class Titled(Protocol):
-    """A dataclass of options that a package adds."""
-
-    title: ClassVar[str]
-    examples: ClassVar[Sequence[str]]
-
-
 class Added(NamedTuple):
     """The declaration of those that packages add."""
 
-    find: Callable[[Collection[str]], Sequence[type[Titled]]]
+    find: Callable[[Collection[str]], Sequence[type[Any]]]
 
 
 def option(
@@ -151,7 +144,7 @@ def group(kind: type, title: str = "") -> Any:
     return field(default_factory=kind, metadata={DECLARED: Group(kind, title)})
 
 
-def added(find: Callable[[Collection[str]], Sequence[type[Titled]]]) -> Any:
+def added(find: Callable[[Collection[str]], Sequence[type[Any]]]) -> Any:
     """A field for a tuple of other dataclasses of options, one of each class that `find` returns.
 
     `find` gets the flags that exist. For `--help` each class has the attributes `title` (of its

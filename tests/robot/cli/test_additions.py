@@ -53,6 +53,13 @@ class Attribute(Addition):
 @dataclass(frozen=True, kw_only=True)
 class Typo(Addition):
     typo: "NoSuchType" = option("not known")
+@dataclass(frozen=True, kw_only=True)
+class Needed(Addition):
+    plain: int
+    needed: bool = flag("has a field without an option")
+@dataclass(frozen=True, kw_only=True)
+class Help(Addition):
+    help: bool = flag("another help")
 class Chair: ...
 def building(): ...
 '''
@@ -62,6 +69,8 @@ LEFT_OUT = {
     "armadico.options, attribute = toy:Attribute": "'Start' object has no attribute 'nothing'",
     "armadico.options, chair = toy:Chair": "must be a class derived from Addition",
     "armadico.options, ends = toy_ends:Lamp": "SystemExit: 7",
+    "armadico.options, help = toy:Help": "conflicting option string: --help",
+    "armadico.options, needed = toy:Needed": "missing 1 required keyword-only argument: 'plain'",
     "armadico.options, older = toy:Older": "check must take (self, start",
     "armadico.options, seed = toy:Seed": "the option --seed exists",
     "armadico.options, map = toy:Lamp": "armadico has an entry point of this name",
@@ -69,6 +78,7 @@ LEFT_OUT = {
     "armadico.agents, sonar = toy:Chair": "armadico has an entry point of this name",
     "armadico.commands, run = toy:Chair": "armadico has an entry point of this name",
     "armadico.guests, older = toy:building": "takes 0 positional arguments",
+    "armadico.slots, chair = toy:Chair": "must be an armadico.config.slots.Slot",
     "armadico.messages, ends = toy_ends": "SystemExit: 7",
 }
 """What is reported of each unusable entry point."""
