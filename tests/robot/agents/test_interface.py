@@ -16,8 +16,6 @@ from armadico.core.messages import (
     Point,
     RobotState,
     Stop,
-    decode,
-    encode,
 )
 from armadico.mobile.messages import (
     WAYPOINTS,
@@ -349,19 +347,7 @@ def test_without_a_plan_no_goal_or_waypoint_is_out_of_reach(
     assert desk.all(Trajectory) == []
 
 
-def test_each_waypoint_may_be_within_reach_of_the_one_before(desk: Desk) -> None:
-    far = tuple(Waypoint(150.0 * n, 0.0, 0.0) for n in (1, 2, 3))
-    on_query = desk.request(MissionRequest(far[-1], far[:-1], planned=False))
-    assert desk.replies[on_query].refusal == ""
-
-
 LONG = tuple(Waypoint(0.01 * n, 0.0, 0.0) for n in range(1, WAYPOINTS))
-
-
-def test_as_many_points_as_can_be_said_are_driven(desk: Desk) -> None:
-    on_query = desk.request(MissionRequest(GOAL, LONG, planned=False))
-    assert desk.replies[on_query].refusal == ""
-    assert decode(encode(desk.last(Trajectory)), Trajectory).waypoints == (*LONG, GOAL)
 
 
 def test_one_more_is_refused_and_not_driven_by_nobody(desk: Desk) -> None:
@@ -371,28 +357,6 @@ def test_one_more_is_refused_and_not_driven_by_nobody(desk: Desk) -> None:
     assert desk.all(Trajectory) == []
     desk.moved(0.0)
     assert all(m.state is MissionState.NONE for m in desk.published if isinstance(m, MissionStatus))
-
-
-@pytest.mark.parametrize(
-    ("plan", "why"),
-    [
-        (Plan((*LONG, GOAL, GOAL), 20.0), "it has 1,025 points"),
-        (Plan((), 0.0), "the plan leads nowhere"),
-        (Plan((Waypoint(1e6, 0.0, 0.0), Waypoint(-1e6, 0.0, 0.0))), "it cannot be published"),
-    ],
-    ids=["long", "empty", "far"],
-)
-def test_a_plan_that_nobody_could_be_told_of_is_refused(
-    driving: Desk, plan: Plan, why: str
-) -> None:
-    before = driving.all(Trajectory)
-    on_query = driving.request(MissionRequest(GOAL))
-    driving.reply(plan)
-    assert why in driving.replies[on_query].refusal
-    assert driving.all(Trajectory) == before, "the mission before goes on"
-    driving.moved(0.2)
-    driving.moved(0.3)
-    assert driving.last(MissionStatus).state is MissionState.DRIVING
 
 
 # A robot that is lost -----------------------------------------------------------------------------

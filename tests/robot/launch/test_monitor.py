@@ -13,21 +13,13 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.localization.localization import Localization
-from armadico.agents.supervision.messages import (
-    HostShare,
-    KeptState,
-    WakeupOrder,
-    WakeupReply,
-    WakeupRequest,
-)
-from armadico.agents.supervision.monitor import Monitor, Parameters
-from armadico.agents.supervision.wakeup import Load, Wakeup, lines
+from armadico.agents.supervision.monitor import Parameters
+from armadico.agents.supervision.wakeup import Wakeup
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import Scenario, exploring, ideal, load_scenario, with_sensors
 from armadico.core.agent import DeviceAgent
 from armadico.core.messages import Message, MonitorReport, RobotState, Stop
 from armadico.core.restart_policy import Budget
-from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
@@ -266,69 +258,6 @@ def test_a_host_that_stays_silent_is_given_up_in_the_end_within_its_budget() -> 
     assert sum(society.more().values()) == Parameters().restarts
 
 
-@pytest.mark.long
-def test_on_a_loaded_machine_everything_may_take_longer() -> None:
-    society = Society().let_pass(6.0)
-    society.run.hosts["here"].wakeup.agent.kernel.on_bytes(lines(Load(3.0)), society.mesh.now)
-    society.let_pass(2.0)
-    node = society.mesh.node("goto")
-    FAULTS["deaf"](node)
-    society.let_pass(10.0)
-    assert (society.notes, society.more()) == ([], {})
-    society.back("goto", 8.0)
-
-
-@pytest.mark.long
-def test_a_host_has_a_budget_of_restarts() -> None:
-    society = Society().let_pass(6.0)
-    monitor = society.mesh.node("monitor").agent
-    assert isinstance(monitor, Monitor)
-    monitor.p = replace(monitor.p, restarts=1)
-    FAULTS["deaf"](society.mesh.node("goto"))
-    society.back("goto", 7.0)
-    FAULTS["deaf"](society.mesh.node("avoid"))
-    society.let_pass(30.0)
-    assert society.more() == {"goto": 1}
-    assert any("1 restarts in 60 s" in note for note in society.notes)
-    society.back("avoid", 40.0)
-
-
-@pytest.mark.long
-def test_a_lone_monitor_that_hangs_is_killed_by_its_host() -> None:
-    society = Society().let_pass(6.0)
-    society.mesh.node("monitor").hang()
-    society.back("monitor", 12.0)
-    killed = society.host_notes()[0]
-    assert killed.startswith("monitor is killed: its monitor has not reported for ")
-    assert "has been linked to the router for " in killed
-    society.let_pass(2.0)
-    assert f"here: {killed}" in society.notes, "the monitor passes it on, for `why`"
-    society.mesh.node("goto").hang()
-    society.back("goto", 6.0)
-
-
-@pytest.mark.long
-def test_an_agent_that_keeps_dying_at_start_ends_its_host(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    society = Society(TWO).let_pass(6.0)
-
-    def dies(*_: Any, **__: Any) -> Node:
-        node = enter("goto", host="b")
-        society.mesh.call_at(society.mesh.now + 0.3, lambda *_: node.kill())
-        return node
-
-    enter = society.run.enter
-    monkeypatch.setattr(
-        society.run, "enter", lambda name, **k: dies() if name == "goto" else enter(name, **k)
-    )
-    society.mesh.node("goto").kill()
-    society.let_pass(15.0)
-    (given_up,) = (text for text in society.host_notes() if "is not started again" in text)
-    assert "goto ended with signal SIGKILL" in given_up
-    assert not society.run.hosts["b"].wakeup.alive
-
-
 # Hosts --------------------------------------------------------------------------------------------
 
 
@@ -495,25 +424,6 @@ def test_the_stop_is_not_latched_again_after_a_release() -> None:
 
 
 # Requests over the mesh ---------------------------------------------------------------------------
-
-
-@pytest.mark.long
-def test_any_client_may_send_requests_to_a_wakeup_agent() -> None:
-    society = Society().let_pass(6.0)
-    shares: list[HostShare] = []
-    society.mesh.watch(lambda _k, m, _n: shares.append(m), HostShare)  # type: ignore[arg-type]
-    host = society.run.hosts["here"].wakeup.agent
-    request = WakeupRequest(WakeupOrder.END, "relocate", why="a test")
-    key = service_of(WakeupRequest).key_for(instance=host.instance)
-    replies: list[Message] = []
-    society.mesh.queries.put(
-        None, key, request, 2.0, lambda _, m: bool(replies.append(m)), lambda: None
-    )
-    society.let_pass(2.0)
-    assert replies == [WakeupReply()]
-    (kept,) = (k for k in shares[-1].kept if "relocate" in k.agents)
-    assert kept.state is KeptState.ENDED
-    assert society.let_pass(20.0).more() == {}
 
 
 def test_an_agent_that_comes_and_goes_does_not_hide_one_that_hangs() -> None:

@@ -12,7 +12,6 @@ from armadico.bridge.kind import simulated
 from armadico.bridge.p2os.commands import Cmd, command
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import (
-    JUMP,
     LARGEST_COUNT,
     Ack,
     Ballot,
@@ -29,7 +28,6 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
 from armadico.mobile.messages import MissionStatus, Origin, Pose, Trajectory, Truth
 from armadico.mobile.obstacles import Obstacles
-from armadico.runtime.latch import Latching
 from tests.driven import Driven
 
 LINE = Scenario(
@@ -157,60 +155,6 @@ def test_a_second_one_of_those_that_must_be_alone_is_refused_and_nothing_happens
     assert not [m for m in drive.of(Log, begun) if second.agent.instance in m.text]
     claims = [at for at, m in drive.said if isinstance(m, Claim) and at > begun]
     assert max(b - a for a, b in pairwise(claims)) < 0.15
-    assert drive.arrives()
-
-
-# Counters -----------------------------------------------------------------------------------------
-
-BEYOND = [(JUMP,), (JUMP - 5, 2 * JUMP - 10), (2**51,), (LARGEST_COUNT - 500,)]
-"""How far ahead of what is known a stranger counts: as far as is believed, and farther."""
-
-
-@pytest.mark.long(but=("interface-ahead2",))
-@pytest.mark.parametrize("ahead", BEYOND)
-@pytest.mark.parametrize("who", ["goto", "interface"])
-def test_who_restarts_after_a_trajectory_far_beyond_is_told_the_mission(
-    ahead: tuple[int, ...], who: str
-) -> None:
-    drive = Drive()
-    known = drive.of(Trajectory)[-1]
-    for step in ahead:
-        drive.mesh.publish(replace(known, counter=known.counter + step))
-        drive.let_pass(0.3)
-    drive.let_pass(1.0)
-    drive.restart(who)
-    assert drive.arrives()
-    drive.let_pass(2.0)
-    last = {t.mission for t in drive.of(Trajectory, drive.mesh.now - 1.5)}
-    assert last == {known.mission}
-    assert drive.of(Trajectory)[-1].waypoints == (), "and all know that it is over"
-
-
-@pytest.mark.long(but=("goto-ahead3",))
-@pytest.mark.parametrize("ahead", BEYOND)
-@pytest.mark.parametrize("who", ["robot", "goto"])
-def test_a_stop_far_beyond_outlives_a_restart_and_can_be_released(
-    ahead: tuple[int, ...], who: str
-) -> None:
-    drive = Drive()
-    for press, step in enumerate(ahead, 77):
-        drive.mesh.publish(Stop(step, True, "stranger", press))
-        drive.let_pass(0.5)
-    drive.let_pass(2.0)
-    assert rests(drive)
-    drive.restart(who)
-    drive.let_pass(3.0)
-    assert rests(drive), "it is still known"
-    quiet = drive.mesh.now
-    drive.let_pass(3.0)
-    assert drive.of(Stop, quiet) == [], "nobody contradicts anybody for ever"
-    resume = Latching(stopped=False, by="tester", press=0)
-    while not resume.done and drive.mesh.now < quiet + 5.0:
-        resume.on_robot_state(drive.of(RobotState)[-1], drive.mesh.now)
-        if (message := resume.message()) is not None:
-            drive.mesh.publish(message)
-        drive.let_pass(0.1)
-    assert resume.done
     assert drive.arrives()
 
 
