@@ -27,8 +27,9 @@ from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 from armadico_tools.faults.serial_tap import Tap, moves
 from tests.programs import Start, starter
-from tests.robot.society import LINE, SOON, Observer, Society, joining_observer, mesh_of
+from tests.robot.society import SOON, Observer, mesh_of
 from tests.whole.live.conftest import NAMESPACE
+from tests.whole.live.society import LINE, Society, joining_observer
 
 pytestmark = pytest.mark.live
 
