@@ -59,10 +59,11 @@ results/mutants.sqlite: | $(VENV)/.dev
 	$(BIN)/cosmic-ray init tools/cosmic-ray.toml $@
 	$(BIN)/cr-filter-operators $@ tools/cosmic-ray.toml
 
-lint: $(VENV)/.dev  ## ruff, and mypy strict over every package
+lint: $(VENV)/.dev  ## ruff, mypy strict over every package, and the order of the packages
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 docs: $(VENV)/.dev  ## the documentation as a site: build/site/index.html, from the disk too
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
@@ -76,7 +77,7 @@ demo-down:  ## what a demo left that was killed
 
 lock: $(VENV)/.dev  ## write the locks again from pyproject.toml
 	for lock in agents:--extra=record run:--extra=plot,record "tools:--extra=plot,record requirements/tools.in" \
-	    "dev:--extra=plot,record,dashboard,foxglove,ros2,docs,dev requirements/tools.in"; do \
+	    "dev:--extra=plot,record,dashboard,ros2,docs,dev requirements/tools.in"; do \
 	  $(COMPILE) $${lock#*:} -o requirements/$${lock%%:*}.txt pyproject.toml requirements/build.in; \
 	done
 	$(COMPILE) -o requirements/rclpy.txt requirements/rclpy.in

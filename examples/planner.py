@@ -30,4 +30,4 @@ class Patience(Planner):
 if __name__ == "__main__":
     done = armadico.run("surveillance", virtual=True, sensors="ideal", joins=[Evidence, Patience])
     for task in done.measures.tasks or ():
-        print(f"{task.at_s:5.1f} s  {task.step}: {task.said}")
+        print(f"{task.at_s:5.1f} s  {task.step}: {task.note}")

@@ -130,21 +130,21 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start: Literal["pose", "anywhere"] = "pose"
     start_m: Metres = 0.15  # standard deviation of the position at the start
     start_rad: Angle = radians(6.0)
-    lost: Share = 0.15  # lost if the largest cluster has a smaller share of the weight,
-    lost_m: Metres = 0.5  # or a larger standard deviation,
-    lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # for this time
+    lost: Share = 0.15  # lost if the largest cluster has a smaller share of the weight
+    lost_m: Metres = 0.5  # lost if that cluster has a larger standard deviation
+    lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # time of either until it counts as lost
     fits: Share = 0.5  # no search while the newest readings fit at least this well
     doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # new readings from search to search
     stays: Odds = 3.0  # log odds against all other places that end the searches
     doubts: Odds = 1.5  # log odds of another place that raise suspicion: the robot slows down
     doubt_m: Metres = 0.45  # least standard deviation published while suspicious
     misfit_m: Metres = 0.3  # least standard deviation published while readings fit badly
-    adrift_m: Metres = 0.6  # the same with two signs of a wrong pose, or without new readings
+    adrift_m: Metres = 0.6  # least deviation with two signs of a wrong pose, or without readings
     confirm: Confirmation | None = None  # thresholds for lost and found
-    found: Share = 0.95  # found with this share of the weight in one place,
-    found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # in this many consecutive searches
+    found: Share = 0.95  # share of the weight in one place with which a search has found it
+    found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # consecutive searches that must find it
     proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # further searches that must confirm it
-    unproved_m: Metres = 0.4  # least standard deviation published until then
+    unproved_m: Metres = 0.4  # least standard deviation published until they have
     filter: Settings | None = None
 
 
@@ -153,16 +153,20 @@ class Localized:
     """The pose is known.
 
     Attributes:
-        unproved: Searches that still have to confirm it.
+        unconfirmed: Searches that still have to confirm it.
         suspect: Whether another place explains the new readings better.
         verdicts: Consecutive searches that agreed on another place.
+        agreed: That place.
         since: When the particles began to spread too far, s.
+        unmoved: While unconfirmed: as in `Lost`.
     """
 
     unconfirmed: int = 0
     suspect: bool = False
     verdicts: int = 0
+    agreed: Pose2 = STOOD
     since: float | None = None
+    unmoved: Pose2 | None = None
 
 
 @dataclass(frozen=True)
@@ -173,13 +177,52 @@ class Lost:
         spread: Whether it was lost because the particles spread: they may converge again.
         converged: Whether they have.
         sure: Consecutive searches in which one place was much better than all others.
+        agreed: The best place in the last search.
         suspect: Whether another place explained the readings better when the pose was lost.
+        unmoved: The pose if the robot was not moved when it got lost.
     """
 
     spread: bool = False
     converged: bool = False
     sure: int = 0
+    agreed: Pose2 = STOOD
     suspect: bool = False
+    unmoved: Pose2 | None = None
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """The controller's odometry, and the motion since the cycle before."""
+
+    pose: Pose2
+    epoch: int
+    motion: Pose2 = STOOD
+
+
+@dataclass
+class Searches:
+    """The search in progress, and the start of the last one."""
+
+    running: Search | None = None
+    readings: int = 0  # new readings when the last one started
+    at: float = 0.0  # when it started, s
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The fit of the readings on average, and whether it is below the threshold."""
+
+    average: float
+    bad: bool = False
+
+
+@dataclass(frozen=True)
+class Published:
+    """The last particles published, with the particle filter's count of changes."""
+
+    at: float
+    changes: int
+    message: Particles
 
 
 class Localization(Agent):
@@ -228,24 +271,14 @@ class Localization(Agent):
         )
         self._ping_s = 0.0 if self._has_laser else profile.ring.period_s
         self._scan: int | None = None  # number of the last one
-        self._odometry: Pose2 | None = None
-        self._motion: Pose2 = STOOD  # during the last cycle
-        self._epoch: int | None = None
+        self._odometry: Odometry | None = None
         self._started = False
         self._belief: Localized | Lost = Lost() if self.p.start == "anywhere" else Localized()
         self._estimate: Pose2 | None = None  # the estimate of the last cycle
-        self._unmoved: Pose2 | None = None  # the pose if the robot was not moved when it got lost
-        self._search: Search | None = None  # in progress
-        self._searched = 0  # new readings when the last search started
-        self._searched_at = 0.0  # when it started
-        self._alternative: Pose2 = STOOD  # the other place that searches agreed on
-        self._best: Pose2 = STOOD  # the best place in the last search of a lost robot
-        self._fit = USUAL_FIT * self._confirm.misfit  # of the readings, on average
-        self._misfit = False  # whether that is below the threshold
+        self._searches = Searches()
+        self._fit = Fit(USUAL_FIT * self._confirm.misfit)
         self._doubts = ""  # of the odometry, as reported
-        self._particles_at = float("-inf")
-        # The last particles published, with the particle filter's count of changes.
-        self._last_particles: tuple[int, Particles] | None = None
+        self._published: Published | None = None
 
     def on_pose(self, pose: Pose) -> None:
         """Start the filter at the first pose."""
@@ -287,33 +320,41 @@ class Localization(Agent):
         The controller counts on while the robot agent is down. If the odometry was reset, the
         motion meanwhile is unknown.
         """
-        odometry, before = (state.x, state.y, state.theta), self._odometry
-        another = state.cycle.epoch != self._epoch
-        self._motion = STOOD
-        self._odometry, self._epoch = odometry, state.cycle.epoch
+        odometry, before = (
+            Odometry((state.x, state.y, state.theta), state.cycle.epoch),
+            self._odometry,
+        )
+        self._odometry = odometry
         if before is None or not self._started:
             return
-        if another and was_reset(before, odometry):
+        if odometry.epoch != before.epoch and was_reset(before.pose, odometry.pose):
             self._filter.scatter_by(UNCOUNTED_M, UNCOUNTED_RAD)
-            self._search, self._searched, self._unmoved = None, 0, None
+            self._searches = Searches(at=self._searches.at)
+            self._belief = replaced(self._belief, unmoved=None)
             return
-        self._motion = motion = relative(before, odometry)
+        motion = relative(before.pose, odometry.pose)
+        self._odometry = replaced(odometry, motion=motion)
         self._filter.move(motion)
-        if self._search is not None:
-            self._search.move(motion)
+        if self._searches.running is not None:
+            self._searches.running.move(motion)
         self._estimate = None if self._estimate is None else compose(self._estimate, motion)
-        if self._unmoved is not None:
-            before, self._unmoved = self._unmoved, compose(self._unmoved, motion)
-            if self._grid.clearance_between(Placed(*before[:2]), Placed(*self._unmoved[:2])) == 0.0:
-                self._unmoved = None  # it would have driven through a wall, so it was moved
-        self._best = compose(self._best, motion)
-        self._alternative = compose(self._alternative, motion)
+        self._belief = self._moved(self._belief, motion)
         self._advance_search()  # every cycle, even if readings are rare
+
+    def _moved(self, belief: Localized | Lost, motion: Pose2) -> Localized | Lost:
+        """The belief after a motion: its poses move with the robot."""
+        before, unmoved = belief.unmoved, None
+        if before is not None:
+            unmoved = compose(before, motion)
+            if self._grid.clearance_between(Placed(*before[:2]), Placed(*unmoved[:2])) == 0.0:
+                unmoved = None  # it would have driven through a wall, so it was moved
+        return replaced(belief, agreed=compose(belief.agreed, motion), unmoved=unmoved)
 
     def on_sonar(self, sonar: Sonar) -> None:
         if not self._has_laser:
+            motion = STOOD if self._odometry is None else self._odometry.motion
             ago = self._ping_s / self.cycles.period
-            self._update(sonar.cycle, lambda: as_fired(sonar.echoes, self._motion, ago))
+            self._update(sonar.cycle, lambda: as_fired(sonar.echoes, motion, ago))
 
     def on_scan(self, scan: Scan) -> None:
         """Weigh the particles by a scan. A repeated scan has no new information."""
@@ -372,14 +413,13 @@ class Localization(Agent):
         self.publish(
             Correction(
                 cycle,
-                *compose(found.pose, relative(self._odometry, STOOD)),
+                *compose(found.pose, relative(self._odometry.pose, STOOD)),
                 covariance=tuple(float(c[i, j]) for i in range(3) for j in range(i, 3)),
                 confidence=0.0 if isinstance(belief, Lost) else min(1.0, found.share),
                 elsewhere=belief.suspect,
             )
         )
-        if self.now - self._particles_at >= PARTICLES_S:
-            self._particles_at = self.now
+        if self._published is None or self.now - self._published.at >= PARTICLES_S:
             self._publish_particles(cycle)
             self._check_wheels()
 
@@ -388,8 +428,8 @@ class Localization(Agent):
         chance = self._filter.fit < self._confirm.chance
         if belief.suspect or chance:
             # At rest no new reading can settle it: relocate makes the robot turn.
-            rests = self.now - self._searched_at > UNSETTLED_S
-            agree = chance or self._misfit or belief.verdicts > 1
+            rests = self.now - self._searches.at > UNSETTLED_S
+            agree = chance or self._fit.bad or belief.verdicts > 1
             if rests or (belief.suspect and agree):
                 return self.p.adrift_m
         if belief.suspect:
@@ -397,16 +437,16 @@ class Localization(Agent):
         if belief.unconfirmed:
             fits = self._filter.fit >= self._confirm.found_fit
             return self.p.unproved_m if fits else self.p.adrift_m
-        return self.p.misfit_m if self._misfit else 0.0
+        return self.p.misfit_m if self._fit.bad else 0.0
 
     def _publish_particles(self, cycle: Cycle) -> None:
         """Publish a sample of the particles: the same sample while the robot stands."""
-        changes = self._filter.changes
-        if self._last_particles is not None and self._last_particles[0] == changes:
-            message = replace(self._last_particles[1], cycle=cycle)
+        changes, before = self._filter.changes, self._published
+        if before is not None and before.changes == changes:
+            message = replace(before.message, cycle=cycle)
         else:
             message = particles.message_of(cycle, self._filter.drawn(particles.MOST).tolist())
-        self._last_particles = changes, message
+        self._published = Published(self.now, changes, message)
         self.publish(message)
 
     def _update_belief(self, found: Estimate) -> None:
@@ -438,11 +478,13 @@ class Localization(Agent):
 
     def _advance_search(self) -> None:
         """Do one cycle's share of a search of the whole map, if there is a reason for one."""
-        if self._search is None:
-            self._search = self._begin_search()
-        if self._search is None or not self._search.advance():
+        searches = self._searches
+        if searches.running is None:
+            searches.running = self._begin_search()
+        search = searches.running
+        if search is None or not search.advance():
             return
-        search, self._search = self._search, None
+        searches.running = None
         belief = self._belief
         if isinstance(belief, Lost) or belief.unconfirmed:
             self._accept_place(search)
@@ -460,16 +502,17 @@ class Localization(Agent):
         if not belief.suspect and particles.fit >= self.p.fits:
             self._mark_explained()
             return None
-        new, waited = history.new_readings - self._searched, self.now - self._searched_at
+        searches = self._searches
+        new, waited = history.new_readings - searches.readings, self.now - searches.at
         if new < self.p.doubted_after and not (new > 0 and waited >= SEARCH_S):
             return None
-        self._searched, self._searched_at = history.new_readings, self.now
+        searches.readings, searches.at = history.new_readings, self.now
         return particles.search(min(history.new_readings, particles.settings.search.doubted))
 
     def _mark_explained(self) -> None:
         """Count the readings until now as explained by the present pose."""
         self._filter.history.mark(RECENT)
-        self._searched = self._filter.history.new_readings
+        self._searches.readings = self._filter.history.new_readings
 
     def _check_kidnapped(self, search: Search, belief: Localized, here: Pose2) -> None:
         """Decide whether the robot was moved: update suspicion and verdicts."""
@@ -489,16 +532,16 @@ class Localization(Agent):
         if other.odds < confirm.odds or other.fit < confirm.fit:
             return
         clear = other.odds >= confirm.clear_odds and other.fit >= confirm.clear_fit
-        again = verdicts if clear or not apart(other.pose, self._alternative) else 0
+        again = verdicts if clear or not apart(other.pose, belief.agreed) else 0
         verdicts = again + (confirm.clear if clear else 1)
-        self._belief, self._alternative = replaced(belief, verdicts=verdicts), other.pose
+        self._belief = replaced(belief, verdicts=verdicts, agreed=other.pose)
         if verdicts >= confirm.verdicts:
             self._filter.history.discard_old(other.readings)
             self._set_lost(
                 f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
-                f" they fit by {other.fit:.2f} at {_place(other.pose)}"
+                f" they fit by {other.fit:.2f} at {_place(other.pose)}",
+                unmoved=here,
             )
-            self._unmoved = here
 
     def _explains_better(self, other: Alternative) -> bool:
         """Whether another place explains the readings, and the present one does not.
@@ -512,16 +555,17 @@ class Localization(Agent):
             and other.fit >= self._confirm.better * other.stay_fit
         )
 
-    def _set_lost(self, why: str, *, spread: bool = False) -> None:
-        self._belief = Lost(spread, suspect=self._belief.suspect)
-        self._search = self._unmoved = None
+    def _set_lost(self, why: str, *, spread: bool = False, unmoved: Pose2 | None = None) -> None:
+        self._belief = Lost(spread, suspect=self._belief.suspect, unmoved=unmoved)
+        self._searches.running = None
         self.log(f"the robot is lost: {why}", WARNING)
 
     def _set_localized(self, pose: Pose2, proofs: int) -> None:
-        self._belief, self._searched = Localized(proofs), 0
-        if not proofs or (self._unmoved is not None and apart(pose, self._unmoved)):
-            self._unmoved = None
-        self._search, self._estimate = None, pose
+        unmoved = self._belief.unmoved
+        if not proofs or (unmoved is not None and apart(pose, unmoved)):
+            unmoved = None
+        self._belief, self._estimate = Localized(proofs, unmoved=unmoved), pose
+        self._searches = Searches(at=self._searches.at)
         self.log(f"the robot is localized at {_place(pose)}")
 
     def _accept_place(self, search: Search) -> None:
@@ -532,21 +576,24 @@ class Localization(Agent):
         """
         if not (places := search.places):
             return
-        best, belief = self._unmoved_place(search) or places[0], self._belief
+        unmoved = self._unmoved_place(search)
+        if unmoved is not None:
+            self._belief = replaced(self._belief, unmoved=unmoved.pose)
+        best, belief = unmoved or places[0], self._belief
         if isinstance(belief, Lost) and not belief.spread:
             self._filter.gather(search)  # for the next search, and for relocate's comparison
         sure = best.share >= self.p.found and best.fit >= self._confirm.found_fit
         if isinstance(belief, Localized):
             if self._estimate is None or not apart(best.pose, self._estimate):
                 unconfirmed = belief.unconfirmed - (best.share >= self.p.found)
-                self._belief = replaced(belief, unconfirmed=unconfirmed)
-                self._unmoved = self._unmoved if unconfirmed else None
+                kept = belief.unmoved if unconfirmed else None
+                self._belief = replaced(belief, unconfirmed=unconfirmed, unmoved=kept)
             elif sure:
                 self._set_lost(f"the readings since it was found fit better at {_place(best.pose)}")
             return
-        again = belief.sure if not apart(best.pose, self._best) else 0
-        times, self._best = (again + 1 if sure else 0), best.pose
-        self._belief = replaced(belief, sure=times)
+        again = belief.sure if not apart(best.pose, belief.agreed) else 0
+        times = again + 1 if sure else 0
+        self._belief = replaced(belief, sure=times, agreed=best.pose)
         # Spread particles mostly still include the true pose, so leaving them takes more searches.
         # They also converge if scans of unmapped objects fit by chance: a search has to agree.
         needed = self.p.found_times * (2 if belief.spread else 1)
@@ -555,33 +602,32 @@ class Localization(Agent):
         if times >= needed:
             if belief.spread:
                 self._filter.gather(search)
-            elif best.pose == self._unmoved:  # the search may not have it among its best places
+            elif best.pose == belief.unmoved:  # the search may not have it among its best places
                 self._filter.start_at(best.pose, self.p.start_m, self.p.start_rad)
             self._set_localized(best.pose, self.p.proved_times)
 
     def _unmoved_place(self, search: Search) -> Place | None:
         """The pose of a robot that was not moved; None if another place is likelier."""
-        if self._unmoved is None:
+        before = self._belief.unmoved
+        if before is None:
             return None
-        place = search.staying(self._unmoved, UNMOVED_ODDS)
+        place = search.staying(before, UNMOVED_ODDS)
         if place is None or place.share < 0.5 or place.fit < self._confirm.found_fit:
             return None
-        if apart(place.pose, self._unmoved):
-            return None
-        self._unmoved = place.pose
-        return place
+        return None if apart(place.pose, before) else place
 
     def _update_fit(self) -> None:
         """Report readings that fit the map badly on average. The robot is slow until they fit."""
         least = self._confirm.misfit
         if isinstance(self._belief, Lost):
-            self._fit, self._misfit = USUAL_FIT * least, False
+            self._fit = Fit(USUAL_FIT * least)
             return
-        self._fit += self.cycles.period / MISFIT_S * (self._filter.fit - self._fit)
-        before, self._misfit = self._misfit, self._fit < least
-        if self._misfit and not before:
+        before, average = self._fit, self._fit.average
+        average += self.cycles.period / MISFIT_S * (self._filter.fit - average)
+        self._fit = Fit(average, average < least)
+        if self._fit.bad and not before.bad:
             self.log(
-                f"the readings fit the map badly ({self._fit:.2f} on average): it may be of another"
+                f"the readings fit the map badly ({average:.2f} on average): it may be of another"
                 " place, or much has changed",
                 WARNING,
             )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
 from math import atan2, cos, hypot, inf, radians, sin, tau
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Final, NamedTuple
 
 from msgspec import Meta
 
@@ -59,13 +61,65 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     patience_s: Annotated[float, Meta(gt=0, le=600)] = 10.0  # without progress: any free way
     silent_s: Annotated[float, Meta(gt=0, le=60)] = 1.0  # without an echo ahead it creeps
     leg_m: Metres = 3.0  # after this distance straight ahead it looks around again
-    tell_m: Metres = 2.0  # or, on a leg that distinguishes places, chooses the next leg
+    tell_m: Metres = 2.0  # greatest length of a leg that distinguishes places
     off_rad: Annotated[float, Meta(gt=0, le=1)] = 0.2  # it first turns to a leg farther off
     wait_s: Annotated[float, Meta(gt=0, le=60)] = 2.0  # until the next choice if no leg helps
     give_up_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0
     utility_least: Annotated[float, Meta(ge=0, le=1)] = 0.4  # when just lost
     utility_most_m: Metres = 2.0  # standard deviation of the pose at which the utility is 1
     safety: Safety = Safety()
+
+
+Command = tuple[float, float, str]
+"""A speed (m/s), a turn rate (rad/s) and the reason."""
+
+
+class Phase(Enum):
+    """What a lost robot does."""
+
+    LOOK = "turns once on the spot"
+    SEARCH = "turns until the way ahead is open"
+    DRIVE = "drives straight on"
+    ESCAPE = "drives any free way"
+    FACE = "turns to a leg that distinguishes places"
+    LEG = "drives along it"
+
+
+class Event(Enum):
+    TURNED = "it has turned once, or cannot turn"
+    SHUT = "there is no room ahead, or no echo"
+    OPEN = "there is room ahead, and an echo"
+    BOXED_IN = "it can neither turn nor drive on"
+    FAR = "it has driven `leg_m` since it looked around"
+    STALLED = "it has made no progress for `patience_s`"
+    NO_ROOM = "there is no room, neither ahead nor behind"
+    PROGRESS = "it has made progress"
+    FOUND = "a leg distinguishes places"
+    FACING = "it faces the leg's end"
+    ENDED = "the leg's end is reached, or it is blocked"
+
+
+TRANSITIONS: Final[Mapping[tuple[Phase, Event], Phase]] = {
+    (Phase.LOOK, Event.TURNED): Phase.DRIVE,
+    (Phase.LOOK, Event.STALLED): Phase.ESCAPE,
+    (Phase.SEARCH, Event.TURNED): Phase.DRIVE,
+    (Phase.SEARCH, Event.OPEN): Phase.DRIVE,
+    (Phase.SEARCH, Event.FAR): Phase.LOOK,
+    (Phase.SEARCH, Event.STALLED): Phase.ESCAPE,
+    (Phase.DRIVE, Event.SHUT): Phase.SEARCH,
+    (Phase.DRIVE, Event.BOXED_IN): Phase.LOOK,
+    (Phase.DRIVE, Event.FAR): Phase.LOOK,
+    (Phase.DRIVE, Event.STALLED): Phase.ESCAPE,
+    (Phase.DRIVE, Event.FOUND): Phase.FACE,
+    (Phase.ESCAPE, Event.PROGRESS): Phase.DRIVE,
+    (Phase.ESCAPE, Event.NO_ROOM): Phase.DRIVE,
+    (Phase.ESCAPE, Event.FAR): Phase.LOOK,
+    (Phase.ESCAPE, Event.FOUND): Phase.FACE,
+    (Phase.FACE, Event.FACING): Phase.LEG,
+    (Phase.FACE, Event.ENDED): Phase.DRIVE,
+    (Phase.LEG, Event.ENDED): Phase.DRIVE,
+}
+"""All changes of phase. An event without an entry for the phase changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +129,43 @@ class EchoAhead:
     at: float = -inf  # s; never
     m: float = 0.0
     by: Pose2 = STOOD
+
+
+@dataclass
+class Stall:
+    """How long it has made no progress."""
+
+    driving_s: float = 0.0  # less the time of looking around
+    reversals: int = 0  # changes of the turning direction meanwhile
+    back: bool | None = None  # the free way is backwards
+
+
+@dataclass
+class Recovery:
+    """One attempt to localize a lost robot; poses are by the odometry."""
+
+    since: float  # when the robot got lost, s
+    bid_at: float  # the last bid, s
+    stall: Stall
+    phase: Phase = Phase.LOOK
+    left: float = tau  # of the turn in LOOK, rad
+    way_m: float = 0.0  # driven since it looked around
+    searched: float = -tau  # turned since it looked around or searched for a free way, rad
+    visited: list[Pose2] = field(default_factory=list)
+    leg_end: Pose2 = STOOD  # in FACE and LEG
+    chosen_at: float = -inf  # the last choice of a leg, s
+    gave_up: bool = False
+
+    def on(self, event: Event) -> None:
+        self.phase = TRANSITIONS.get((self.phase, event), self.phase)
+
+
+class Room(NamedTuple):
+    """The obstacles of this cycle, and the free distances ahead and behind, m."""
+
+    obstacles: Obstacles
+    ahead: float
+    behind: float
 
 
 class Relocate(Behaviour):
@@ -107,17 +198,11 @@ class Relocate(Behaviour):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._since = -inf  # when the robot got lost
-        self._bid_at = -inf
-        self._left = 0.0  # of the turn, rad
-        self._way = 0.0  # of the leg, m
-        self._searched = 0.0  # turned so far in search of a free way, rad
+        self._recovery = Recovery(-inf, -inf, Stall())
+        self._side = 1.0  # of turns on the spot: 1 left, -1 right
         self._last_echo: EchoAhead | None = None  # None: no sonar yet
-        self._stalled_s = 0.0  # driving time without progress, less that of a look around, s
-        self._back: bool | None = None  # the free way is backwards
-        self._reversals = 0  # changes of the turning direction meanwhile
-        self._side = 1.0
-        self._gave_up = False
+        self._particles: Particles | None = None  # decoded only when needed
+        self._placed_at: Pose2 = STOOD  # the odometry when they were received
         self._localizer: ActiveLocalizer | None = None
         if self.p.world is not None:
             world, profile = load_world(self.p.world), load_profile(self.p.profile)
@@ -126,14 +211,6 @@ class Relocate(Behaviour):
             self._localizer = ActiveLocalizer(
                 grid, profile.body.circle_m, min(profile.reach_m, COMPARED_M)
             )
-        self._particles: Particles | None = None  # decoded only when needed
-        self._placed_at: Pose2 = STOOD  # the odometry when they were received
-        self._visited: list[Pose2] = []  # former positions since it is lost, by the odometry
-        self._to: Pose2 | None = (
-            None  # the end of the leg that distinguishes places, by the odometry
-        )
-        self._facing = False  # towards that end
-        self._chosen_at = -inf
 
     def on_sonar(self, sonar: Sonar) -> None:
         """Store the nearest echo ahead."""
@@ -158,11 +235,11 @@ class Relocate(Behaviour):
         return STOOD if state is None else (state.x, state.y, state.theta)
 
     def propose(self, pose: Pose, obstacles: Obstacles) -> Bid | None:
-        self._begin()
-        if self.now - self._since > self.p.give_up_s:
+        self._update_recovery()
+        if self.now - self._recovery.since > self.p.give_up_s:
             self.why = f"not localized in {self.p.give_up_s:g} s"
-            if not self._gave_up:
-                self._gave_up = True
+            if not self._recovery.gave_up:
+                self._recovery.gave_up = True
                 self.log(f"the robot is lost and was {self.why}: it stays at rest", WARNING)
             return None
         v, w, reason = self._act(obstacles)
@@ -171,41 +248,50 @@ class Relocate(Behaviour):
         utility = self.p.utility_least + share * (1.0 - self.p.utility_least)
         return Bid(utility, (v, w), reason=reason)
 
-    def _begin(self) -> None:
+    def _update_recovery(self) -> None:
         """Measure the time, turn and distance since the robot got lost."""
         cycle_s = self.body.cycle_s
-        if self.now - self._bid_at > 10.0 * cycle_s:
-            self._since, self._gave_up = self.now, False
-            self._left, self._way, self._searched = tau, 0.0, -tau
-            self._visited, self._to = [], None
-            self._stalled_s, self._reversals = -tau / self.p.w, 0
-        self._bid_at = self.now
+        if self.now - self._recovery.bid_at > 10.0 * cycle_s:
+            self._recovery = Recovery(self.now, self.now, Stall(-tau / self.p.w))
+        recovery = self._recovery
+        recovery.bid_at = self.now
         x, y, _ = here = self._odometry
-        if (
-            not self._visited
-            or hypot(x - self._visited[-1][0], y - self._visited[-1][1]) > self.p.step_m
-        ):
-            self._visited = [*self._visited[-MOST_VISITED:], here]
-            if len(self._visited) > 1:
-                self._stalled_s, self._reversals, self._back = 0.0, 0, None
+        visited = recovery.visited
+        if not visited or hypot(x - visited[-1][0], y - visited[-1][1]) > self.p.step_m:
+            recovery.visited = [*visited[-MOST_VISITED:], here]
+            if len(recovery.visited) > 1:
+                recovery.stall = Stall()
         if self.holds(WHEELS):
             v, w = self.measured
-            self._left = max(0.0, self._left - abs(w) * cycle_s)
-            self._searched += abs(w) * cycle_s
-            self._stalled_s += cycle_s
-            self._way += abs(v) * cycle_s
+            recovery.left = max(0.0, recovery.left - abs(w) * cycle_s)
+            recovery.searched += abs(w) * cycle_s
+            recovery.stall.driving_s += cycle_s
+            recovery.way_m += abs(v) * cycle_s
+        if recovery.phase is Phase.LOOK and recovery.left <= 0.0:
+            recovery.on(Event.TURNED)
 
     @property
     def _patience(self) -> float:
         """Time without progress, as a share of the patience; above 1 any free way is taken."""
-        return max(self._stalled_s / self.p.patience_s, self._reversals / (2 * MOST_REVERSALS))
+        stall = self._recovery.stall
+        return max(stall.driving_s / self.p.patience_s, stall.reversals / (2 * MOST_REVERSALS))
 
     @property
     def _silent(self) -> bool:
         """Whether there is no echo ahead but may be one in another direction."""
         ahead = self._last_echo
         silent = ahead is not None and self.now - ahead.at > self.p.silent_s
-        return silent and self._searched < tau
+        return silent and self._recovery.searched < tau
+
+    @property
+    def _speed(self) -> float:
+        """The speed forwards, m/s."""
+        return min(self.p.v, self.p.v_max or inf)
+
+    @property
+    def _slow(self) -> float:
+        """The speed backwards, m/s."""
+        return min(self.p.v_back, self._speed)
 
     @property
     def _stopping_speed(self) -> float:
@@ -219,100 +305,151 @@ class Relocate(Behaviour):
         left = ahead.m - hypot(x, y) - p.safety.margin_m
         return max(p.v_back, self.body.stops_within(left))
 
-    def _act(self, obstacles: Obstacles) -> tuple[float, float, str]:
-        p, outline, points = self.p, self.body.outline, obstacles.points
-        ahead = free_path(points, 1.0, 0.0, outline, p.safety.margin_m)
-        command = self._drive_to_distinguish(obstacles, ahead)
-        if command is not None:
-            return command
-        if self._way > p.leg_m:
-            self._left, self._way, self._searched = tau, 0.0, -tau
-            self._stalled_s -= tau / p.w
-        mirrored = [Point(-point.x, -point.y) for point in points]
-        behind = free_path(mirrored, 1.0, 0.0, outline.turned_round, p.safety.margin_m)
-        v = min(p.v, p.v_max or inf)
-        back = -min(p.v_back, v)
-        if self._patience > 1.0:  # no way is open enough: take any
-            self._left, self._searched = 0.0, 0.0
-            self._back = ahead < behind if self._back is None else self._back
-            if (behind if self._back else ahead) > p.back_room_m:
-                return back if self._back else v, 0.0, "lost: to where there is room"
-            self._stalled_s, self._reversals, self._back = 0.0, 0, None
-        self._turn_to_free_space(obstacles, ahead)
-        if self._left > 0.0:
-            for side in (self._side, -self._side):
-                if free_turn(points, side, outline, TURN_MARGIN_M) > p.safety.turn_room:
-                    self._reversals += side != self._side
-                    self._side = side
-                    if self._reversals >= MOST_REVERSALS and self._left < inf:
-                        break  # it has seen all there is to see from here
-                    return 0.0, side * p.w, "lost: look around"
-            self._left = 0.0
-        if ahead >= p.ahead_m:
-            return v, 0.0, "lost: drive on"
-        if behind > p.back_room_m:  # it can neither turn nor drive on: back out the way it came
-            self._left = tau
-            return back, 0.0, "lost: back out"
-        return 0.0, 0.0, "lost: no way on"
+    # Changes of phase ----------------------------------------------------------------------------
 
-    def _turn_to_free_space(self, obstacles: Obstacles, ahead: float) -> None:
+    def _act(self, obstacles: Obstacles) -> Command:
+        """Change the phase by the events of this cycle, and act by it."""
+        p, outline, points = self.p, self.body.outline, obstacles.points
+        mirrored = [Point(-point.x, -point.y) for point in points]
+        room = Room(
+            obstacles,
+            free_path(points, 1.0, 0.0, outline, p.safety.margin_m),
+            free_path(mirrored, 1.0, 0.0, outline.turned_round, p.safety.margin_m),
+        )
+        self._check_leg(room)
+        if self._recovery.phase not in (Phase.FACE, Phase.LEG):
+            self._check_progress(room)
+            self._check_ahead(room)
+            self._check_turn(room)
+        match self._recovery.phase:
+            case Phase.LOOK | Phase.SEARCH:
+                return 0.0, self._side * p.w, "lost: look around"
+            case Phase.DRIVE:
+                return self._drive(room)
+            case Phase.ESCAPE:
+                v = -self._slow if self._recovery.stall.back else self._speed
+                return v, 0.0, "lost: to where there is room"
+            case Phase.FACE:
+                side = self._side_to(self._to_leg_end()[1], room) or 0.0
+                return 0.0, side * p.w, "lost: to where places differ"
+            case Phase.LEG:
+                off = self._to_leg_end()[1]
+                return self._speed, max(-p.w, min(p.w, off)), "lost: to where places differ"
+
+    def _check_leg(self, room: Room) -> None:
+        """Find a leg that distinguishes places, or end it."""
+        p, recovery = self.p, self._recovery
+        if recovery.phase in (Phase.DRIVE, Phase.ESCAPE):
+            self._find_leg(room)
+        if recovery.phase not in (Phase.FACE, Phase.LEG):
+            return
+        x, off = self._to_leg_end()
+        if recovery.phase is Phase.FACE and abs(off) > p.off_rad:
+            if self._side_to(off, room) is None:
+                recovery.on(Event.ENDED)
+            return
+        recovery.on(Event.FACING)
+        blocked = room.ahead < p.back_room_m
+        if x <= NEAR_M or blocked:
+            recovery.on(Event.ENDED)
+            recovery.way_m, recovery.chosen_at = 0.0, self.now if blocked else -inf
+
+    def _find_leg(self, room: Room) -> None:
+        p, recovery, here = self.p, self._recovery, self._odometry
+        if self._localizer is None or self.now < recovery.chosen_at + p.wait_s:
+            return
+        recovery.chosen_at = self.now
+        since = relative(self._placed_at, here)
+        drawn = [] if self._particles is None else particles.poses_of(self._particles)
+        leg = self._localizer.leg(
+            [(compose(pose, since), share) for pose, share in places_of(drawn)],
+            [self._room_in(room.obstacles, turn * tau / DIRECTIONS) for turn in range(DIRECTIONS)],
+            [relative(here, visited)[:2] for visited in recovery.visited],
+            self._speed,
+            p.w,
+        )
+        if leg is not None:
+            length = min(leg.length, p.tell_m)
+            end = (length * cos(leg.heading), length * sin(leg.heading), 0.0)
+            recovery.leg_end = compose(here, end)
+            recovery.on(Event.FOUND)
+
+    def _check_progress(self, room: Room) -> None:
+        """Look around after a while; take any way if there is no progress."""
+        p, recovery = self.p, self._recovery
+        if recovery.way_m > p.leg_m:
+            recovery.on(Event.FAR)
+            recovery.left, recovery.way_m, recovery.searched = tau, 0.0, -tau
+            recovery.stall.driving_s -= tau / p.w
+        if self._patience <= 1.0:
+            recovery.on(Event.PROGRESS)
+            return
+        recovery.on(Event.STALLED)
+        recovery.searched, stall = 0.0, recovery.stall
+        stall.back = room.ahead < room.behind if stall.back is None else stall.back
+        if (room.behind if stall.back else room.ahead) <= p.back_room_m:
+            recovery.on(Event.NO_ROOM)
+            recovery.stall = Stall()
+
+    def _check_ahead(self, room: Room) -> None:
         """Start a turn where it cannot drive on, and end it where it can."""
-        p, silent = self.p, self._silent
-        if self._left <= 0.0 and (ahead < p.ahead_m or silent):
-            self._left = inf  # until there is free space
-            self._searched = 0.0
+        p, recovery, silent = self.p, self._recovery, self._silent
+        if recovery.phase is Phase.DRIVE and (room.ahead < p.ahead_m or silent):
+            recovery.on(Event.SHUT)
+            recovery.searched = 0.0
             left, right = (
-                inf if o is None else hypot(o.x, o.y) for o in (obstacles.left, obstacles.right)
+                inf if o is None else hypot(o.x, o.y)
+                for o in (room.obstacles.left, room.obstacles.right)
             )
             self._side = (
                 1.0 if left > right or (left == right and self.rng.random() < 0.5) else -1.0
             )
             return
         enough = p.open_m if self._patience < 0.5 else p.ahead_m
-        if self._left == inf and not silent and ahead > enough:
-            self._left = 0.0
+        if not silent and room.ahead > enough:
+            recovery.on(Event.OPEN)
 
-    def _drive_to_distinguish(
-        self, obstacles: Obstacles, ahead: float
-    ) -> tuple[float, float, str] | None:
-        """Drive along the leg that distinguishes places, if there is one."""
-        p, outline, here = self.p, self.body.outline, self._odometry
-        v = min(p.v, p.v_max or inf)
-        if self._to is None:
-            if self._localizer is None or self._left > 0.0 or self.now < self._chosen_at + p.wait_s:
-                return None
-            self._chosen_at = self.now
-            since = relative(self._placed_at, here)
-            drawn = [] if self._particles is None else particles.poses_of(self._particles)
-            leg = self._localizer.leg(
-                [(compose(pose, since), share) for pose, share in places_of(drawn)],
-                [self._room(obstacles, turn * tau / DIRECTIONS) for turn in range(DIRECTIONS)],
-                [relative(here, visited)[:2] for visited in self._visited],
-                v,
-                p.w,
-            )
-            if leg is None:
-                return None
-            length = min(leg.length, p.tell_m)
-            self._facing = False
-            self._to = compose(here, (length * cos(leg.heading), length * sin(leg.heading), 0.0))
-        x, y, _ = relative(here, self._to)
-        off = wrap(atan2(y, x))
-        if not self._facing and abs(off) > p.off_rad:
-            for side in (1.0 if off > 0.0 else -1.0, -1.0 if off > 0.0 else 1.0):
-                needed = side * off % tau
-                if free_turn(obstacles.points, side, outline, TURN_MARGIN_M) > needed:
-                    return 0.0, side * p.w, "lost: to where places differ"
-            self._to = None
-            return None
-        self._facing = True
-        if x <= NEAR_M or ahead < p.back_room_m:
-            self._to, self._chosen_at = None, -inf if ahead >= p.back_room_m else self.now
-            self._way, self._left = 0.0, 0.0
-            return None
-        return v, max(-p.w, min(p.w, off)), "lost: to where places differ"
+    def _check_turn(self, room: Room) -> None:
+        """Choose the side to turn to, if there is one."""
+        recovery = self._recovery
+        if recovery.phase not in (Phase.LOOK, Phase.SEARCH):
+            return
+        points, turn_room = room.obstacles.points, self.p.safety.turn_room
+        for side in (self._side, -self._side):
+            if free_turn(points, side, self.body.outline, TURN_MARGIN_M) > turn_room:
+                recovery.stall.reversals += side != self._side
+                self._side = side
+                if recovery.phase is Phase.LOOK and recovery.stall.reversals >= MOST_REVERSALS:
+                    break  # it has seen all there is to see from here
+                return
+        recovery.on(Event.TURNED)
 
-    def _room(self, obstacles: Obstacles, heading: float) -> float:
+    def _drive(self, room: Room) -> Command:
+        if room.ahead >= self.p.ahead_m:
+            return self._speed, 0.0, "lost: drive on"
+        if room.behind <= self.p.back_room_m:
+            return 0.0, 0.0, "lost: no way on"
+        # It backs out the way it came, and looks around again.
+        self._recovery.on(Event.BOXED_IN)
+        self._recovery.left = tau
+        return -self._slow, 0.0, "lost: back out"
+
+    # Geometry ------------------------------------------------------------------------------------
+
+    def _to_leg_end(self) -> tuple[float, float]:
+        """The distance ahead (m) and the bearing (rad) of the leg's end."""
+        x, y, _ = relative(self._odometry, self._recovery.leg_end)
+        return x, wrap(atan2(y, x))
+
+    def _side_to(self, off: float, room: Room) -> float | None:
+        """The side by which it can turn to a bearing, the shorter way first: 1 left, -1 right."""
+        for side in (1.0, -1.0) if off > 0.0 else (-1.0, 1.0):
+            free = free_turn(room.obstacles.points, side, self.body.outline, TURN_MARGIN_M)
+            if free > side * off % tau:
+                return side
+        return None
+
+    def _room_in(self, obstacles: Obstacles, heading: float) -> float:
         """Free distance in a heading after turning there, m."""
         c, s = cos(heading), sin(heading)
         turned = [Point(c * o.x + s * o.y, c * o.y - s * o.x) for o in obstacles.points]

@@ -131,7 +131,6 @@ _EXTRAS: Final = (
     ("rerun-sdk", "dashboard"),
     ("matplotlib", "plot"),
     ("cyclonedds", "ros2"),
-    ("foxglove-sdk", "foxglove"),
 )
 
 

@@ -44,7 +44,7 @@ def come(watch: RunWatch) -> tuple[float, float]:
         return done, done + len(watch.tasks.ahead) + bool(watch.tasks.doing)
     mission = watch.view.mission
     to_go = 0.0 if mission is None else mission.to_go
-    whole = max(watch.distance + to_go, 1e-3)
+    whole = max(watch.driven.distance + to_go, 1e-3)
     return whole - to_go, whole
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from armadico.core.messages import Card
     from armadico.observe.diagnosis import HostState
-    from armadico.observe.view import Seen, View
+    from armadico.observe.view import View
 
 EXAMPLES: Final = """\
   armadico ps                              all agents in this robot's namespace
@@ -93,13 +93,15 @@ def _plain(
 ) -> dict[str, Any]:
     import msgspec
 
+    from armadico.observe import described
+
     return {
         "summary": summary(findings),
         "findings": [msgspec.to_builtins(f) for f in findings if f.answer is not Answer.YES],
         "agents": [
-            _plain_card(agent)
-            for agent in view.agents
-            if agent.card is None or host in (None, agent.card.host)
+            described.agent(seen)
+            for seen in view.agents
+            if seen.card is None or host in (None, seen.card.host)
         ],
         "doubled": view.doubled,
         "hosts": [
@@ -113,15 +115,6 @@ def _plain(
             for host in hosts
         ],
     }
-
-
-def _plain_card(agent: Seen) -> dict[str, Any]:
-    from armadico.core.messages import plain
-
-    name, instance, card = agent
-    if card is None:
-        return {"name": name, "instance": instance, "answering": False}
-    return {**plain(card), "answering": True}
 
 
 def _show_host(host: HostState) -> None:

@@ -28,7 +28,7 @@ from armadico.core.services import latched
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node
-from armadico.observe.measures import RunWatch
+from armadico.observe.measures import Phase, RunWatch
 from armadico.testing.society import Society, bidder
 
 COMMON: tuple[type[m.Message], ...] = (
@@ -259,7 +259,7 @@ class AgentContract(Contract):
             elapsed = run.mesh.now - began[0]
             fault(run, done.instances[-1], elapsed)
             if limit_s is not None and elapsed >= limit_s:
-                watch.done = True
+                watch.phase = Phase.DONE
 
         run.run(progress)
         done.watch = run.watch

@@ -96,7 +96,6 @@ class Service:
 
 _S, _E, _L, _Q = Kind.STATE, Kind.EVENT, Kind.LATCHED, Kind.QUERY
 
-_shared: set[str] = set()
 _rows: list[Service] = [
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
@@ -248,23 +247,6 @@ def derived(kind: type[m.Message]) -> tuple[type[m.Message], ...]:
     if kind in _by_message or kind.__struct_fields__:
         return (kind,)
     return tuple(row.message for row in services() if issubclass(row.message, kind))
-
-
-def share(first: str) -> None:
-    """Declare that robots share the keys with this first part: they are beside a namespace.
-
-    Robots `lab/r1` and `lab/r2` share `lab/fleet/...` if "fleet" is shared.
-    """
-    _shared.add(first)
-
-
-def shared() -> frozenset[str]:
-    """Return the first parts of the keys that robots share."""
-    return frozenset(_shared)
-
-
-def is_shared(key: str) -> bool:
-    return key.partition("/")[0] in _shared
 
 
 def rows_of(message: type[m.Message]) -> tuple[Service, ...]:

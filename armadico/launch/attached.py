@@ -14,6 +14,7 @@ from armadico.launch.processes import undisturbed
 from armadico.launch.run import LiveRun
 from armadico.launch.society import ATTACHED, Options, least
 from armadico.mesh.topology import MeshError
+from armadico.observe.measures import Phase
 from armadico.runtime.errors import RunFailedError, SocietyError
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ class AttachedRun(LiveRun):
     ) -> None:
         """Stop the robot by the latched stop, if its mission has begun and not ended."""
         watch = self.watch
-        if watch.replaced:
+        if watch.phase is Phase.REPLACED:
             self._warn("the robot continues: another mission has replaced this one")
             return
         if not watch.mission or (watch.done and (not watch.failed or watch.tasks is not None)):

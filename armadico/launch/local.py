@@ -17,7 +17,7 @@ from armadico.launch.processes import SIMULATOR, START_S, Process, ProcessTable,
 from armadico.launch.run import IDLE_S, SILENT_S, LiveRun
 from armadico.launch.society import Member, Options, members, processes
 from armadico.mobile.messages import MissionStatus
-from armadico.observe.measures import UNDER_WAY, Result, RunWatch
+from armadico.observe.measures import UNDER_WAY, Phase, Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class Launcher(LiveRun):
         Otherwise it would lose its processes, which end with the run.
         """
         result = super().run(progress, warn)
-        if self.watch.replaced:
+        if self.watch.phase is Phase.REPLACED:
             self._warn(
                 "another mission has replaced this run's; the processes stay until it ends, or"
                 " until Ctrl-C"
@@ -242,7 +242,7 @@ class Launcher(LiveRun):
                 )
                 if process.name == SIMULATOR:
                     self.watch.lose(f"the simulator has ended ({how})")
-        if not self.watch.lost:
+        if self.watch.phase is not Phase.LOST:
             super().poll()
 
     def robot_advice(self) -> str:

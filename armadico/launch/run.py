@@ -18,7 +18,8 @@ from armadico.config.scenarios import Scenario, mission_of, unmapped
 from armadico.config.worlds import doubts, load_world
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
-from armadico.core.discovery import GUESTS, agent_class, installed, owners
+from armadico.core.discovery import GUESTS, agent_class, owners
+from armadico.core.installed import made
 from armadico.core.messages import Claim, Log, LogEvent, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
@@ -26,7 +27,7 @@ from armadico.launch.society import LIVE, Options, errand, names, time_limit, wa
 from armadico.mesh.base import Mesh
 from armadico.mobile.behaviour import Behaviour
 from armadico.mobile.messages import Correction, Pose
-from armadico.observe.measures import Result, RunWatch, watched
+from armadico.observe.measures import Phase, Result, RunWatch, watched
 from armadico.runtime.errors import RunFailedError
 
 FIND_S = 5.0
@@ -171,7 +172,7 @@ class RobotRun(Run[RunWatch, Result]):
         self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
         self._warned = ""
         self.report_to(self._warn)
-        self._guests = [found.load()(scenario) for found in installed(GUESTS).values()]
+        self._guests = made(GUESTS, scenario)
 
     @property
     def over(self) -> bool:
@@ -270,7 +271,8 @@ class LiveRun(RobotRun):
 
     def goes_on(self, elapsed: float) -> bool:
         self.poll()
-        return super().goes_on(elapsed) and not self.watch.lost and not self._abandoned(elapsed)
+        lost = self.watch.phase is Phase.LOST
+        return super().goes_on(elapsed) and not lost and not self._abandoned(elapsed)
 
     def poll(self) -> None:
         """Check the society. Raises RunFailedError if the robot is silent or has changed."""
@@ -362,6 +364,6 @@ class LiveRun(RobotRun):
             f"no agent has claimed the wheels for {self._idle_s:g} s, and {', '.join(missing)}"
             f" {'is' if len(missing) == 1 else 'are'} missing"
         )
-        self.watch.waits = self.watch.waits or why
+        self.watch.note = self.watch.note or why
         self._warn(f"{why}: the run is over")
         return True

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from armadico.core.services import is_shared, shared
+from armadico.core.shared import is_shared, shared
 
 NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"  # the default namespace
 DEFAULT_NAMESPACE = "robot1"  # without that variable

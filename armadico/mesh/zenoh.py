@@ -35,7 +35,8 @@ os.environ.setdefault(
 import zenoh
 
 from armadico.core.messages import Message, encode
-from armadico.core.services import TOKEN, shared
+from armadico.core.services import TOKEN
+from armadico.core.shared import shared
 from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.linger import release_links

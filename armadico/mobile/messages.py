@@ -31,7 +31,8 @@ from armadico.core.messages import (
     Turn,
     Volts,
 )
-from armadico.core.services import event, latch, query, share, state
+from armadico.core.services import event, latch, query, state
+from armadico.core.shared import share
 from armadico.core.unseen import Rule
 from armadico.mobile.errand import Order
 

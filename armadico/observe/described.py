@@ -1,16 +1,17 @@
-"""A view as dictionaries for JSON: for `top --json`, the page and the MCP server (sans-IO).
+"""A view as dictionaries for JSON: for `ps`, `top`, the page and the MCP server (sans-IO).
 
 SI units and rad; unknown values are None. Each reader uses the sections that it shows.
 """
 
 from __future__ import annotations
 
-from math import isfinite
+from math import degrees, isfinite
 from typing import Any
 
 import msgspec
 
 from armadico.core.judgement import Answer
+from armadico.core.messages import plain
 from armadico.core.services import service_at
 from armadico.mobile.errand import Progress
 from armadico.mobile.messages import unseen_m
@@ -50,11 +51,12 @@ def pose(view: View, now: float) -> Section | None:
         "x": at.x,
         "y": at.y,
         "theta": at.theta,
+        "heading_deg": round(degrees(at.theta), 1),
         "deviation_m": at.deviation if known else None,
         "deviation_rad": at.heading_deviation if known else None,
         "confidence": view.confidence(now),
         "lost_s": None if view.lost_since is None else round(now - view.lost_since, 1),
-        "told": view.pose_text(now),
+        "pose_text": view.pose_text(now),
     }
 
 
@@ -69,7 +71,7 @@ def slam(view: View, now: float) -> Section | None:
         "loops": graph.loops_found,
         "loops_off": graph.loops_off,
         "uncertain": graph.uncertain,
-        "told": graph.summary,
+        "summary": graph.summary,
     }
 
 
@@ -117,7 +119,7 @@ def diagnosis(view: View, now: float, demand: Demand) -> Section:
 
 
 def resource(view: View, name: str, now: float) -> Section:
-    """A resource's holder, the agent that its owner obeys, and the contenders."""
+    """A resource's holder, the agent that its owner obeys, and the contenders with their bids."""
     claim, obeyed = view.claim(name, now), view.driver(name, now)
     row: Section = {"resource": name, "holder": None}
     row["obeyed"] = None if obeyed is None else agent_of(obeyed)
@@ -128,15 +130,30 @@ def resource(view: View, name: str, now: float) -> Section:
             "critical": claim.critical,
             "term": claim.ballot.term,
         }
-    return row | {"contenders": view.contenders(name)}
+    row["contenders"] = contenders = []
+    for seen in view.agents:
+        if seen.card is None or name not in seen.card.resources:
+            continue
+        bid = view.bid(seen.instance, name)
+        each: Section = {"name": seen.name, "drives": seen.instance == obeyed}
+        if seen.instance == row["holder"]:
+            each |= {"utility": row["utility"], "critical": row["critical"], "reason": ""}
+        elif bid is not None:
+            each |= {"utility": bid.utility, "critical": bid.critical, "reason": bid.reason}
+        contenders.append(each)
+    return row
 
 
-def agent(seen: Seen) -> Section:
-    """A live agent, with data of its card."""
-    card = seen.card
-    row: Section = {"name": seen.name, "instance": seen.instance, "answering": card is not None}
-    if card is not None:
-        row |= {"host": card.host, "pid": card.pid, "version": card.version}
+def agent(seen: Seen, *fields: str) -> Section:
+    """A live agent, with all fields of its card, or some."""
+    row: Section = {
+        "name": seen.name,
+        "instance": seen.instance,
+        "answering": seen.card is not None,
+    }
+    if seen.card is not None:
+        card = plain(seen.card)
+        row |= {name: card[name] for name in fields or card}
     return row
 
 

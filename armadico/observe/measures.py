@@ -11,10 +11,12 @@ and whether the robot touched anything: the run is unknown, and unknown does not
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from enum import Enum
 from math import degrees, hypot, radians
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 
@@ -77,7 +79,7 @@ class TaskResult(Struct, frozen=True):
 
     step: str
     end: str
-    said: str
+    note: str
     at_s: float
 
 
@@ -172,11 +174,54 @@ def speeds(command: Command) -> tuple[float, float]:
     return action[0], action[1]
 
 
-class _Origin(NamedTuple):
-    """Time and pose at the beginning of a run."""
+class Phase(Enum):
+    """How far a run's mission is; without a mission a run is accepted until its end."""
 
-    t: float
-    at: Pose2
+    WAITING = "the mission is not accepted yet"
+    ACCEPTED = "no status of this mission was received"
+    REPORTED = "the interface agent reports this mission"
+    DONE = "the goal is reached, or the mission done"
+    FAILED = "the mission or exploration failed"
+    REPLACED = "another mission has replaced it"
+    LOST = "the run could not be watched until its end"
+
+
+OVER = {Phase.DONE, Phase.FAILED, Phase.REPLACED}
+
+
+@dataclass
+class Driven:
+    """The path of a run."""
+
+    true: bool = False  # it is ground truth, whose clock is another
+    marks: list[Mark] = field(default_factory=list)
+    distance: float = 0.0  # m
+
+    def add(self, mark: Mark) -> None:
+        if self.marks:
+            self.distance += hypot(mark.x - self.marks[-1].x, mark.y - self.marks[-1].y)
+        self.marks.append(mark)
+
+
+@dataclass
+class Holders:
+    """The agents that were obeyed."""
+
+    cycles: dict[str, int] = field(default_factory=dict)
+    exchanges: int = 0
+    last: str | None = None
+
+    def add(self, holder: str) -> None:
+        """Count a cycle. Cycles without a holder are no exchange."""
+        self.exchanges += self.last not in (None, holder)
+        self.last = holder
+        self.cycles[holder] = self.cycles.get(holder, 0) + 1
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Per cent of the cycles, by agent."""
+        whole = sum(self.cycles.values())
+        return {name: round(100.0 * n / whole, 2) for name, n in sorted(self.cycles.items())}
 
 
 @dataclass
@@ -188,7 +233,6 @@ class RunWatch:
     seed: int | None = None
     conditions: Conditions | None = None
     unplaced: bool = False  # a simulator's frame is another one: it is aligned at the beginning
-    path: list[Mark] = field(default_factory=list)
     echoes: list[tuple[float, float]] = field(default_factory=list)
     waypoints: tuple[Pose2, ...] = ()
     unseen: dict[Stretch, None] = field(default_factory=dict)  # parts of the paths, in order
@@ -197,30 +241,36 @@ class RunWatch:
     warnings: list[str] = field(default_factory=list)  # that the run has reported
     unaided: str = ""  # why nothing corrects the pose, with a space before; "": something does
     now: float = 0.0
-    done: bool = False
-    failed: str = ""  # why the mission or exploration failed
-    waits: str = ""  # why the robot does not drive now
-    replaced: bool = False  # another mission has replaced this run's
-    lost: bool = False  # the run could not be watched until its end
+    phase: Phase = Phase.WAITING
+    note: str = ""  # why the mission failed, or why the robot does not drive now
     errand: Progress | None = None  # progress of a mission of several tasks, or an exploration
     grid: OccupancyGrid | None = None  # the map made by driving
-    begun: bool = False
     mission: int = 0
     controller: str = ""  # the first one that was known in this run; empty: none so far
     limit: float | None = None
-    distance: float = 0.0
-    exchanges: int = 0
+    driven: Driven = field(default_factory=Driven)
+    holders: Holders = field(default_factory=Holders)
     clearance: float | None = None
-    _cycles: dict[str, int] = field(default_factory=dict)
-    _last_holder: str | None = None
-    _origin: _Origin | None = None
-    _true: bool = False  # the path is ground truth
     _frame: Pose2 | None = None  # of the ground truth, if it was aligned
-    _reported: bool = False  # a status of this run's mission has been received
+
+    def __post_init__(self) -> None:
+        handlers: dict[type[Message], Callable[[Any], None]] = {
+            Description: self._on_description,
+            Truth: self._on_truth,
+            Pose: self._on_pose,
+            Ack: self._on_ack,
+            Sonar: self._on_sonar,
+            Scan: self._on_scan,
+            MissionStatus: self._on_mission_status,
+            Errands: self._on_errands,
+            OccupancyGrid: self._on_grid,
+        }
+        self._handlers = {kind: on for base, on in handlers.items() for kind in derived(base)}
 
     def begin(self, mission: int = 0) -> None:
         """Start: the mission is accepted; 0 for a run without a mission."""
-        self.mission, self.begun = mission, True
+        self.mission = mission
+        self._enter(Phase.ACCEPTED)
         self.truth.begin(self.now)
         self.controller = self.view.controller
 
@@ -231,7 +281,13 @@ class RunWatch:
     def lose(self, why: str) -> None:
         """From now on nothing is known, as when the simulator has ended; the run is over."""
         self.truth.lose(why)
-        self.lost = True
+        if self.phase not in (Phase.DONE, Phase.FAILED):
+            self.phase = Phase.LOST
+
+    def _enter(self, phase: Phase, note: str = "") -> None:
+        if self.phase is not Phase.LOST:
+            self.phase = phase
+        self.note = note
 
     def update(self, message: Message, now: float) -> None:
         if self.done:
@@ -243,13 +299,28 @@ class RunWatch:
         if isinstance(message, Trajectory) and message.waypoints:
             self.waypoints = tuple((w.x, w.y, w.theta) for w in message.waypoints)
             self.unseen |= dict.fromkeys(message.unseen)
-        handler = getattr(self, f"_on_{type(message).__name__.lower()}", None)
-        if not self.begun:
-            return
-        if isinstance(message, Errands):
-            self._on_errands(message)
-        elif handler is not None:
+        handler = self._handlers.get(type(message))
+        if self.begun and handler is not None:
             handler(message)
+
+    @property
+    def begun(self) -> bool:
+        return self.phase is not Phase.WAITING
+
+    @property
+    def done(self) -> bool:
+        """Whether the mission has ended, in whatever way."""
+        return self.phase in OVER
+
+    @property
+    def failed(self) -> str:
+        """Why the mission failed; "" if it did not."""
+        failed = self.phase in (Phase.FAILED, Phase.REPLACED)
+        return self.note or "no reason was reported" if failed else ""
+
+    @property
+    def path(self) -> list[Mark]:
+        return self.driven.marks
 
     @property
     def holder(self) -> str | None:
@@ -265,14 +336,12 @@ class RunWatch:
     @property
     def elapsed(self) -> float:
         """TT so far, s."""
-        if self._origin is None or not self.path:
-            return 0.0
-        return self.path[-1].t - self._origin.t
+        return self.path[-1].t - self.path[0].t if self.path else 0.0
 
     @property
     def start(self) -> Pose2 | None:
         """The pose at which the run began; None before."""
-        return None if self._origin is None else self._origin.at
+        return self.path[0][1:4] if self.path else None
 
     @property
     def here(self) -> Pose2 | None:
@@ -311,7 +380,7 @@ class RunWatch:
     @property
     def arrived(self) -> bool | None:
         """Whether the goal is reached by the estimated pose; None without a goal."""
-        return None if self.goal is None else self.done and not self.failed
+        return None if self.goal is None else self.phase is Phase.DONE
 
     @property
     def mistaken(self) -> str:
@@ -359,7 +428,7 @@ class RunWatch:
         errand = self.errand
         if errand is not None and errand.over and not errand.failed:
             return yes()
-        if self.lost:
+        if self.phase is Phase.LOST:
             return unknown("mission: unknown", AGAIN)
         if errand is None and not self.failed:
             cure = "`armadico ps` shows whether the agent that does the mission is alive"
@@ -372,8 +441,8 @@ class RunWatch:
 
     @property
     def _why(self) -> str:
-        lost = self.truth.broken if self.lost else ""
-        return self.failed or self.mistaken or lost or self.waits or self.stands
+        lost = self.truth.broken if self.phase is Phase.LOST else ""
+        return lost or self.failed or self.note or self.mistaken or self.stands
 
     @property
     def _deviation_m(self) -> float | None:
@@ -387,15 +456,12 @@ class RunWatch:
             scenario=self.scenario,
             seed=self.seed,
             reached=reached,
-            td_m=round(self.distance, 3),
+            td_m=round(self.driven.distance, 3),
             fo_deg=off,
             tt_s=round(self.elapsed, 3),
             p_percent=p,
-            shares={
-                name: round(100.0 * cycles / sum(self._cycles.values()), 2)
-                for name, cycles in sorted(self._cycles.items())
-            },
-            exchanges=self.exchanges,
+            shares=self.holders.shares,
+            exchanges=self.holders.exchanges,
             collisions=self.truth.collisions,
             min_clearance_m=None if self.clearance is None else round(self.clearance, 3),
             limit_s=self.limit,
@@ -426,7 +492,7 @@ class RunWatch:
         straight = hypot(self.goal[0] - start[0], self.goal[1] - start[1])
         there = error <= REACHED_M and turned <= REACHED_RAD
         reached: bool | None = bool(self.arrived) and there
-        if (self.arrived or self.lost) and self._truth is None:
+        if (self.arrived or self.phase is Phase.LOST) and self._truth is None:
             reached = None
         p = round(100.0 * (1.0 - error / straight), 3) if straight > STRAIGHT_M else 0.0
         return reached, round(degrees(turned), 3), p
@@ -443,33 +509,20 @@ class RunWatch:
         here = self._truth
         if here is None:
             return
-        if not self._true:  # the path so far is an estimate, with another clock
-            self._true, self._origin, self.distance = True, None, 0.0
-            self.path.clear()
-        self._mark(truth.t, here)
+        if not self.driven.true:  # the path so far is an estimate, with another clock
+            self.driven = Driven(true=True)
+        self.driven.add(Mark(truth.t, *here, self.holder))
         if truth.clearance is not None:
             least = truth.clearance if self.clearance is None else self.clearance
             self.clearance = min(truth.clearance, least)
 
     def _on_pose(self, pose: Pose) -> None:
-        if self._truth is None and not self._true:  # the truth that has stopped has another clock
-            self._mark(self.now, (pose.x, pose.y, pose.theta))
-
-    def _mark(self, t: float, at: Pose2) -> None:
-        if self._origin is None:
-            self._origin = _Origin(t, at)
-        elif self.path:
-            self.distance += hypot(at[0] - self.path[-1].x, at[1] - self.path[-1].y)
-        self.path.append(Mark(t, *at, self.holder))
+        if self._truth is None and not self.driven.true:  # else a truth has stopped
+            self.driven.add(Mark(self.now, pose.x, pose.y, pose.theta, self.holder))
 
     def _on_ack(self, ack: Ack) -> None:
-        holder = self.holder
-        if ack.resource != WHEELS.name or holder is None:
-            return
-        if self._last_holder not in (None, holder):
-            self.exchanges += 1
-        self._last_holder = holder
-        self._cycles[holder] = self._cycles.get(holder, 0) + 1
+        if ack.resource == WHEELS.name and (holder := self.holder) is not None:
+            self.holders.add(holder)
 
     def _on_sonar(self, sonar: Sonar) -> None:
         here = self.here
@@ -491,25 +544,31 @@ class RunWatch:
             points = points_of(scan)[:: max(1, scan.rays // SHOWN_RAYS)].tolist()
             self.echoes += [to_world((here[0], here[1], here[2]), x, y) for x, y in points]
 
-    def _on_missionstatus(self, status: MissionStatus) -> None:
+    def _on_mission_status(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
-            self._reported = True
-            self.done = status.state in (MissionState.REACHED, MissionState.FAILED)
-            self.failed = status.note if status.state is MissionState.FAILED else ""
-            self.waits = "" if self.done else status.note
-        elif self.mission and self._reported and status.state in UNDER_WAY:
-            self.done = self.replaced = True
-            self.failed, self.waits = "another mission has replaced it", ""
+            if status.state is MissionState.REACHED:
+                self._enter(Phase.DONE)
+            elif status.state is MissionState.FAILED:
+                self._enter(Phase.FAILED, status.note)
+            else:
+                self._enter(Phase.REPORTED, status.note)
+        elif self.mission and self.phase is Phase.REPORTED and status.state in UNDER_WAY:
+            self._enter(Phase.REPLACED, Phase.REPLACED.value)
 
     def _on_errands(self, message: Errands) -> None:
         before = self.errand
         for errand in message.errands:
             if errand.number == self.mission:
-                self.errand, self.done, self.failed = errand, errand.over, errand.failed
-                self.waits = "" if errand.over else errand.note
+                self.errand = errand
+                if not errand.over:
+                    self.note = errand.note
+                elif errand.failed:
+                    self._enter(Phase.FAILED, errand.failed)
+                else:
+                    self._enter(Phase.DONE)
                 return
         if before is not None and before.steps is not None:
-            self.done, self.failed = True, "it was removed from the board"
+            self._enter(Phase.FAILED, "it was removed from the board")
 
-    def _on_occupancygrid(self, grid: OccupancyGrid) -> None:
+    def _on_grid(self, grid: OccupancyGrid) -> None:
         self.grid = grid

@@ -1,8 +1,8 @@
-"""Translators: messages converted to the formats of other tools, live and in recordings.
+"""Translators: messages converted to the formats of other tools, in recordings.
 
 A translator is installed by name as an entry point of `armadico.translators`. It converts messages
 and times to samples. Each sample belongs to a channel, which defines its type and encoding. The
-recorder and the gateways use all installed translators.
+recorder and the export use all installed translators.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from armadico.core.discovery import TRANSLATORS, find, installed
+from armadico.core.discovery import TRANSLATORS, find
+from armadico.core.installed import loaded
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
     from armadico.core.messages import Message
-    from armadico.mobile.messages import MissionRequest
 
 
 @dataclass(frozen=True)
@@ -44,20 +44,11 @@ class Sample(NamedTuple):
 class Translator(Protocol):
     kinds: Sequence[type[Message]]  # messages that it converts
     channels: Sequence[Channel]  # all channels that it may use
-    goals: Channel  # on which it accepts goals
     profile: str  # of an MCAP file with its samples only
     about: Mapping[str, Mapping[str, str]]  # metadata of such a file
 
     def translate(self, key: str, message: Message, at: int) -> Iterable[Sample]:
         """The samples of a message that was received at `at`, ns since 1970."""
-
-    def goal(
-        self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
-    ) -> MissionRequest:
-        """The goal in a sample, received at `at`, ns since 1970.
-
-        Encoding and schema default to those of `goals`. Raises ValueError for an invalid goal.
-        """
 
 
 class Makes(Protocol):
@@ -75,11 +66,8 @@ class Makes(Protocol):
 def translators(
     namespaces: Sequence[str], worlds: Mapping[str, World | None] | None = None
 ) -> dict[str, list[Translator]]:
-    """All installed translators, by namespace; topics of a single robot have no prefix.
-
-    Raises ImportError with the name of a translator that cannot be loaded.
-    """
-    makers: list[Makes] = [found.load() for found in installed(TRANSLATORS).values()]
+    """All installed translators, by namespace; topics of a single robot have no prefix."""
+    makers: list[Makes] = [make for _, make in loaded(TRANSLATORS)]
     return {
         ns: [make("" if len(namespaces) == 1 else ns, (worlds or {}).get(ns)) for make in makers]
         for ns in namespaces

@@ -423,10 +423,6 @@ class View:
         """The graph of the map that is made meanwhile; None if there is no fresh one."""
         return self._recent(MapGraph, now)
 
-    def contenders(self, resource: str) -> list[str]:
-        """The names of the live agents that compete for a resource."""
-        return [a.name for a in self.agents if a.card and resource in a.card.resources]
-
     def bid(self, instance: str, resource: str = "") -> BidRecord | None:
         """An instance's newest bid record for a resource, or for any if `resource` is empty."""
         known = self.bids.get(instance, {})

@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator, Sequence
 from enum import Enum
 from functools import cache
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 import msgspec
 from msgspec import inspect
@@ -25,7 +25,6 @@ from armadico.observe.view import View
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
-    from armadico.watch.why import Chronicle
 
 M = TypeVar("M", bound=Message)
 
@@ -169,8 +168,24 @@ def read_or_none(item: Received) -> Message | None:
         return None
 
 
-def show(to: View | Chronicle, item: Received | Presence) -> None:
-    """Pass one item to a view or a chronicle."""
+class Account(Protocol):
+    """What receives all of a society as a view does, and keeps one."""
+
+    @property
+    def view(self) -> View: ...
+
+    @property
+    def ahead(self) -> dict[str, float]: ...
+
+    def token(self, instance: str, *, there: bool, t: float) -> None: ...
+
+    def update(self, key: str, message: Message | None, t: float) -> None: ...
+
+    def learn(self, message: Message, t: float) -> None: ...
+
+
+def show(to: View | Account, item: Received | Presence) -> None:
+    """Pass one item to a view or an account."""
     t = item.at / 1e9
     if isinstance(item, Presence):
         to.token(item.instance, there=item.there, t=t)
@@ -188,11 +203,11 @@ class Observer:
     """Observes one society: a watcher, the view that it updates, and queries once per second."""
 
     def __init__(
-        self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Chronicle | None = None
+        self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Account | None = None
     ) -> None:
         """Subscribe on an open mesh. `to` receives everything; by default a new view."""
         self.watcher, self.demand = Watcher([mesh]), demand
-        self.to: View | Chronicle = View() if to is None else to
+        self.to: View | Account = View() if to is None else to
         self.view = self.to if isinstance(self.to, View) else self.to.view
         self._query_at = float("-inf")
         self.view.begin(self.now)

@@ -1,7 +1,7 @@
 """Reading recordings: all messages in order, and the agents' journals.
 
 All exports, explanations and replays use it. An incomplete file (recorder killed, disk full) is
-read up to its end. Of a damaged file all intact chunks are read.
+read up to its end, a damaged one up to the damage.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from itertools import count, groupby
-from operator import itemgetter
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -35,6 +34,8 @@ from armadico.watch.recorder import PROFILE, REFUSED, SCHEMA_PREFIX, Here, part
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema
 
+    from armadico.watch.mcap_records import Place
+
 
 @cache
 def kinds() -> dict[str, type[Struct]]:
@@ -52,28 +53,6 @@ class RecordingError(ValueError):
     """The file is not a recording."""
 
 
-Stored = tuple[Path, tuple[int, int]]  # where a message is: file and `salvage.Place`
-
-
-def stored(places: Iterable[Stored]) -> Iterator[bytes]:
-    """The payloads of messages at some places; one chunk is in memory at a time.
-
-    Raises ValueError if a file has changed, and OSError.
-    """
-    from armadico.observe.salvage import Messages
-
-    for path, those in groupby(places, key=itemgetter(0)):
-        with path.open("rb") as stream:
-            messages = Messages(stream)
-            for _, place in those:
-                try:
-                    yield messages.read(place)
-                except OSError:
-                    raise
-                except Exception as error:  # decoders can raise anything on changed bytes
-                    raise ValueError(f"{path} has changed: {error}") from None
-
-
 @dataclass(frozen=True, slots=True)
 class Row:
     """One message of a recording; `t` is its time of arrival, ns since 1970."""
@@ -83,7 +62,7 @@ class Row:
     key: str
     schema: str  # such as "armadico.Pose"; empty for an unknown payload
     data: bytes  # JSON if there is a schema, else the raw payload
-    place: Stored
+    place: Place
 
     @property
     def topic(self) -> str:
@@ -123,99 +102,56 @@ class Row:
 def rows(path: Path, warn: Warn, about: dict[str, str] | None = None) -> Iterator[Row]:
     """The messages of a file in the order of arrival; one chunk is in memory at a time.
 
-    Damaged parts are skipped up to the next intact chunk. `warn` receives a text about missing
-    messages, with times in s from the first message. `about` receives the file's metadata before
-    the first message is yielded.
+    A file is read up to where it ends or is damaged; `warn` receives a text about that, with the
+    time in s from the first message. `about` receives the file's metadata before the first message
+    is yielded.
 
     Raises RecordingError if the file is not a recording, and OSError.
     """
-    from mcap.records import (
-        Channel,
-        Footer,
-        Message,
-        Metadata,
-        Schema,
-        Statistics,
-    )
+    from mcap.exceptions import EndOfFile
+    from mcap.records import Channel, Message, Metadata, Schema, Statistics
 
-    from armadico.observe.salvage import MAGIC, described, records
+    from armadico.watch.mcap_records import MAGIC, records
 
-    damage, schemas, channels = _Damage(path, warn), dict[int, Schema](), dict[int, Channel]()
     with path.open("rb") as stream:
         if (start := stream.read(len(MAGIC))) != MAGIC:
             what = "was cut short in its first bytes" if start else "is empty"
             what = what if MAGIC.startswith(start) else "is not an MCAP file"
             raise RecordingError(f"{path} {what}")
-        for record, place in records(stream):
-            kept = [] if record is None else [record]
-            lacks = isinstance(record, Message) and record.channel_id not in channels
-            if record is None or (lacks and not damage.found):
-                damage.skipped()
-                with path.open("rb") as again:
-                    kept = described(again)  # the summary may repeat skipped schemas and channels
-            for one in kept:
-                if isinstance(one, Schema):
-                    schemas[one.id] = one
-                elif isinstance(one, Channel):
-                    channels[one.id] = one
-                elif isinstance(one, Metadata) and one.name == PROFILE and about is not None:
-                    about.update(one.metadata)
-            if isinstance(record, Message) and record.channel_id in channels:
-                damage.read(record.log_time)
+    schemas, channels = dict[int, Schema](), dict[int, Channel]()
+    first, last, number, damage = 0, 0, 0, ""
+    try:
+        for record, place in records(path):
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Metadata) and record.name == PROFILE and about is not None:
+                about.update(record.metadata)
+            elif isinstance(record, Statistics) and record.message_count != number:
+                damage = "is damaged"  # such as a chunk whose opcode is another
+            elif isinstance(record, Message):
+                last = record.log_time
+                first, number = first or last, number + 1
                 channel = channels[record.channel_id]
                 schema = schemas.get(channel.schema_id)
                 if schema is None or schema.name.startswith(SCHEMA_PREFIX):  # else a translator's
-                    yield _row(channel, schema, record.log_time, record.data, (path, place))
-            elif isinstance(record, Statistics):
-                damage.counted(record.message_count)
-            elif isinstance(record, Footer):
-                damage.whole = True
-    damage.finish()
+                    yield _row(channel, schema, record.log_time, record.data, place)
+    except OSError:
+        raise
+    except EndOfFile:
+        damage = "was cut short"
+    except Exception:  # decoders can raise anything on damaged bytes
+        damage = "is damaged"
+    if damage:
+        until = f", up to {(last - first) / 1e9:.1f} s" if number else ""
+        warn(
+            f"{path} {damage}: {number} messages could be read{until}; if that is not enough, try"
+            f" `mcap recover {path} -o recovered.mcap`"
+        )
 
 
-class _Damage:
-    """Reports missing messages of a file."""
-
-    def __init__(self, path: Path, warn: Warn) -> None:
-        self.whole = False  # its end was read
-        self.found = False  # damaged parts were skipped
-        self._path, self._warn = path, warn
-        self._messages = self._first = self._last = 0  # times in ns since 1970
-        self._gap = False
-        self._missing: int | None = None
-
-    def read(self, t: int) -> None:
-        self._first = self._first if self._messages else t
-        if self._gap:
-            self._gap = False
-            between = f"between {self._seconds(self._last)} and {self._seconds(t)}"
-            where = f": messages {between} are missing" if self._messages else " at its beginning"
-            self._warn(f"{self._path} is damaged{where}")
-        self._messages, self._last = self._messages + 1, t
-
-    def skipped(self) -> None:
-        self._gap = self.found = True
-
-    def counted(self, messages: int) -> None:
-        """Compare with the number of messages in the file's statistics."""
-        self._missing = messages - self._messages
-
-    def finish(self) -> None:
-        """Report at the end of the readable part."""
-        read = f"{self._messages} messages could be read"
-        until = f", up to {self._seconds(self._last)}" if self._messages else ""
-        if not self.whole:
-            self._warn(f"{self._path} was cut short: {read}{until}")
-        elif self._missing:
-            self._warn(f"{self._path} is damaged: {read}, {self._missing} could not")
-        elif self._gap or self._missing is None:
-            self._warn(f"{self._path} is damaged near its end: {read}{until}")
-
-    def _seconds(self, t: int) -> str:
-        return f"{(t - self._first) / 1e9:.1f} s"
-
-
-def _row(channel: Channel, schema: Schema | None, t: int, data: bytes, place: Stored) -> Row:
+def _row(channel: Channel, schema: Schema | None, t: int, data: bytes, place: Place) -> Row:
     topic = channel.topic.strip("/")
     namespace = channel.metadata.get("namespace", topic.partition("/")[0])
     key = channel.metadata.get("key", topic.partition("/")[2])
@@ -223,9 +159,11 @@ def _row(channel: Channel, schema: Schema | None, t: int, data: bytes, place: St
     return Row(t, namespace, key, name, data, place)
 
 
-def _read_pieces(places: Iterable[Stored]) -> Iterator[bytes]:
+def _read_pieces(places: Iterable[Place]) -> Iterator[bytes]:
     """The contents of pieces of journals, in order. Raises ValueError and OSError."""
-    for data in stored(places):
+    from armadico.watch.mcap_records import payloads
+
+    for data in payloads(places):
         yield decode(data, JournalPiece).data
 
 

@@ -106,7 +106,7 @@ def _gateway(
     stack.callback(wire.close)
     goals = None if args.no_goals else society.goals
     outside = SocietyNode(wire, society.channels, goals, report, beside=args.beside)
-    return Gateway(stack.enter_context(mesh), [society], outside, report)
+    return Gateway(stack.enter_context(mesh), society, outside, report)
 
 
 main: Final = Command(

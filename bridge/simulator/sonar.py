@@ -11,7 +11,7 @@ source; an edge scatters a little of it. Sound that meets a mirror at a slant co
 another wall perpendicularly and return by the same way: an echo from too far. A smooth column
 returns an echo from its nearest point, which is always perpendicular to the sensor; as a mirror it
 reflects nothing to other walls. Sound that did not return is still in the air when the next sonar
-listens. `docs/worlds.md` has the sources.
+listens. `configs/robots/sensors.toml` has the sources.
 
 Noise, loss and surfaces have separate random streams, and each ping draws the same number of times
 whatever it meets. So one more wall does not change the noise of others. Rays start at the sensor,

@@ -24,7 +24,7 @@ from armadico.core.membership import (
     Stage,
 )
 from armadico.core.messages import PROTOCOL, Card
-from armadico_tools.explore.joining import Joiners, Joining
+from tests.core.joiners import Joiners, Joining
 
 
 def card(

@@ -18,7 +18,7 @@ from armadico.core.messages import Cycle, Log, Message, Stop
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mobile.messages import MissionRequest, Waypoint
-from armadico_tools.experiments.kinematic import Band
+from tests.fleet.band import Band
 
 HERE = ((1.0, 0.0), (3.0, 0.0), (5.0, 0.0))
 JOINED_S = 2.0

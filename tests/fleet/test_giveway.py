@@ -15,7 +15,7 @@ from armadico.core.outgoing import Publish, Refused
 from armadico.mobile.messages import FleetPose, Trajectory
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to
-from armadico_tools.experiments.narrow import map_of
+from tests.fleet.rectangles import map_of
 
 MOUTHS = 6.0, 12.0
 """Of the corridor, m: along the x axis, in the middle of its rooms."""

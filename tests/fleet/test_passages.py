@@ -9,7 +9,7 @@ import pytest
 
 from armadico.agents.fleet.passages import Passages, passages_of
 from armadico.config.worlds import load_world
-from armadico_tools.experiments.narrow import map_of
+from tests.fleet.rectangles import map_of
 
 ROOMS = [(0.0, 0.0), (10.0, 0.0), (10.0, 4.0), (0.0, 4.0), (0.0, 0.0)]
 BOUNDS = (0.0, 0.0, 10.0, 4.0)
@@ -83,14 +83,6 @@ def test_a_way_enters_a_passage_once_and_at_its_mouth() -> None:
     assert number == 0
     assert away == pytest.approx(3.0, abs=0.3)
     assert passages.along([(5.0, 2.0), (9.0, 2.0)])[0] == (pytest.approx(0.0, abs=0.15), 0)
-
-
-def test_near_measures_to_the_passage() -> None:
-    passages = corridor(1.1)
-    assert passages.near(0, 5.0, 2.0, 0.1)
-    assert passages.near(0, 6.4, 2.0, 0.6)
-    assert not passages.near(0, 7.0, 2.0, 0.6)
-    assert not passages.near(0, -3.0, 9.0, 0.6), "beyond the map"
 
 
 def test_the_same_map_has_the_same_passages_and_another_one_has_others() -> None:

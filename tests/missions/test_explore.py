@@ -433,7 +433,7 @@ def test_home_stays_while_a_carried_robot_maps_a_part_of_its_own(correction_firs
     joins = [corrected(1.0, 3), MapMoved(3, (Moved(1.0, 1.0, 9.0, 9.0, 0.0),))]
     for news in joins if correction_first else joins[::-1]:
         desk.give(news)
-    assert desk.agent._home == home
+    assert desk.agent._exploration.places.home == home
     desk.give(corrected(1.0, 3))  # one comes in each cycle
     desk.give(MapMoved(4, (Moved(1.0, 1.0, 1.5, 1.0, 0.0),)))
-    assert desk.agent._home == Waypoint(1.5, 1.0, 0.0)
+    assert desk.agent._exploration.places.home == Waypoint(1.5, 1.0, 0.0)

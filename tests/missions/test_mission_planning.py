@@ -47,8 +47,8 @@ from armadico.mobile.messages import (
 )
 from armadico.observe.measures import RunWatch
 from armadico.runtime.errors import AbsentError, MissionRefusedError
-from armadico_tools.building import SURVEY, Building, text
-from tests.robot.agents.senders import Sender
+from tests.missions.building import SURVEY, Building, text
+from tests.missions.senders import Sender
 
 NEAR = 'do = "move", to = "R2"'
 NEAR_ONLY = f"steps = [{{ {NEAR} }}]"

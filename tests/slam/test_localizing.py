@@ -19,10 +19,11 @@ from armadico.config.grid_map import FREE, OCCUPIED
 from armadico.config.profile import load_profile
 from armadico.core.config_errors import ConfigError
 from armadico.mobile.geometry import Pose2
+from tests.robot.robots import with_laser
 from tests.slam import made_logs
 
 AGENT = "localization"
-ROBOT = "jackal"
+ROBOT = with_laser()
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,7 @@ def test_the_map_has_the_walls_and_the_floor(log: Log) -> None:
 
 def test_parts_of_a_log(log: Log) -> None:
     def of(name: str) -> list[int]:
-        return localizing.part(log, name)
+        return log.part(name)
 
     every = list(range(len(log)))
     assert of("all") == every

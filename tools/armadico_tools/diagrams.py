@@ -7,17 +7,21 @@ digest of the diagram's text, so a drawing is never stale.
 
 from __future__ import annotations
 
-import argparse
 import html
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
+
+from armadico.cli.options import FailedError, guarded
+from armadico.cli.parsing import Command, argument
+from armadico_tools.docs import filled
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 FOLDER: Final = ROOT / "docs" / "images" / "diagrams"
@@ -53,7 +57,7 @@ def drawing(text: str) -> str:
 def diagrams() -> Iterator[str]:
     """The diagrams of the documents."""
     for path in sorted((ROOT / "docs").glob("*.md")):
-        yield from FENCE.findall(path.read_text(encoding="utf-8"))
+        yield from FENCE.findall(filled(path.read_text(encoding="utf-8")))
 
 
 def draw(text: str, script: Path, browser: str) -> str:
@@ -77,14 +81,16 @@ def draw(text: str, script: Path, browser: str) -> str:
     return re.sub(r'width="100%"', f'width="{wide}" height="{high}"', svg, count=1) + "\n"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    script: Path = argument("mermaid.min.js", metavar="FILE")
+
+
+def run(args: Words) -> int:
     """Draw the missing diagrams."""
-    parser = argparse.ArgumentParser(prog="python -m armadico_tools.diagrams")
-    parser.add_argument("script", type=Path, help="mermaid.min.js")
-    args = parser.parse_args(argv)
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
-        parser.error(f"none of {', '.join(BROWSERS)} is on the path")
+        raise FailedError(f"none of {', '.join(BROWSERS)} is on the path")
     FOLDER.mkdir(parents=True, exist_ok=True)
     wanted = {drawing(text): text for text in diagrams()}
     for path in FOLDER.iterdir():
@@ -97,5 +103,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+PROGRAM: Final = "python -m armadico_tools.diagrams"
+main = Command(PROGRAM, Words, run, "Draw the missing diagrams.", f"  {PROGRAM} mermaid.min.js\n")
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(guarded(PROGRAM, lambda: main(sys.argv[1:])))

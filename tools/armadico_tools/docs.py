@@ -1,14 +1,12 @@
-"""Update the generated parts of the documentation: `python -m armadico_tools.docs`.
+"""The generated parts of the documentation: services, messages, transitions, agents, commands.
 
-A part is between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in a Markdown file of the
-checkout: services, messages, transitions, agents, commands. Parts are committed, because the pages
-are also read on GitHub. A test fails if one is stale.
+The line `<!-- generated: NAME -->` of a page stands for a part. It is replaced when the site is
+built (`site.py`); parts are not committed.
 """
 
 from __future__ import annotations
 
 import re
-import sys
 import tomllib
 from collections.abc import Callable
 from functools import partial
@@ -33,28 +31,14 @@ from armadico_tools.markdown import table
 ROOT: Final = Path(__file__).resolve().parents[2]
 """The checkout: the documentation is not installed."""
 
-PART: Final = re.compile(r"(<!-- generated: ([\w -]+?) -->\n).*?(<!-- end: \2 -->)", re.DOTALL)
+PART: Final = re.compile(r"^<!-- generated: (.*) -->$", re.MULTILINE)
 
 ALL: Final = "all agents"
 
 
-def stale() -> dict[Path, str]:
-    """The documents with stale parts, and their new text. Raises KeyError for an unknown part."""
-    found = {}
-    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
-        text = path.read_text(encoding="utf-8")
-        new = PART.sub(lambda part: f"{part[1]}\n{PARTS[part[2]]()}\n\n{part[3]}", text)
-        if new != text:
-            found[path] = new
-    return found
-
-
-def main() -> int:
-    """Write the stale documents."""
-    for path, text in stale().items():
-        path.write_text(text, encoding="utf-8")
-        print(f"{path.relative_to(ROOT)}: written")
-    return 0
+def filled(text: str) -> str:
+    """A page with its generated parts. Raises KeyError for an unknown part."""
+    return PART.sub(lambda part: PARTS[part[1]](), text)
 
 
 # Providers ----------------------------------------------------------------------------------------
@@ -232,7 +216,3 @@ PARTS: Final[dict[str, Callable[[], str]]] = {
     "parameters": parameters,
     "shared parameters": shared_parameters,
 }
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,12 +7,14 @@ Each publication's key, content and instant is hashed, from the start to the end
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
 from armadico.agents.fleet.commands.run import FleetRehearsal
+from armadico.cli.options import guarded
+from armadico.cli.parsing import Command, argument, option
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.services import services
 from armadico.launch.society import Options, prepared
@@ -39,22 +41,29 @@ def fingerprint(scenario: Scenario, options: Options, robots: int = 3) -> str:
     return digest.hexdigest()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print a fingerprint for each scenario."""
-    parser = argparse.ArgumentParser(description="Hash what virtual runs publish.")
-    parser.add_argument("scenarios", nargs="*", default=["sc4"])
-    parser.add_argument("--seed", type=int, default=7)
-    parser.add_argument(
-        "--sensors", choices=("ideal", "real"), help="sensors (default: the scenario's)"
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    scenarios: tuple[str, ...] = argument("scenarios (default: sc4)", nargs="*", metavar="NAME")
+    seed: int = option("seed (default: 7)", default=7)
+    sensors: str | None = option(
+        "sensors (default: the scenario's)", choices=("ideal", "real"), metavar="KIND"
     )
-    parser.add_argument("--parameters", help="thesis, or a TOML file (default: the scenario's)")
-    parser.add_argument("--robots", type=int, default=3, help="robots of a fleet (default: 3)")
-    args = parser.parse_args(argv)
+    parameters: str | None = option("thesis, or a TOML file (default: the scenario's)")
+    robots: int = option("robots of a fleet (default: 3)", default=3)
+
+
+def run(args: Words) -> int:
+    """Print a fingerprint for each scenario."""
     options = Options(seed=args.seed, sensors=args.sensors, parameters=args.parameters)
-    for name in args.scenarios:
+    for name in args.scenarios or ("sc4",):
         print(name, fingerprint(load_scenario(name), options, args.robots), flush=True)
     return 0
 
 
+PROGRAM: Final = "python -m armadico_tools.fingerprint"
+main = Command(
+    PROGRAM, Words, run, "Hash what virtual runs publish.", f"  {PROGRAM} sc1 sc4 house --seed 7\n"
+)
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(guarded(PROGRAM, lambda: main(sys.argv[1:])))

@@ -15,14 +15,15 @@ without large messages that no test reads.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from armadico.cli import options
+from armadico.cli.parsing import Command, option
 from armadico.config.scenarios import load_scenario
 from armadico.core.messages import PROTOCOL, BidRecord, JournalPiece
 from armadico.launch.society import Options, prepared
@@ -74,15 +75,13 @@ def copy(source: Path, path: Path, kept: Callable[[Row], bool], about: Mapping[s
     file.close()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    live: Path | None = option("copy FILE for the tests (default: make sc4.mcap)", metavar="FILE")
+
+
+def run(args: Words) -> int:
     """Write one of the two recordings."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--live", type=Path, metavar="FILE", help="copy FILE for the tests (default: make sc4.mcap)"
-    )
-    args = parser.parse_args(argv)
     if args.live is None:
         make(SHIPPED)
         return 0
@@ -92,5 +91,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
+PROGRAM: Final = "python -m armadico_tools.recordings"
+main = Command(PROGRAM, Words, run, str(__doc__), f"  {PROGRAM} --live ten.mcap\n")
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(options.guarded(PROGRAM, lambda: main(sys.argv[1:])))

@@ -2,8 +2,9 @@
 
 The documents link each other as files of the checkout, for reading on GitHub. For the site the
 README becomes the first page. Linked files outside `docs/` are added, Markdown as pages and others
-as files. Diagrams, which would need a script, are drawn before (`armadico_tools.diagrams`). The
-reference has a page for each part of what `armadico` exports, from its docstrings.
+as files. Generated parts are filled in (`armadico_tools.docs`). Diagrams, which would need a
+script, are drawn before (`armadico_tools.diagrams`). The reference has a page for each part of what
+`armadico` exports, from its docstrings.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from armadico_tools.diagrams import FENCE, drawing
+from armadico_tools.docs import filled
 
 SURFACE: Final = import_module("armadico")
 """The exported names, all of which are documented."""
@@ -143,7 +145,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Point links to pages of the site, and replace diagrams by their drawings."""
+    """Fill in generated parts, point links to pages, and replace diagrams by their drawings."""
     del config, files
     source = source_of(page.file.src_uri)
     if source is None:
@@ -167,7 +169,7 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
         there = os.path.relpath(name, here)
         return f"[![A diagram]({there})]({there})"
 
-    parts = re.split(r"(^```.*?^```$)", markdown, flags=re.MULTILINE | re.DOTALL)
+    parts = re.split(r"(^```.*?^```$)", filled(markdown), flags=re.MULTILINE | re.DOTALL)
     for number, part in enumerate(parts):
         parts[number] = FENCE.sub(drawn, part) if part.startswith("```") else LINK.sub(relink, part)
     return "".join(parts)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options, run
+from armadico.cli.additions import Addition, added
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, between, flag, group, option
 from armadico.cli.run_options import Drive, choose
@@ -58,6 +59,7 @@ class RunOptions(Drive):
     priority: float | None = option(
         "0 to 1, instead of the mission's own", metavar="P", must=between(0, 1)
     )
+    additions: tuple[Addition, ...] = added("mission run")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -229,7 +231,7 @@ def in_a_line(mission: BoardMission) -> str:
 def plain(mission: BoardMission) -> dict[str, object]:
     """Return a mission of the board for JSON."""
     results = [
-        {"step": r.step, "end": r.end.value, "said": r.said, "at_s": round(r.at, 3)}
+        {"step": r.step, "end": r.end.value, "note": r.said, "at_s": round(r.at, 3)}
         for r in mission.course.results
     ]
     return {

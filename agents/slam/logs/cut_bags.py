@@ -2,7 +2,7 @@
 
 `CutBag` has the part of rosbags' `AnyReader` that `bags` uses. ROS 1: records from the beginning to
 the cut, without the index. SQLite: rows in the order of writing, up to the first page that is
-missing. MCAP: all intact chunks, by `salvage`.
+missing. MCAP: whole chunks up to the damage; `mcap recover` may find more.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.msg import normalize_msgtype
 
 LARGEST: Final = 256 * 2**20
-"""Bytes of an unpacked chunk, at most: bounds the memory that a damaged one can claim."""
+"""Bytes of a chunk, at most: bounds the memory that a damaged one can claim."""
 
 Definition = tuple[MessageDefinitionFormat, str]
 NONE: Final = (MessageDefinitionFormat.NONE, "")
@@ -150,15 +150,13 @@ def _sqlite(path: Path) -> Iterator[Found]:
 
 def _mcap(path: Path) -> Iterator[Found]:
     from mcap.records import Channel, Message, Schema
-
-    from armadico.observe import salvage
+    from mcap.stream_reader import StreamReader
 
     schemas: dict[int, Schema] = {}
     topics: dict[int, Topic] = {}
     with path.open("rb") as file:
-        if file.read(len(salvage.MAGIC)) != salvage.MAGIC:
-            raise ValueError("no MCAP file")
-        for record in _mcap_records(file):
+        reader = StreamReader(file, validate_crcs=True, record_size_limit=LARGEST)
+        for record in reader.records:
             if isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel) and record.schema_id in schemas:
@@ -168,16 +166,3 @@ def _mcap(path: Path) -> Iterator[Found]:
                 topics[record.id] = Topic(record.topic, schema.name, definition)
             elif isinstance(record, Message) and record.channel_id in topics:
                 yield topics[record.channel_id], record.log_time, record.data
-
-
-def _mcap_records(file: BinaryIO) -> Iterator[Any]:
-    """The records of intact chunks, and of the last one as far as it goes."""
-    from armadico.observe import salvage
-
-    for record, (at, _) in salvage.records(file):
-        if record is not None:
-            yield record
-            continue
-        before = file.tell()
-        yield from salvage.beginning(file, at)
-        file.seek(before)

@@ -116,9 +116,9 @@ class Assistant(Agent):
     def _stop(self, request: AssistantRequest, args: Because, question: Question) -> AssistantReply:  # noqa: ARG002
         before = self.stopped
         if before is not None:
-            return AssistantReply(said=line(f"it is stopped already, by {before.requester}"))
+            return AssistantReply(text=line(f"it is stopped already, by {before.requester}"))
         self.latch(line(f"{_by(request)}{f', {args.reason}' if args.reason else ''}")[:LONGEST_BY])
-        return AssistantReply(said="the stop is published; `where` says when the robot has it")
+        return AssistantReply(text="the stop is published; `where` says when the robot has it")
 
     def _resume(
         self,
@@ -128,12 +128,12 @@ class Assistant(Agent):
     ) -> AssistantReply:
         stop = self.stopped
         if stop is None:
-            return AssistantReply(said="the robot is not stopped")
+            return AssistantReply(text="the robot is not stopped")
         how = f"armadico resume --confirm {stop.code}"
         because = f", because {args.reason}" if args.reason else ""
         asks = f"{_by(request)} asks for the release of the stop by {stop.requester}{because}"
         self.log(f"{asks}: a person types `{how}`", WARNING)
-        return AssistantReply(said=line(f"nothing is released: a person has to type `{how}`"))
+        return AssistantReply(text=line(f"nothing is released: a person has to type `{how}`"))
 
     def _goto(
         self, request: AssistantRequest, args: Goal, question: Question

@@ -29,8 +29,8 @@ FINEST_M: Final = 0.2  # the smallest side of a picture's cell
 # Without a world the picture shows this distance around the robot.
 AROUND_M: Final = 5.0
 
-# The fields of a mission on the board that are shown.
-BOARD: Final = ("number", "name", "state", "by", "doing", "note")
+# The fields of an agent's card that are shown.
+CARD: Final = ("host", "provides", "owns", "resources", "holds")
 
 ARROWS: Final = ">^<v"
 
@@ -66,26 +66,20 @@ class Society(Chronicle):
             self._requests.append((t, message))
 
     def where(self, now: float) -> dict[str, Any]:
-        """Return the robot's pose, speed, driver and mission, in m, degrees, m/s and rad/s."""
-        view, state, pose = self.view, self.view.state, self.view.pose
-        if state is None:
-            return {"heard": False, "note": "nothing is heard of a robot"}
-        found: dict[str, Any] = {
-            "heard": view.state_is_fresh(now),  # if false, the rest is the last report
-            "speed": rounded({"v": state.v, "w": state.w}),
-            "driver": described.resource(view, WHEELS.name, now)["obeyed"],
-            "stop": {"stopped": view.stopped(now), "by": state.stop.by},
-            "battery": view.battery,
-        }
-        if pose is not None:
-            found["pose"] = {
-                "x": round(pose.x, 3),
-                "y": round(pose.y, 3),
-                "heading": round(degrees(pose.theta), 1),
-                "deviation": round(pose.deviation, 3),
+        """Return the robot's state, pose, mission and driver; null if it was not received.
+
+        If `connected` is false, the rest is the last report.
+        """
+        view = self.view
+        found: dict[str, Any] = rounded(
+            {
+                "connected": view.state_is_fresh(now),
+                "robot": described.robot(view),
+                "pose": described.pose(view, now),
+                "mission": described.mission(view),
+                "wheels": described.resource(view, WHEELS.name, now),
             }
-        if (mission := described.mission(view)) is not None:
-            found["mission"] = rounded(mission, 2)
+        )
         return found
 
     def map(self) -> dict[str, Any]:
@@ -108,7 +102,9 @@ class Society(Chronicle):
             bounds = (pose.x - around, pose.y - around, pose.x + around, pose.y + around)
             found["note"] = "no world was named to this server (--world): only what is sensed"
         else:
-            return {"note": "no world was named to this server, and nothing is heard of a robot"}
+            return {
+                "note": "no world was named to this server, and no pose of a robot was received"
+            }
         rows, cell = self._picture(bounds)
         return found | {
             "bounds": [round(each, 2) for each in bounds],
@@ -118,25 +114,13 @@ class Society(Chronicle):
 
     def who(self) -> dict[str, Any]:
         """Return the agents that are alive."""
-        agents = []
-        for seen in self.view.agents:
-            card = seen.card
-            row: dict[str, Any] = {"agent": seen.name, "instance": seen.instance}
-            if card is not None:
-                row |= {"host": card.host, "provides": [*card.provides]}
-                row |= {"owns": [*card.owns], "competes_for": [*card.resources]}
-                row["holds"] = [*card.holds]
-            agents.append(row)
-        return {"agents": agents}
+        return {"agents": [described.agent(seen, *CARD) for seen in self.view.agents]}
 
     def missions(self) -> dict[str, Any]:
         """Return the missions that can be ordered and those on the board."""
         return {
             "available": [{"name": name, "title": what} for name, what in self._missions.items()],
-            "board": [
-                {name: row[name] for name in BOARD}
-                for row in map(described.errand, self.view.missions)
-            ],
+            "board": [described.errand(each) for each in self.view.missions],
         }
 
     def why(self, now: float) -> dict[str, Any]:
@@ -165,7 +149,7 @@ class Society(Chronicle):
         for t, record in self._requests:
             request, reply = record.request, record.reply
             more = f"; {record.left_out} more before it were too many" if record.left_out else ""
-            came = f"refused, {reply.refusal}" if reply.refusal else reply.said or "answered"
+            came = f"refused, {reply.refusal}" if reply.refusal else reply.text or "answered"
             yield (
                 t,
                 f"{request.by or 'a program'} asked: {request.tool} {request.text}: {came}{more}",

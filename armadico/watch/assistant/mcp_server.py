@@ -126,13 +126,13 @@ class Server:
             if reply.refusal:
                 return {"refused": reply.refusal}, True
             stopped = bool(self._stopper.wait_for(self._rests, STOP_S))
-            return {"said": reply.said, "stopped": stopped}, not stopped
+            return {"reply": reply.text, "stopped": stopped}, not stopped
         try:
             self._stopper.stop(STOP_S, by=f"armadico mcp: {self._by}")
         except SocietyError as error:
             return {"refused": str(error), "stopped": False}, True
-        said = "it is stopped, and no assistant agent has taken that down"
-        return {"said": said, "stopped": True}, False
+        text = "it is stopped; no assistant agent answered, so this is not recorded"
+        return {"reply": text, "stopped": True}, False
 
     def _answer(self, call: Call, found: dict[str, Any], failed: bool) -> None:
         self._write(answer(call, found, failed=failed))
@@ -173,7 +173,7 @@ class Server:
             return refused, True
         if TOOLS[call.tool].does:
             mission = {"mission": str(reply.mission)} if reply.mission else {}
-            return {"said": reply.said} | mission, False
+            return {"reply": reply.text} | mission, False
         if idle:
             self._receive_until(lambda: False, QUERY_S)  # for agents' cards and bids
         return self._read_only(call), False

@@ -17,7 +17,7 @@ class AssistantRequest(Message, frozen=True):
 class AssistantReply(Message, frozen=True):
     """The result of the request, or the reason of its refusal."""
 
-    said: Text = ""
+    text: Text = ""
     refusal: Text = ""
     mission: Bits64 = 0  # that it led to; 0: none
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import socket
 import sys
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 SHOW_S: Final = 0.5
 MEGABYTE: Final = 1_000_000
+CARD: Final = ("host", "pid", "version")  # fields of an agent's card that are shown
 
 EXAMPLES: Final = """\
   armadico top                          live, until Ctrl-C
@@ -90,7 +92,7 @@ class Snapshots:
             "standing": described.diagnosis(view, now, self._demand),
             "tasks": view.tasks,
             "resources": [described.resource(view, name, now) for name in view.resources],
-            "agents": [described.agent(seen) | self._process(seen) for seen in view.agents],
+            "agents": [described.agent(seen, *CARD) | self._process(seen) for seen in view.agents],
             "services": [described.service(view, key, now) for key in sorted(view.rates)],
         }
 
@@ -121,17 +123,19 @@ def _live(snapshots: Snapshots, observer: Observer) -> int:
     from rich.text import Text
 
     (mesh,) = observer.watcher.meshes
+    signals: list[int] = []
+    # A KeyboardInterrupt raised within `cbor2.dumps` is ignored (cbor2 6.2), and queries need it.
+    before = signal.signal(signal.SIGINT, lambda number, _: signals.append(number))
     with Live(auto_refresh=False, screen=True) as live:
-        try:
-            while True:
-                observer.take(SHOW_S)
-                screen = tables(snapshots.at(observer.now))
-                if not mesh.reachable:
-                    waiting = Text(options.shown(f"{mesh.missing}; waiting for it"))
-                    screen = Group(waiting, screen)
-                live.update(screen, refresh=True)
-        except KeyboardInterrupt:
-            return 0
+        while not signals:
+            observer.take(SHOW_S)
+            screen = tables(snapshots.at(observer.now))
+            if not mesh.reachable:
+                waiting = Text(options.shown(f"{mesh.missing}; waiting for it"))
+                screen = Group(waiting, screen)
+            live.update(screen, refresh=True)
+    signal.signal(signal.SIGINT, before)
+    return 0
 
 
 # Tables -------------------------------------------------------------------------------------------
@@ -160,7 +164,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
             _number(row.get("utility"), 2) + (" critical" if row.get("critical") else ""),
             row.get("term", ""),
             row["obeyed"] or "none",
-            ", ".join(row["contenders"]),
+            ", ".join(each["name"] for each in row["contenders"]),
         )
         for row in snapshot["resources"]
     ]
@@ -195,7 +199,7 @@ def _heading(snapshot: dict[str, Any]) -> str:
     pose = snapshot["pose"]
     if pose is not None:
         words.append(f"at ({pose['x']:.2f}, {pose['y']:.2f})")
-        words += filter(None, [pose["told"]])
+        words += filter(None, [pose["pose_text"]])
     if (slam := snapshot["slam"]) is not None:
         words.append(f"map: {slam['told']}")
         words += [f"the map may be wrong: {slam['uncertain']}"] * bool(slam["uncertain"])

@@ -14,7 +14,8 @@ from functools import cache
 from typing import Any, Final
 
 from armadico.config.worlds import Unseen, World
-from armadico.core.discovery import PAGE, installed
+from armadico.core.discovery import PAGE
+from armadico.core.installed import loaded
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S
@@ -40,8 +41,8 @@ TRAIL_M: Final = 0.04  # distance between two of them
 
 @cache
 def capabilities() -> tuple[type[Part], ...]:
-    """The parts that installed capabilities add. Raises ImportError."""
-    return tuple(found.load() for found in installed(PAGE).values())
+    """The parts that installed capabilities add."""
+    return tuple(part for _, part in loaded(PAGE, Part))
 
 
 def reader() -> Reader:
@@ -188,7 +189,7 @@ class Robot:
     def _motion(self, t: float) -> dict[str, Any]:
         view, truth = self.view, self.view.truth
         found: dict[str, Any] = {
-            "heard": view.state_is_fresh(t),
+            "connected": view.state_is_fresh(t),
             "silent_s": None if view.state_at is None else round(t - view.state_at, 1),
         }
         found |= rounded((described.robot(view) or {}) | (described.pose(view, t) or {}))
@@ -211,28 +212,15 @@ class Robot:
         return found
 
     def _wheels(self, t: float) -> dict[str, Any]:
-        """The driving agent, and the newest bids of all contenders."""
-        view, wheels = self.view, WHEELS.name
-        driver, claim = view.driver(wheels, t), view.claim(wheels, t)
-        rows = []
-        for agent in view.agents:
-            if agent.card is None or wheels not in agent.card.resources:
-                continue
-            record = view.bid(agent.instance, wheels)
-            row: dict[str, Any] = {"name": agent.name, "colour": colour(agent.name)}
-            row["drives"] = agent.instance == driver
-            if claim is not None and claim.ballot.instance == agent.instance:
-                row |= {"utility": claim.utility, "critical": claim.critical, "why": ""}
-            elif record is not None:
-                row |= {"utility": record.utility, "critical": record.critical}
-                row |= {"why": record.reason}
-            rows.append(row)
-        return {"driver": _name(driver), "contenders": rows}
+        found = described.resource(self.view, WHEELS.name, t)
+        for each in found["contenders"]:
+            each["colour"] = colour(each["name"])
+        return found
 
     def _agents(self) -> list[dict[str, Any]]:
         return [
             {"pid": 0}
-            | described.agent(seen)
+            | described.agent(seen, "host", "pid", "version")
             | {"instance": seen.instance[-8:], "colour": colour(seen.name)}
             | {"alive": True, "kept": False}
             for seen in self.view.agents

@@ -1,4 +1,4 @@
-"""A live gateway to other tools: samples out, goals in.
+"""The gateway of a society to ROS 2: samples out, goals in.
 
 It is not an agent, so agents are not affected if it is slow or hangs. A goal becomes a mission,
 requested with the client that all commands use. Refusals are logged with the reason.
@@ -11,14 +11,15 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Final, NamedTuple, Protocol
+from typing import Final, Protocol
 
+from armadico.bridge.ros2.gateway.society import Society
 from armadico.core.hands import remedy
 from armadico.core.messages import Message, RobotState
 from armadico.launch.client import Client, Mission
 from armadico.mesh.base import Mesh
 from armadico.mobile.messages import MissionRequest, MissionState, MissionStatus
-from armadico.observe.translators import Sample, Translator
+from armadico.observe.translators import Sample
 from armadico.runtime.errors import SocietyError
 
 TURN_S: Final = 0.05  # interval at which goals are checked
@@ -30,47 +31,34 @@ LEAVE_S: Final = 1.0  # timeout of a thread's last turn
 Log = Callable[[str], None]
 
 
-class ReceivedGoal(NamedTuple):
-    """A goal in the encoding of another tool."""
-
-    topic: str
-    data: bytes
-    encoding: str
-    schema: str = ""  # the type's name from the sender; empty: that of the topic
-
-
 class Outside(Protocol):
-    """The other tools' side of a gateway. Its methods raise OSError if it fails for good."""
+    """The other nodes' side of a gateway. Its methods raise OSError if it fails for good."""
 
-    def publish(self, sample: Sample, at: int) -> None:
-        """Send a sample; `at` is when its message was received, ns."""
+    def publish(self, sample: Sample) -> None: ...
 
-    def goals(self) -> Iterable[ReceivedGoal]:
-        """The goals received since the last call."""
+    def goals(self) -> Iterable[bytes]:
+        """The encoded goals received since the last call."""
 
 
 class Gateway:
     """The gateway of one robot's society; all work is done in `turn`, on the caller's thread."""
 
-    def __init__(
-        self, mesh: Mesh, translators: Sequence[Translator], outside: Outside, log: Log
-    ) -> None:
+    def __init__(self, mesh: Mesh, society: Society, outside: Outside, log: Log) -> None:
         """Subscribe on an open mesh; `log` receives lines for the operator."""
         self.samples = 0
         self._client = Client(mesh)
         self._mesh = mesh
         self._outside = outside
-        self._goals = {each.goals.topic: each for each in translators}
+        self._society = society
         self._sink = log
         self._logged: dict[str, float] = {}
-        self._goal: tuple[str, MissionRequest] | None = None
+        self._goal: MissionRequest | None = None  # received, and not yet requested
         self._goal_at = -math.inf
         self._received_at = mesh.now()
         self._mission: Mission | None = None
         self._request: MissionRequest | None = None  # of that mission
         self._offset = time.time_ns() - round(1e9 * mesh.now())  # from the mesh's time, ns
-        for each in translators:
-            self._client.listen(*each.kinds, then=self._translation(each))
+        self._client.listen(*society.kinds, then=self._translate)
         self._client.listen(MissionStatus, RobotState)
 
     def turn(self, timeout: float = TURN_S) -> None:
@@ -80,9 +68,9 @@ class Gateway:
             self._on_goal(goal)
         now = self._mesh.now()
         if self._goal is not None and now >= self._goal_at:
-            (topic, request), self._goal, self._goal_at = self._goal, None, now + GOAL_S
+            request, self._goal, self._goal_at = self._goal, None, now + GOAL_S
             if not self._is_driving(request):
-                self._drive(topic, request)
+                self._drive(request)
         self._follow()
         if now - self._received_at >= ALONE_S:
             self._received_at = math.inf
@@ -91,25 +79,21 @@ class Gateway:
                 " live agents; select another with --namespace or --connect)"
             )
 
-    def _translation(self, translator: Translator) -> Callable[[Message, float], None]:
-        def translate(message: Message, at: float) -> None:
-            stamp = round(1e9 * at) + self._offset
-            self._received_at = at
-            for sample in translator.translate(self._client.key, message, stamp):
-                self._outside.publish(sample, stamp)
-                self.samples += 1
+    def _translate(self, message: Message, at: float) -> None:
+        self._received_at = at
+        for sample in self._society.translate(self._client.key, message, self._stamp(at)):
+            self._outside.publish(sample)
+            self.samples += 1
 
-        return translate
+    def _stamp(self, at: float) -> int:
+        """A time of the mesh in ns since 1970."""
+        return round(1e9 * at) + self._offset
 
-    def _on_goal(self, goal: ReceivedGoal) -> None:
-        by = self._goals.get(goal.topic)
-        if by is None:
-            return
-        at = round(1e9 * self._mesh.now()) + self._offset
+    def _on_goal(self, data: bytes) -> None:
         try:
-            self._goal = goal.topic, by.goal(goal.data, goal.encoding, goal.schema, at)
+            self._goal = self._society.goal(data, self._stamp(self._mesh.now()))
         except ValueError as error:
-            self._log(f"{goal.topic} refused: {error}")
+            self._log(f"{self._society.goals.topic} refused: {error}")
 
     def _is_driving(self, request: MissionRequest) -> bool:
         """Whether the robot drives there already: some tools repeat a goal."""
@@ -117,9 +101,9 @@ class Gateway:
             return False
         return self._mission.status is not None
 
-    def _drive(self, topic: str, request: MissionRequest) -> None:
+    def _drive(self, request: MissionRequest) -> None:
         # Samples are published while the client waits for the reply.
-        goal = request.goal
+        goal, topic = request.goal, self._society.goals.topic
         where = f"{goal.x:.2f} {goal.y:.2f} {math.degrees(goal.theta):.0f}"
         try:
             reply = self._client.request_mission(request)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from armadico.bridge.ros2.frames import Wanted
-from armadico.bridge.ros2.gateway.gateway import ReceivedGoal
 from armadico.bridge.ros2.graph import ODOMETRY, Endpoint
 from armadico.bridge.ros2.samples import LOOK_S, SETTLE_S, Wire
 from armadico.observe.translators import Channel, Sample
@@ -54,20 +53,18 @@ class SocietyNode:
         self._polled_at = 0.0
         self._choose(())
 
-    def publish(self, sample: Sample, at: int) -> None:
-        del at  # the sample has its stamp
+    def publish(self, sample: Sample) -> None:
         if sample.channel.latched:
             self._kept[sample.channel.topic] = sample
         if self._own or not sample.channel.own:
             self._wire.publish(sample.channel.topic, sample.data)
 
-    def goals(self) -> Iterable[ReceivedGoal]:
+    def goals(self) -> list[bytes]:
         now = time.monotonic()
         if now - self._polled_at >= LOOK_S:
             self._polled_at = now
             self._poll()
-        frames = self._wire.receive(0.0)
-        return [ReceivedGoal(topic, data, "cdr") for topic, data in frames[-BACKLOG:]]
+        return [data for _, data in self._wire.receive(0.0)[-BACKLOG:]]
 
     def _choose(self, others: Iterable[Endpoint]) -> None:
         """Publish the topics of a robot, unless a robot publishes them itself.

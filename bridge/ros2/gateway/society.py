@@ -22,7 +22,7 @@ import numpy as np
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
-from armadico.bridge.ros2.gateway.goals import CDR, read_goal
+from armadico.bridge.ros2.gateway.goals import read_goal
 from armadico.bridge.ros2.gateway.graphs import markers
 from armadico.bridge.ros2.gateway.grids import drawn, occupancy
 from armadico.bridge.ros2.gateway.health import MOST, Health
@@ -337,11 +337,12 @@ class Society:
 
     # Goals ----------------------------------------------------------------------------------------
 
-    def goal(
-        self, data: bytes, encoding: str = "", schema: str = "", at: int = 0
-    ) -> MissionRequest:
-        """See `Translator`; the frame must be known and the stamp at most `OLD_S` old."""
-        frame, place, stamp = read_goal(data, encoding, schema)
+    def goal(self, data: bytes, at: int = 0) -> MissionRequest:
+        """The goal in a sample of `goals` that was received at `at`, ns since 1970.
+
+        Raises ValueError for an invalid goal, an unknown frame, and a stamp over `OLD_S` old.
+        """
+        frame, place, stamp = read_goal(data)
         if stamp and (age_s := 1e-9 * (at - stamp)) > OLD_S:
             raise ValueError(
                 f"its stamp is {age_s:.0f} s old, but may be at most {OLD_S:.0f} s (0 means now);"
@@ -399,7 +400,7 @@ class Society:
         name, kind, depth, latched, own = topic
         return Channel(
             name if name.startswith("/") else f"/{self._prefix}{name}",
-            CDR,
+            "cdr",
             cdr.ros_name(kind),
             "ros2msg",
             cdr.definition(kind),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from armadico.core.services import share
+from armadico.core.shared import share
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 

@@ -23,9 +23,8 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.fault_types import KINDS, WEDGED_S, Promise, voided
-from armadico_tools.faults.record import (
+from armadico_tools.faults.observations import (
     Bids,
-    Bounds,
     Denied,
     Faulted,
     Left,
@@ -35,6 +34,7 @@ from armadico_tools.faults.record import (
     Passed,
     Published,
 )
+from armadico_tools.faults.record import Bounds
 
 A, B = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace as replace_experiment
-from importlib import import_module
 from itertools import pairwise
 from math import hypot
 from pathlib import Path
@@ -18,16 +16,11 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import load_scenario
 from armadico.config.worlds import load_world
+from armadico.core.config_errors import ConfigError
 from armadico.observe.conditions import software
 from armadico_tools.commands.experiment import main
-from armadico_tools.experiments import (
-    EXPERIMENTS,
-    foreign_worlds,
-    published,
-    runner,
-    statistics,
-    thesis,
-)
+from armadico_tools.experiments import CELLS as CELLS_FILES
+from armadico_tools.experiments import cells, foreign_worlds, runner, tables, titles
 from armadico_tools.experiments.driving import Cell, Drive, Sample, drive, key_of, scenario_of
 from armadico_tools.experiments.floor_plans import (
     PASSAGE_M,
@@ -37,9 +30,7 @@ from armadico_tools.experiments.floor_plans import (
     save,
 )
 from armadico_tools.experiments.runner import Context, Experiment, Part, driven
-from armadico_tools.experiments.tables import Column, compare, differences
-from armadico_tools.experiments.thesis import LOCALIZED, join
-from armadico_tools.experiments.traces import Tick, exchanges_of, reigns_of, smoothness
+from armadico_tools.experiments.tables import compare
 from tests.programs import heavy, imports_nothing
 
 SC1 = Cell("sc1 collaborative", "sc1", without=("gothrough",))
@@ -173,11 +164,11 @@ def test_a_folder_of_other_runs_is_moved_aside_and_more_runs_go_on(tmp_path: Pat
 
 
 def test_a_folder_that_no_experiment_made_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "narrow").mkdir()
-    (tmp_path / "narrow" / "letter.txt").write_text("mine", encoding="utf-8")
-    with pytest.raises(FailedError, match=r"narrow.*--out"):
-        main(["narrow", "--runs", "1", "--out", str(tmp_path)])
-    assert [path.name for path in (tmp_path / "narrow").iterdir()] == ["letter.txt"]
+    (tmp_path / "floors").mkdir()
+    (tmp_path / "floors" / "letter.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(FailedError, match=r"floors.*--out"):
+        main(["floors", "--runs", "1", "--out", str(tmp_path)])
+    assert [path.name for path in (tmp_path / "floors").iterdir()] == ["letter.txt"]
 
 
 def test_results_come_in_the_order_of_the_items() -> None:
@@ -200,44 +191,12 @@ def test_the_fast_controller_stops_where_it_comes_to_rest() -> None:
 
 
 @pytest.mark.long
-def test_an_agent_that_joins_restarts_no_other() -> None:
-    found = join(("rooms-b", 1000))
-    assert found.kept
-    assert len(found.before.split()) == 7
-    assert "gothrough" not in found.before
-    assert found.first_held_s is not None
-    assert found.first_held_s > 5.0
-
-
-@pytest.mark.long
 def test_a_robot_that_gets_nowhere_is_stuck_before_the_time_limit() -> None:
     run = Drive(Cell("x", "sc1", without=("goto", "avoid", "gothrough")), 1000)
     sample = run.go().sample()
     assert sample.note == "stuck"
     assert not sample.arrived
     assert 60.0 < sample.tt_s < run.rehearsal.limit
-
-
-def tick(t: float, v: float, holder: str | None, command: float) -> Tick:
-    return Tick(t, 0.0, 0.0, v, 0.0, holder, command, 0.0)
-
-
-def test_smoothness_of_a_run_made_by_hand() -> None:
-    speeds = (0.5, 0.5, 0.5, 0.4, 0.4)
-    holders = ("goto", "goto", "avoid", "avoid", "goto")
-    ticks = [tick(0.1 * i, v, holders[i], v) for i, v in enumerate(speeds)]
-    assert exchanges_of(ticks) == [2, 4]
-    assert reigns_of(ticks) == [
-        ("goto", pytest.approx(0.2)),
-        ("avoid", pytest.approx(0.2)),
-        ("goto", pytest.approx(0.1)),
-    ]
-    found = smoothness(ticks)
-    assert found.short_reigns == 3
-    assert found.accel_step == pytest.approx(1.0)  # from 0 to -1 m/s2 and back
-    assert found.command_step_v == pytest.approx(0.0)
-    assert found.jerk_v == pytest.approx((200.0 / 3) ** 0.5, rel=1e-3)
-    assert smoothness([tick(0.0, 0.1, "goto", 0.1)] * 4).accel_step is None
 
 
 # Floor plans --------------------------------------------------------------------------------------
@@ -267,7 +226,7 @@ def test_people_in_a_floor_plan_are_repeatable_and_the_scenario_accepts_them(
 
 def test_the_floors_have_real_sensors_localization_and_people(tmp_path: Path) -> None:
     scenario = scenario_of(
-        replace(LOCALIZED, scenario=str(foreign_worlds.plan_of((tmp_path, 3, 3))))
+        replace(foreign_worlds.LOCALIZED, scenario=str(foreign_worlds.plan_of((tmp_path, 3, 3))))
     )
     assert scenario.sensors == "real"
     assert {"localization", "relocate"} <= {*scenario.agents}
@@ -284,55 +243,25 @@ def test_the_flood_knows_a_gap_that_is_too_narrow(gap: float, through: bool) -> 
 # Numbers ------------------------------------------------------------------------------------------
 
 
-def test_the_shares_of_the_published_tables_add_up() -> None:
-    tables = []
-    for line in published.TABLES.splitlines():
-        names = [word for word in line.split()[1:] if not word[0].isdigit()]
-        tables.append(published.published(line.split()[0], *names))
-    assert len(tables) == 22
-    for numbers in tables:
-        shares = [
-            value[0] for name, value in numbers.items() if name.startswith("t") and "_p" in name
-        ]
-        assert sum(shares) == pytest.approx(100.0, abs=0.7)
-
-
 @pytest.mark.long
-def test_means_intervals_and_p_values_against_known_ones() -> None:
-    found = statistics.spread([1.0, 2.0, 3.0, 4.0, 5.0])
+def test_means_and_intervals_against_known_ones() -> None:
+    found = tables.spread([1.0, 2.0, 3.0, 4.0, 5.0])
     assert found is not None
     assert (found.mean, found.sd) == (3.0, pytest.approx(1.5811, abs=1e-4))
     assert (found.low, found.high) == (
         pytest.approx(1.0368, abs=1e-4),
         pytest.approx(4.9632, abs=1e-4),
     )
-    assert statistics.against(found, 3.0, 1.0) == pytest.approx(1.0)
-    assert statistics.against(statistics.Spread(30, 1.0, 0.0, 1.0, 1.0), 1.0, 0.0) is None
-    assert statistics.paired([1.0, 2.0], [1.0, 2.0]) is None
-    assert statistics.at_least(200, 200) == pytest.approx(0.05 ** (1 / 200))
-
-
-def test_a_table_has_our_numbers_beside_the_published_ones() -> None:
-    ours = [
-        Sample("x", seed, True, True, 5.0, 1.0, tt, 99.0, 0) for seed, tt in enumerate((14.0, 15.0))
-    ]
-    text = compare([Column("fast", ours, published.published("5.1", "fast", "sc1"))])
-    line = next(line for line in text.splitlines() if line.startswith("| TT s"))
-    assert line.startswith("| TT s | 14.50 ± 0.707 [8.15, 20.85] | 14.28 ± 1.29 (p ")
-    assert "| reached | 2 of 2 | - |" in text
-    changes = differences("a to b", ours, ours[::-1], {"tt_s": "TT s"})
-    assert "| TT s | 14.50 | 14.50 | +0 (+0.0 %) |" in changes
+    assert tables.at_least(200, 200) == pytest.approx(0.05 ** (1 / 200))
 
 
 def test_a_run_that_did_not_arrive_has_no_time_in_a_table_but_counts_as_not_reached() -> None:
     there = Sample("x", 1, True, True, 5.0, 1.0, 14.0, 99.0, 0)
     stuck = replace(there, seed=2, reached=False, arrived=False, tt_s=60.0, td_m=7.0)
-    text = compare([Column("fast", [there, stuck])])
+    text = compare({"fast": [there, stuck]})
     assert "| reached | 1 of 2 |" in text
     assert "| TT s | 14.00 |" in text
     assert "| TD m | 6.00 ± " in text
-    changes = differences("a to b", [there, there], [there, stuck], {"tt_s": "TT s"})
-    assert "| TT s | 14.00 | 14.00 |" in changes
     assert runner.outcome([stuck])["tt_s"] is None
     assert runner.outcome([there, stuck])["tt_s"] == 14.0
 
@@ -362,44 +291,70 @@ def test_the_list_has_titles_and_imports_nothing_heavy() -> None:
     assert imports_nothing(done)
     listed = done.stdout.splitlines()[0]
     found = json.loads(listed)
-    assert list(found) == list(EXPERIMENTS)
+    assert list(found) == list(titles())
     assert all(found.values())
 
 
-def test_an_experiment_writes_its_runs_table_and_figures(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+CELLS = """\
+title = "Two controllers"
+[[rows]]
+scenario = "sc1"
+[[arms]]
+name = "fast"
+controller = "fast"
+[[arms]]
+name = "all"
+"""
+
+
+@pytest.mark.long
+def test_a_file_of_cells_is_an_experiment_and_runs_again_give_the_same_bytes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    panels = {"sc1": ("sc1", {"collaborative": SC1.name})}
-    small = replace_experiment(
-        declared(SC1),
-        report=lambda context: compare([Column("collaborative", context.samples[SC1.name])]),
-        figures=lambda context: thesis._paths(context, "paths", panels, 1),
-    )
-    monkeypatch.setattr(thesis, "TABLE_5_1", small)  # one cell of twelve: less to drive
-    words = ["table-5.1", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
+    file = tmp_path / "two.toml"
+    file.write_text(CELLS, encoding="utf-8")
+    words = [str(file), "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
     assert main(words) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["runs"] == 1
-    assert printed["cells"][SC1.name]["reached"] == 1
-    folder = tmp_path / "table-5.1"
+    assert printed["title"] == "Two controllers"
+    assert printed["cells"]["sc1 all"]["reached"] == 1
+    folder = tmp_path / "two"
     assert {path.name for path in folder.iterdir()} == {
         *printed["files"],
         "about.json",
         "found.csv",
     }
-    assert (folder / "paths.png").read_bytes().startswith(b"\x89PNG")
-    assert (folder / "paths.svg").read_text(encoding="utf-8").startswith("<?xml")
-    assert "| arrived | 1 of 1 |" in (folder / "table.md").read_text(encoding="utf-8")
+    assert "| arrived | 1 of 1 | 1 of 1 |" in (folder / "table.md").read_text(encoding="utf-8")
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert main(words) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_each_experiment_of_the_index_is_declared(name: str) -> None:
-    module, _, attribute = EXPERIMENTS[name].where.partition(":")
-    found = getattr(import_module(f"armadico_tools.experiments.{module}"), attribute)
-    assert isinstance(found, Experiment)
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('title = "Two controllers"\n', "", "title"),
+        ("controller =", "controler =", "unknown key controler.*controller"),
+        ("[[rows]]", "[[columns]]", "columns"),
+        ('scenario = "sc1"', 'without = "goto"', "without"),
+        ('scenario = "sc1"', 'name = "sc1"', "scenario"),
+    ],
+)
+def test_a_wrong_file_of_cells_is_refused(
+    old: str, new: str, expected: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "two.toml"
+    file.write_text(CELLS.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ConfigError, match=rf"two\.toml.*{expected}"):
+        main([str(file), "--out", str(tmp_path / "results")])
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize("name", CELLS_FILES)
+def test_the_scenarios_of_each_shipped_file_exist(name: str) -> None:
+    _, found = cells.read(CELLS_FILES[name])
+    for cell, _seed in found.parts[0].tasks(Context(out=Path(), runs=1, source="here")):
+        assert scenario_of(cell).sensors == cell.sensors
 
 
 @pytest.mark.long
@@ -410,8 +365,10 @@ def test_other_peoples_maps_are_planned_and_driven_and_nothing_is_touched(
     monkeypatch.setattr(foreign_worlds, "MAPS", sample)
     words = ["other-maps", "--runs", "1", "--jobs", "1", "--out", str(tmp_path), "--json"]
     assert main(words) == 0
-    cells = json.loads(capsys.readouterr().out)["cells"]
-    assert cells == {name: {"runs": 1, "planned": 1, "reached": 1, "touched": 0} for name in sample}
+    counted = json.loads(capsys.readouterr().out)["cells"]
+    assert counted == {
+        name: {"runs": 1, "planned": 1, "reached": 1, "touched": 0} for name in sample
+    }
     assert "No failure." in (tmp_path / "other-maps" / "table.md").read_text(encoding="utf-8")
 
 
@@ -444,7 +401,7 @@ def test_with_sonars_of_a_single_ray_it_gets_there_without_standing_or_shaking(
         run = Drive(cell, 1000).go()
         sample = run.sample()
         assert (sample.reached, sample.collisions, sample.note) == (True, 0, "")
-        turns = [tick.w for tick in run.trace.ticks]
+        turns = [truth.w for truth, _ in run.ticks]
         swings = [a * b < 0.0 and min(abs(a), abs(b)) > 0.2 for a, b in pairwise(turns)]
         assert sum(swings) < 0.05 * len(swings), "from one side to the other, cycle by cycle"
 

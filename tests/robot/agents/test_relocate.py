@@ -11,7 +11,7 @@ import pytest
 from armadico.agents.driving.avoid import Avoid
 from armadico.agents.driving.gothrough import Gothrough
 from armadico.agents.driving.goto import Goto
-from armadico.agents.localization.relocate import Parameters, Relocate
+from armadico.agents.localization.relocate import Parameters, Phase, Relocate
 from armadico.core.agent import Agent, Identity
 from armadico.core.exchange import Bid
 from armadico.core.messages import Log, Point
@@ -22,7 +22,7 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.particles import message_of
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to, wall
-from tests.core.framework.robots import body
+from tests.robot.robots import body
 
 AWAY = drive_to((4.0, 0.0, 0.0))
 PIONEER = body()
@@ -141,6 +141,20 @@ def test_it_turns_once_and_then_drives_on() -> None:
     assert (v > 0.1, w) == (True, 0.0)
 
 
+def test_lost_again_it_begins_anew() -> None:
+    made = lost(give_up_s=5.0)
+    made.holding()
+    for _ in range(60):
+        made.cycle()
+    assert "5 s" in made.bid.reason
+    made.off_m = 0.1
+    for _ in range(15):
+        made.cycle()
+    made.off_m = 2.0 * LOST_M
+    made.cycle()
+    assert made.bid.reason == "lost: look around"
+
+
 def test_where_it_cannot_drive_on_it_turns_to_the_freer_side() -> None:
     made = lost()
     made.holding()
@@ -243,7 +257,7 @@ def test_on_a_leg_that_tells_places_apart_it_creeps_without_an_echo(world: str) 
     made = stage(Relocate(Identity("relocate-1"), Parameters(world=world)), 2.0 * LOST_M)
     distinguish(made, (5.0, 1.0, 0.0), (7.0, 1.0, pi))
     made.speed = (0.25, 0.0)
-    made.agent._facing = True
+    made.agent._recovery.phase = Phase.LEG
     driven = set()
     for answers in (True, False):
         for _ in range(round(10 * Parameters().silent_s) + 2):

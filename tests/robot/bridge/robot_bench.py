@@ -12,7 +12,7 @@ from armadico.bridge.robot import Parameters, Robot
 from armadico.core.agent import Identity
 from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
 from armadico.core.outgoing import Publish, Write
-from tests.ros2.kit import PROFILE
+from tests.robot.bridge.kit import PROFILE
 
 
 def names_of(subclass: str, class_name: str = "Pioneer", name: str = "Rob") -> bytes:

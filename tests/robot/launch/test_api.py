@@ -46,11 +46,6 @@ def test_a_virtual_run_is_the_commands(sc4: Run) -> None:
     assert sc4 == armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
 
 
-def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
-    armadico.run(SHORT, virtual=True)
-    assert capfd.readouterr() == ("", "")
-
-
 def test_the_path_has_a_pose_for_each_time_from_the_start_to_the_goal(sc4: Run) -> None:
     assert sc4.path.shape == (len(sc4.times), 3)
     assert sc4.path[0] == pytest.approx(sc4.scenario.start, abs=0.02)
@@ -75,19 +70,12 @@ def test_holders_are_who_drove_one_after_another(sc4: Run) -> None:
 def test_a_gap_ends_a_holding() -> None:
     watch = RunWatch("made up", (1.0, 0.0, 0.0))
     who = ("a", "a", None, None, "a", "b")
-    watch.path += [Mark(5.0 + t, 0.0, 0.0, 0.0, name) for t, name in enumerate(who)]
+    watch.driven.marks += [Mark(5.0 + t, 0.0, 0.0, 0.0, name) for t, name in enumerate(who)]
     assert Run.of(SHORT, watch).holders == (
         Holding("a", 0.0, 2.0),
         Holding("a", 4.0, 5.0),
         Holding("b", 5.0, 5.0),
     )
-
-
-def test_a_run_that_never_moved_has_an_empty_path() -> None:
-    nowhere = Run.of(SHORT, RunWatch("made up", (1.0, 0.0, 0.0)))
-    assert nowhere.path.shape == (0, 3)
-    assert nowhere.times.shape == (0,)
-    assert nowhere.holders == ()
 
 
 @pytest.mark.parametrize(
@@ -110,20 +98,6 @@ def test_poses_and_names_that_will_not_do_are_told_in_words(
     assert says in str(refused.value)
 
 
-def test_one_name_is_as_good_as_a_list() -> None:
-    done = armadico.run(SHORT, virtual=True, without="sonar", besides="battery-sensor", limit=1.0)
-    taking = {*done.measures.conditions.agents} if done.measures.conditions else set()
-    assert "sonar" not in taking
-    assert {"goto", "battery-sensor"} < taking
-
-
-def test_a_scenario_has_its_headings_in_rad_and_its_file_in_degrees(tmp_path: Path) -> None:
-    file = tmp_path / "there.toml"
-    file.write_text('world = "rooms-a"\nstart = [1, 1, 90]\ngoal = [7, 0.7, -90]\n')
-    scenario = armadico.Scenario(world="rooms-a", start=(1, 1, pi / 2), goal=(7, 0.7, -pi / 2))
-    assert load_scenario(file) == replace(scenario, name="there")
-
-
 def test_poses_are_in_metres_and_radians() -> None:
     done = armadico.run("sc1", virtual=True, start=(0.0, 0.0, pi / 2), goal=(1.0, 0.5, -pi / 2))
     assert done.scenario.start == (0.0, 0.0, pi / 2)
@@ -131,38 +105,36 @@ def test_poses_are_in_metres_and_radians() -> None:
     assert done.path[-1, 2] == pytest.approx(-pi / 2, abs=0.1)
 
 
-def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
+def test_another_robot_and_without_somebody() -> None:
     done = armadico.run("sc1", virtual=True, profile="amigobot", without=["gothrough"])
     assert done.scenario.robot == "amigobot"
     assert "gothrough" not in done.measures.shares
+
+
+def test_what_cannot_draw_leaves_no_empty_folder(sc4: Run, tmp_path: Path) -> None:
+    pytest.importorskip("armadico.watch")
     with pytest.MonkeyPatch.context() as patched:
         patched.setitem(sys.modules, "matplotlib", None)
         with pytest.raises(ImportError):
-            done.plot(tmp_path / "new" / "picture.png")
+            sc4.plot(tmp_path / "new" / "picture.png")
     assert not (tmp_path / "new").exists(), "no empty folder where nothing draws"
-    picture = done.plot(tmp_path / "new" / "picture.png")
+    picture = sc4.plot(tmp_path / "new" / "picture.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.long
-def test_a_run_is_filmed_and_drawn_without_a_word_to_pyplot(sc4: Run, tmp_path: Path) -> None:
+def test_a_run_is_drawn_without_a_word_to_pyplot(sc4: Run, tmp_path: Path) -> None:
+    pytest.importorskip("armadico.watch")
     plt = pytest.importorskip("matplotlib.pyplot")
     mpl = pytest.importorskip("matplotlib")
     before = mpl.get_backend()
     mpl.use("svg")  # as a notebook has one of its own
     try:
-        film = sc4.animate(tmp_path / "new" / "run.gif", speed=100.0)
         sc4.plot(tmp_path / "run.png")
         assert mpl.get_backend() == "svg"
         assert not plt.get_fignums()
     finally:
         mpl.use(before)
-    assert film.read_bytes().startswith(b"GIF89a")
-
-
-def test_show_is_for_notebooks_and_says_so_before_anybody_starts() -> None:
-    with pytest.raises(ValueError, match="notebook"):
-        armadico.run(SHORT, virtual=True, show=True, progress=lambda _: pytest.fail("it drove"))
 
 
 class Ahead(armadico.Behaviour):

@@ -79,7 +79,7 @@ class Stage:
     def publish(self, *messages: m.Message) -> None:
         for message in messages:
             for sample in self.society.translate("", message, AT):
-                self.outside.publish(sample, AT)
+                self.outside.publish(sample)
 
     def turn(self) -> None:
         self.publish(*next(self._cycles))
@@ -174,7 +174,7 @@ def test_a_goal_of_a_viewer_is_a_mission(stack: ExitStack, domain: int) -> None:
     while not goals:
         stage.turn()
         viewer.read()
-        goals = [stage.society.goal(each.data, each.encoding) for each in stage.outside.goals()]
+        goals = [stage.society.goal(each) for each in stage.outside.goals()]
     assert goals == [MissionRequest(Waypoint(2.0, -1.0, 0.0))]
     while "odom" not in viewer.received:
         stage.turn()

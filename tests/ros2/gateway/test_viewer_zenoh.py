@@ -51,7 +51,7 @@ def test_a_late_viewer_receives_the_map_and_sends_a_goal(wires: list[Wire]) -> N
         state = m.RobotState(cycle, 1, 2, 0.5, 0.4, -0.2, 12.5, True, False)
         for message in (state, Pose(cycle, 4, 3, 0)):
             for sample in society.translate("", message, number):
-                outside.publish(sample, number)
+                outside.publish(sample)
         if number == 10:  # the map has been published, once
             viewer.want(
                 [
@@ -64,7 +64,7 @@ def test_a_late_viewer_receives_the_map_and_sends_a_goal(wires: list[Wire]) -> N
         if number > 10:
             viewer.publish(GOAL, cdr.encode(goal))
         read.update(topic for topic, _ in viewer.receive(0.05))
-        requests += [society.goal(each.data, each.encoding) for each in outside.goals()]
+        requests += [society.goal(each) for each in outside.goals()]
         number += 1
     assert read["/map"] == 1
     assert requests[0] == MissionRequest(Waypoint(1.0, 2.0, 0.0))

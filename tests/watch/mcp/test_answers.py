@@ -13,7 +13,7 @@ from armadico.mesh.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.mcp_answers import Society
 from armadico.watch.assistant.messages import AssistantRequest
-from tests.robot.observe.observed import Observed
+from tests.watch.observed import Observed
 
 
 @pytest.fixture(scope="module")
@@ -35,22 +35,20 @@ def driven() -> tuple[Observed, Society]:
 def test_where_it_is_and_what_it_does(driven: tuple[Observed, Society]) -> None:
     observed, society = driven
     found = society.where(observed.mesh.now)
-    assert found["driver"] == "goto"
-    assert found["speed"]["v"] > 0.1
+    assert found["wheels"]["obeyed"] == "goto"
+    assert found["robot"]["v"] > 0.1
     assert -1.5 < found["pose"]["x"] < 4.5
     assert found["mission"]["state"] == "driving"
-    assert found["stop"] == {"stopped": False, "by": ""}
+    assert found["robot"]["stopped_by"] is None
     json.dumps(found)
-    later = society.where(observed.mesh.now + 1.0)
-    assert not later["heard"]
-    assert later["stop"]["stopped"] is None, "the last report is out of date"
+    assert not society.where(observed.mesh.now + 1.0)["connected"]
 
 
 def test_the_agents_that_are_alive(driven: tuple[Observed, Society]) -> None:
-    agents = {row["agent"]: row for row in driven[1].who()["agents"]}
+    agents = {row["name"]: row for row in driven[1].who()["agents"]}
     assert {"robot", "encoder", "goto", "assistant"} <= agents.keys()
-    assert agents["goto"]["competes_for"] == ["wheels"]
-    assert agents["assistant"]["competes_for"] == []
+    assert agents["goto"]["resources"] == ("wheels",)
+    assert agents["assistant"]["resources"] == ()
 
 
 @pytest.mark.long
@@ -107,7 +105,7 @@ def test_a_program_that_stops_it_is_named_as_the_reason_why_it_stands() -> None:
 
 def test_before_any_message_the_answers_are_empty() -> None:
     society = Society(None, {"rounds": "Three rounds"})
-    assert not society.where(0.0)["heard"]
+    assert not society.where(0.0)["connected"]
     assert "picture" not in society.map()
     assert society.who() == {"agents": []}
     assert society.missions()["available"] == [{"name": "rounds", "title": "Three rounds"}]

@@ -126,9 +126,9 @@ def test_whitespace_between_arguments_is_left_out() -> None:
 
 
 def test_an_answer_is_an_object_and_the_same_as_text() -> None:
-    result = parsed(answer(Call(7, "where", "{}"), {"heard": False}))["result"]
-    assert result["structuredContent"] == {"heard": False}
-    assert json.loads(result["content"][0]["text"]) == {"heard": False}
+    result = parsed(answer(Call(7, "where", "{}"), {"connected": False}))["result"]
+    assert result["structuredContent"] == {"connected": False}
+    assert json.loads(result["content"][0]["text"]) == {"connected": False}
     assert result["isError"] is False
     assert parsed(answer(Call(7, "goto", "{}"), {"refused": "no"}, failed=True))["result"][
         "isError"

@@ -119,7 +119,7 @@ def test_a_stop_does_not_wait_and_calls_beyond_the_queue_are_refused_at_once(
     while not numbers or numbers[-1] != 999:
         number, found = served.answer()
         numbers.append(number)
-    assert found == {"said": "done", "stopped": True}
+    assert found == {"reply": "done", "stopped": True}
     assert len(numbers) <= 11, "the others wait, or were refused"
     busy.set()
     while len(numbers) < WAITING + 11:

@@ -93,6 +93,7 @@ def arrived(browser: Browser, x: float, y: float) -> None:
     browser.until(f"{PARTS}.mission.state === 'reached' && {off} < 0.15")
 
 
+@pytest.mark.long
 def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> None:
     page.drag(at(page, 3.4, 1.3))
     arrived(page, 3.4, 1.3)
@@ -281,7 +282,7 @@ def test_a_key_drives_and_the_robot_rests_when_it_is_released(chromium: Browser)
         chromium.until(f"{PARTS}.hand.there")
         chromium.key("w", "KeyW", "keyDown")
         chromium.until("document.getElementById('handtext').innerText.startsWith('You drive')")
-        chromium.until(f"{PARTS}.wheels.driver === 'teleop' && {PARTS}.motion.v > 0.2")
+        chromium.until(f"{PARTS}.wheels.obeyed === 'teleop' && {PARTS}.motion.v > 0.2")
         chromium.key("w", "KeyW", "keyUp")
         chromium.until(f"{PARTS}.hand.hand === '' && {PARTS}.motion.v === 0")
         assert chromium.evaluate("document.getElementById('handtext').innerText") == "Free."

@@ -1,48 +1,24 @@
-"""A society of real processes, a tap on the robot's line, and an observer of what is said."""
+"""A society of real processes, a tap on the robot's line."""
 
 from __future__ import annotations
 
 import os
 import signal
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing
-from itertools import pairwise
 from pathlib import Path
 
 from armadico.bridge.p2os.commands import Cmd
 from armadico.config.scenarios import Scenario, ideal
-from armadico.core.messages import (
-    Ack,
-    Ask,
-    Ballot,
-    BidHistory,
-    BidRecord,
-    Claim,
-    Command,
-    Description,
-    Log,
-    Message,
-    RobotState,
-    decode,
-)
-from armadico.core.resources import WHEELS
-from armadico.core.services import BIDS
-from armadico.launch.client import Client
 from armadico.launch.local import Launcher
 from armadico.launch.processes import SIMULATOR, Process, ProcessTable
 from armadico.launch.society import Member, Options
 from armadico.mesh.base import Mesh
 from armadico.mesh.sockets import RUNTIME_VARIABLE
-from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.mobile.messages import Pose, Truth
-from armadico.observe.view import View
 from armadico_tools.faults.serial_tap import Tap, moves
 from armadico_tools.testbed import joining_onlooker, onlooker
-
-SOON = 40.0
-"""s; a deadline, not an expectation."""
+from tests.robot.society import SOON, Observer
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 """8 m straight on, nothing in the way: goto alone has anything to do."""
@@ -75,107 +51,6 @@ class Tapped(Launcher):
         if self.tap is not None:
             self.tap.close()
             self.tap = None
-
-
-class Observer:
-    """Keeps what is said, as it comes."""
-
-    def __init__(self, mesh: ZenohMesh) -> None:
-        self.client = Client(mesh)
-        self.view = View()
-        self.states: list[RobotState] = []
-        self.acks: list[Ack] = []
-        self.truths: list[Truth] = []
-        self.commands: list[Command] = []
-        self.logs: list[str] = []
-        kinds = (RobotState, Description, Ack, Truth, Pose, Command, Claim, Log)
-        self.client.listen(*kinds, then=self._keep)
-
-    def until(self, condition: Callable[[], object], what: str) -> None:
-        """Wait for something to be so. AssertionError with the last state if it does not come."""
-        if not self.client.wait_for(condition, SOON):
-            last = [*self.states[-1:], *self.acks[-1:]]
-            said = "\n  ".join(self.logs[-10:])
-            there = f"alive: {', '.join(sorted(self.names))}"
-            raise AssertionError(f"not within {SOON:.0f} s: {what}\n {last}\n {there}\n  {said}")
-
-    @property
-    def state(self) -> RobotState:
-        return self.states[-1]
-
-    @property
-    def names(self) -> set[str]:
-        """The names of the agents whose tokens are there."""
-        return {name for name, _ in self.client.alive}
-
-    @property
-    def holder(self) -> str:
-        """The instance that was obeyed last; nobody since a release."""
-        return self.view.last_driver(WHEELS.name)
-
-    def obeyed_lately(self) -> bool:
-        return self.view.driver(WHEELS.name, time.monotonic()) is not None
-
-    def driving(self) -> bool:
-        """Whether the robot is on its way, by the truth, and somebody is obeyed."""
-        truth = self.view.truth
-        return truth is not None and truth.v > 0.2 and self.obeyed_lately()
-
-    def at_rest(self) -> bool:
-        return abs(self.truths[-1].v) < 0.01 and abs(self.truths[-1].w) < 0.01
-
-    def cycles(self, count: int) -> None:
-        """Let so many cycles pass."""
-        last = self.state.cycle.number + count
-        self.until(lambda: self.state.cycle.number >= last, f"cycle {last}")
-
-    def truths_pass(self, count: int) -> None:
-        """Let so many cycles of the simulator pass."""
-        last = len(self.truths) + count
-        self.until(lambda: len(self.truths) >= last, f"{count} cycles")
-
-    def pid_of(self, name: str, instance: str) -> int:
-        """The process of an instance, by its card."""
-        card = self.client.card(name, instance)
-        assert card is not None, "it answers"
-        return card.pid
-
-    def drives_on(self, cycles: int = 8) -> None:
-        """Somebody is obeyed for cycles that come after this call, and the robot moves."""
-        first = self.state.cycle
-
-        def on() -> bool:
-            at = self.acks[-1].obeyed_cycle
-            behind = at is not None and (
-                at.epoch != first.epoch or at.number >= first.number + cycles
-            )
-            return behind and self.driving()
-
-        self.until(on, "somebody is obeyed and the robot moves")
-
-    def bids(self, name: str, instance: str) -> tuple[BidRecord, ...]:
-        """What an agent tells of its recent bids; none if it does not answer."""
-        key = BIDS.key_for(name=name, instance=instance)
-        replies: list[bytes] = []
-        over: list[bool] = []
-        mesh = self.client.mesh
-        mesh.query(key, Ask(), 2.0, lambda _, data: replies.append(data), lambda: over.append(True))
-        self.until(lambda: over, "the answer")
-        return decode(replies[0], BidHistory).bids if replies else ()
-
-    def _keep(self, message: Message, now: float) -> None:
-        self.view.learn(message, now)
-        match message:
-            case RobotState():
-                self.states.append(message)
-            case Ack():
-                self.acks.append(message)
-            case Truth():
-                self.truths.append(message)
-            case Command():
-                self.commands.append(message)
-            case Log():
-                self.logs.append(message.text)
 
 
 class Society(Observer):
@@ -242,30 +117,6 @@ class Society(Observer):
         orders = [command for command in self.tap.commands(mark) if moves(command)]
         assert not orders, f"{self.holder} drives: {orders}"
         assert self.at_rest(), f"it moves: {self.truths[-1]}"
-
-
-def ballots_never_go_down(acks: list[Ack]) -> None:
-    """What is refused by, and what is obeyed, only grows within an epoch; nor do cycles.
-
-    After a release nobody is obeyed, until somebody with a larger ballot is.
-    """
-    for before, after in pairwise(acks):
-        fell = after.cycle <= before.cycle or _rank(after.largest) < _rank(before.largest)
-        assert before.cycle.epoch != after.cycle.epoch or not fell, f"{before}\n{after}"
-    for before, after in pairwise(ack for ack in acks if ack.obeyed is not None):
-        fell = _rank(after.obeyed) < _rank(before.obeyed)
-        assert before.cycle.epoch != after.cycle.epoch or not fell, f"{before}\n{after}"
-
-
-def _rank(ballot: Ballot | None) -> tuple[int, float, bool, str]:
-    if ballot is None:
-        return (-1, 0.0, False, "")
-    return (ballot.term, ballot.utility, ballot.critical, ballot.instance)
-
-
-def mesh_of(namespace: str) -> ZenohMesh:
-    """A session as a tool has it."""
-    return ZenohMesh(namespace, topology(), starts=True)
 
 
 def observers_mesh(namespace: str) -> AbstractContextManager[ZenohMesh]:

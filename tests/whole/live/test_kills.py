@@ -6,8 +6,9 @@ import pytest
 from msgspec.structs import replace
 
 from armadico_tools.faults.serial_tap import statuses_until_stop
+from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
-from tests.whole.live.society import LINE, ballots_never_go_down
+from tests.whole.live.society import LINE
 
 pytestmark = pytest.mark.live
 

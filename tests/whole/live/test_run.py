@@ -27,8 +27,9 @@ from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 from armadico_tools.faults.serial_tap import Tap, moves
 from tests.programs import Start, starter
+from tests.robot.society import SOON, Observer, mesh_of
 from tests.whole.live.conftest import NAMESPACE
-from tests.whole.live.society import LINE, SOON, Observer, Society, joining_observer, mesh_of
+from tests.whole.live.society import LINE, Society, joining_observer
 
 pytestmark = pytest.mark.live
 
@@ -283,7 +284,7 @@ def test_a_run_whose_simulator_dies_ends_as_unknown_and_says_so(apart: None) -> 
     ):
 
         def cut(watch: RunWatch) -> None:
-            if watch.distance > 0.2:
+            if watch.driven.distance > 0.2:
                 next(p for p in launcher.processes if p.name == "simulator").popen.kill()
 
         result = launcher.run(cut, said.append)
@@ -305,7 +306,7 @@ def test_a_run_in_which_nobody_can_drive_any_more_ends_and_names_who_is_missing(
     ):
 
         def kill(watch: RunWatch) -> None:
-            if watch.distance > 0.2:
+            if watch.driven.distance > 0.2:
                 for process in launcher.processes:
                     if process.name in ("goto", "avoid", "gothrough"):
                         process.popen.kill()

@@ -62,34 +62,11 @@ BENCHMARKS: Final = (
         "armadico_tools.bench.latency:sip_to_command_together",
     ),
     Benchmark(
-        "odom-to-command",
-        "of a ROS 2 robot, by DDS: from the odometry that makes a cycle to the command that it"
-        " caused, through robot, encoder and goto as processes",
-        "the same robot's odometry, answered by one process that does nothing else",
-        "",
-        "armadico_tools.bench.ros2:odom_to_command",
-    ),
-    Benchmark(
         "speed",
         "simulated seconds per second of the whole virtual society, by wall clock and by CPU time",
         "the simulated robot alone, with constant commands",
         "1.6 times commit c949985, run in turns; 200, at least 100",
         "armadico_tools.bench.computing:speed",
-    ),
-    Benchmark(
-        "localizing",
-        "CPU time to prepare a map of 1,000 x 1,000 cells, for the whole update of 10,000 particles"
-        " by 8 sonars, and for tracking",
-        "",
-        "0.5 s (kept on disk afterwards), 10 ms, 3 % of a core",
-        "armadico_tools.bench.computing:localizing",
-    ),
-    Benchmark(
-        "plan",
-        "a plan on 1,000 x 1,000 cells, from one of 100 rooms to another, with the map known",
-        "the exact search over the cells alone",
-        "100 ms",
-        "armadico_tools.bench.computing:planning",
     ),
     Benchmark(
         "start",

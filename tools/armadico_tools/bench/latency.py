@@ -107,7 +107,6 @@ class Stopwatch:
 
     Args:
         line: The robot's.
-        begins: Whether outgoing bytes make a cycle.
         answers: Whether incoming bytes contain a motor command.
         floors: Baselines that have their turns afterwards.
     """
@@ -115,12 +114,11 @@ class Stopwatch:
     def __init__(
         self,
         line: Line,
-        begins: Callable[[bytes], bool],
         answers: Callable[[bytes], bool],
         floors: Sequence[Floor],
     ) -> None:
         self.latencies: list[float] = []  # s
-        self._line, self._begins, self._answers, self._floors = line, begins, answers, floors
+        self._line, self._answers, self._floors = line, answers, floors
         self._sent_at: float | None = None
 
     def hang_up(self) -> bool:
@@ -128,12 +126,10 @@ class Stopwatch:
         return self._line.hang_up()
 
     def write(self, data: bytes) -> None:
-        """Send; a cycle starts the watch."""
-        begins = self._begins(data)
-        if begins:
-            self._sent_at = time.perf_counter()
+        """Send a status packet, which starts the watch."""
+        self._sent_at = time.perf_counter()
         self._line.write(data)
-        for floor in self._floors if begins else ():
+        for floor in self._floors:
             floor.turn()
 
     def read(self, timeout_s: float) -> bytes | None:
@@ -173,7 +169,7 @@ def _measured(name: str, together: tuple[tuple[str, ...], ...], quick: bool) -> 
             payloads = [*decoder.feed(data, time.perf_counter())]
             return any(payload[0] in MOTOR for payload in payloads)
 
-        watch = Stopwatch(line, lambda _data: True, commanded, floors)
+        watch = Stopwatch(line, commanded, floors)
         stack.enter_context(simulated(_pioneer(), watch))
         stack.enter_context(society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
@@ -215,12 +211,7 @@ def simulated(robot: SimulatedRobot, line: Line) -> Iterator[None]:
 
 
 @contextmanager
-def society(
-    port: str,
-    together: tuple[tuple[str, ...], ...] = (),
-    robot: str = "pioneer-2dx",
-    agents: tuple[str, ...] = AGENTS,
-) -> Iterator[None]:
+def society(port: str, together: tuple[tuple[str, ...], ...]) -> Iterator[None]:
     """Robot agent and agents, with a mission down a corridor; without a guest on the mesh."""
     scenario = Scenario(
         name="corridor",
@@ -228,8 +219,8 @@ def society(
         start=(0.0, 0.0, 0.0),
         goal=GOAL,
         plan="direct",
-        robot=robot,
-        agents=agents,
+        robot="pioneer-2dx",
+        agents=AGENTS,
     )
     options = Options(robot=port, together=together)
     with (

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, argument, flag
 
 if TYPE_CHECKING:
     from armadico_tools.bench.figures import Benchmark, Figure
@@ -23,12 +24,21 @@ EXAMPLES: Final = """\
 """
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    names: tuple[str, ...] = argument(
+        "benchmarks to run; see --list (default: all)", nargs="*", metavar="NAME"
+    )
+    quick: bool = flag("make fewer repetitions")
+    json: bool = flag("print the figures as a JSON array")
+    list: bool = flag("list the benchmarks")
+
+
+def run(args: Options) -> int:
     """Run benchmarks; figures go to stdout, progress to stderr.
 
     Raises FailedError, with a line for each failed benchmark, after printing the other figures.
     """
-    args = parser().parse_args(argv)
     chosen = _chosen(args.names)
     if args.list:
         for benchmark in chosen:
@@ -56,20 +66,14 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico bench",
-        "Measure on this machine, on a private mesh. Each figure stands beside a floor measured in"
-        " the same run, in turns with it. On a shared machine compare the ratios.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "names", nargs="*", metavar="NAME", help="benchmarks to run; see --list (default: all)"
-    )
-    made.add_argument("--quick", action="store_true", help="make fewer repetitions")
-    made.add_argument("--json", action="store_true", help="print the figures as a JSON array")
-    made.add_argument("--list", action="store_true", help="list the benchmarks")
-    return made
+main = Command(
+    "armadico bench",
+    Options,
+    run,
+    "Measure on this machine, on a private mesh. Each figure stands beside a floor measured in"
+    " the same run, in turns with it. On a shared machine compare the ratios.",
+    EXAMPLES,
+)
 
 
 def _chosen(names: Sequence[str]) -> list[Benchmark]:

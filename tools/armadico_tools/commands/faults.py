@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, at_least, between, flag, group, option, several
 from armadico.core.errors import no_such
-from armadico_tools.command_options import add_jobs, add_json, add_out, at_least
+from armadico_tools.command_options import Series
 from armadico_tools.faults import MINUTES, SEEDS, TRIALS
 
 EXAMPLES: Final = """\
@@ -24,104 +24,108 @@ EXAMPLES: Final = """\
   armadico faults --recording run.mcap         check a file of armadico record
 """
 
-VIRTUAL: Final = ("seeds", "first", "minutes", "jobs", "repeat")
-LIVE: Final = ("trials", "scenario", "seed", "record")
+
+@dataclass(frozen=True, kw_only=True)
+class Virtual:
+    seeds: int | None = option(f"run N seeds (default: {SEEDS})", metavar="N", must=at_least(1))
+    first: int | None = option(
+        "start with seed S (default: the next one not run)", metavar="S", must=at_least(0)
+    )
+    minutes: float | None = option(
+        f"simulate M minutes (default: {MINUTES})", metavar="M", must=between(0.2, 60)
+    )
+    repeat: str | None = option("repeat a case, given as JSON or as a file", metavar="CASE")
 
 
-def main(argv: Sequence[str]) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Live:
+    live: bool = flag("run trials; those with hosts use network namespaces and need root")
+    trials: int | None = option(
+        f"N of each kind (default: {TRIALS})", metavar="N", must=at_least(1)
+    )
+    scenario: str | None = option(
+        "drive SCENARIO to and fro (default: straight ahead in an empty world, where only goto"
+        " bids; the aims are meant for that)",
+        metavar="SCENARIO",
+    )
+    seed: int | None = option("seed of moments and links (default: 0)")
+    record: Path | None = option("record the trials of one kind", metavar="FILE.mcap")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kept:
+    recording: Path | None = option("check FILE, and run nothing", metavar="FILE")
+    namespace: str | None = option("check this society (default: all)", metavar="NS")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    kind: tuple[str, ...] = several(
+        "use only this kind of fault, or of trial; repeatable (see --list)", metavar="K"
+    )
+    list: bool = flag("list the kinds, and the promises")
+    out: Path = option(
+        "write results into DIR (default: results/faults)",
+        default=Path("results/faults"),
+        metavar="DIR",
+    )
+    series: Series = group(Series)
+    virtual: Virtual = group(Virtual, "on the virtual mesh")
+    real: Live = group(Live, "with real processes")
+    kept: Kept = group(Kept, "with a recording")
+
+
+def run(args: Options) -> int:
     """Run seeds, a case, trials or the check of a recording; 1 if a promise was broken."""
-    args = parser().parse_args(argv)
     _check(args)
     from armadico_tools.faults import campaign
 
-    if args.recording is not None:
+    live, as_json = args.real.live, args.series.json
+    if args.kept.recording is not None:
         options.need("mcap", "record")
-        return campaign.check_recording(args.recording, args.namespace, as_json=args.json)
-    known = campaign.kinds(live=args.live)
+        return campaign.check_recording(args.kept.recording, args.kept.namespace, as_json=as_json)
+    known = campaign.kinds(live=live)
     for kind in args.kind:
         if kind not in known:
-            raise UsageError(
-                no_such("kind of trial" if args.live else "kind of fault", kind, known)
-            )
+            raise UsageError(no_such("kind of trial" if live else "kind of fault", kind, known))
     if args.list:
-        return campaign.show_kinds(live=args.live, as_json=args.json)
-    if args.repeat is not None:
-        return campaign.repeat(args.repeat, as_json=args.json)
-    return campaign.run_trials(args) if args.live else campaign.run_seeds(args)
+        return campaign.show_kinds(live=live, as_json=as_json)
+    if args.virtual.repeat is not None:
+        return campaign.repeat(args.virtual.repeat, as_json=as_json)
+    return campaign.run_trials(args) if live else campaign.run_seeds(args)
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico faults",
-        "Run the whole society in shipped scenarios on the virtual mesh with random faults from a"
-        " seed, and check its promises. With --live, kill, hang and disconnect real processes"
-        " instead, and measure the times to recover. Results are kept in a file. A violation on the"
-        " virtual mesh prints one command that repeats it, with as few faults as possible. Exit"
-        " code 1 if a promise was broken, if a trial failed or missed its aim, or if in 1000 seeds"
-        " some situation never occurred.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "--kind",
-        action="append",
-        default=[],
-        metavar="K",
-        help="use only this kind of fault, or of trial; repeatable (see --list)",
-    )
-    made.add_argument("--list", action="store_true", help="list the kinds, and the promises")
-    add_out(made, "results/faults", "results")
-    add_json(made)
-    virtual = made.add_argument_group("on the virtual mesh")
-    virtual.add_argument("--seeds", type=int, metavar="N", help=f"run N seeds (default: {SEEDS})")
-    virtual.add_argument(
-        "--first", type=int, metavar="S", help="start with seed S (default: the next one not run)"
-    )
-    virtual.add_argument(
-        "--minutes", type=float, metavar="M", help=f"simulate M minutes (default: {MINUTES})"
-    )
-    add_jobs(made)
-    virtual.add_argument(
-        "--repeat", metavar="CASE", help="repeat a case, given as JSON or as a file"
-    )
-    live = made.add_argument_group("with real processes")
-    live.add_argument(
-        "--live",
-        action="store_true",
-        help="run trials; those with hosts use network namespaces and need root",
-    )
-    live.add_argument("--trials", type=int, metavar="N", help=f"N of each kind (default: {TRIALS})")
-    live.add_argument(
-        "--scenario",
-        metavar="SCENARIO",
-        help="drive SCENARIO to and fro (default: straight ahead in an empty world, where only goto"
-        " bids; the aims are meant for that)",
-    )
-    live.add_argument("--seed", type=int, help="seed of moments and links (default: 0)")
-    live.add_argument(
-        "--record", type=Path, metavar="FILE.mcap", help="record the trials of one kind"
-    )
-    kept = made.add_argument_group("with a recording")
-    kept.add_argument("--recording", type=Path, metavar="FILE", help="check FILE, and run nothing")
-    kept.add_argument("--namespace", metavar="NS", help="check this society (default: all)")
-    return made
+main = Command(
+    "armadico faults",
+    Options,
+    run,
+    "Run the whole society in shipped scenarios on the virtual mesh with random faults from a"
+    " seed, and check its promises. With --live, kill, hang and disconnect real processes"
+    " instead, and measure the times to recover. Results are kept in a file. A violation on the"
+    " virtual mesh prints one command that repeats it, with as few faults as possible. Exit"
+    " code 1 if a promise was broken, if a trial failed or missed its aim, or if in 1000 seeds"
+    " some situation never occurred.",
+    EXAMPLES,
+)
 
 
-def _check(args: argparse.Namespace) -> None:
-    """Raises UsageError for options that are out of range, or exclude each other."""
-    at_least(args, seeds=1, jobs=1, first=0, trials=1)
-    if args.minutes is not None and not 0.2 <= args.minutes <= 60:
-        raise UsageError(f"--minutes must be from 0.2 to 60 (got {args.minutes:g})")
-    for name in VIRTUAL if args.live else LIVE:
-        if getattr(args, name) is not None:
-            raise UsageError(
-                f"--{name} is only for runs {'without' if args.live else 'with'} --live"
-            )
-    if args.repeat is not None:
-        given = [n for n in ("seeds", "first", "minutes", "jobs") if getattr(args, n) is not None]
-        given += ["kind"] * bool(args.kind)
-        if given:
-            raise UsageError(f"--{given[0]} is not used with --repeat: the case determines it")
-    if args.record is not None and len(args.kind) != 1:
-        raise UsageError(f"--record {args.record} needs exactly one --kind")
-    if args.record is not None and args.record.exists():
-        raise FailedError(f"{args.record} exists already; name another file")
+def _given(of: object) -> list[str]:
+    return [name for name, value in vars(of).items() if value not in (None, False)]
+
+
+def _check(args: Options) -> None:
+    """Raises UsageError for options that exclude each other."""
+    jobs = ["jobs"] if args.series.jobs is not None else []
+    virtual = _given(args.virtual) + jobs
+    if args.real.live and virtual:
+        raise UsageError(f"--{virtual[0]} is only for runs without --live")
+    if not args.real.live and (real := _given(args.real)):
+        raise UsageError(f"--{real[0]} is only for runs with --live")
+    others = [*(name for name in virtual if name != "repeat"), *(["kind"] if args.kind else [])]
+    if args.virtual.repeat is not None and others:
+        raise UsageError(f"--{others[0]} is not used with --repeat: the case determines it")
+    record = args.real.record
+    if record is not None and len(args.kind) != 1:
+        raise UsageError(f"--record {record} needs exactly one --kind")
+    if record is not None and record.exists():
+        raise FailedError(f"{record} exists already; name another file")

@@ -1,115 +1,135 @@
-"""Explore every run of the coordination, or of joining, up to a number of faults."""
+"""Explore every run of the coordination up to a number of faults."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
+from armadico.cli.parsing import Command, at_least, group, option, several
 from armadico.core.errors import no_such
-from armadico_tools.command_options import add_jobs, add_json, at_least, over
+from armadico_tools.command_options import Series, over
 
 if TYPE_CHECKING:
-    from armadico_tools.explore.series import Summary
+    from armadico_tools.explore.search import Found, Limits
+    from armadico_tools.explore.world import Setup
 
 EXAMPLES: Final = """\
   armadico model-check                             two contenders, one fault: a few minutes
   armadico model-check --faults 2 --kind crash --kind owner
   armadico model-check --contenders 3 --cycles 30
-  armadico model-check --what admission --contenders 3 --faults 2
 """
 
 SHOWN: Final = 3
 
+BIDS: Final[dict[int, tuple[str, ...]]] = {
+    2: ("0.6 0.5", "0.5 0.6", "0.5 0.53", "0.5 0.5", "0.5 0.5!", "0.6 0", "0.6 -", "- -"),
+    3: ("0.6 0.5 0.53", "0.5 0.5 0.5", "0.5 0.5! 0.6", "0.6 0 -"),
+}
+"""Initial bids, by number of contenders."""
 
-def main(argv: Sequence[str]) -> int:
+STAGGERS: Final[dict[int, tuple[tuple[int, ...], ...]]] = {2: ((0, 8), (8, 0)), 3: ((16, 8, 0),)}
+"""Delay from the owner's cycle to each contender, in 1/1024 s, for the first bids."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    contenders: int = option("number (default: 2)", default=2, choices=(2, 3))
+    faults: int = option(
+        "at most F faults per run (default: 1)", default=1, metavar="F", must=at_least(0)
+    )
+    cycles: int | None = option(
+        "limit runs to N cycles (default: until no new state can occur)",
+        metavar="N",
+        must=at_least(1),
+    )
+    kind: tuple[str, ...] = several(
+        "use only fates (of messages), crash, owner, cut, hang, bids, rise, stop; repeatable",
+        metavar="K",
+    )
+    series: Series = group(Series)
+
+
+def run(args: Options) -> int:
     """Explore all runs; exit code 1 if a promise can be broken."""
-    args = parser().parse_args(argv)
-    _check(args)
-    from armadico_tools.explore import series, world
+    from armadico_tools.explore.search import Limits
+    from armadico_tools.explore.world import KINDS
 
     for kind in args.kind:
-        if kind not in world.KINDS:
-            raise UsageError(no_such("kind of fault", kind, world.KINDS))
-    kinds = tuple(args.kind) or world.KINDS
-    tasks = series.tasks(args.what, args.contenders, args.faults, args.cycles, kinds)
-    summary, began = series.Summary(), time.monotonic()
-
-    complete = over(series.Task.run, tasks, args, "setups", lambda _, found: summary.add(found))
-    _report(summary, args, time.monotonic() - began, complete=complete)
+        if kind not in KINDS:
+            raise UsageError(no_such("kind of fault", kind, KINDS))
+    limits = Limits(args.faults, args.cycles)
+    tasks = [(setup, limits) for setup in _setups(args.contenders, args.kind or KINDS)]
+    results: list[Found] = []
+    began = time.monotonic()
+    complete = over(
+        _explored, tasks, args.series.processes, "setups", lambda _, found: results.append(found)
+    )
+    _report(results, args, time.monotonic() - began, complete=complete)
     if not complete:
         return options.INTERRUPTED
-    return 1 if summary.tests else 0
+    return 1 if any(found.broken for found in results) else 0
 
 
-def parser() -> argparse.ArgumentParser:
-    made = options.parser(
-        "armadico model-check",
-        "Explore every run of real contenders and a real owner with at most F faults: each message"
-        " lost, late or twice, a crash and restart of a contender or of the owner, a hang, a"
-        " partition, a stop, another bid, bids that rise together. Equal worlds are explored once."
-        " Counterexamples are printed as tests, the shortest first. Exit code 1 if there is one.",
-        EXAMPLES,
-    )
-    made.add_argument(
-        "--what",
-        choices=("coordination", "admission"),
-        default="coordination",
-        help="explore which agent drives, or which may join (default: coordination)",
-    )
-    made.add_argument(
-        "--contenders", type=int, choices=(2, 3), default=2, help="number (default: 2)"
-    )
-    made.add_argument(
-        "--faults", type=int, default=1, metavar="F", help="at most F faults per run (default: 1)"
-    )
-    made.add_argument(
-        "--cycles",
-        type=int,
-        metavar="N",
-        help="limit runs to N cycles (default: until no new state can occur)",
-    )
-    made.add_argument(
-        "--kind",
-        action="append",
-        default=[],
-        metavar="K",
-        help="use only fates (of messages), crash, owner, cut, hang, bids, rise, stop; repeatable",
-    )
-    add_jobs(made)
-    add_json(made)
-    return made
+main = Command(
+    "armadico model-check",
+    Options,
+    run,
+    "Explore every run of real contenders and a real owner with at most F faults: each message"
+    " lost, late or twice, a crash and restart of a contender or of the owner, a hang, a"
+    " partition, a stop, another bid, bids that rise together. Equal worlds are explored once."
+    " Counterexamples are printed as Python, the shortest first. Exit code 1 if there is one.",
+    EXAMPLES,
+)
 
 
-def _check(args: argparse.Namespace) -> None:
-    """Raises UsageError for options that are out of range, or exclude each other."""
-    at_least(args, faults=0, cycles=1, jobs=1)
-    if args.what == "admission" and (args.kind or args.cycles):
-        raise UsageError("--kind and --cycles are for coordination")
+def _explored(task: tuple[Setup, Limits]) -> Found:
+    from armadico_tools.explore.search import Search
+
+    return Search(*task).run()
 
 
-def _report(summary: Summary, args: argparse.Namespace, seconds: float, *, complete: bool) -> None:
-    if args.json:
+def _setups(contenders: int, kinds: tuple[str, ...]) -> list[Setup]:
+    from armadico_tools.explore.world import Setup
+
+    bids = [tuple(each.split()) for each in BIDS[contenders]]
+    chosen = [Setup(each, kinds=kinds) for each in bids]
+    chosen += [Setup(bids[0], stagger, kinds=kinds) for stagger in STAGGERS[contenders]]
+    return [*chosen, Setup(bids[0], apart=True, kinds=kinds)]
+
+
+def _report(results: list[Found], args: Options, seconds: float, *, complete: bool) -> None:
+    broken = sorted((one for found in results for one in found.broken), key=lambda one: one.size)
+    states = sum(found.states for found in results)
+    closed = all(found.closed for found in results)
+    starved = max((found.starved for found in results), default=0)
+    unsettled = max((found.unsettled for found in results), default=0)
+    if args.series.json:
+        examples = [
+            {"faults": b.size[0], "cycles": b.size[1], "promise": b.promise, "run": repr(b.run)}
+            for b in broken
+        ]
+        found = {"setups": len(results), "states": states, "closed": closed}
+        found |= {"starved_cycles": starved, "unsettled_cycles": unsettled}
         ended = {"complete": complete, "seconds": round(seconds, 1)}
-        print(json.dumps({**summary.plain(), **ended}))
+        print(json.dumps({**found, "counterexamples": examples, **ended}))
         return
-    what = "runs" if args.what == "admission" else "states"
     print(
-        f"{args.what}: {args.contenders} contenders, at most {args.faults} faults:"
-        f" {summary.setups} setups, {summary.states} {what}, {seconds:.0f} s"
+        f"{args.contenders} contenders, at most {args.faults} faults:"
+        f" {len(results)} setups, {states} states, {seconds:.0f} s"
     )
-    if args.what == "coordination" and complete and not summary.tests:
-        if summary.closed:
-            print(f"longest time without a valid command: {summary.starved} cycles")
-            print(f"longest time to settle after the last fault: {summary.unsettled} cycles")
+    if complete and not broken:
+        if closed:
+            print(f"longest time without a valid command: {starved} cycles")
+            print(f"longest time to settle after the last fault: {unsettled} cycles")
         else:
             print("not explored to the end: runs that never recover were not searched for")
-    for cost, cycles, promise, test in summary.tests[:SHOWN]:
-        print(f"\n# {promise}: {cost} faults" + (f", {cycles} cycles" if cycles else ""))
-        print(test)
-    if complete and not summary.tests:
+    for one in broken[:SHOWN]:
+        print(f"\n# {one.promise}: {one.how}; {one.size[0]} faults, {one.size[1]} cycles")
+        print("# replay (armadico_tools.explore.replay) repeats it:")
+        print(one.run)
+    if complete and not broken:
         print("no promise was broken")

@@ -1,4 +1,4 @@
-"""The list of experiments, with the module of each.
+"""The list of experiments: modules of this package, and files of `cells/`.
 
 `docs/results/README.md` lists removed experiments, with their results and the last commit that has
 them.
@@ -6,58 +6,54 @@ them.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
+from armadico.cli.parsing import Must, option, several
 
-class Entry(NamedTuple):
-    """An experiment; its module is imported only to run it."""
-
-    title: str
-    where: str  # "module:NAME" of an `Experiment` in this package
-    on_request: bool = False  # not included in `all`
-
-
-EXPERIMENTS: Final = {
-    "table-5.1": Entry(
-        "Table 5.1: three controllers of goto in scenarios 1 to 4", "thesis:TABLE_5_1"
-    ),
-    "table-5.2": Entry("Table 5.2: abrupt and smooth exchange", "thesis:TABLE_5_2"),
-    "table-5.3": Entry("Table 5.3: adding gothrough", "thesis:TABLE_5_3"),
-    "table-5.4": Entry("Table 5.4: experiment 1, two offices", "thesis:TABLE_5_4"),
-    "table-5.5": Entry("Table 5.5: experiment 2, the whole floor", "thesis:TABLE_5_5"),
-    "localization": Entry(
-        "Localization: real sensors, odometry alone and with the map", "thesis:LOCALIZATION"
-    ),
-    "logs": Entry(
-        "Logs of real robots: the localization agent beside a plain filter", "logs:LOGS", True
-    ),
-    "random-rooms": Entry(
-        "Random rooms: generated floor plans with furniture", "foreign_worlds:RANDOM_ROOMS"
-    ),
-    "floors": Entry(
-        "Floors: generated floor plans with people, real sensors", "foreign_worlds:FLOORS"
-    ),
-    "exploration": Entry(
-        "Explorations by SLAM: shipped worlds and generated floor plans, real sensors",
-        "exploration:EXPLORATION",
-        True,
-    ),
-    "sonar-exploration": Entry(
-        "Explorations by sonars at the pose of the odometry, real sensors",
-        "exploration:SONAR_EXPLORATION",
-        True,
-    ),
-    "other-maps": Entry(
-        "Maps of other formats: goals between free places", "foreign_worlds:OTHER_MAPS"
-    ),
-    "fleet": Entry("Fleets: tasks shared between robots", "fleet:FLEET"),
-    "narrow": Entry("Fleets in narrow worlds", "narrow:NARROW"),
-    "surveillance": Entry("A day of surveillance", "surveillance:SURVEILLANCE"),
-    "use-cases": Entry("The use cases of thesis 3.2", "use_cases:USE_CASES"),
-    "barn": Entry("The BARN challenge: fields of cylinders, no map", "barn:BARN"),
+MODULES: Final = {
+    "random-rooms": "foreign_worlds:RANDOM_ROOMS",
+    "floors": "foreign_worlds:FLOORS",
+    "other-maps": "foreign_worlds:OTHER_MAPS",
+    "barn": "barn:BARN",
+    "exploration": "exploration:EXPLORATION",
+    "logs": "logs:LOGS",
 }
-"""Experiments by name, in the order of `all`."""
+"""Where each `Experiment` is, in this package; a module is imported only to run it."""
+
+TITLES: Final = {
+    "random-rooms": "Random rooms: generated floor plans with furniture",
+    "floors": "Floors: generated floor plans with people, real sensors",
+    "other-maps": "Maps of other formats: goals between free places",
+    "barn": "The BARN challenge: fields of cylinders, no map",
+    "exploration": "Explorations by SLAM: shipped worlds and floor plans, real sensors",
+    "logs": "Logs of real robots: the localization agent beside a plain filter",
+}
+
+CELLS: Final = {path.stem: path for path in sorted(Path(__file__).parent.glob("cells/*.toml"))}
 
 RUNS: Final = 30
 FIRST_SEED: Final = 1000
 """Seeds below this one were used to choose parameters; results are reported from it on."""
+
+
+def titles() -> dict[str, str]:
+    """The titles of all experiments, by name."""
+    read = {name: tomllib.loads(path.read_text("utf-8"))["title"] for name, path in CELLS.items()}
+    return read | TITLES
+
+
+@dataclass(frozen=True, kw_only=True)
+class Barn:
+    """The choices for the BARN challenge; by default all."""
+
+    worlds: tuple[int, ...] = several("run world N (default: all)", metavar="N")
+    robots: tuple[str, ...] = several("run PROFILE, a row each", "--robot", metavar="PROFILE")
+    v_max: float | None = option(
+        "limit the speed (default: none)",
+        metavar="M/S",
+        must=Must(lambda speed: 0.0 < speed <= 10.0, "expected more than 0, and at most 10"),
+    )
+    data: Path | None = option("read worlds from a barn.txt or JSON file", metavar="FILE")

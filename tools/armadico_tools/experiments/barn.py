@@ -10,22 +10,25 @@ from typing import Final
 
 from msgspec.structs import replace as changed
 
+from armadico.cli.options import UsageError
 from armadico.config.mapwriter import write_map
+from armadico.config.profile import load_profile
 from armadico.core.messages import Message
-from armadico.launch.society import Options
+from armadico.launch.society import Options, profile_of
 from armadico.mobile.messages import Truth
-from armadico_tools.experiments import drawing
+from armadico_tools.experiments import Barn
 from armadico_tools.experiments.barn_worlds import (
     CLIPS,
     GOAL,
     LIMIT_S,
     REACHED_M,
+    SHIPPED,
     START,
     STARTED_M,
     BarnWorld,
     read_worlds,
 )
-from armadico_tools.experiments.driving import Cell, Drive, Sample
+from armadico_tools.experiments.driving import Cell, Drive, Sample, picture
 from armadico_tools.experiments.runner import Context, Experiment, driven
 from armadico_tools.markdown import table
 
@@ -158,6 +161,24 @@ def summarized(runs: Sequence[tuple[BarnWorld, Sample]]) -> dict[str, float]:
 # The experiment -----------------------------------------------------------------------------------
 
 
+def check(chosen: Barn) -> None:
+    """Raises ConfigError for an unknown robot or a wrong file, UsageError for no such world."""
+    for name in chosen.robots:
+        load_profile(profile_of(name) or name)
+    known = read_worlds(chosen.data or SHIPPED)
+    for number in chosen.worlds:
+        if number not in known:
+            kept = "" if chosen.data else " (every sixth is kept for the challenge's own test)"
+            raise UsageError(
+                f"--worlds {number}: no such world; there are {len(known)} from {min(known)}"
+                f" to {max(known)}{kept}"
+            )
+
+
+def _robots(context: Context) -> list[str]:
+    return list(dict.fromkeys(profile_of(n) or n for n in context.barn.robots or ROBOTS))
+
+
 def _cells(context: Context) -> list[Cell]:
     """Each world for each robot; writes their files into the folder."""
     chosen, worlds = context.barn, _worlds(context)
@@ -166,20 +187,20 @@ def _cells(context: Context) -> list[Cell]:
     files = {n: write(world, folder, chosen.v_max) for n, world in worlds.items()}
     return [
         Cell(f"{robot}-{n}", str(path), parameters=PARAMETERS, robot=robot)
-        for robot in chosen.robots or ROBOTS
+        for robot in _robots(context)
         for n, path in files.items()
     ]
 
 
 def _worlds(context: Context) -> dict[int, BarnWorld]:
     chosen = context.barn
-    worlds = read_worlds() if chosen.data is None else read_worlds(chosen.data)
+    worlds = read_worlds(chosen.data or SHIPPED)
     return {n: worlds[n] for n in chosen.worlds or worlds}
 
 
 def _report(context: Context) -> str:
     """Tables of all, and pictures of the worst."""
-    worlds, robots = _worlds(context), context.barn.robots or ROBOTS
+    worlds, robots = _worlds(context), _robots(context)
     found, rows = context.samples, []
     context.summary = {}
     for robot in robots:
@@ -201,7 +222,7 @@ def _report(context: Context) -> str:
     for score, robot, n, one in [row for row in scores if row[0] < CLIP_SCORE][:WORST]:
         what = one.note or f"{one.tt_s:.1f} s, {one.td_m:.1f} m"
         run = BarnDrive(context.cells[one.cell], one.seed).go()
-        drawing.picture(run, context.file(f"{one.cell}-{one.seed}.png"), what)
+        picture(run, context.file(f"{one.cell}-{one.seed}.png"), what)
         listed.append((robot, n, one.seed, f"{score:.3f}", what))
     context.rows(
         "scores",

@@ -13,34 +13,40 @@ from __future__ import annotations
 from dataclasses import replace
 from hashlib import sha256
 from math import degrees, hypot
+from pathlib import Path
 from statistics import median
 from typing import Any
 
 from msgspec import Struct, structs
 
-from armadico.config.loading import load_parameters, read_text
+from armadico.config.loading import read_text
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import Scenario, ideal, load_scenario, society
 from armadico.config.shipped import find as find_config
-from armadico.core.agent import Agent
-from armadico.core.discovery import AGENTS, load
+from armadico.config.worlds import load_world
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message
-from armadico.launch.society import Options, conditions, members, names
+from armadico.launch.society import Options, conditions, names
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.geometry import wrap
-from armadico.mobile.messages import Pose
+from armadico.mobile.messages import Pose, Truth
 from armadico.observe.conditions import Conditions
 from armadico.observe.measures import REACHED_M, RunWatch
 from armadico.runtime.errors import MissionRefusedError, RunFailedError
-from armadico_tools.experiments.traces import Smoothness, Trace, smoothness
+from armadico.watch.pictures import Run, draw_run
 
 REST_S = 2.0
+REST_M_S, REST_RAD_S = 0.01, 0.02
+"""True speeds below which the wheels are at rest: the interface agent's own limits."""
+
+STUCK_S, STUCK_M = 60.0, 1.0
+"""A robot that has not left a circle of this radius for this time is stuck."""
 
 LOCALIZING = society().ideal.without
 """Agents that take part only if a cell says so: the thesis had no localization."""
 
 
-class Cell(Struct, frozen=True):
+class Cell(Struct, frozen=True, forbid_unknown_fields=True):
     """One cell of a table: a scenario and its changes.
 
     By default sensors have no error and there is no localization, as in the thesis's tables.
@@ -55,12 +61,10 @@ class Cell(Struct, frozen=True):
     besides: tuple[str, ...] = ()
     sensors: str = "ideal"
     robot: str | None = None
-    joins: str | None = None  # an agent that joins during the run
-    joins_at_s: float = 0.0  # when it joins, from the start of the run
 
 
 class Sample(Struct, frozen=True):
-    """One run: `observe.measures.Result`, its smoothness, and a note.
+    """One run: measures of `observe.measures.Result`, errors of the pose, and a note.
 
     `arrived` is by the true position alone, within 0.15 m; `reached` requires the heading too.
     `believed_p_percent` is P by the encoders' pose.
@@ -81,13 +85,6 @@ class Sample(Struct, frozen=True):
     tgt_percent: float | None = None
     collisions: int | None = None
     min_clearance_m: float | None = None
-    reign_s: float | None = None
-    short_reigns: int = 0
-    jerk_v: float | None = None
-    jerk_w: float | None = None
-    accel_step: float | None = None
-    command_step_v: float | None = None
-    command_step_w: float | None = None
     pose_m: float | None = None  # error of the pose, median over the run
     pose_end_m: float | None = None  # at its end
     pose_end_deg: float | None = None
@@ -106,18 +103,20 @@ Samples = dict[str, list[Sample]]
 
 
 class Drive:
-    """One run on the virtual mesh, with its trace."""
+    """One run on the virtual mesh."""
 
     def __init__(self, cell: Cell, seed: int) -> None:
         self.cell, self.seed = cell, seed
         self.scenario = scenario_of(cell)
         self.rehearsal = Rehearsal(self.scenario, self._options())
         self._taking = names(self.scenario, self._options().without)
-        self.trace = Trace(self.rehearsal.watch)
-        self.rehearsal.mesh.watch(lambda _k, message, _t: self.trace.update(message), *Trace.kinds)
+        self.ticks: list[tuple[Truth, str | None]] = []  # with the holder, each cycle
         self.pose_errors: list[tuple[float, float]] = []  # m and rad, each cycle of the mission
+        self.rehearsal.mesh.watch(lambda _k, message, _t: self._tick(message), Truth)
         self.rehearsal.mesh.watch(lambda _k, message, _t: self._compare(message), Pose)
         self.refused = ""
+        self._rests_since: float | None = None
+        self._left: Truth | None = None  # begin of the last circle of STUCK_M
 
     @property
     def watch(self) -> RunWatch:
@@ -132,12 +131,21 @@ class Drive:
         except MissionRefusedError as error:
             self.refused = error.reason
             return self
-        began, end = mesh.now, mesh.now + self.rehearsal.limit
-        while not self._over() and mesh.now < end:
-            mesh.run(min(mesh.now + 1.0, end), self._over)
-            if self.cell.joins and began + self.cell.joins_at_s <= mesh.now:
-                self._join(self.cell.joins)
+        mesh.run(mesh.now + self.rehearsal.limit, self._over)
         return self
+
+    def _tick(self, truth: Message) -> None:
+        assert isinstance(truth, Truth)
+        if not self.watch.mission or self.watch.done:
+            return
+        self.ticks.append((truth, self.watch.holder))
+        left = self._left
+        if left is None or hypot(truth.x - left.x, truth.y - left.y) > STUCK_M:
+            self._left = truth
+        if abs(truth.v) > REST_M_S or abs(truth.w) > REST_RAD_S:
+            self._rests_since = None
+        elif self._rests_since is None:
+            self._rests_since = truth.t
 
     def _compare(self, pose: Message) -> None:
         """Record the error of the pose, before the goal is reached."""
@@ -145,10 +153,6 @@ class Drive:
         if isinstance(pose, Pose) and truth and self.watch.mission and not self.watch.done:
             off = hypot(pose.x - truth.x, pose.y - truth.y)
             self.pose_errors.append((off, abs(wrap(pose.theta - truth.theta))))
-
-    def instances(self) -> list[str]:
-        """The live instances, in the order of joining."""
-        return [node.agent.instance for node in self.rehearsal.mesh.nodes if node.alive]
 
     def sample(self) -> Sample:
         """The row of this run."""
@@ -160,15 +164,12 @@ class Drive:
             if field in Sample.__struct_fields__ and field not in ("seed", "arrived")
         }
         row["reached"] = result["reached"] is True  # unknown does not count; the note has why
-        ticks = self.trace.ticks
         resting = self._parked()
-        if resting:
-            ticks = [tick for tick in ticks if tick.t <= (self.trace.rests_since or 0.0)]
-            row["tt_s"] = round(ticks[-1].t - ticks[0].t, 3)
-            holders = [tick.holder for tick in ticks]
+        if resting and self._rests_since is not None:
+            row["tt_s"] = round(self._rests_since - self.ticks[0][0].t, 3)
+            holders = [holder for truth, holder in self.ticks if truth.t <= self._rests_since]
             shares = {name: share(name, holders) for name in SHARES.values()}
         row |= {field: shares.get(n, 0.0) for field, n in SHARES.items() if n in self._taking}
-        rough = Smoothness() if not ticks else smoothness(ticks)
         return Sample(
             cell=self.cell.name,
             seed=self.seed,
@@ -177,7 +178,6 @@ class Drive:
             note=self._note(resting),
             **self._pose_errors(),
             **row,
-            **structs.asdict(rough),
         )
 
     def _pose_errors(self) -> dict[str, Any]:
@@ -200,7 +200,7 @@ class Drive:
             return f"unknown: {judgement.reason}"
         if self.watch.done or resting:
             return ""
-        return "stuck" if self.trace.stuck else "time limit"
+        return "stuck" if self._stuck() else "time limit"
 
     def _believed(self) -> float | None:
         pose, start, goal = self.watch.view.pose, self.watch.start, self.watch.goal
@@ -211,12 +211,16 @@ class Drive:
         return round(100.0 * (1.0 - off / straight), 3) if straight else None
 
     def _over(self) -> bool:
-        return self.watch.done or self._parked() or self.trace.stuck
+        return self.watch.done or self._parked() or self._stuck()
+
+    def _stuck(self) -> bool:
+        return self._left is not None and self.ticks[-1][0].t - self._left.t > STUCK_S
 
     def _parked(self) -> bool:
         """Whether the fast controller has come to rest at the goal."""
-        fast = self.cell.controller == "fast"
-        return fast and self.trace.resting_s >= REST_S and self._at_goal()
+        if self.cell.controller != "fast" or self._rests_since is None:
+            return False
+        return self.ticks[-1][0].t - self._rests_since >= REST_S and self._at_goal()
 
     def _at_goal(self) -> bool:
         here, goal = self.watch.here, self.watch.goal
@@ -225,19 +229,7 @@ class Drive:
         return hypot(goal[0] - here[0], goal[1] - here[1]) <= REACHED_M
 
     def _options(self) -> Options:
-        cell = self.cell
-        left_out = cell.without + ((cell.joins,) if cell.joins else ())
-        return replace(options_of(cell), seed=self.seed, without=left_out)
-
-    def _join(self, name: str) -> None:
-        """Add the agent with the parameters that it would have from the start."""
-        if any(node.name == name for node in self.rehearsal.mesh.nodes):
-            return
-        every = members(self.scenario, complete(self._options()), "memory:")
-        sets = next(member.sets for member in every if member.name == name)
-        kind = load(AGENTS, name, Agent)
-        self.rehearsal.add(kind, load_parameters(kind.parameters, None, list(sets)))
-        self._taking += (name,)
+        return replace(options_of(self.cell), seed=self.seed)
 
 
 SHARES = {"tg_percent": "goto", "ta_percent": "avoid", "tgt_percent": "gothrough"}
@@ -247,11 +239,6 @@ def share(name: str, holders: list[str | None]) -> float:
     """The percentage of cycles of one holder among those with a holder."""
     held = [holder for holder in holders if holder is not None]
     return round(100.0 * held.count(name) / len(held), 2) if held else 0.0
-
-
-def complete(options: Options) -> Options:
-    """The options of the same society with all agents."""
-    return Options(options.seed, options.controller, options.exchange, options.parameters)
 
 
 def scenario_of(cell: Cell) -> Scenario:
@@ -266,7 +253,12 @@ def scenario_of(cell: Cell) -> Scenario:
 
 def options_of(cell: Cell) -> Options:
     """The cell as options of the command line."""
-    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
+    return Options(
+        controller=cell.controller,
+        exchange=cell.exchange,
+        parameters=cell.parameters,
+        without=cell.without,
+    )
 
 
 def conditions_of(cell: Cell) -> Conditions:
@@ -288,3 +280,22 @@ def key_of(cell: Cell) -> str:
     files = (("worlds", scenario.world), ("robots", cell.robot), ("parameters", cell.parameters))
     text += [read_text(find_config(kind, name)) for kind, name in files if name is not None]
     return sha256("\0".join(text).encode()).hexdigest()[:12]
+
+
+def picture(run: Drive, path: Path, caption: str) -> None:
+    """Draw a run that has ended, as `armadico run` does."""
+    watch, scenario = run.watch, run.scenario
+    draw_run(
+        load_world(scenario.world),
+        Run(
+            path=watch.path,
+            start=watch.start or scenario.start,
+            goal=watch.goal,
+            body=load_profile(scenario.robot).body,
+            waypoints=watch.waypoints[:-1],
+            echoes=watch.echoes,
+            title=f"{run.cell.name}, seed {run.seed}",
+            caption=(caption,),
+        ),
+        path,
+    )

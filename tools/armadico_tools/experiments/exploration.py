@@ -1,8 +1,7 @@
 """Explorations with real sensors: how many end well, and how much of the map is right.
 
-A run is that of `armadico explore WORLD --profile ROBOT --virtual --seed N`. A robot without a
-laser, which that command refuses, maps at the pose of the odometry with the agent `mapping`. The
-judge reads the simulator's true pose and the world; the agents do not.
+A run is that of `armadico explore WORLD --profile ROBOT --virtual --seed N`. The judge reads the
+simulator's true pose and the world; the agents do not.
 """
 
 from __future__ import annotations
@@ -16,13 +15,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from armadico.agents.methods.grid import Grid
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
 from armadico.config.profile import load_profile
-from armadico.config.scenarios import Scenario, exploring, load_scenario, scenario_from, slams
+from armadico.config.scenarios import Scenario, exploring, load_scenario, scenario_from
 from armadico.config.worlds import World, load_world
 from armadico.core.messages import Message, RobotState
 from armadico.launch.society import Options, prepared
@@ -47,8 +45,7 @@ PLANS: Final = "floor plans"
 PLANS_A_SEED: Final = 5
 """Floor plans for each seed of the worlds."""
 
-LASERS: Final = ("jackal", "turtlebot3-burger")
-SONARS: Final = ("pioneer-2dx",)
+ROBOTS: Final = ("jackal", "turtlebot3-burger")
 
 WALL_M: Final = 0.1
 """An occupied cell is right within this distance of a wall, to the middle of the cell."""
@@ -120,8 +117,7 @@ def scenario_of(world: str, robot: str) -> Scenario:
         scenario = scenario_from(world, STARTS[world], robot=robot)
     else:
         scenario = load_scenario(world)
-    found = exploring(prepared(scenario, Options(), profile=robot))
-    return found if slams(robot) else replace(found, sensors=scenario.sensors)
+    return exploring(prepared(scenario, Options(), profile=robot))
 
 
 class Exploration:
@@ -136,7 +132,7 @@ class Exploration:
         self._cycles_s: list[float] = []
         self._off = [(0.0, 0.0)]  # m and rad, each cycle
         mesh = self.rehearsal.mesh
-        kernel = mesh.node("slam" if slams(task.robot) else "mapping").agent.kernel
+        kernel = mesh.node("slam").agent.kernel
         kernel.receive = self._timed(kernel.receive)  # type: ignore[method-assign]
         mesh.watch(lambda _k, message, _t: self._compare(message), Pose)
 
@@ -283,14 +279,14 @@ def _plans(context: Context) -> list[tuple[Path, int]]:
     return [(folder, seed + 1) for seed in range(PLANS_A_SEED * context.runs)]
 
 
-def tasks(context: Context, robots: Sequence[str]) -> list[Task]:
+def tasks(context: Context) -> list[Task]:
     """All runs, the first seed of all worlds and its floor plans first."""
     plans: list[Path] = context.found["plans"]
     found = []
     for index, seed in enumerate(context.seeds):
-        found += [Task(world, robot, seed) for world in WORLDS for robot in robots]
+        found += [Task(world, robot, seed) for world in WORLDS for robot in ROBOTS]
         some = range(PLANS_A_SEED * index, PLANS_A_SEED * (index + 1))
-        found += [Task(str(plans[at]), robot, at + 1) for at in some for robot in robots]
+        found += [Task(str(plans[at]), robot, at + 1) for at in some for robot in ROBOTS]
     return found
 
 
@@ -344,18 +340,10 @@ def _row(world: str, robot: str, runs: Sequence[Explored]) -> tuple[object, ...]
     )
 
 
-def _explorations(robots: Sequence[str], runs: int) -> Experiment:
-    return Experiment(
-        note=NOTE,
-        parts=(
-            Part("plans", plan_of, _plans, None),
-            Part("runs", explore, lambda context: tasks(context, robots)),
-        ),
-        report=report,
-        runs=runs,
-        first_seed=1,
-    )
-
-
-EXPLORATION: Final = _explorations(LASERS, runs=10)
-SONAR_EXPLORATION: Final = _explorations(SONARS, runs=1)
+EXPLORATION: Final = Experiment(
+    note=NOTE,
+    parts=(Part("plans", plan_of, _plans, None), Part("runs", explore, tasks)),
+    report=report,
+    runs=10,
+    first_seed=1,
+)

@@ -14,8 +14,7 @@ from msgspec.structs import replace
 
 from armadico.config.profile import load_profile
 from armadico.config.worlds import World, load_world
-from armadico_tools.experiments import drawing
-from armadico_tools.experiments.driving import Cell, Drive, Sample, drive
+from armadico_tools.experiments.driving import LOCALIZING, Cell, Drive, Sample, drive, picture
 from armadico_tools.experiments.floor_plans import (
     CELL_M,
     PASSAGE_M,
@@ -25,9 +24,7 @@ from armadico_tools.experiments.floor_plans import (
     save,
 )
 from armadico_tools.experiments.runner import Context, Experiment, Part
-from armadico_tools.experiments.statistics import at_least
-from armadico_tools.experiments.tables import RULES, cell, number, spread_of
-from armadico_tools.experiments.thesis import LOCALIZED
+from armadico_tools.experiments.tables import RULES, at_least, cell, number
 from armadico_tools.markdown import table
 
 # Failures -----------------------------------------------------------------------------------------
@@ -58,7 +55,7 @@ def failures(context: Context, samples: Iterable[Sample]) -> str:
         if not one.note.startswith("refused"):
             path = context.file(f"failed-{one.cell}.png")
             run = Drive(context.cells[one.cell], one.seed).go()
-            drawing.picture(run, path, what_happened(one))
+            picture(run, path, what_happened(one))
             shown = f"[{path.name}]({path.name})"
         rows.append((one.cell, one.seed, what_happened(one), shown))
     return table(("run", "seed", "what happened", "picture"), rows) if rows else "No failure."
@@ -77,6 +74,7 @@ def counts(runs: Sequence[Sample]) -> dict[str, int]:
 # Floor plans --------------------------------------------------------------------------------------
 
 PEOPLE: Final = 3
+LOCALIZED: Final = Cell("", "", besides=LOCALIZING, sensors="real")
 ROOMS_NOTE: Final = (
     "Floor plans of 8 to 14 by 6 to 10 m, rooms of at least 2.4 m, doors of 0.8 to 1.1 m, up to"
     " three boxes a room; from one room to another, all agents take part, default parameters, ideal"
@@ -141,10 +139,10 @@ def _summary(found: list[Sample]) -> str:
         ("reached", f"{reached} of {len(found)} ({low:.1f} % at least, one-sided 95 %)"),
         ("touched", f"{touched} of {len(found)} ({high:.1f} % at most, likewise)"),
         ("reached and nothing touched", f"{sum(not failed(o) for o in found)} of {len(found)}"),
-        ("TT s", cell(spread_of(found, "tt_s"))),
-        ("TD m", cell(spread_of(found, "td_m"))),
-        ("exchanges", cell(spread_of(found, "exchanges"))),
-        ("pose's error m, median of a run", cell(spread_of(found, "pose_m"))),
+        ("TT s", cell(found, "tt_s")),
+        ("TD m", cell(found, "td_m")),
+        ("exchanges", cell(found, "exchanges")),
+        ("pose's error m, median of a run", cell(found, "pose_m")),
         ("least clearance of all, m", number(min(clear))),
     ]
     return table(("measure", "value"), rows) + "\n"
@@ -231,8 +229,8 @@ def _row(name: str, runs: list[Sample]) -> tuple[object, ...]:
         len(world.walls),
         *(f"{of[what]} of {len(runs)}" for what in ("planned", "reached")),
         of["touched"],
-        cell(spread_of(runs, "tt_s")),
-        cell(spread_of(runs, "td_m")),
+        cell(runs, "tt_s"),
+        cell(runs, "td_m"),
         number(min(clear)) if clear else "-",
     )
 

@@ -5,7 +5,7 @@ A folder of results belongs to one experiment with one first seed and one versio
 - `about.json`: experiment, seeds, software; `conditions.json`: conditions of each cell
 - `found.csv`: each result as soon as it is known, under a hash of all that it depends on. An
   interrupted experiment continues from it.
-- a CSV for each part of the experiment, `table.md`, figures: written at the end, the same bytes
+- a CSV for each part of the experiment, `table.md`, pictures: written at the end, the same bytes
   for the same results
 
 A folder with other seeds, or by other code, is renamed. No result is overwritten.
@@ -13,22 +13,20 @@ A folder with other seeds, or by other code, is renamed. No result is overwritte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import msgspec
 from msgspec import Struct
 
 from armadico.cli import pool
-from armadico.cli.options import report
 from armadico.observe.conditions import Software, software, source_hash
-from armadico_tools.experiments import FIRST_SEED, RUNS
+from armadico_tools.experiments import FIRST_SEED, RUNS, Barn
 from armadico_tools.experiments.driving import (
     Cell,
-    Drive,
     Sample,
     Samples,
     conditions_of,
@@ -37,18 +35,13 @@ from armadico_tools.experiments.driving import (
 )
 from armadico_tools.results import Kept, write_csv, write_json
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 T = TypeVar("T")
 R = TypeVar("R")
 
 ABOUT: Final = "about.json"
 CONDITIONS: Final = "conditions.json"
 FOUND: Final = "found.csv"
-BESIDES: Final = [
-    Path(__file__).with_name(name) for name in ("driving.py", "traces.py", "likelihood_filter.py")
-]
+BESIDES: Final = [Path(__file__).with_name(name) for name in ("driving.py", "likelihood_filter.py")]
 """Modules of this package that change results. The others only report them."""
 
 Table = tuple[Sequence[str], Iterable[Sequence[object]]]
@@ -80,7 +73,6 @@ class Experiment:
     parts: tuple[Part[Any, Any], ...]
     report: Callable[[Context], str]  # Markdown
     note: str = ""  # for readers of the table
-    figures: Callable[[Context], Iterable[tuple[str, Figure]]] = lambda _: ()
     runs: int = RUNS  # seeds
     first_seed: int = FIRST_SEED
 
@@ -97,16 +89,6 @@ def driven(
     )
 
 
-@dataclass(frozen=True)
-class Barn:
-    """The choices of the command line for the BARN challenge; by default all."""
-
-    worlds: tuple[int, ...] = ()
-    robots: tuple[str, ...] = ()
-    v_max: float | None = None  # m/s
-    data: Path | None = None  # a file of worlds
-
-
 @dataclass
 class Context:
     """One experiment in progress: its options and results."""
@@ -115,7 +97,7 @@ class Context:
     runs: int = RUNS
     jobs: int = 1
     first_seed: int = FIRST_SEED
-    barn: Barn = Barn()
+    barn: Barn = field(default_factory=Barn)
     logs: Path | None = None  # a folder of logs of real robots, or one log
     source: str = field(default_factory=lambda: source_hash(*BESIDES))
     software: Software = field(default_factory=software)
@@ -157,8 +139,6 @@ class Context:
         if self.cells:
             self.summary |= {name: outcome(samples) for name, samples in self.samples.items()}
         self._table(f"# {title}\n\n{experiment.note}\n\n{experiment.report(self)}")
-        for name, figure in experiment.figures(self):
-            self._figure(figure, name)
 
     def map(self, function: Callable[[T], R], tasks: Sequence[T], label: str) -> list[R]:
         """Apply a function to tasks, in order; results in `found.csv` are not computed again."""
@@ -185,12 +165,6 @@ class Context:
         known |= dict(zip(missing, made, strict=True))
         return [known[at] for at in range(len(tasks))]
 
-    def again(self, names: Iterable[str]) -> Iterator[Drive]:
-        """Repeat the first seed of some cells, for figures."""
-        for name in names:
-            report(f"{self.out.name}: {name} is repeated for its figure")
-            yield Drive(self.cells[name], self.first_seed).go()
-
     def rows(self, name: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         """Write `name`.csv."""
         write_csv(self.file(f"{name}.csv"), header, rows)
@@ -207,14 +181,6 @@ class Context:
         seeds = f"seeds {self.first_seed} to {self.first_seed + self.runs - 1}"
         made = f"Commit {self.software.commit}, {seeds}."
         self.file("table.md").write_text(f"{text.rstrip()}\n\n{made}\n", encoding="utf-8")
-
-    def _figure(self, figure: Figure, name: str) -> None:
-        """Write `name`.png and `name`.svg; the same figure gives the same bytes."""
-        import matplotlib as mpl
-
-        with mpl.rc_context({"svg.hashsalt": name}):
-            for suffix, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
-                figure.savefig(self.file(f"{name}{suffix}"), dpi=120, metadata=metadata)
 
 
 def _cell(task: object) -> Cell | None:

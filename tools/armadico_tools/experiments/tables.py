@@ -1,16 +1,15 @@
-"""Markdown tables: mean and deviation, 95 % interval and p beside the thesis's numbers."""
+"""Tables of measures: means, deviations and intervals. SciPy is imported late: it is slow."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from statistics import fmean
+from collections.abc import Iterable, Sequence
+from math import sqrt
+from statistics import fmean, stdev
 from typing import Final
 
 from msgspec import Struct
 
-from armadico_tools.experiments.driving import Sample, Samples
-from armadico_tools.experiments.published import Numbers, Value
-from armadico_tools.experiments.statistics import Spread, against, paired, spread
+from armadico_tools.experiments.driving import Sample
 from armadico_tools.markdown import table
 
 MEASURES: Final = {
@@ -22,22 +21,15 @@ MEASURES: Final = {
     "tg_percent": "TG %",
     "ta_percent": "TA %",
     "tgt_percent": "TGt %",
-}
-"""The measures of thesis 5.1."""
-
-OTHERS: Final = {
     "exchanges": "exchanges",
-    "reign_s": "mean tenure s",
-    "short_reigns": "tenures under 0.5 s",
     "min_clearance_m": "least clearance m",
+    "pose_m": "pose error m, median of a run",
+    "pose_end_m": "pose error at the end m",
+    "pose_end_deg": "pose error at the end deg",
 }
-SMOOTHNESS: Final = {
-    "command_step_v": "worst step of v command at an exchange m/s",
-    "command_step_w": "worst step of w command at an exchange rad/s",
-    "accel_step": "worst acceleration step at an exchange m/s2",
-    "jerk_v": "jerk of v, rms m/s3",
-    "jerk_w": "jerk of w, rms rad/s3",
-}
+"""The measures of thesis 5.1, and ours."""
+
+COUNTS: Final = {"reached": "reached", "arrived": "arrived", "collisions": "runs with a collision"}
 
 RULES: Final = (
     "*Stop rule*: the clock starts with the first cycle after the mission is taken on and stops"
@@ -51,66 +43,67 @@ RULES: Final = (
     " true error against the goal's heading; both follow from the stop rule. *TG, TA, TGt*: share"
     " of the cycles in which that agent was obeyed.\n"
     "*Cells*: mean ± standard deviation [95 % interval of the mean]: of TT over the runs that"
-    " arrived, since the others have none, of all else over all runs. *thesis*: its mean ± standard"
-    " deviation of 5 runs, and Welch's p for both means being equal. Arms have the same seeds, so"
-    " they are compared in pairs, by TT those in which both arrive. No p is corrected for the"
-    " number of comparisons."
+    " arrived, since the others have none, of all else over all runs. Arms have the same seeds."
 )
 
 
-class Column(Struct, frozen=True):
-    """One arm of a table: its runs, and the thesis's numbers if there are any."""
+class Spread(Struct, frozen=True):
+    """A sample's mean, standard deviation, and the 95 % interval of the mean (Student's t)."""
 
-    title: str
-    samples: list[Sample]
-    published: Numbers | None = None
+    n: int
+    mean: float
+    sd: float
+    low: float
+    high: float
 
-
-def compare(columns: Sequence[Column], measures: dict[str, str] | None = None) -> str:
-    """A table of measures by arms, each beside the thesis's."""
-    header = ["measure"]
-    for column in columns:
-        header.append(column.title)
-        if column.published is not None:
-            header.append("thesis (p)")
-    rows = [_outcome(columns, name, title) for name, title in COUNTS.items()]
-    for field, title in (measures or {**MEASURES, **OTHERS}).items():
-        cells = [title]
-        for column in columns:
-            ours = spread_of(column.samples, field)
-            cells.append(cell(ours))
-            if column.published is not None:
-                cells.append(_beside(ours, column.published.get(field)))
-        if any(text != "-" for text in cells[1:]):
-            rows.append(cells)
-    return table(header, rows) + "\n"
+    def __str__(self) -> str:
+        if self.n == 1:
+            return number(self.mean)
+        low, high = number(self.low), number(self.high)
+        return f"{number(self.mean)} ± {number(self.sd)} [{low}, {high}]"
 
 
-Block = Callable[[Samples], str]
-"""A part of a section: it makes Markdown of the runs."""
+def spread(values: Sequence[float]) -> Spread | None:
+    """Mean, deviation and interval of a sample; None if it is empty. One value has deviation 0."""
+    if not values:
+        return None
+    n, mean = len(values), fmean(values)
+    if n == 1:
+        return Spread(1, mean, 0.0, mean, mean)
+    from scipy.stats import t
+
+    sd = stdev(values)
+    half = float(t.ppf(0.975, n - 1)) * sd / sqrt(n)
+    return Spread(n, mean, sd, mean - half, mean + half)
 
 
-def arms(
-    columns: Iterable[tuple[str, str, Numbers | None]], measures: dict[str, str] | None = None
-) -> Block:
-    """Arms side by side: title, cell, and the thesis's numbers if there are any."""
-    chosen = list(columns)
-    return lambda samples: compare(
-        [Column(title, samples[cell], published) for title, cell, published in chosen], measures
-    )
+def at_least(reached: int, n: int) -> float:
+    """The lower end of the one-sided 95 % interval of a share (Clopper and Pearson)."""
+    from scipy.stats import beta
+
+    return 0.0 if reached == 0 else float(beta.ppf(0.05, reached, n - reached + 1))
 
 
-def change(title: str, first: str, second: str, measures: dict[str, str]) -> Block:
-    """The change from one cell to another with the same seeds."""
-    return lambda samples: differences(title, samples[first], samples[second], measures)
+def compare(arms: dict[str, list[Sample]]) -> str:
+    """A table of measures by arms."""
+    rows = []
+    for field, title in COUNTS.items():
+        found = [[one for one in arm if getattr(one, field)] for arm in arms.values()]
+        runs = [len(arm) for arm in arms.values()]
+        rows.append([title, *(f"{len(n)} of {of}" for n, of in zip(found, runs, strict=True))])
+    for field, title in MEASURES.items():
+        cells = [cell(arm, field) for arm in arms.values()]
+        if any(text != "-" for text in cells):
+            rows.append([title, *cells])
+    return table(["measure", *arms], rows) + "\n"
 
 
-def sections(of: dict[str, Sequence[Block]], samples: Samples) -> str:
-    """Blocks under their headings; an empty heading is omitted."""
-    return "\n".join(
-        (f"## {heading}\n\n" if heading else "") + "\n".join(block(samples) for block in blocks)
-        for heading, blocks in of.items()
-    )
+def cell(samples: Sequence[Sample], field: str) -> str:
+    """The spread of a measure; a run that did not arrive has no time to the goal."""
+    if field == "tt_s":
+        samples = [sample for sample in samples if sample.arrived]
+    values: list[float | None] = [getattr(sample, field) for sample in samples]
+    return str(spread([float(value) for value in values if value is not None]) or "-")
 
 
 def failures(samples: Iterable[Sample]) -> str:
@@ -122,7 +115,7 @@ def failures(samples: Iterable[Sample]) -> str:
     rows = (
         (
             *(one.cell, one.seed, "yes" if one.reached else "no", one.collisions or 0),
-            *(f"{number:.1f}" for number in (one.p_percent, one.fo_deg, one.tt_s)),
+            *(f"{value:.1f}" for value in (one.p_percent, one.fo_deg, one.tt_s)),
             one.note,
         )
         for one in bad
@@ -130,87 +123,8 @@ def failures(samples: Iterable[Sample]) -> str:
     return f"## Runs that failed\n\n{table(head, rows)}\n"
 
 
-MANY_TIMES: Final = 5.0
-COUNTS: Final = {"reached": "reached", "arrived": "arrived", "collisions": "runs with a collision"}
-
-
-def _outcome(columns: Sequence[Column], field: str, title: str) -> list[str]:
-    cells = [title]
-    for column in columns:
-        found = sum(bool(getattr(sample, field)) for sample in column.samples)
-        cells.append(f"{found} of {len(column.samples)}")
-        if column.published is not None:
-            cells.append("-")
-    return cells
-
-
-def _beside(ours: Spread | None, value: Value | None) -> str:
-    if value is None:
-        return "-"
-    mean, sd = value
-    if sd is None:
-        return f"{mean:g}"
-    p = None if ours is None else against(ours, mean, sd)
-    return f"{mean:g} ± {sd:g} ({p_of(p)})"
-
-
-def differences(
-    title: str, first: Sequence[Sample], second: Sequence[Sample], measures: dict[str, str]
-) -> str:
-    """The changes between two arms with the same seeds, with p."""
-    rows = []
-    for field, name in measures.items():
-        pairs = [
-            (a, b)
-            for x, y in zip(first, second, strict=True)
-            if (a := value_of(x, field)) is not None and (b := value_of(y, field)) is not None
-        ]
-        if pairs:
-            one, other = map(list, zip(*pairs, strict=True))
-            before, after = fmean(one), fmean(other)
-            means = (number(before), number(after), _change(before, after))
-            rows.append((name, *means, p_of(paired(one, other))))
-    return table([title, "first", "second", "change", "p (Wilcoxon)"], rows) + "\n"
-
-
-def _change(before: float, after: float) -> str:
-    """The difference, and in per cent unless the first value is nearly zero."""
-    text = f"{after - before:+.3g}"
-    if abs(after) > MANY_TIMES * abs(before):
-        return text
-    return f"{text} ({100.0 * (after / before - 1.0):+.1f} %)" if before else text
-
-
-def value_of(sample: Sample, field: str) -> float | None:
-    """One measure of a run; a run that did not arrive has no time to the goal."""
-    value: float | None = getattr(sample, field)
-    return None if field == "tt_s" and not sample.arrived else value
-
-
-def spread_of(samples: Sequence[Sample], field: str) -> Spread | None:
-    """The spread of one measure; None if no run has it."""
-    values = [value_of(sample, field) for sample in samples]
-    return spread([float(value) for value in values if value is not None])
-
-
-def cell(ours: Spread | None) -> str:
-    if ours is None:
-        return "-"
-    if ours.n == 1:
-        return number(ours.mean)
-    middle = f"{number(ours.mean)} ± {number(ours.sd)}"
-    return f"{middle} [{number(ours.low)}, {number(ours.high)}]"
-
-
 def number(value: float) -> str:
     """Two decimals; three for small values."""
     if value == 0.0:
         return "0"
     return f"{value:.3f}" if abs(value) < 1.0 else f"{value:.2f}"
-
-
-def p_of(p: float | None) -> str:
-    """A p value for people."""
-    if p is None:
-        return "-"
-    return "p < 0.001" if p < 0.001 else f"p {p:.3f}"

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
-from armadico.core.membership import Admission
 from armadico_tools.explore.identity import key
-from armadico_tools.explore.joining import Joiners, Joining
 from armadico_tools.explore.picks import Enumerator, Script
 from armadico_tools.explore.recovery import SELDOM, Graph, Never
 from armadico_tools.explore.replay import Counterexample, Run
@@ -19,9 +17,6 @@ STARVED: Final = 1
 UNSETTLED: Final = 2
 WHOLE: Final = 4
 
-ENOUGH: Final = 3
-"""Runs with more faults are not explored after this many counterexamples of joining."""
-
 Picked = tuple[tuple[str, str], ...]
 
 
@@ -29,8 +24,8 @@ Picked = tuple[tuple[str, str], ...]
 class Found:
     """The result for one setup."""
 
-    setup: Setup | Joining
-    states: int = 0  # or runs, for joining
+    setup: Setup
+    states: int = 0
     steps: int = 0
     closed: bool = True  # explored to the end: longer runs reach no new world
     starved: int = 0  # most cycles without a valid command while one could be obeyed
@@ -44,34 +39,6 @@ class Limits:
     cycles: int | None = None  # None: until there is no new world
     states: int | None = None
     patience: int | None = None  # most cycles to recover; None: any number
-
-
-def explore(setup: Setup | Joining, limits: Limits, parts: Parts | None = None) -> Found:
-    """Explore every run of one setup within the limits."""
-    if isinstance(setup, Joining):
-        return _joining(setup, limits.faults, (parts or Parts()).admission)
-    return Search(setup, limits, parts).run()
-
-
-def _joining(setup: Joining, faults: int, admission: type[Admission]) -> Found:
-    """Explore runs with at most so many faults, fewer first, until `ENOUGH` are broken."""
-    found = Found(setup)
-    for budget in range(faults + 1):
-        picker = Enumerator(budget)
-        while True:
-            picker.begin()
-            how = Joiners(setup, picker, admission).run()
-            if picker.cost == budget:
-                found.states += 1
-                if how:
-                    promise, _, text = how.partition(": ")
-                    run = Run(setup, {1: dict(picker.step)}, 1)
-                    found.broken.append(Counterexample(promise, text, run))
-            if not picker.advance():
-                break
-        if len(found.broken) >= ENOUGH:
-            break
-    return found
 
 
 class Search:

@@ -18,7 +18,6 @@ from typing import Any, Final, TypeVar, cast
 from armadico.core.coordination import Contender, Owner, Rival, Tenure, Verdict, beats
 from armadico.core.cycles import CycleClock
 from armadico.core.exchange import EXCHANGES, Bid
-from armadico.core.membership import Admission
 from armadico.core.messages import Ack, Ballot, Claim, Command, Cycle, Message
 from armadico.core.resources import Resource
 from armadico_tools.explore.picks import Picker
@@ -103,7 +102,6 @@ class Parts:
     contender: type[Contender] = Contender
     owner: type[Owner] = Owner
     clock: type[CycleClock] = CycleClock
-    admission: type[Admission] = Admission
 
 
 class Draws:

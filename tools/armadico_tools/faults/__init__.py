@@ -2,7 +2,8 @@
 
 `plan` has faults as data, drawn from a seed. `injector` applies them to a society on the virtual
 mesh (with `stranger`, driven by `workload`), `live` to real processes (`trials` has the figures
-measured there). `record` has what was observed with either, or in a recording. `checker` has the
+measured there). `observations` has what is seen with either, or in a recording; `record` what
+follows from it, `figures` the times. `checker` has the
 promises, `sightings` the situations that a campaign must show, `series` the sums. `shrink` makes a
 case small, and `campaign` is the command.
 """

@@ -7,14 +7,8 @@ from collections.abc import Iterator
 from armadico.core.messages import Ack, Ballot, Claim
 from armadico.core.resources import WHEELS
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import (
-    FRESH_CYCLES,
-    Bounds,
-    Obeyed,
-    Observation,
-    Published,
-    Record,
-)
+from armadico_tools.faults.observations import Obeyed, Observation, Published
+from armadico_tools.faults.record import FRESH_CYCLES, Bounds, Record
 
 ALIVE_S = 0.35
 """The robot agent obeys for 0.3 s after its newest cycle, by a clock that may be slow."""
@@ -65,14 +59,15 @@ class Fresh:
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """By each command obeyed, else by the acks from one cycle to the next."""
-        if isinstance(seen, Obeyed) and now.state is not None:
-            age, silent = now.age(seen.cycle), seen.at - now.state_at
+        ack = now.owner.ack
+        if isinstance(seen, Obeyed) and now.owner.state is not None:
+            age, silent = now.owner.age(seen.cycle), seen.at - now.owner.state_at
             if age > FRESH_CYCLES:
                 yield f"{brief(seen.ballot)} is obeyed for a cycle {age} before the newest"
             elif silent > ALIVE_S:
                 yield f"{brief(seen.ballot)} is obeyed {silent:.2f} s after the newest cycle"
-        elif isinstance(seen, Published) and seen.message is now.ack and now.ack is not None:
-            yield from self._acked(now.ack, now.ack_before)
+        elif isinstance(seen, Published) and ack is not None and seen.message is ack:
+            yield from self._acked(ack, now.owner.ack_before)
 
     @staticmethod
     def _acked(ack: Ack, before: Ack | None) -> Iterator[str]:
@@ -108,13 +103,13 @@ class OneHolder:
         if not isinstance(seen, Published) or not isinstance(seen.message, Claim):
             return
         ballot = seen.message.ballot
-        if ballot not in now.claims or now.whole_for() < self._overlap_s:
+        if ballot not in now.contest.claims or now.whole_for() < self._overlap_s:
             return
-        first, last, _ = now.claims[ballot]
-        for other, (other_first, other_last, claim) in now.claims.items():
+        first, last, _ = now.contest.claims[ballot]
+        for other, (other_first, other_last, claim) in now.contest.claims.items():
             if other == ballot or claim.resource != seen.message.resource:
                 continue
-            overlap = min(last, other_last) - max(first, other_first, now.whole_since)
+            overlap = min(last, other_last) - max(first, other_first, now.faults.whole_since)
             pair = frozenset((ballot, other))
             if overlap >= self._overlap_s and pair not in self._reported:
                 self._reported.add(pair)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 from rich.console import Console
@@ -33,6 +32,9 @@ from armadico_tools.faults.trials import TABLE, TRIALS, Trial, place_for
 from armadico_tools.faults.trials import run_trials as make_trials
 from armadico_tools.hosts.namespaces import lacking
 from armadico_tools.testbed import TABLE as HOSTS
+
+if TYPE_CHECKING:
+    from armadico_tools.commands.faults import Options
 
 SHRUNK: Final = 3
 """Most cases with a broken promise that are shrunk."""
@@ -112,7 +114,7 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
     broken = checker.violations
     kept = no(f"{len(broken)} promises broken") if broken else yes()
     blind = "collisions are unknown: the recording has no truth of this robot"
-    judgement = all_of((kept, yes() if checker.record.truth is not None else unknown(blind)))
+    judgement = all_of((kept, yes() if checker.record.body.truth is not None else unknown(blind)))
     if as_json:
         rows = [{"promise": v.promise, "at": v.at, "text": v.text} for v in broken]
         found = {"violations": rows, "longest_s": checker.longest}
@@ -126,22 +128,23 @@ def check_recording(path: Path, namespace: str | None, *, as_json: bool) -> int:
     return judgement.exit_code
 
 
-def run_seeds(args: argparse.Namespace) -> int:
+def run_seeds(args: Options) -> int:
     """Run seeds on the virtual mesh; Ctrl-C ends with the counts so far."""
     ledger = _ledger(args.out, series.SEEDS)
-    first = ledger.next_seed() if args.first is None else args.first
-    lasts = 60.0 * (args.minutes or MINUTES)
-    seeds = range(first, first + (args.seeds or SEEDS))
-    tasks = [series.Task(seed, lasts, tuple(args.kind)) for seed in seeds]
+    given = args.virtual
+    first = ledger.next_seed() if given.first is None else given.first
+    lasts = 60.0 * (given.minutes or MINUTES)
+    seeds = range(first, first + (given.seeds or SEEDS))
+    tasks = [series.Task(seed, lasts, args.kind) for seed in seeds]
     summary = Summary(narrowed=bool(args.kind))
 
     def done(task: series.Task, outcome: Outcome) -> None:
         summary.add(outcome)
         _keep(ledger, outcome, task.kinds)
 
-    complete = over(series.Task.run, tasks, args, "seeds", done)
+    complete = over(series.Task.run, tasks, args.series.processes, "seeds", done)
     commands = _commands(summary) if complete else []
-    if args.json:
+    if args.series.json:
         print(json.dumps({**summary.plain(), "repeat": commands}))
     else:
         _show_seeds(summary, commands)
@@ -152,11 +155,12 @@ def run_seeds(args: argparse.Namespace) -> int:
     return 1 if summary.broken or series.missing(summary) else 0
 
 
-def run_trials(args: argparse.Namespace) -> int:
+def run_trials(args: Options) -> int:
     """Run trials on real processes; on Ctrl-C what was measured is kept."""
     chosen = _chosen(args.kind)
-    scenario = load_scenario(args.scenario) if args.scenario else ROAD
-    table, seed, count = load_hosts(HOSTS), args.seed or 0, args.trials or COUNT
+    given = args.real
+    scenario = load_scenario(given.scenario) if given.scenario else ROAD
+    table, seed, count = load_hosts(HOSTS), given.seed or 0, given.trials or COUNT
     options.end_as_by_ctrl_c()
     ledger = _ledger(args.out, series.TRIALS)
     summary = Summary()
@@ -179,7 +183,7 @@ def run_trials(args: argparse.Namespace) -> int:
                     table=table,
                     scenario=scenario,
                     seed=seed,
-                    record=args.record,
+                    record=given.record,
                 )
                 for why in failed:
                     options.report(f"{trial.name}: FAILED: {why}")
@@ -189,7 +193,7 @@ def run_trials(args: argparse.Namespace) -> int:
         options.report(f"interrupted; results so far are in {ledger.path}")
         return options.INTERRUPTED
     lines = series.lines(summary, chosen)
-    _show_trials(summary, lines, as_json=args.json)
+    _show_trials(summary, lines, as_json=args.series.json)
     sound = lines and all(line.kept for line in lines)
     return 0 if sound and not summary.failed and not summary.broken else options.FAILED
 

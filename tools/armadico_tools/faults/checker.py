@@ -19,8 +19,9 @@ from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
 from armadico_tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
+from armadico_tools.faults.observations import Observation
 from armadico_tools.faults.pose import Localized
-from armadico_tools.faults.record import Bounds, Observation, Record
+from armadico_tools.faults.record import Bounds, Record
 from armadico_tools.faults.recovery import Arrives, CommandObeyed, Moves
 from armadico_tools.faults.sightings import Sightings
 

@@ -17,15 +17,8 @@ from armadico.observe.view import agent_of
 from armadico_tools.faults.ballots import brief
 from armadico_tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
 from armadico_tools.faults.fault_types import STRANGE_UTILITY, Promise
-from armadico_tools.faults.record import (
-    FRESH_CYCLES,
-    Bounds,
-    Faulted,
-    Obeyed,
-    Observation,
-    Published,
-    Record,
-)
+from armadico_tools.faults.observations import Faulted, Obeyed, Observation, Published
+from armadico_tools.faults.record import FRESH_CYCLES, Bounds, Record
 
 CLAIMS = 16
 LATELY_S = 0.35
@@ -198,7 +191,7 @@ class Replaced:
             self._quiet_at = seen.at
         elif self._others:
             self._others &= frozenset(now.bidders())
-            if now.stopped():
+            if now.owner.stopped():
                 self._others = frozenset()
             if self._others and seen.at > self._due:
                 others, self._others = ", ".join(sorted(self._others)), frozenset()
@@ -207,7 +200,7 @@ class Replaced:
 
     def _begins(self, fault: Faulted, now: Record) -> None:
         last = self._obeyed
-        if last is None or len(now.active) != 1 or fault.at - last.at > NOW_S:
+        if last is None or len(now.faults.active) != 1 or fault.at - last.at > NOW_S:
             return
         holder = agent_of(last.ballot.instance)
         bounds = self._bounds
@@ -223,7 +216,7 @@ class Replaced:
         self._since, self._hung = fault.at, fault.kind == "hang"
         self._others = frozenset(
             instance
-            for instance, (at, _) in now.bids.items()
+            for instance, (at, _) in now.contest.bids.items()
             if instance in now.bidders()
             and fault.at - at <= NOW_S
             and agent_of(instance) not in here
@@ -239,7 +232,7 @@ def _least_window(winner: Claim, now: Record, published: float) -> float:
         return 0.0
     if agent_of(winner.ballot.instance) not in HURRIED:
         return LONGEST
-    truth = now.truth
+    truth = now.body.truth
     if truth is None or truth.clearance is None or now.void(Promise.COLLISION):
         return 0.0  # its sensing may show it anything
     v = max(truth.v, 0.0)

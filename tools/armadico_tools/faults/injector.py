@@ -22,9 +22,9 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import Node
 from armadico_tools.faults.fault_types import AGAIN_S
+from armadico_tools.faults.observations import Faulted
 from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
-from armadico_tools.faults.record import Faulted
-from armadico_tools.faults.stranger import STRANGE, Stranger
+from armadico_tools.faults.stranger import Stranger
 
 NONSENSE: Final = (
     Bid(nan, (0.2, 0.0)),
@@ -42,8 +42,14 @@ OLD_S: Final = 0.6
 """Age of the oldest commands and claims under way when the robot agent is restarted."""
 
 
+Act = Callable[[Fault, bool], None]
+"""Applies a fault (True), or removes it (False)."""
+
+
 class Injector(ABC):
-    """Begins and ends faults, and reports both to the record. Back ends implement `act`."""
+    """Begins and ends faults, and reports both to the record; `acts` has the acts by kind."""
+
+    acts: Mapping[str, Act]
 
     def __init__(self, show: Callable[[Faulted], object]) -> None:
         self._show = show
@@ -54,18 +60,14 @@ class Injector(ABC):
     def now(self) -> float:
         """The time of the society, s."""
 
-    @abstractmethod
-    def act(self, fault: Fault, *, begins: bool) -> None:
-        """Apply a fault, or remove it."""
-
     def begin(self, fault: Fault, _: Any = None) -> None:
         self._note(fault, began=True)
         self._on.append(fault)
-        self.act(fault, begins=True)
+        self.acts[fault.kind](fault, True)
 
     def end(self, fault: Fault, _: Any = None) -> None:
         self._on.remove(fault)
-        self.act(fault, begins=False)
+        self.acts[fault.kind](fault, False)
         self._note(fault, began=False)
 
     def _note(self, fault: Fault, *, began: bool) -> None:
@@ -91,6 +93,24 @@ class VirtualInjector(Injector):
         self._befallen: dict[Fault, list[Node]] = {}
         self._published: list[tuple[float, str, Message]] = []
         self._stranger = Stranger(rehearsal)
+        self.acts = {
+            **dict.fromkeys(NETWORK, self._mend_links),
+            **dict.fromkeys(CUTS, self._part),
+            **dict.fromkeys(("serial-garbage", "serial-loss"), self._mend_line),
+            **dict.fromkeys(("crash", "interface-restart"), self._crash),
+            **dict.fromkeys(("silent-sonar", "frozen-sonar"), self._break_sonars),
+            **self._stranger.acts,
+            "hang": self._hang,
+            "slow": self._slow,
+            "clock-step": self._clock_step,
+            "clock-drift": self._clock_drift,
+            "nan": self._nan,
+            "flap": self._flap,
+            "lone-restart": self._lone_restart,
+            "robot-restart": self._robot_restart,
+            "twin": self._twin,
+            "in-turn": self._in_turn,
+        }
         self._mesh.watch(self._keep, Command, Claim)
         self._mend_links()
 
@@ -118,26 +138,13 @@ class VirtualInjector(Injector):
         if not self.alive(name):
             self._settle(name)
 
-    def act(self, fault: Fault, *, begins: bool) -> None:
-        """Set the state of the mesh after a fault has begun or ended."""
-        kind = fault.kind
-        if begins:
-            self._befallen[fault] = [node for name in fault.targets for node in self.alive(name)]
-        if kind in NETWORK:
-            self._mend_links()
-        elif kind.startswith("serial"):
-            self._mend_line()
-        elif kind in CUTS:
-            self._part(fault, begins=begins)
-        elif kind in STRANGE:
-            self._stranger.act(fault, begins=begins)
-        else:
-            act = getattr(self, "_" + kind.replace("-", "_"))
-            act(fault, begins)
+    def begin(self, fault: Fault, _: Any = None) -> None:
+        self._befallen[fault] = [node for name in fault.targets for node in self.alive(name)]
+        super().begin(fault)
 
     # Links ---------------------------------------------------------------------------------------
 
-    def _mend_links(self) -> None:
+    def _mend_links(self, _fault: Fault | None = None, _begins: bool = True) -> None:
         """Set every link to its state in this run, with the active faults."""
         names = sorted({node.name for node in self._mesh.nodes})
         usual = replace(WHOLE, delay=self._variation.delay, jitter=self._variation.jitter)
@@ -148,7 +155,7 @@ class VirtualInjector(Injector):
                     wrong[way] = _worse(wrong.get(way, usual), fault)
         self._put(wrong)
 
-    def _mend_line(self) -> None:
+    def _mend_line(self, _fault: Fault, _begins: bool) -> None:
         wrong = {("device", "robot"): WHOLE, ("robot", "device"): WHOLE}
         for fault in self._on:
             for way, one_way in zip(wrong, (1.0, 2.0), strict=True):
@@ -162,7 +169,7 @@ class VirtualInjector(Injector):
             link = self._mesh.link(*way)
             link.faults = replace(faults, cut=not link.up)
 
-    def _part(self, fault: Fault, *, begins: bool) -> None:
+    def _part(self, fault: Fault, begins: bool) -> None:
         both = [(fault.targets, fault.to)]
         if fault.kind == "partition":
             both.append((fault.to, fault.targets))
@@ -186,8 +193,6 @@ class VirtualInjector(Injector):
     def _crash(self, fault: Fault, begins: bool) -> None:
         for name in fault.targets:
             self._come_or_go(name, 1 if begins else -1)
-
-    _interface_restart = _crash
 
     def _in_turn(self, fault: Fault, begins: bool) -> None:
         """Stop and restart one after the other: each may be the only one with the pose."""
@@ -223,7 +228,7 @@ class VirtualInjector(Injector):
             elif node.alive and not self._befalls(node, "hang"):
                 node.resume()
 
-    def _slow(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+    def _slow(self, fault: Fault, _begins: bool) -> None:
         for node in self._befallen[fault]:
             works = [f.amount for f in self._on if f.kind == "slow" and node in self._befallen[f]]
             node.slow_down(max(works, default=0.0))
@@ -304,14 +309,12 @@ class VirtualInjector(Injector):
 
     # The robot -----------------------------------------------------------------------------------
 
-    def _silent_sonar(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+    def _break_sonars(self, _fault: Fault, _begins: bool) -> None:
         kinds = {fault.kind for fault in self._on}
         how = Broken.REPEATING if "frozen-sonar" in kinds else None
         if "silent-sonar" in kinds:
             how = Broken.SILENT
         self._rehearsal.robot.controller.break_sonars(how)
-
-    _frozen_sonar = _silent_sonar
 
 
 def _worse(faults: LinkFaults, fault: Fault) -> LinkFaults:

@@ -8,7 +8,8 @@ from math import inf
 from armadico.core.messages import RobotState, Stop
 from armadico.mobile.messages import Truth
 from armadico_tools.faults.fault_types import LOSSY, RESTARTS, Promise
-from armadico_tools.faults.record import Bounds, Observation, Ordered, Published, Record
+from armadico_tools.faults.observations import Observation, Ordered, Published
+from armadico_tools.faults.record import Bounds, Record
 
 KNOWN_S = 1.0
 """A restarted robot agent receives the stop within this, in a whole network, s."""
@@ -101,15 +102,15 @@ class Stopped:
             self._rest_due = max(
                 self._rest_due, at + self._bounds.braking_s + self._bounds.watchdog_s
             )
-        if now.rested_at >= at:
+        if now.body.rested_at >= at:
             return
-        if at > self._rest_due and now.rested_at < self._rest_due - self._bounds.braking_s:
+        if at > self._rest_due and now.body.rested_at < self._rest_due - self._bounds.braking_s:
             self._rest_due = inf
             yield f"still {truth.v:.2f} m/s, {truth.w:.2f} rad/s long after it was stopped"
 
 
 def _away(now: Record) -> bool:
     """Whether the robot agent, or the line to its controller, is unable to stop the wheels."""
-    if now.befalls("robot", *RESTARTS, "hang", "slow", "clock-step", "clock-drift"):
+    if now.faults.befalls("robot", *RESTARTS, "hang", "slow", "clock-step", "clock-drift"):
         return True
-    return any(f.kind.startswith("serial") and f.amount >= LOSSY for f in now.active)
+    return any(f.kind.startswith("serial") and f.amount >= LOSSY for f in now.faults.active)

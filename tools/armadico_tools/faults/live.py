@@ -33,16 +33,9 @@ from armadico.observe.watching import kind_at
 from armadico.runtime.programs import end
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.injector import Injector
+from armadico_tools.faults.observations import Bids, Came, Left, Observation, Passed, Published
 from armadico_tools.faults.plan import Fault
-from armadico_tools.faults.record import (
-    Bids,
-    Came,
-    Left,
-    Observation,
-    Passed,
-    Published,
-    seconds_since,
-)
+from armadico_tools.faults.record import seconds_since
 from armadico_tools.faults.serial_tap import Orders, Tap
 from armadico_tools.hosts.namespaces import Network
 from armadico_tools.testbed import WATCHER, Namespaces, Place
@@ -173,7 +166,7 @@ class RealSociety:
             self.add(member.name, member.name, self.host_of(member.name), sets, wait=False)
         for agent in self.agents.values():
             self._meet(agent, known=())
-        self.until(lambda: self.record.state is not None, "the robot's first cycle")
+        self.until(lambda: self.record.owner.state is not None, "the robot's first cycle")
         self._sent_at = float("-inf")
         self.until(self.record.on_its_way, "the robot is on its way")
 
@@ -203,7 +196,7 @@ class RealSociety:
         self, label: str, name: str, host: str, sets: Sequence[str] = (), *, wait: bool = True
     ) -> None:
         """Start an agent, which may be a twin of another; `wait` for its token."""
-        known = self.record.instances(name)
+        known = self.record.contest.instances(name)
         agent = self.agents[label] = Agent(label, name, host, tuple(sets))
         self._run(agent)
         if wait:
@@ -212,7 +205,7 @@ class RealSociety:
     def restart(self, label: str) -> None:
         """Restart an agent that has ended."""
         agent = self.agents[label]
-        known = {*self.record.instances(agent.name), agent.instance}
+        known = {*self.record.contest.instances(agent.name), agent.instance}
         self._run(agent)
         self._meet(agent, known)
 
@@ -237,7 +230,7 @@ class RealSociety:
             if agent.process is not None and agent.process.poll() is not None:
                 words = "\n".join(self.place.last_lines(agent.label))
                 raise TrialError(f"{agent.label} ended:\n{words}")
-            return [one for one in self.record.instances(agent.name) if one not in before]
+            return [one for one in self.record.contest.instances(agent.name) if one not in before]
 
         agent.instance = self.until(new, f"the token of {agent.label}")[-1]
 
@@ -279,7 +272,7 @@ class RealSociety:
         while not (value := condition()):
             left = end - time.monotonic()
             if left <= 0:
-                lines = [f"\n    {log.text}" for _, log in list(self.record.logs)[-5:]]
+                lines = [f"\n    {log.text}" for _, log in list(self.record.kept.logs)[-5:]]
                 raise TrialError(f"not within {within:.0f} s: {what}{''.join(lines)}")
             self._query_bids()
             self._pump(min(left, 0.1))
@@ -329,7 +322,7 @@ class RealSociety:
             return Published(at, message)
         if not message.bids:
             return None
-        last, state = message.bids[-1], self.record.state
+        last, state = message.bids[-1], self.record.owner.state
         age = seconds_since(last.cycle, None if state is None else state.cycle)
         return Bids(at, message.instance, last, age)
 
@@ -352,17 +345,27 @@ class LiveInjector(Injector):
         super().__init__(lambda seen: society.observe(lambda _: seen, seen.at))
         self._society = society
         self.acted_at = 0.0  # just before the last change
+        self.acts = {
+            "crash": self._crash,
+            "hang": self._hang,
+            "robot-restart": self._robot_restart,
+            "partition": self._partition,
+            "delay": self._worsen,
+            "drop": self._worsen,
+        }
 
     @property
     def now(self) -> float:
         return time.monotonic()
 
-    def act(self, fault: Fault, *, begins: bool) -> None:
-        """Apply a fault, or remove it and wait until its targets have recovered."""
+    def begin(self, fault: Fault, _: object = None) -> None:
         self.acted_at = self.now
-        act = self._worsen if fault.kind in {"delay", "drop"} else None
-        act = act or getattr(self, "_" + fault.kind.replace("-", "_"))
-        act(fault, begins)
+        super().begin(fault)
+
+    def end(self, fault: Fault, _: object = None) -> None:
+        """Remove a fault, and wait until its targets have recovered."""
+        self.acted_at = self.now
+        super().end(fault)
 
     def _crash(self, fault: Fault, begins: bool) -> None:
         for label in fault.targets:
@@ -377,7 +380,7 @@ class LiveInjector(Injector):
         if not begins:
             self._society.run(WOKEN_S)
 
-    def _robot_restart(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+    def _robot_restart(self, _fault: Fault, begins: bool) -> None:
         """Remove the simulator and its line, which voids the same promises.
 
         Without a line nothing can be ordered, and a restarted simulator stands still.
@@ -402,7 +405,8 @@ class LiveInjector(Injector):
             self._network.change(lambda switch: switch.heal())
         if not begins:
             every = {agent.instance for agent in society.agents.values()}
-            society.until(lambda: society.record.alive.keys() >= every, "all tokens are back")
+            alive = society.record.contest.alive
+            society.until(lambda: alive.keys() >= every, "all tokens are back")
 
     def _worsen(self, fault: Fault, begins: bool) -> None:
         """Degrade all links between hosts, except the observer's."""
@@ -419,7 +423,7 @@ class LiveInjector(Injector):
 
     def _drives_again(self) -> None:
         society, since = self._society, self.acted_at
-        society.until(lambda: society.record.moves_after(since), "speeds are ordered again")
+        society.until(lambda: society.record.kept.moves_after(since), "speeds are ordered again")
         society.until(society.record.on_its_way, "the robot is on its way again")
 
     @property

@@ -12,18 +12,8 @@ from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import Truth
 from armadico.observe.measures import speeds
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import (
-    FRESH_CYCLES,
-    MOVING_M_S,
-    MOVING_RAD_S,
-    Bounds,
-    Faulted,
-    Observation,
-    Ordered,
-    Published,
-    Record,
-    age,
-)
+from armadico_tools.faults.observations import Faulted, Observation, Ordered, Published
+from armadico_tools.faults.record import FRESH_CYCLES, MOVING_M_S, MOVING_RAD_S, Bounds, Record, age
 
 ROUND_M_S = 0.001
 ROUND_RAD_S = 0.0095
@@ -72,8 +62,8 @@ class Silence:
             self._on_command(seen.message)
         elif isinstance(seen, Faulted) and now.cut_off:
             self._unmatched.clear()  # the cut may have lost their commands
-        elif isinstance(seen, Ordered) and now.cut_off and now.ack is not None and now.ack.obeyed:
-            self._on_command(Command(WHEELS.name, now.ack.cycle, now.ack.obeyed, (seen.v, seen.w)))
+        elif isinstance(seen, Ordered) and now.cut_off and (ack := now.owner.ack) and ack.obeyed:
+            self._on_command(Command(WHEELS.name, ack.cycle, ack.obeyed, (seen.v, seen.w)))
         last = self._order
         if now.void(self.promise):
             self._order = None
@@ -99,7 +89,7 @@ class Silence:
         if self._rest_at is None or not isinstance(seen, Published):
             return
         waited, truth = seen.at - self._rest_at, seen.message
-        if isinstance(truth, Truth) and waited > self._braking_s and now.rested_at < seen.at:
+        if isinstance(truth, Truth) and waited > self._braking_s and now.body.rested_at < seen.at:
             self._rest_at = None
             yield f"{waited:.1f} s after rest was ordered still {truth.v:.2f} m/s"
 
@@ -108,7 +98,7 @@ class Silence:
         self._unmatched = [each for each in self._unmatched if not _requests(command, *each)]
 
     def _match(self, order: Ordered, now: Record) -> None:
-        newest = None if now.state is None else now.state.cycle
+        newest = None if now.owner.state is None else now.owner.state.cycle
         matching = (each for each in reversed(self._commands) if _requests(each, order, newest))
         command = next(matching, None)
         if command is not None:
@@ -148,14 +138,14 @@ class Watchdog:
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """At the true speed, from the due time on."""
-        gone = now.befalls("robot", "crash", "hang")
+        gone = now.faults.befalls("robot", "crash", "hang")
         if not gone:
             self._since = None
         elif self._since is None or isinstance(seen, Ordered):
             self._since = seen.at
-        elif seen.at - self._since > self._due_s and now.truth_at == seen.at:
-            truth = now.truth
-            if truth is not None and now.rested_at < seen.at:
+        elif seen.at - self._since > self._due_s and now.body.truth_at == seen.at:
+            truth = now.body.truth
+            if truth is not None and now.body.rested_at < seen.at:
                 self._since = inf
                 yield f"still {truth.v:.2f} m/s, {truth.w:.2f} rad/s after {self._due_s:.1f} s"
 
@@ -238,17 +228,17 @@ class Heading:
         """From one `robot/state` to the next of its epoch."""
         if not isinstance(seen, Published) or not isinstance(seen.message, RobotState):
             return
-        state, before = seen.message, now.before
+        state, before = seen.message, now.owner.before
         if before is None or before.cycle.epoch != state.cycle.epoch:
             return
         x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
         off = abs(wrap(atan2(y, x) - 0.5 * turned))
-        if now.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
+        if now.owner.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
             rates = (before.w, state.w)  # the turn is between them, and the loops may overshoot
             if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
                 yield f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
         most = SIDEWAYS_RAD
-        if now.state_gap_s >= GAP_S:  # it may have driven first, and turned then
+        if now.owner.state_gap_s >= GAP_S:  # it may have driven first, and turned then
             most += 0.5 * abs(turned)
         if hypot(x, y) > STEP_M and min(off, pi - off) > most:
             yield f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"

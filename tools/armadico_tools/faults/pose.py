@@ -13,17 +13,8 @@ from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Truth
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import (
-    MOVING_M_S,
-    MOVING_RAD_S,
-    POSES,
-    Astray,
-    Bounds,
-    Observation,
-    Published,
-    Record,
-    may_be_off,
-)
+from armadico_tools.faults.observations import Astray, Observation, Published
+from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, POSES, Bounds, Record, may_be_off
 
 OVERCONFIDENT_S = 5.0
 """A robot may move for this time, s, with a pose that is wrong beyond its covariance. That is about
@@ -82,9 +73,9 @@ class Localized:
         """At each pose, by the motion until then."""
         if _cause(now):
             self._cause_at = seen.at
-        if any(fault.kind.startswith("serial") for fault in now.active):
+        if any(fault.kind.startswith("serial") for fault in now.faults.active):
             self._spoilt_at = seen.at
-        if now.befalls("robot", "slow", "hang"):
+        if now.faults.befalls("robot", "slow", "hang"):
             self._slow_at = seen.at
         self._lost = self._lost or isinstance(seen, Astray)
         if isinstance(seen, Published):
@@ -118,8 +109,8 @@ class Localized:
     def _state(self, state: RobotState, now: Record) -> None:
         new = state.cycle.epoch not in self._epochs
         self._epochs.add(state.cycle.epoch)
-        before = now.state_at - now.state_gap_s
-        if (new or now.state_gap_s > GAP_S) and self._cause_at >= before:
+        before = now.owner.state_at - now.owner.state_gap_s
+        if (new or now.owner.state_gap_s > GAP_S) and self._cause_at >= before:
             self._gap = state.cycle
         self._rolled_at[state.cycle] = self._rolled
         if len(self._rolled_at) > POSES:
@@ -133,7 +124,7 @@ class Localized:
             self._off_rad += SPARE * (rolled[1] - self._posed[1])
             self._gap = None
         self._posed = rolled
-        truth = now.truth_of(pose.cycle)
+        truth = now.body.truth_of(pose.cycle)
         if truth is None or at - self._slow_at < 1.0:
             return  # the time of a status packet that waited is unknown
         off = hypot(pose.x - truth.x, pose.y - truth.y)
@@ -174,4 +165,4 @@ def _clearance(truth: Truth) -> float:
 
 def _cause(now: Record) -> bool:
     """Whether a fault may prevent counting of motion; the controller counts by itself."""
-    return any(fault.kind.startswith("serial") for fault in now.active)
+    return any(fault.kind.startswith("serial") for fault in now.faults.active)

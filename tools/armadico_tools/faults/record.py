@@ -1,22 +1,16 @@
-"""Observations of a society, and what follows from them: one record for every back end.
+"""What follows from observations: the state by which promises are checked.
 
-Every observation can be made from outside the processes: messages on the mesh, what the robot agent
-writes to the controller, and the injector's faults. The virtual network, real processes and
-recordings all produce them, in the order of time. `Record` has the state for the promises and the
-figures of trials: active faults, the cycle, claims, bids, obeyed commands. `at` is in seconds, by
-one clock of the observer.
+The virtual network, real processes and recordings all produce observations, in the order of time.
+The record has four parts: what the owner of the wheels published, the contest for them, the robot's
+body, and the faults. The last messages are kept for the figures of trials.
 """
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Callable, Container, Iterator
+from collections import Counter
 from dataclasses import dataclass, field
-from itertools import pairwise
 from math import hypot, inf
-from typing import Final, NamedTuple, TypeVar
-
-from msgspec import Struct
+from typing import Final, NamedTuple
 
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import SensorProfile, load_profile
@@ -30,7 +24,6 @@ from armadico.core.messages import (
     Command,
     Cycle,
     Log,
-    Message,
     RobotState,
 )
 from armadico.core.resources import WHEELS
@@ -47,109 +40,17 @@ from armadico_tools.faults.fault_types import (
     Promise,
     voided,
 )
-
-T = TypeVar("T")
-
-Timed = deque[tuple[float, T]]
-"""Items, each with its time."""
-
-# Observations -----------------------------------------------------------------------------------
-
-
-class Observation(Struct, frozen=True):
-    """One observation, and its time."""
-
-    at: float
-
-
-class Published(Observation, frozen=True):
-    """A message of an agent, a person or the simulator."""
-
-    message: Message
-
-
-def of_the_wheels(message: Message) -> bool:
-    """Whether a message is of the wheels, or of no resource."""
-    return getattr(message, "resource", WHEELS.name) == WHEELS.name
-
-
-class Ordered(Observation, frozen=True):
-    """Speeds that the robot agent wrote to the controller, m/s and rad/s."""
-
-    v: float
-    w: float
-
-
-class Faulted(Observation, frozen=True):
-    """A fault begins or ends; `kind` is one of `fault_types.KINDS`, `targets` names agents.
-
-    `to` names the receivers, for faults of the network; `amount` is the kind's own number
-    (`plan.DRAWS`). An unknown amount counts as the worst.
-    """
-
-    kind: str
-    targets: tuple[str, ...]
-    began: bool
-    to: tuple[str, ...] = ()
-    amount: float = inf
-
-
-class Passed(Observation, frozen=True):
-    """Time has passed without another observation."""
-
-
-class Obeyed(Observation, frozen=True):
-    """The robot agent obeys a command. If this is not observed, the `Ack` is used."""
-
-    ballot: Ballot
-    cycle: Cycle
-
-
-class Refused(Observation, frozen=True):
-    """The robot agent refuses a command; `why` is the verdict's name."""
-
-    ballot: Ballot
-    why: str
-
-
-class Missed(Observation, frozen=True):
-    """An agent considers a live one gone, because a lease expired."""
-
-    instance: str
-
-
-class Denied(Observation, frozen=True):
-    """An instance may not join, or stay; `why` is for people."""
-
-    instance: str
-    why: str
-
-
-class Astray(Observation, frozen=True):
-    """An agent takes another robot for this one, and publishes its poses."""
-
-
-class Bids(Observation, frozen=True):
-    """The last bid of an instance, or the reason for none; `age` is the time since, s."""
-
-    instance: str
-    record: BidRecord
-    age: float = 0.0
-
-
-class Came(Observation, frozen=True):
-    """The liveliness token of an instance appeared."""
-
-    instance: str
-
-
-class Left(Observation, frozen=True):
-    """An instance is gone, and so are its bids."""
-
-    instance: str
-
-
-# The record -------------------------------------------------------------------------------------
+from armadico_tools.faults.figures import Kept
+from armadico_tools.faults.observations import (
+    Bids,
+    Came,
+    Denied,
+    Faulted,
+    Left,
+    Observation,
+    Ordered,
+    Published,
+)
 
 MOVING_M_S = 0.02
 MOVING_RAD_S = 0.05
@@ -178,12 +79,6 @@ SONARS_S = 0.4
 
 FRESH_CYCLES = 3
 """A command may be for a cycle so many older than the newest (docs/coordination.md)."""
-
-KEPT: Final = 3000
-"""Most messages of a kind that are kept for figures, which is a few minutes' worth."""
-
-REST: Final = 0.01
-"""The wheels rest below this, m/s and rad/s."""
 
 ON_ITS_WAY_M_S: Final = 0.05
 
@@ -277,14 +172,6 @@ def seconds_since(cycle: Cycle, newest: Cycle | None) -> float:
     return max(age(cycle, newest), 0) * PERIOD if known else 0.0
 
 
-def _from(kept: Timed[T], since: float) -> Iterator[tuple[float, T]]:
-    return ((at, item) for at, item in kept if at >= since)
-
-
-def _first(kept: Timed[T], since: float, wanted: Callable[[T], bool]) -> float | None:
-    return next((at for at, item in _from(kept, since) if wanted(item)), None)
-
-
 class Fault(NamedTuple):
     """An active fault, as far as it concerns promises."""
 
@@ -295,23 +182,9 @@ class Fault(NamedTuple):
 
 
 @dataclass
-class Record:
-    """The state after each observation, updated before promises are checked.
+class Owner:
+    """What the robot agent published, acknowledged and ordered."""
 
-    The last minutes of some kinds of messages are kept with their times, for figures.
-    """
-
-    bounds: Bounds = field(default_factory=Bounds)
-    acks: Timed[Ack] = field(default_factory=lambda: deque(maxlen=KEPT))  # of the wheels
-    commands: Timed[Command] = field(default_factory=lambda: deque(maxlen=KEPT))
-    truths: Timed[Truth] = field(default_factory=lambda: deque(maxlen=KEPT))
-    orders: Timed[Ordered] = field(default_factory=lambda: deque(maxlen=KEPT))
-    logs: Timed[Log] = field(default_factory=lambda: deque(maxlen=200))
-    alive: dict[str, float] = field(default_factory=dict)  # time of its token, by instance
-    now: float = -inf
-    whole_since: float = inf  # inf while a fault breaks the network
-    free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
-    healed_at: float = -inf  # end of the last excuse
     state: RobotState | None = None
     before: RobotState | None = None  # the previous state, of any epoch
     state_at: float = -inf
@@ -320,34 +193,206 @@ class Record:
     ack_before: Ack | None = None
     acked_at: float = -inf
     obeyed_at: float = -inf  # when an ack last showed a recent command obeyed
-    moved_at: float = -inf
-    rested_at: float = -inf
-    stood_back_at: float = -inf  # when a tenure without obedience was last released
-    nonsense_back_at: float = -inf  # likewise, with nonsense bids and no other bidder
-    truth: Truth | None = None
-    truth_at: float = -inf
-    astray_at: float = -inf  # when the pose was last wrong beyond its covariance
-    lost_at: float = -inf  # when the pose was last reported as lost
-    forgot_at: float = -inf  # when the sonar agent last started with an empty map
-    wedged_at: float = -inf  # when a fault last held it near an obstacle; -inf: clear
-    driving: bool = False
+    ordered: Ordered | None = None
+
+    def age(self, cycle: Cycle) -> float:
+        """The number of cycles before the newest; inf in another epoch."""
+        return age(cycle, None if self.state is None else self.state.cycle)
+
+    def driven(self) -> bool:
+        """Whether a command is obeyed, by the newest ack."""
+        return self.obeyed_at >= self.acked_at
+
+    def stopped(self) -> bool:
+        """Whether `robot/stop` is latched."""
+        return self.state is not None and self.state.stop.stopped
+
+    @property
+    def obeyed(self) -> Ballot | None:
+        """The ballot of the last command acknowledged as obeyed; None since a release."""
+        return None if self.ack is None else self.ack.obeyed
+
+    def on_state(self, state: RobotState, now: float) -> None:
+        self.before, self.state = self.state, state
+        self.state_gap_s, self.state_at = now - self.state_at, now
+
+    def on_ack(self, ack: Ack, now: float) -> None:
+        self.ack_before, self.ack, self.acked_at = self.ack, ack, now
+        if driver(ack) is not None:
+            self.obeyed_at = now
+
+
+@dataclass
+class Contest:
+    """Who competes for the wheels: tokens, bids, claims."""
+
+    alive: dict[str, float] = field(default_factory=dict)  # time of its token, by instance
     bids: dict[str, tuple[float, BidRecord]] = field(default_factory=dict)
     sees_bids: bool = False
     claims: dict[Ballot, tuple[float, float, Claim]] = field(default_factory=dict)
-    ordered: Ordered | None = None
-    active: Counter[Fault] = field(default_factory=Counter)
-    ended_at: float = -inf  # when the last fault of any kind ended
-    _left_near_until: float = -inf  # until when a contact may be the result of a fault
-    _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
-    _excused: bool = True
-    _again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
+    stood_back_at: float = -inf  # when a tenure without obedience was last released
+    nonsense_back_at: float = -inf  # likewise, with nonsense bids and no other bidder
+
+    def on_bids(self, seen: Bids, now: float) -> None:
+        self.sees_bids = True
+        self.bids[seen.instance] = (now - seen.age, seen.record)
+
+    def on_left(self, instance: str) -> None:
+        self.bids.pop(instance, None)
+        self.alive.pop(instance, None)
+
+    def instances(self, name: str) -> list[str]:
+        """The instances of an agent that are alive, the oldest first."""
+        return [
+            one for one in sorted(self.alive, key=self.alive.__getitem__) if agent_of(one) == name
+        ]
+
+
+@dataclass
+class Body:
+    """The robot's true state, its pose's error, and how near obstacles are."""
+
+    truth: Truth | None = None
+    truth_at: float = -inf
+    moved_at: float = -inf
+    rested_at: float = -inf
+    astray_at: float = -inf  # when the pose was last wrong beyond its covariance
+    lost_at: float = -inf  # when the pose was last reported as lost
+    wedged_at: float = -inf  # when a fault last held it near an obstacle; -inf: clear
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # of the last cycles
+
+    def truth_of(self, cycle: Cycle) -> Truth | None:
+        """The true state in one of the last cycles."""
+        return self._truths.get(cycle)
+
+    def on_state(self, state: RobotState, now: float) -> None:
+        if self.truth is not None:
+            self._truths[state.cycle] = self.truth
+            if len(self._truths) > POSES:
+                del self._truths[next(iter(self._truths))]
+        if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
+            self.moved_at = now
+
+    def on_truth(self, truth: Truth, now: float, *, void: bool) -> None:
+        """`void`: contacts are void at this moment."""
+        self.truth, self.truth_at = truth, now
+        near = truth.clearance is not None and truth.clearance < WEDGED_M
+        if not near:
+            self.wedged_at = -inf
+        elif void:
+            self.wedged_at = now
+        if abs(truth.v) < MOVING_M_S and abs(truth.w) < MOVING_RAD_S:
+            self.rested_at = now
+
+    def on_pose(self, pose: Pose, now: float) -> None:
+        most, most_rad = may_be_off(pose)
+        truth = self.truth_of(pose.cycle) or self.truth
+        if most == inf:
+            self.lost_at = now
+        elif truth is not None:
+            off = hypot(pose.x - truth.x, pose.y - truth.y)
+            if off > most or abs(wrap(pose.theta - truth.theta)) > most_rad:
+                self.astray_at = now
+
+    def stops_in_s(self, bounds: Bounds) -> float:
+        """Time needed to stop if an obstacle is within the stopping distance; else 0.
+
+        It includes a turn of the sonars, reacting, and braking.
+        """
+        truth = self.truth
+        if truth is None:
+            return OVER_S
+        v, waits = abs(truth.v), SONARS_S + bounds.stop_s
+        needs = v * waits + v * v / (2.0 * bounds.v_decel) + SWUNG_M
+        near = truth.clearance is not None and truth.clearance < needs
+        return waits + v / bounds.v_decel if near else 0.0
+
+
+@dataclass
+class Faults:
+    """The active faults, and what follows from those that are over.
+
+    The network is whole or broken, the robot free or excused from moving: each by its time.
+    """
+
+    active: Counter[Fault] = field(default_factory=Counter)
+    whole_since: float = inf  # inf while a fault breaks the network
+    free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
+    healed_at: float = -inf  # end of the last excuse
+    ended_at: float = -inf  # when the last fault of any kind ended
+    forgot_at: float = -inf  # when the sonar agent last started with an empty map
+    left_near_until: float = -inf  # until when a contact may be the result of a fault
+    again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
+    _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
+
+    def begin(self, now: float) -> None:
+        """The first observation: whole and free, until a fault begins."""
+        if self.whole_since == inf and not self.active:
+            self.whole_since = self.free_since = now
+
+    def on_fault(self, fault: Faulted, now: float, stops_in_s: float) -> None:
+        key = Fault(fault.kind, fault.targets, fault.to, fault.amount)
+        self.active[key] += 1 if fault.began else -1
+        self.active += Counter()  # drops zero counts
+        if not fault.began:
+            self.ended_at = now
+            taken = voided(fault.kind, fault.targets, fault.amount)
+            if Promise.COLLISION in taken:
+                self.left_near_until = now + stops_in_s
+            self._ended.update({promise: (now, why) for promise, why in taken.items()})
+            if fault.kind in FORGETS and "sonar" in fault.targets:
+                self.forgot_at = now
+        if any(KINDS[fault.kind].breaks for fault in self.active):
+            self.whole_since = inf
+        elif self.whole_since == inf:
+            self.whole_since = max(now, self.again_at)
+
+    def excuse(self, now: float, *, stopped: bool) -> None:
+        """Set the time from which the robot has to move again."""
+        if stopped or any(KINDS[fault.kind].excuses for fault in self.active):
+            self.free_since = inf
+        elif self.free_since == inf:
+            self.free_since = self.healed_at = max(now, self.again_at)
+
+    def voids(self, promise: Promise, now: float, rested_at: float) -> str:
+        """The fault that voids a promise, in words, or that did just before; "" without one."""
+        for fault in self.active:
+            why = voided(fault.kind, fault.targets, fault.amount).get(promise)
+            if why:
+                return why
+        ended, why = self._ended.get(promise, (-inf, ""))
+        rested = ended <= rested_at < now  # the cause of the rest is over, too
+        return f"{JUST_AFTER}{why}" if now - ended < OVER_S and not rested else ""
+
+    def befalls(self, name: str, *kinds: str) -> bool:
+        """Whether a fault of one of these kinds is active on an agent."""
+        return any(fault.kind in kinds and name in fault.targets for fault in self.active)
+
+    def troubled(self, but: str) -> bool:
+        """Whether a fault of another kind than this is active."""
+        return any(fault.kind != but for fault in self.active)
+
+    def bids_nonsense(self, instance: str) -> bool:
+        """Whether an instance's bids are replaced by nonsense, so that they do not count."""
+        return self.befalls(agent_of(instance), "nan")
+
+
+@dataclass
+class Record:
+    """The state after each observation, updated before promises are checked."""
+
+    bounds: Bounds = field(default_factory=Bounds)
+    now: float = -inf
+    driving: bool = False
+    owner: Owner = field(default_factory=Owner)
+    contest: Contest = field(default_factory=Contest)
+    body: Body = field(default_factory=Body)
+    faults: Faults = field(default_factory=Faults)
+    kept: Kept = field(default_factory=Kept)
 
     def update(self, seen: Observation) -> None:
         """Process one observation. A late one counts as of now."""
-        if self.whole_since == inf and not self.active:
-            self.whole_since = self.free_since = seen.at
-            self._excused = False
+        self.faults.begin(seen.at)
         if not (
             self.bounds.command_delay_s
             and isinstance(seen, Published)
@@ -357,38 +402,29 @@ class Record:
         if isinstance(seen, Published):
             self._on_message(seen)
         elif isinstance(seen, Faulted):
-            self._fault(seen)
+            self.faults.on_fault(seen, self.now, self.body.stops_in_s(self.bounds))
+            self.faults.excuse(self.now, stopped=self.owner.stopped())
         elif isinstance(seen, Ordered):
-            self.ordered = seen
-            self.orders.append((self.now, seen))
+            self.owner.ordered = seen
+            self.kept.orders.append((self.now, seen))
         elif isinstance(seen, Bids):
-            self.sees_bids = True
-            self.bids[seen.instance] = (self.now - seen.age, seen.record)
+            self.contest.on_bids(seen, self.now)
         elif isinstance(seen, Denied):
             self._deny(seen)
         elif isinstance(seen, Came):
-            self.alive.setdefault(seen.instance, self.now)
+            self.contest.alive.setdefault(seen.instance, self.now)
         elif isinstance(seen, Left):
-            self.bids.pop(seen.instance, None)
-            self.alive.pop(seen.instance, None)
+            self.contest.on_left(seen.instance)
 
     # State ---------------------------------------------------------------------------------------
 
-    def age(self, cycle: Cycle) -> float:
-        """The number of cycles before the newest; inf in another epoch."""
-        return age(cycle, None if self.state is None else self.state.cycle)
-
-    def truth_of(self, cycle: Cycle) -> Truth | None:
-        """The true state in one of the last cycles."""
-        return self._truths.get(cycle)
-
     def whole_for(self) -> float:
         """Seconds since a fault last broke the network; negative during one."""
-        return self.now - self.whole_since
+        return self.now - self.faults.whole_since
 
     def unsure_for(self) -> float:
         """Seconds since the pose was last lost, or wrong beyond its covariance."""
-        return self.now - max(self.astray_at, self.lost_at)
+        return self.now - max(self.body.astray_at, self.body.lost_at)
 
     def void(self, promise: Promise) -> bool:
         """Whether a fault voids the promise, now or until the robot has recovered."""
@@ -401,8 +437,8 @@ class Record:
         absence of the robot agent.
         """
         if promise is not Promise.COLLISION:
-            return self._fault_voids(promise)
-        wedged = self.now - self.wedged_at < WEDGED_S
+            return self.faults.voids(promise, self.now, self.body.rested_at)
+        wedged = self.now - self.body.wedged_at < WEDGED_S
         return self._contact_voids() or ("wedged" if wedged else "")
 
     def contact_reason(self) -> str:
@@ -411,32 +447,15 @@ class Record:
         Just after a fault, contacts are void if the robot could not have stopped in time.
         """
         why = self.reason(Promise.COLLISION)
-        return "" if why.startswith(JUST_AFTER) and self.now > self._left_near_until else why
+        return "" if why.startswith(JUST_AFTER) and self.now > self.faults.left_near_until else why
 
     def _contact_voids(self) -> str:
-        fault = self._fault_voids(Promise.COLLISION)
+        fault = self.faults.voids(Promise.COLLISION, self.now, self.body.rested_at)
         if fault:
             return fault
-        if self.now - self.astray_at < ASTRAY_S:
+        if self.now - self.body.astray_at < ASTRAY_S:
             return "pose"
-        return "sonar agent restarted" if self.now - self.forgot_at < ASTRAY_S else ""
-
-    def _fault_voids(self, promise: Promise) -> str:
-        for fault in self.active:
-            why = voided(fault.kind, fault.targets, fault.amount).get(promise)
-            if why:
-                return why
-        ended, why = self._ended.get(promise, (-inf, ""))
-        rested = ended <= self.rested_at < self.now  # the cause of the rest is over, too
-        return f"{JUST_AFTER}{why}" if self.now - ended < OVER_S and not rested else ""
-
-    def befalls(self, name: str, *kinds: str) -> bool:
-        """Whether a fault of one of these kinds is active on an agent."""
-        return any(fault.kind in kinds and name in fault.targets for fault in self.active)
-
-    def bids_nonsense(self, instance: str) -> bool:
-        """Whether an instance's bids are replaced by nonsense, so that they do not count."""
-        return self.befalls(agent_of(instance), "nan")
+        return "sonar agent restarted" if self.now - self.faults.forgot_at < ASTRAY_S else ""
 
     def nonsense_in_vain(self, most: float) -> bool:
         """Whether a nonsense bidder claims without being obeyed, for at most so long.
@@ -444,246 +463,108 @@ class Record:
         All others wait until it releases.
         """
         return any(
-            self.bids_nonsense(ballot.instance)
-            and ballot != self.obeyed
+            self.faults.bids_nonsense(ballot.instance)
+            and ballot != self.owner.obeyed
             and self.now - last <= BID_AGE_S
             and self.now - first <= most
-            for ballot, (first, last, _) in self.claims.items()
+            for ballot, (first, last, _) in self.contest.claims.items()
         )
-
-    def driven(self) -> bool:
-        """Whether a command is obeyed, by the newest ack."""
-        return self.obeyed_at >= self.acked_at
-
-    def stopped(self) -> bool:
-        """Whether `robot/stop` is latched."""
-        return self.state is not None and self.state.stop.stopped
-
-    def disturbed(self) -> bool:
-        """Whether any fault is active."""
-        return bool(self.active)
-
-    def troubled(self, but: str) -> bool:
-        """Whether a fault of another kind than this is active."""
-        return any(fault.kind != but for fault in self.active)
-
-    @property
-    def obeyed(self) -> Ballot | None:
-        """The ballot of the last command acknowledged as obeyed; None since a release."""
-        return None if self.ack is None else self.ack.obeyed
 
     def bidders(self) -> list[str]:
         """Instances that bid, as far as observed: by their bids, else by their claims."""
-        if self.sees_bids:
+        if self.contest.sees_bids:
             return [
                 instance
-                for instance, (at, record) in self.bids.items()
+                for instance, (at, record) in self.contest.bids.items()
                 if record.utility
                 and self.now - at <= BID_AGE_S
-                and not self.bids_nonsense(instance)
+                and not self.faults.bids_nonsense(instance)
             ]
-        recent = [b for b, (_, last, _) in self.claims.items() if self.now - last <= BID_AGE_S]
+        recent = [
+            b for b, (_, last, _) in self.contest.claims.items() if self.now - last <= BID_AGE_S
+        ]
         return [ballot.instance for ballot in recent]
 
     @property
     def cut_off(self) -> bool:
         """Whether commands may reach the robot and not the observer: real links are cut."""
-        return self.bounds.command_delay_s > 0.0 and any(f.kind == "partition" for f in self.active)
+        return self.bounds.command_delay_s > 0.0 and any(
+            f.kind == "partition" for f in self.faults.active
+        )
 
     @property
     def driver(self) -> str | None:
         """The instance that is obeyed now; None without one, or if the owner is silent."""
-        silent = self.ack is None or self.now - self.acked_at > SILENT_S
-        return None if self.ack is None or silent else driver(self.ack)
+        silent = self.owner.ack is None or self.now - self.owner.acked_at > SILENT_S
+        return None if self.owner.ack is None or silent else driver(self.owner.ack)
 
     def on_its_way(self) -> bool:
         """Whether a command is obeyed and the robot truly drives."""
-        return self.truth is not None and self.truth.v > ON_ITS_WAY_M_S and self.driver is not None
+        return (
+            self.body.truth is not None
+            and self.body.truth.v > ON_ITS_WAY_M_S
+            and self.driver is not None
+        )
 
     def bids_lately(self, instance: str) -> bool:
         """Whether a bid of an instance was received lately, on real processes by a query."""
-        at, record = self.bids.get(instance, (-inf, None))
+        at, record = self.contest.bids.get(instance, (-inf, None))
         return record is not None and self.now - at <= QUERIED_S and bool(record.utility)
-
-    def instances(self, name: str) -> list[str]:
-        """The instances of an agent that are alive, the oldest first."""
-        return [
-            one for one in sorted(self.alive, key=self.alive.__getitem__) if agent_of(one) == name
-        ]
-
-    # Figures -------------------------------------------------------------------------------------
-
-    def obeyed_after(self, since: float, but: Container[str] = ()) -> float | None:
-        """When the next command was published that is known to have been obeyed.
-
-        It is the first that the robot agent acknowledges after `since`, published since then by an
-        instance other than those of `but`.
-        """
-        sent = {(c.ballot, c.cycle): at for at, c in self.commands}
-        for _, ack in _from(self.acks, since):
-            if ack.obeyed is None or ack.obeyed_cycle is None or ack.obeyed.instance in but:
-                continue
-            found = sent.get((ack.obeyed, ack.obeyed_cycle))
-            if found is not None and found >= since:
-                return found
-        return None
-
-    def stop_after(self, since: float) -> float | None:
-        """When the first zero speeds after a time were written to the controller."""
-        return _first(self.orders, since, lambda order: order.v == 0.0 and order.w == 0.0)
-
-    def moves_after(self, since: float) -> float | None:
-        """When the first non-zero speeds after a time were written to the controller."""
-        return _first(self.orders, since, lambda order: order.v != 0.0 or order.w != 0.0)
-
-    def longest_silence(self, since: float) -> float:
-        """The longest time between two orders on the line since a time, s."""
-        times = [since, *(at for at, _ in _from(self.orders, since)), self.now]
-        return max(b - a for a, b in pairwise(times))
-
-    def rest_after(self, since: float) -> float | None:
-        """When the wheels were first observed at rest; the truth is published each 100 ms."""
-        return _first(self.truths, since, lambda t: abs(t.v) < REST and abs(t.w) < REST)
-
-    def fastest(self, since: float, until: float) -> float:
-        """The largest true speed in a time, m/s; 0 without data."""
-        return max((abs(t.v) for at, t in _from(self.truths, since) if at <= until), default=0.0)
-
-    def share_obeyed(self, since: float, until: float = inf) -> float:
-        """The share of cycles in a time in which a recent command was obeyed, 0 to 1."""
-        cycles = [driver(ack) is not None for at, ack in _from(self.acks, since) if at <= until]
-        return sum(cycles) / len(cycles) if cycles else 0.0
-
-    def late_commands(self, since: float, ballot: Ballot) -> int:
-        """The number of commands since a time with a ballot, or an older one of its instance."""
-        late = (c.ballot for _, c in _from(self.commands, since))
-        return sum(b.instance == ballot.instance and b <= ballot for b in late)
 
     # Updates -------------------------------------------------------------------------------------
 
     def _on_message(self, seen: Published) -> None:
-        message = seen.message
+        message, now = seen.message, self.now
         if isinstance(message, RobotState):
-            self._cycle(message)
+            self.owner.on_state(message, now)
+            self.body.on_state(message, now)
+            self.faults.excuse(now, stopped=self.owner.stopped())
+            claims = self.contest.claims
+            self.contest.claims = {b: c for b, c in claims.items() if now - c[1] < 2.0}
         elif isinstance(message, Ack):
-            self._acked(message)
+            if message.resource == WHEELS.name:
+                self.kept.acks.append((now, message))
+                self.owner.on_ack(message, now)
         elif isinstance(message, Claim):
             self._claim(message)
         elif isinstance(message, MissionStatus):
             self.driving = message.state is MissionState.DRIVING
         elif isinstance(message, Pose):
-            self._posed(message)
+            self.body.on_pose(message, now)
         elif isinstance(message, Command):
-            self.commands.append((seen.at, message))
+            self.kept.commands.append((seen.at, message))
         elif isinstance(message, Log):
-            self.logs.append((self.now, message))
+            self.kept.logs.append((now, message))
         elif isinstance(message, Truth):
-            self.truth, self.truth_at = message, self.now
-            self.truths.append((self.now, message))
-            near = message.clearance is not None and message.clearance < WEDGED_M
-            if not near:
-                self.wedged_at = -inf
-            elif self._contact_voids():
-                self.wedged_at = self.now
-            if abs(message.v) < MOVING_M_S and abs(message.w) < MOVING_RAD_S:
-                self.rested_at = self.now
-
-    def _posed(self, pose: Pose) -> None:
-        most, most_rad = may_be_off(pose)
-        truth = self.truth_of(pose.cycle) or self.truth
-        if most == inf:
-            self.lost_at = self.now
-        elif truth is not None:
-            off = hypot(pose.x - truth.x, pose.y - truth.y)
-            if off > most or abs(wrap(pose.theta - truth.theta)) > most_rad:
-                self.astray_at = self.now
-
-    def _cycle(self, state: RobotState) -> None:
-        self.before, self.state = self.state, state
-        self.state_gap_s, self.state_at = self.now - self.state_at, self.now
-        if self.truth is not None:
-            self._truths[state.cycle] = self.truth
-            if len(self._truths) > POSES:
-                del self._truths[next(iter(self._truths))]
-        if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
-            self.moved_at = self.now
-        self._excuse()
-        self.claims = {b: c for b, c in self.claims.items() if self.now - c[1] < 2.0}
-
-    def _acked(self, ack: Ack) -> None:
-        if ack.resource != WHEELS.name:
-            return
-        self.acks.append((self.now, ack))
-        self.ack_before, self.ack, self.acked_at = self.ack, ack, self.now
-        if driver(ack) is not None:
-            self.obeyed_at = self.now
+            self.kept.truths.append((now, message))
+            self.body.on_truth(message, now, void=bool(self._contact_voids()))
 
     def _claim(self, claim: Claim) -> None:
         if claim.utility is None:
-            self.claims.pop(claim.ballot, None)
+            self.contest.claims.pop(claim.ballot, None)
             if self._stands_back(claim.ballot):
-                self.stood_back_at = self.now
-                if self.bids_nonsense(claim.ballot.instance) and not self.bidders():
-                    self.nonsense_back_at = self.now
+                self.contest.stood_back_at = self.now
+                if self.faults.bids_nonsense(claim.ballot.instance) and not self.bidders():
+                    self.contest.nonsense_back_at = self.now
             return
-        first, last, _ = self.claims.get(claim.ballot, (self.now, self.now, claim))
+        first, last, _ = self.contest.claims.get(claim.ballot, (self.now, self.now, claim))
         if self.now - last > BID_AGE_S:  # it was away, and starts anew
             first = self.now
-        self.claims[claim.ballot] = (first, self.now, claim)
+        self.contest.claims[claim.ballot] = (first, self.now, claim)
 
     def _stands_back(self, released: Ballot) -> bool:
         """Whether a release is for lack of obedience, as far as the holder knows: it still bids.
 
         With slow acks it may have been obeyed without knowing.
         """
-        if not self.sees_bids:
-            return self.obeyed != released
-        _, record = self.bids.get(released.instance, (0.0, None))
+        if not self.contest.sees_bids:
+            return self.owner.obeyed != released
+        _, record = self.contest.bids.get(released.instance, (0.0, None))
         bids = record is not None and bool(record.utility)
-        return bids and (self.obeyed != released or self.whole_for() < ACKS_S)
-
-    def _fault(self, fault: Faulted) -> None:
-        key = Fault(fault.kind, fault.targets, fault.to, fault.amount)
-        self.active[key] += 1 if fault.began else -1
-        self.active += Counter()  # drops zero counts
-        if not fault.began:
-            self.ended_at = self.now
-            taken = voided(fault.kind, fault.targets, fault.amount)
-            if Promise.COLLISION in taken:
-                self._left_near_until = self.now + self._stops_in_s()
-            self._ended.update({promise: (self.now, why) for promise, why in taken.items()})
-            if fault.kind in FORGETS and "sonar" in fault.targets:
-                self.forgot_at = self.now
-        broken = any(KINDS[fault.kind].breaks for fault in self.active)
-        if broken:
-            self.whole_since = inf
-        elif self.whole_since == inf:
-            self.whole_since = max(self.now, self._again_at)
-        self._excuse()
-
-    def _stops_in_s(self) -> float:
-        """Time needed to stop if an obstacle is within the stopping distance; else 0.
-
-        It includes a turn of the sonars, reacting, and braking.
-        """
-        truth, bounds = self.truth, self.bounds
-        if truth is None:
-            return OVER_S
-        v, waits = abs(truth.v), SONARS_S + bounds.stop_s
-        needs = v * waits + v * v / (2.0 * bounds.v_decel) + SWUNG_M
-        near = truth.clearance is not None and truth.clearance < needs
-        return waits + v / bounds.v_decel if near else 0.0
+        return bids and (self.owner.obeyed != released or self.whole_for() < ACKS_S)
 
     def _deny(self, denied: Denied) -> None:
         """While a fault breaks the network, another process may block a robot agent."""
-        there = self.now - self.state_at <= SILENT_S
-        if self.whole_since == inf and not there and agent_of(denied.instance) == "robot":
-            self._again_at = denied.at + AGAIN_S
-
-    def _excuse(self) -> None:
-        """Set the time from which the robot has to move again."""
-        if self.stopped() or any(KINDS[fault.kind].excuses for fault in self.active):
-            self.free_since, self._excused = inf, True
-        elif self._excused:
-            self._excused = False
-            self.free_since = self.healed_at = max(self.now, self._again_at)
+        there = self.now - self.owner.state_at <= SILENT_S
+        if self.faults.whole_since == inf and not there and agent_of(denied.instance) == "robot":
+            self.faults.again_at = denied.at + AGAIN_S

@@ -24,15 +24,15 @@ from armadico.mobile.messages import MissionStatus, Truth
 from armadico.mobile.obstacles import Obstacles
 from armadico.watch.recordings import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
-from armadico_tools.faults.record import (
+from armadico_tools.faults.observations import (
     Bids,
     Left,
     Observation,
     Passed,
     Published,
     of_the_wheels,
-    seconds_since,
 )
+from armadico_tools.faults.record import seconds_since
 
 AT_ONCE_S: Final = 0.02
 """Messages received within this of each other count as simultaneous: each publisher has its own

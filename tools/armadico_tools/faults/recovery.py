@@ -9,14 +9,8 @@ from armadico.core.messages import RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.record import (
-    MOVING_M_S,
-    MOVING_RAD_S,
-    Bounds,
-    Observation,
-    Published,
-    Record,
-)
+from armadico_tools.faults.observations import Observation, Published
+from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Record
 
 STANDS_BACK_S = 4.0
 """The longest that a holder stands back, s (`armadico.core.coordination.STAND_BACK`)."""
@@ -49,12 +43,12 @@ class CommandObeyed:
         if now.bidders():
             self._bid_at = seen.at
         quiet = seen.at - self._bid_at > TURN_S  # a moment without a bid does not count
-        excused = now.whole_for() < 0 or now.stopped() or quiet
-        if excused or now.obeyed_at >= self._since:
+        excused = now.whole_for() < 0 or now.owner.stopped() or quiet
+        if excused or now.owner.obeyed_at >= self._since:
             self._since = inf
         if excused:
             return
-        if self._since == inf and now.obeyed_at < seen.at - 0.3:
+        if self._since == inf and now.owner.obeyed_at < seen.at - 0.3:
             self._since = seen.at
         if seen.at - self._since > self._obeyed_s:
             self._since = inf
@@ -82,20 +76,20 @@ class Moves:
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         """As time passes, from the end of the last excuse."""
-        if now.free_since == inf:
+        if now.faults.free_since == inf:
             self._healed = None
             return
-        if now.healed_at > self._known:
-            self._healed = self._known = now.healed_at
-            self._from = now.state
+        if now.faults.healed_at > self._known:
+            self._healed = self._known = now.faults.healed_at
+            self._from = now.owner.state
         if self._healed is None:
             return
-        then, state = self._from, now.state
+        then, state = self._from, now.owner.state
         if state is not None and (then is None or then.cycle.epoch != state.cycle.epoch):
             self._from = state  # a new robot agent has another origin
-        self._healed = max(self._healed, now.nonsense_back_at)
-        if now.driven() and self._moves(now):
-            took = max(now.state_at - self._healed, 0.0)
+        self._healed = max(self._healed, now.contest.nonsense_back_at)
+        if now.owner.driven() and self._moves(now):
+            took = max(now.owner.state_at - self._healed, 0.0)
             self.longest = max(took, self.longest or 0.0)
             self._healed = None
         elif seen.at - self._healed > self._allowed(now):
@@ -107,9 +101,9 @@ class Moves:
     def _moves(self, now: Record) -> bool:
         """Whether it moves, if only at a crawl, as before a turn on its goal."""
         assert self._healed is not None, "healing is awaited"
-        if now.moved_at >= self._healed:
+        if now.body.moved_at >= self._healed:
             return True
-        then, state = self._from, now.state
+        then, state = self._from, now.owner.state
         if then is None or state is None:
             return False
         turned = abs(wrap(state.theta - then.theta))
@@ -117,40 +111,40 @@ class Moves:
 
     def _allowed(self, now: Record) -> float:
         assert self._healed is not None, "healing is awaited"
-        stood_back = now.stood_back_at > self._healed - STANDS_BACK_S
+        stood_back = now.contest.stood_back_at > self._healed - STANDS_BACK_S
         stood_back = stood_back or now.nonsense_in_vain(self._bounds.unobeyed_s)
         allowed = self._bounds.stood_back_s if stood_back else self._bounds.moves_s
-        order = now.ordered
+        order = now.owner.ordered
         driven = order is not None and (order.v != 0.0 or order.w != 0.0)
-        return allowed + FRICTION_S if driven and now.driven() else allowed
+        return allowed + FRICTION_S if driven and now.owner.driven() else allowed
 
     @staticmethod
     def _why_it_need_not(now: Record) -> str | None:
-        if not now.driving or now.stopped():
+        if not now.driving or now.owner.stopped():
             return "no mission, or stopped"
         if not now.bidders():
-            blind = now.befalls("robot", "silent-sonar")  # users of obstacles have no turn
+            blind = now.faults.befalls("robot", "silent-sonar")  # users of obstacles have no turn
             silent = [
                 instance
-                for instance, (at, record) in now.bids.items()
-                if not (record.reason or now.bids_nonsense(instance))
+                for instance, (at, record) in now.contest.bids.items()
+                if not (record.reason or now.faults.bids_nonsense(instance))
                 or (now.now - at > TURN_S and not blind)
             ]
             return "no bids" if not silent else None
-        order = now.ordered
+        order = now.owner.ordered
         rests = order is None or (abs(order.v) < MOVING_M_S and abs(order.w) < MOVING_RAD_S)
-        held = now.state is not None and now.state.stalled
-        if now.driven() and (held or (rests and _says_why(now))):
+        held = now.owner.state is not None and now.owner.state.stalled
+        if now.owner.driven() and (held or (rests and _says_why(now))):
             return "the obeyed agent commands rest, or nearly, or a wall holds the robot"
         return None
 
     @staticmethod
     def _bidding(now: Record) -> str:
-        if not now.bids:
+        if not now.contest.bids:
             return "bids are not seen"
         return "; ".join(
             f"{instance.rpartition('-')[0]} {record.utility} ({record.reason})"
-            for instance, (_, record) in sorted(now.bids.items())
+            for instance, (_, record) in sorted(now.contest.bids.items())
         )
 
 
@@ -196,7 +190,7 @@ class Arrives:
 
     @staticmethod
     def _excused(now: Record) -> bool:
-        return now.disturbed() or now.stopped() or now.unsure_for() < TURN_S
+        return bool(now.faults.active) or now.owner.stopped() or now.unsure_for() < TURN_S
 
     def _due_for(self, way: float, at: float) -> float:
         bounds = self._bounds
@@ -206,12 +200,12 @@ class Arrives:
 
 
 def _quiet(now: Record, at: float) -> str:
-    ended = now.ended_at
+    ended = now.faults.ended_at
     return "no fault was ever on" if ended == -inf else f"no fault was on for {at - ended:.0f} s"
 
 
 def _says_why(now: Record) -> bool:
     """Whether the obeyed agent gives a reason, as far as its bids are observed."""
-    assert now.obeyed is not None, "a command is obeyed"
-    _, record = now.bids.get(now.obeyed.instance, (0.0, None))
+    assert now.owner.obeyed is not None, "a command is obeyed"
+    _, record = now.contest.bids.get(now.owner.obeyed.instance, (0.0, None))
     return record is None or bool(record.reason)

@@ -19,7 +19,7 @@ from typing import Final
 from armadico.bridge.p2os.commands import Cmd, Command, decode_command
 from armadico.bridge.p2os.packets import Decoder
 from armadico.bridge.p2os.status import STATUS_TYPES
-from armadico_tools.faults.record import Ordered
+from armadico_tools.faults.observations import Ordered
 
 POLL_S: Final = 0.1
 CHUNK: Final = 4096

@@ -12,7 +12,7 @@ from typing import Final
 
 from armadico.core.messages import Ballot, Claim, RobotState
 from armadico.mobile.messages import MissionState, MissionStatus, Truth
-from armadico_tools.faults.record import (
+from armadico_tools.faults.observations import (
     Bids,
     Denied,
     Faulted,
@@ -22,9 +22,9 @@ from armadico_tools.faults.record import (
     Observation,
     Ordered,
     Published,
-    Record,
     Refused,
 )
+from armadico_tools.faults.record import Record
 
 SILENT_S: Final = 0.2
 """A holder whose last claim is older than this, s, is silent: two of its claims are missing."""
@@ -97,7 +97,7 @@ class Sightings:
             self._ordered(seen)
         elif isinstance(seen, Faulted):
             self._befallen = True
-            self.counts[Sight.TOGETHER] += seen.began and now.active.total() > 1
+            self.counts[Sight.TOGETHER] += seen.began and now.faults.active.total() > 1
         elif isinstance(seen, Left):
             self._gone.add(seen.instance)
         elif isinstance(seen, Missed):
@@ -113,7 +113,9 @@ class Sightings:
             self._claim(message, seen.at, now)
         elif isinstance(message, RobotState):
             stopped = message.stop.stopped
-            self.counts[Sight.STOPPED] += stopped and not self._stopped and now.troubled("stop")
+            self.counts[Sight.STOPPED] += (
+                stopped and not self._stopped and now.faults.troubled("stop")
+            )
             self.counts[Sight.FREED] += self._stopped and not stopped
             self._stopped = stopped
         elif isinstance(message, Truth):
@@ -124,16 +126,16 @@ class Sightings:
                 self._befallen = False
             elif message.state is not MissionState.DRIVING:
                 self._befallen = False
-        lost = now.astray_at == seen.at
+        lost = now.body.astray_at == seen.at
         self.counts[Sight.LOST] += lost and not self._lost
-        self._lost = lost or (self._lost and now.now - now.astray_at < 1.0)
+        self._lost = lost or (self._lost and now.now - now.body.astray_at < 1.0)
 
     def _claim(self, claim: Claim, at: float, now: Record) -> None:
         if self._largest is None or claim.ballot > self._largest:
             self._largest = claim.ballot
             self._takes_over(claim, at)
         if claim.utility is None:
-            kept = now.obeyed == claim.ballot
+            kept = now.owner.obeyed == claim.ballot
             self.counts[Sight.RELEASED if kept else Sight.STOOD_BACK] += 1
         elif claim.utility == 0.0:
             self.counts[Sight.OFFERED] += 1
@@ -163,7 +165,7 @@ class Sightings:
         self._resting = not moves
 
     def _truth(self, truth: Truth, at: float, now: Record) -> None:
-        rests, away = now.rested_at == at, now.befalls("robot", "crash", "hang")
+        rests, away = now.body.rested_at == at, now.faults.befalls("robot", "crash", "hang")
         self.counts[Sight.WATCHDOG] += self._rolling and rests and away
         self._rolling = away and not rests
         touched = truth.collisions > self._touches

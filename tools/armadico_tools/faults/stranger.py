@@ -6,6 +6,7 @@ seen.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from math import cos, sin, tau
 from random import Random
@@ -41,14 +42,6 @@ from armadico.mobile.messages import Origin, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import STRANGE_UTILITY
 from armadico_tools.faults.plan import AGENTS, Fault
-
-STRANGE: Final = frozenset(
-    {
-        *("stop", "stop-and-release", "stray-state", "huge-term", "huge-counter", "flood"),
-        *("huge-message", "two-robot-agents"),
-    }
-)
-"""The kinds of faults of this module."""
 
 INSTANCE: Final = "stranger-0123456789abcdef"
 RATCHET: Final = 40
@@ -89,10 +82,16 @@ class Stranger:
         self._term = 0
         self._second: dict[Fault, Node] = {}
         self._mesh.watch(self._on_message, RobotState, Claim, Trajectory, Origin)
-
-    def act(self, fault: Fault, *, begins: bool) -> None:
-        """Begin a fault, or end it."""
-        getattr(self, "_" + fault.kind.replace("-", "_"))(fault, begins)
+        self.acts: dict[str, Callable[[Fault, bool], None]] = {
+            "stop": self._stop,
+            "stop-and-release": self._stop_and_release,
+            "stray-state": self._stray_state,
+            "huge-term": self._huge_term,
+            "huge-counter": self._huge_counter,
+            "flood": self._flood,
+            "huge-message": self._huge_message,
+            "two-robot-agents": self._two_robot_agents,
+        }
 
     def _on_message(self, _key: str, message: Message, _now: float) -> None:
         if isinstance(message, RobotState):
@@ -110,7 +109,7 @@ class Stranger:
 
     # The stop ------------------------------------------------------------------------------------
 
-    def _stop(self, fault: Fault, begins: bool) -> None:  # noqa: ARG002
+    def _stop(self, _fault: Fault, begins: bool) -> None:
         self._publish_stop(stopped=begins)
 
     def _stop_and_release(self, fault: Fault, begins: bool) -> None:

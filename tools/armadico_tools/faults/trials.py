@@ -76,25 +76,27 @@ class Moment:
     @property
     def obeyed(self) -> float | None:
         """When the next command of another instance was published that is obeyed."""
-        return self.record.obeyed_after(self.begun, self.gone)
+        return self.record.kept.obeyed_after(self.begun, self.gone)
 
     @property
     def share(self) -> float:
         """The share of the cycles with an obeyed command while the fault was active, 0 to 1."""
-        return self.record.share_obeyed(self.begun + 1.0, self.ended or inf)
+        return self.record.kept.share_obeyed(self.begun + 1.0, self.ended or inf)
 
     @property
     def stop(self) -> float | None:
-        return self.record.stop_after(self.begun)
+        return self.record.kept.stop_after(self.begun)
 
     @property
     def moves(self) -> float | None:
-        return self.record.moves_after(self.ended)
+        return self.record.kept.moves_after(self.ended)
 
     @property
     def back(self) -> float | None:
         """When the last token came back; the end of the fault, if none disappeared."""
-        return max(self.ended, *(self.record.alive.get(one, self.ended) for one in self.every))
+        return max(
+            self.ended, *(self.record.contest.alive.get(one, self.ended) for one in self.every)
+        )
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,8 @@ class Trial:
         targets = self.targets(society)
         gone = tuple(society.agents[label].instance for label in targets)
         moment = Moment(record, gone, tuple(agent.instance for agent in society.agents.values()))
-        moment.ballot, moment.speed = record.obeyed, record.state.v if record.state else 0.0
+        moment.ballot, state = record.owner.obeyed, record.owner.state
+        moment.speed = state.v if state else 0.0
         fault = structs.replace(self.fault, targets=targets)
         injector.begin(fault)
         moment.begun = injector.acted_at
@@ -209,13 +212,13 @@ def _half(society: RealSociety) -> tuple[str, ...]:
 def _no_old_ballot(moment: Moment) -> str:
     old = moment.ballot
     assert old is not None, "a holder is obeyed"
-    acks = [ack.obeyed for at, ack in moment.record.acks if at >= moment.ended]
+    acks = [ack.obeyed for at, ack in moment.record.kept.acks if at >= moment.ended]
     again = [b for b in acks if b is not None and b.instance == old.instance and b <= old]
     return f"{old.instance} resumed and was obeyed with an old ballot" if again else ""
 
 
 def _starts_from_rest(moment: Moment) -> str:
-    first = next(order for at, order in moment.record.orders if at >= moment.ended)
+    first = next(order for at, order in moment.record.kept.orders if at >= moment.ended)
     moves = first.v or first.w
     return f"the first speeds of the new robot agent are not zero: {first}" if moves else ""
 
@@ -226,7 +229,7 @@ def _drives_on(moment: Moment) -> str:
 
 
 def _stands(moment: Moment) -> str:
-    texts = [log.text for at, log in moment.record.logs if at >= moment.begun]
+    texts = [log.text for at, log in moment.record.kept.logs if at >= moment.begun]
     why = any("too old" in text or "no valid command" in text for text in texts)
     if why and moment.share <= 1.0 - DRIVES_ON:
         return ""
@@ -242,7 +245,7 @@ def _ms(since: float | None, until: float | None) -> float | None:
 
 def _rest(m: Moment) -> float | None:
     """When the wheels rest, of a robot that no agent stops."""
-    return m.record.rest_after(m.begun)
+    return m.record.kept.rest_after(m.begun)
 
 
 def _next(median: float, worst: float) -> Figure:
@@ -264,7 +267,7 @@ _STOP: Final = Figure(
 _STOPPED: Final = Figure(
     "rest",
     "from those to the first true speed of zero (sent each 100 ms)",
-    lambda m: _ms(m.stop, m.record.rest_after(m.stop) if m.stop else None),
+    lambda m: _ms(m.stop, m.record.kept.rest_after(m.stop) if m.stop else None),
 )
 _SPEED: Final = Figure("speed mm/s", "speed before the fault", lambda m: 1e3 * m.speed)
 _ROLLED: Final = Figure(
@@ -273,30 +276,30 @@ _ROLLED: Final = Figure(
 _FASTEST: Final = Figure(
     "fastest mm/s",
     "largest true speed until the rest",
-    lambda m: 1e3 * m.record.fastest(m.begun, _rest(m) or inf),
+    lambda m: 1e3 * m.record.kept.fastest(m.begun, _rest(m) or inf),
 )
 _FROM_TOKEN: Final = Figure(
     "drives, from its token",
     "the same from its liveliness token",
-    lambda m: _ms(max(m.record.alive.values()), m.moves),
+    lambda m: _ms(max(m.record.contest.alive.values()), m.moves),
     after=True,
 )
 _LURCH: Final = Figure(
     "fastest before mm/s",
     "largest true speed until it drives, which shows a lurch",
-    lambda m: 1e3 * m.record.fastest(m.ended, m.moves or inf),
+    lambda m: 1e3 * m.record.kept.fastest(m.ended, m.moves or inf),
     after=True,
 )
 _LATE: Final = Figure(
     "late commands",
     "commands with the old ballot after resuming; none was obeyed",
-    lambda m: m.record.late_commands(m.ended, m.ballot) if m.ballot else None,
+    lambda m: m.record.kept.late_commands(m.ended, m.ballot) if m.ballot else None,
     after=True,
 )
 _SILENCE: Final = Figure(
     "longest silence",
     "between two orders on the line, until it is back",
-    lambda m: 1e3 * m.record.longest_silence(m.begun),
+    lambda m: 1e3 * m.record.kept.longest_silence(m.begun, m.record.now),
     after=True,
 )
 _REJOINED: Final = Figure(
@@ -309,7 +312,7 @@ _REJOINED: Final = Figure(
 _AGAIN: Final = Figure(
     "obeyed again",
     "from restoring the link to the next command obeyed",
-    lambda m: _ms(m.ended, m.record.obeyed_after(m.ended)),
+    lambda m: _ms(m.ended, m.record.kept.obeyed_after(m.ended)),
     after=True,
 )
 _SHARE: Final = Figure(

@@ -38,8 +38,7 @@ from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.injector import VirtualInjector
-from armadico_tools.faults.plan import Case, Outcome, draw, vary
-from armadico_tools.faults.record import (
+from armadico_tools.faults.observations import (
     Astray,
     Bids,
     Denied,
@@ -50,9 +49,10 @@ from armadico_tools.faults.record import (
     Passed,
     Published,
     Refused,
-    bounds_of,
     of_the_wheels,
 )
+from armadico_tools.faults.plan import Case, Outcome, draw, vary
+from armadico_tools.faults.record import bounds_of
 from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
 from armadico_tools.faults.sightings import Sight

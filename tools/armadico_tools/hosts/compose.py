@@ -7,7 +7,6 @@ the containers' network may be unreachable from this machine.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import secrets
@@ -20,11 +19,13 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol, Self
 
 from armadico.cli.options import FailedError, end_as_by_ctrl_c, guarded
+from armadico.cli.parsing import Command, argument
 from armadico.config.hosts import load_hosts
 from armadico.config.scenarios import load_scenario
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
@@ -380,14 +381,15 @@ def _failure(*command: str) -> str | None:
     return (lines[-1] if lines else "no reason given") if done.returncode else None
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    scenario: str = argument(
+        "drive SCENARIO (default: sc4)", nargs="?", default="sc4", metavar="SCENARIO"
+    )
+
+
+def run(args: Words) -> int:
     """Run the demo; returns 0 for a failover, 1 for none, 3 if it is unknown."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    return guarded("make demo", lambda: _main(arguments))
-
-
-def _main(arguments: Sequence[str]) -> int:
-    args = _parser().parse_args(arguments)
     trouble = lacking()
     if trouble is not None:
         raise FailedError(f"{trouble}\n{INSTEAD}")
@@ -399,17 +401,20 @@ def _main(arguments: Sequence[str]) -> int:
     return judgement.exit_code
 
 
-def _parser() -> argparse.ArgumentParser:
-    from armadico.cli.options import parser
+command = Command(
+    "make demo",
+    Words,
+    run,
+    "Run three hosts as containers; kill the one whose goto drives, see another take over, and"
+    " start the lost one again. Exit code 0: it was a failover, 1: it was not, 3: unknown.",
+    EXAMPLES,
+)
 
-    made = parser(
-        "make demo",
-        "Run three hosts as containers; kill the one whose goto drives, see another take over, and"
-        " start the lost one again. Exit code 0: it was a failover, 1: it was not, 3: unknown.",
-        EXAMPLES,
-    )
-    made.add_argument("scenario", nargs="?", default="sc4", help="drive SCENARIO (default: sc4)")
-    return made
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; errors are one line."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    return guarded("make demo", lambda: command(words))
 
 
 if __name__ == "__main__":

@@ -131,9 +131,9 @@ function latch() {
   else if (s.held) text = `Stopped, confirmed by the robot${s.by ? `; pressed by ${s.by}` : ""} (code ${s.code})${moving ? "; it is still braking" : ""}.`;
   else if (sent) text = "Sent, not yet acknowledged by the robot.";
   else if (s.stopped) text = `No data from the robot; it last reported a stop by ${s.by || "an unknown sender"}.`;
-  else if (s.known && !m.heard) text = `No data from the robot for ${Math.round(m.silent_s)} s.`;
+  else if (s.known && !m.connected) text = `No data from the robot for ${Math.round(m.silent_s)} s.`;
   put($("latched"), text);
-  $("latched").className = stopping || cut || (sent && !s.held) || (s.known && !m.heard) ? "alarm" : "";
+  $("latched").className = stopping || cut || (sent && !s.held) || (s.known && !m.connected) ? "alarm" : "";
 }
 
 function why() {
@@ -150,7 +150,7 @@ function why() {
   const doable = { stop: "Resume releases it", "no goal": "Click the map to set one" };
   const todo = doable[found.cause?.sort] ?? (found.cause?.todo ?? "").replaceAll("`", "");
   put($("whytodo"), found.stands && todo ? `${todo[0].toUpperCase()}${todo.slice(1)}.` : "");
-  card.className = `card ${!parts.motion?.heard ? "dead" : found.stands || wrong.length ? "stands" : ""}`;
+  card.className = `card ${!parts.motion?.connected ? "dead" : found.stands || wrong.length ? "stands" : ""}`;
 }
 
 const colourOf = (name) => {
@@ -173,7 +173,7 @@ function contest() {
     const tags = [c.drives && node("span", { class: "tag", textContent: "drives" }), c.critical && node("span", { class: "tag hot", textContent: "critical" })].filter(Boolean);
     child.replaceChildren(
       node("div", { class: "row" }, dot(c.colour), node("span", { class: "name", textContent: c.name }), node("span", { class: "bar" }, bar), node("span", { class: "num", textContent: c.utility === null || c.utility === undefined ? "–" : c.utility.toFixed(2) }), ...tags),
-      c.why && !c.drives ? node("small", { textContent: c.why }) : "",
+      c.reason && !c.drives ? node("small", { textContent: c.reason }) : "",
     );
   }, "No agent competes for the wheels.");
   const names = [...new Set((plan.robots.get(chosen)?.trail ?? []).map((p) => p[2]).filter(Boolean))];
@@ -199,7 +199,7 @@ function slam() {
 
 function others() {
   const found = here().parts.resources ?? [];
-  put($("others"), found.map((r) => `${r.resource}: ${r.obeyed ?? (r.contenders.length ? `${r.contenders.join(", ")} (idle)` : "no agent")}`).join(" · "));
+  put($("others"), found.map((r) => `${r.resource}: ${r.obeyed ?? (r.contenders.length ? `${r.contenders.map((c) => c.name).join(", ")} (idle)` : "no agent")}`).join(" · "));
 }
 
 function ago(t) {

@@ -52,7 +52,7 @@ export class Plan extends EventTarget {
     if (parts.motion && m.x !== undefined) {
       const last = robot.trail.at(-1);
       if (!last || Math.abs(m.x - last[0]) + Math.abs(m.y - last[1]) >= TRAIL_M) {
-        robot.trail.push([m.x, m.y, robot.parts.wheels?.driver ?? null]);
+        robot.trail.push([m.x, m.y, robot.parts.wheels?.obeyed ?? null]);
         if (robot.trail.length > TRAIL) robot.trail.shift();
       }
     }
@@ -460,7 +460,7 @@ export class Plan extends EventTarget {
     const size = Math.max(1, 15 / (((body?.front ?? 0.2) + (body?.rear ?? 0.2)) * this.view.k));
     const [front, rear, half] = [body?.front ?? 0.2, body?.rear ?? 0.2, body?.half_width ?? 0.18].map((m) => m * size);
     const chosen = name === this.chosen;
-    if (chosen && parts.near && m.heard) {
+    if (chosen && parts.near && m.connected) {
       const [co, si] = [Math.cos(m.theta), Math.sin(m.theta)];
       ctx.fillStyle = c.near;
       for (const [x, y] of parts.near) {
@@ -484,8 +484,8 @@ export class Plan extends EventTarget {
     }
     const at = place([m.x, m.y, m.theta]);
     outline(at);
-    ctx.globalAlpha = m.heard ? (chosen ? 1 : 0.55) : 0.35;
-    ctx.fillStyle = parts.stop?.held ? c.stop : (this.colour?.(name, parts.wheels?.driver) ?? c.soft);
+    ctx.globalAlpha = m.connected ? (chosen ? 1 : 0.55) : 0.35;
+    ctx.fillStyle = parts.stop?.held ? c.stop : (this.colour?.(name, parts.wheels?.obeyed) ?? c.soft);
     ctx.fill();
     ctx.strokeStyle = c.ink;
     ctx.lineWidth = 1.5;
