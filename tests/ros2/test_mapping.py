@@ -25,14 +25,14 @@ def scan(*rays: tuple[float, float], cycle: Cycle = Cycle(1, 1)) -> Scan:  # noq
 
 def test_with_a_laser_its_scans_make_the_map_and_sonars_none() -> None:
     agent = Mapping(Identity("mapping-1"), Parameters(profile="jackal"))
-    agent.receive(described("jackal"), 0.0)
+    agent.kernel.receive(described("jackal"), 0.0)
     for number in range(1, 6):
         cycle = Cycle(1, number)
-        agent.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
-        agent.receive(Pose(cycle, 1.02, 0.02, 0.0), 0.1 * number)
-        agent.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
-        agent.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
-    agent.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
+        agent.kernel.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
+        agent.kernel.receive(Pose(cycle, 1.02, 0.02, 0.0), 0.1 * number)
+        agent.kernel.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
+        agent.kernel.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
+    agent.kernel.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
     cells = cells_of(agent.on_map_request(Question(1, MapRequest())))
     assert cells.at(3.02, 0.02) == OCCUPIED
     assert cells.at(1.0, 1.0) == UNKNOWN

@@ -10,8 +10,9 @@ from armadico.agents.localization.localization import (
     Localization,
     Parameters,
 )
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Identity
 from armadico.core.messages import Cycle, RobotState
+from armadico.core.outgoing import Publish
 from armadico.mobile.geometry import compose, relative
 from armadico.mobile.messages import Correction, Pose
 from armadico.mobile.scans import message_of
@@ -33,7 +34,7 @@ def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
     path.write_text(MAP.replace("6000 4000", "9500 6000") + walls + "\n")
     parameters = Parameters(world=str(path), profile="jackal")
     agent = Localization(Identity("localization-1", rng=random.Random(3)), parameters)
-    agent.start(0.0)
+    agent.kernel.start(0.0)
     mount, poses = (0.3, -0.1, -0.6), made_logs.driven()
     for number, pose in enumerate(poses[:80]):
         seen = made_logs.ranges(compose(pose, mount))
@@ -46,9 +47,9 @@ def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
             scan = message_of(cycle, seen, angles, limits, mount, since=taken, number=number)
             state = RobotState(cycle, x, y, theta, 0.0, 0.0, 12.0, True, False)
             for message in (state, Pose(cycle, *at), scan):
-                agent.receive(message, 0.1 * cycle.number)
+                agent.kernel.receive(message, 0.1 * cycle.number)
             assert agent._filter.due == bool(again), "nothing was weighed since it moved"
-    published = [item.message for item in agent.outbox if isinstance(item, Publish)]
+    published = [item.message for item in agent.kernel.outbox if isinstance(item, Publish)]
     last = [one for one in published if isinstance(one, Correction)][-1]
     assert hypot(last.x, last.y) < 0.05  # the odometry is exact
     assert last.confidence > 0.9
