@@ -34,7 +34,6 @@ from armadico.watch.dashboard.global_map import PATH_POINTS
 from armadico.watch.dashboard.scene import Scene
 from armadico.watch.dashboard.server import close, keep
 from armadico.watch.dashboard.virtual_run import Rehearsed
-from armadico_tools.dashboard_picture import photograph
 from tests.core.framework.robots import body, described
 from tests.robot.observe.kept import (
     AVOID,
@@ -48,6 +47,7 @@ from tests.robot.observe.kept import (
     record,
     state,
 )
+from tests.watch.dashboard_picture import photograph
 
 BODY = m.Description("slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
 
