@@ -253,46 +253,48 @@ class Robot(DeviceAgent, overrides=("card", "stop", "subscriptions")):
 
     def _on_events(self, events: Iterable[object]) -> None:
         for event in events:
-            if isinstance(event, Reported):
-                self._judge(event)
-            elif isinstance(event, Connected):
-                self._connected(event)
-            elif isinstance(event, Unfit):
-                self._refuse(event)
-            elif isinstance(event, LinkLost):
-                self._orders.moving = False
-                self._line()
-                if self._known.connections in (0, *LOGGED_ATTEMPTS):
-                    self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
-                if event.reset and self.stopped is None:
-                    # Its motors are off then; opening it again switches them on.
-                    self.latch(Hand.RESET)
-            elif (
-                isinstance(event, Unanswered)
-                and event.attempts in LOGGED_ATTEMPTS[event.streaming :]
-            ):
-                self._line()
-                hint = event.hint or f"{_HINTS[event.streaming]}?"
-                self.log(
-                    f"no answer on {self.p.port} (waiting for {event.awaited},"
-                    f" attempt {event.attempts}); {hint}",
-                    WARNING,
-                )
-            else:
-                self._note(event)
+            match event:
+                case Reported():
+                    self._judge(event)
+                case Connected():
+                    self._connected(event)
+                case Unfit():
+                    self._refuse(event)
+                case LinkLost():
+                    self._lost_link(event)
+                case Unanswered():
+                    self._unanswered(event)
+                case Differs(text) if text not in self._known.differs:
+                    self._known.differs = (*self._known.differs, text)
+                    self.log(text, WARNING)
+                case Noted(text):
+                    self.log(text, WARNING)
+                case Unread(text):
+                    self._known.unread = text
+                    if text:
+                        self.log(f"no command reaches the robot: {text}", ERROR, LogEvent.UNFIT)
 
-    def _note(self, event: object) -> None:
-        """Log what the session has found out."""
-        if isinstance(event, Differs):
-            if event.text not in self._known.differs:
-                self._known.differs = (*self._known.differs, event.text)
-                self.log(event.text, WARNING)
-        elif isinstance(event, Noted):
-            self.log(event.text, WARNING)
-        elif isinstance(event, Unread):
-            self._known.unread = event.text
-            if event.text:
-                self.log(f"no command reaches the robot: {event.text}", ERROR, LogEvent.UNFIT)
+    def _lost_link(self, event: LinkLost) -> None:
+        """Log the silence; latch the stop if the controller was reset."""
+        self._orders.moving = False
+        self._line()
+        if self._known.connections in (0, *LOGGED_ATTEMPTS):
+            self.log(f"the controller is silent: {event.reason}; trying again", ERROR)
+        if event.reset and self.stopped is None:
+            # Its motors are off then; opening it again switches them on.
+            self.latch(Hand.RESET)
+
+    def _unanswered(self, event: Unanswered) -> None:
+        """Log some of the attempts to open the controller."""
+        if event.attempts not in LOGGED_ATTEMPTS[event.streaming :]:
+            return
+        self._line()
+        hint = event.hint or f"{_HINTS[event.streaming]}?"
+        self.log(
+            f"no answer on {self.p.port} (waiting for {event.awaited},"
+            f" attempt {event.attempts}); {hint}",
+            WARNING,
+        )
 
     def _judge(self, event: Reported) -> None:
         """Process a report; log what is no number in it, which is left out."""

@@ -9,11 +9,15 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from armadico.core.discovery import OPTIONS, installed
 from armadico.launch.processes import kill_trees
 
 BIN = Path(sys.executable).parent
 SOON = 60.0
 """s; a deadline, not an expectation."""
+
+NO_PICTURE = ("--no-plot",) if "picture" in installed(OPTIONS) else ()
+"""For a live run, of which a picture would be drawn here if something draws."""
 
 Done = subprocess.CompletedProcess[str]
 Start = Callable[..., subprocess.Popen[str]]

@@ -35,11 +35,11 @@ class Settings(Struct, frozen=True):
     near_m: float = 0.15  # a wall of the map within this, plus the pose's deviation, explains it
     arc_rad: float = 0.45  # off the axis: smooth walls answer in the side lobes
     doubt_m: float = 1.5  # greatest distance at which a ping lowers evidence
-    axis_rad: float = 0.15  # within this of its axis,
-    margin_m: float = 0.15  # and this far before its echo
+    axis_rad: float = 0.15  # greatest angle off its axis at which a ping lowers evidence
+    margin_m: float = 0.15  # least distance before its echo at which a ping lowers evidence
     miss: float = 1.0  # evidence subtracted by a ping
-    silent_m: float = 1.0  # the same distance without an echo, since walls at a slant are silent,
-    silence: float = 0.3  # and the evidence subtracted
+    silent_m: float = 1.0  # greatest such distance without an echo: walls at a slant are silent
+    silence: float = 0.3  # evidence subtracted by a ping without an echo
     counted: float = 1.5  # least evidence that counts: one echo alone may be a person's
     most: float = 8.0
     fade_s: float = 20.0  # time constant of the evidence: the greatest counts for 33 s
@@ -57,8 +57,8 @@ class Scanned(Struct, frozen=True):
     cell_m: float = 0.05
     reach_m: float = 8.0
     evidence: float = 2.0  # of one ray: counts at once
-    margin_m: float = 0.12  # a ray longer by this passed through a point,
-    miss: float = 1.0  # which loses this evidence
+    margin_m: float = 0.12  # a ray longer by this passed through a point
+    miss: float = 1.0  # evidence subtracted by a ray that passed through
 
 
 class _Cell(Struct):

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from dataclasses import replace as replaced
 from functools import partial
-from itertools import pairwise
 from math import degrees, hypot, inf
 from typing import Annotated, Any, ClassVar, Final
 
@@ -37,6 +35,7 @@ from armadico.core.messages import (
 from armadico.core.resources import Resource
 from armadico.core.unseen import Rule
 from armadico.mobile.behaviour import LOST_M, driven_by
+from armadico.mobile.driven import Event, Stage, following
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
     WAYPOINTS,
@@ -81,6 +80,9 @@ PARKING_M: Final = 0.3  # this near to the goal no other path is planned
 
 ELSEWHERE_M: Final = 0.15  # a plan that leaves the present path by this much is another path
 
+# A path is driven as soon as there is one.
+BEGUN: Final = (Event.ENDED, Event.TAKEN, Event.DRIVEN)
+
 # The pose is this near to the given one once the encoder agent has accepted it.
 PLACED_M: Final = 0.3
 
@@ -113,19 +115,19 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     nearer_s: Annotated[float, Meta(gt=0, le=600)] = 10.0  # a turn on the spot takes 6 s
     across_m: Annotated[float, Meta(ge=0, le=1)] = 0.15  # an obstacle this near to the path blocks
     flank_m: Annotated[float, Meta(ge=0, le=1)] | None = None  # instead: beside the footprint
-    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0  # how long it must be there
+    across_s: Annotated[float, Meta(ge=0, le=60)] = 1.0  # how long an obstacle must block it
     look_m: Annotated[float, Meta(gt=0, le=10)] = 1.5  # how far ahead the path is checked
     again_s: Annotated[float, Meta(gt=0, le=600)] = 3.0  # the pause between two replannings
 
     # A blocked mission fails without progress for `give_up_s`, plus the time that the longest
     # detour takes at `give_up_m_s`.
     give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0  # timeout of a blocked mission
-    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # plus the longest detour at this speed
+    give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # speed on the longest detour
 
     # A mission fails at repeated contacts in one place: further tries only cause damage.
     contacts: Annotated[int, Meta(ge=1, le=1000)] = 3  # a mission fails at this contact
-    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0  # within this time
-    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # and distance, by the odometry
+    contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0  # time in which contacts count
+    contacts_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # their distance, by the odometry
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,35 @@ class Replan:
     why: str = ""
     pending: bool = False
     not_before: float = -inf
+
+
+@dataclass
+class Mission:
+    """The mission that is driven, or was last.
+
+    Attributes:
+        number: Its number; 0: there was none yet.
+        route: Its path, and the robot's progress on it.
+        revision: Of the map that the path lies on.
+        rule: For plans made under way.
+        planned: Whether its path comes from the planner.
+        to_go: The remaining length, m.
+        waits: No path is free: the reason, as far as it is known.
+        replans: The reason for a replanning that is due.
+        replan: The state of the last replanning.
+        nearing: The progress towards the goal.
+    """
+
+    number: int = 0
+    route: Route = field(default_factory=Route)
+    revision: int = 0
+    rule: Rule | None = None
+    planned: bool = False
+    to_go: float = 0.0
+    waits: str | None = None
+    replans: str = ""
+    replan: Replan = Replan()
+    nearing: Nearing = field(default_factory=Nearing)
 
 
 class Interface(Agent):
@@ -172,22 +203,12 @@ class Interface(Agent):
 
     def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
-        self._mission = 0
-        self._state = MissionState.NONE
-        self._route = Route()
-        self._revision = 0  # of the map that the route lies on
-        self._rule: Rule | None = None  # the mission's, for plans made under way
-        self._map_change: MapMoved | None = None  # the newest one
-        self._moved_at = -inf
-        self._to_go = 0.0
+        self._mission = Mission()
+        self._stage = Stage.NONE
         self._note = ""
         self._refused = ""  # the reason of the last refusal
-        self._plans = False  # whether the mission's path comes from the planner
-        self._replans = ""  # the reason for a replanning that is due
-        self._waits: str | None = None  # no path is free: the reason, as far as it is known
-        self._replan = Replan()
+        self._map_change: tuple[MapMoved, float] | None = None  # the newest one, and its time, s
         self._unanswered = False  # the planner did not reply, and that was logged
-        self._nearing = Nearing()
         self._pose_at = 0.0
         self._across_m = self.p.across_m
         self._contacts = Contacts()
@@ -211,9 +232,9 @@ class Interface(Agent):
         self, question: Question, request: MissionRequest, at: Waypoint
     ) -> MissionReply | None:
         """Publish the initial pose; the mission waits until the encoder agent uses it."""
-        if self._placing is not None or self._state is MissionState.PLANNING:
+        if self._placing is not None or self._stage is Stage.PLANNING:
             return self._refuse(UNDER_WAY)
-        if not self._rests() or self._held or self._state is MissionState.DRIVING:
+        if not self._rests() or self._held or self._stage is Stage.DRIVING:
             return self._refuse(MOVES)
         self._placing = question, request, self.now + PLACED_S
         self.publish(InitialPose(at.x, at.y, at.theta))
@@ -272,10 +293,10 @@ class Interface(Agent):
         if pose.deviation > LOST_M:  # a path from a wrong pose is useless: it is planned later
             way = Plan((request.goal,), revision=request.revision)
             reply = self._begin(way, request, planned=True)
-            self._replans = WAS_LOST
+            self._mission.replans = WAS_LOST
             return reply
-        if self._state is not MissionState.DRIVING:  # a mission goes on until another is accepted
-            self._state = MissionState.PLANNING
+        if self._stage is not Stage.DRIVING:  # a mission goes on until another is accepted
+            self._on(Event.ENDED, Event.ASKED)
         start = Waypoint(pose.x, pose.y, pose.theta)
 
         def planned(plan: Plan | None) -> None:
@@ -289,7 +310,7 @@ class Interface(Agent):
     def _may_not_replace(self, request: MissionRequest) -> bool:
         """Return whether the current mission is another than the one that this may replace."""
         only = request.replaces
-        return only not in (None, self._mission) and self._state is MissionState.DRIVING
+        return only not in (None, self._mission.number) and self._stage is Stage.DRIVING
 
     def on_mission_order(self, question: Question) -> None:
         """Propose a mission of several tasks to the mission planning agent (use case 1).
@@ -350,72 +371,74 @@ class Interface(Agent):
         """Have the holder's path driven, if it has changed."""
         peoples, self._held = not self._held, True
         pose = self.latest(Pose)
-        if pose is None or (action.id == self._mission and self._state is not MissionState.NONE):
+        if pose is None or (action.id == self._mission.number and self._stage is not Stage.NONE):
             return
-        if self._state is MissionState.DRIVING and action.id != self._mission:
+        if self._stage is Stage.DRIVING and action.id != self._mission.number:
             # A holder's mission may go on later; one of people is not remembered, and has failed.
-            self._state = MissionState.FAILED if peoples else MissionState.NONE
+            self._on(Event.FAILED if peoples else Event.ENDED)
             self._note = "another way is driven instead"
-            self._publish_status(self._to_go)
+            self._publish_status()
         route = Route(action.waypoints, action.start, action.leg, action.unseen)
-        self._take_on(action.id, route, pose, planned=action.planned)
+        mission = Mission(action.id, route, pose.revision, planned=action.planned)
+        self._take_on(mission, pose)
         if action.planned and route.off(pose.x, pose.y) > BESIDE_M:
-            self._waits = ""  # until there is a path from here
+            mission.waits = ""  # until there is a path from here
             self._plan_anew(pose, OFF_PATH)
-        self.publish(self._next(action.id, self._route, action.waypoints))
+        self.publish(self._trajectory(mission))
 
     def rest(self, resource: Resource) -> None:  # noqa: ARG002
         """End the holder's path where the robot is."""
         if not self._held:
             return
         self._held = False
-        if self._state is MissionState.DRIVING:
-            self._state, self._waits, self._note = MissionState.NONE, None, ""
-            self.publish(self._next(self._mission, self._route, ()))
-            self._publish_status(self._to_go)
+        if self._stage is Stage.DRIVING:
+            self._on(Event.ENDED)
+            self._mission.waits, self._note = None, ""
+            self.publish(self._trajectory(self._mission, over=True))
+            self._publish_status()
 
     def measure(self, resource: Resource) -> Action:
         """Return the path that is driven now and its progress, which contenders may join."""
-        if self._state is not MissionState.DRIVING:
+        if self._stage is not Stage.DRIVING:
             return resource.neutral
-        route = self._route
-        driven = self._mission, route.waypoints, route.start, route.leg
-        return encode(Way(*driven, self._plans, route.unseen))
+        route = self._mission.route
+        driven = self._mission.number, route.waypoints, route.start, route.leg
+        return encode(Way(*driven, self._mission.planned, route.unseen))
 
     def on_trajectory(self, trajectory: Trajectory) -> None:
         """Take over a mission that a peer remembers, and this instance does not know."""
-        ended = self._state in (MissionState.REACHED, MissionState.FAILED)  # also for peers
-        if trajectory.mission == self._mission and (trajectory.waypoints or ended):
+        ended = self._stage in (Stage.REACHED, Stage.FAILED)  # also for peers
+        if trajectory.mission == self._mission.number and (trajectory.waypoints or ended):
             return
-        self._mission, self._refused = trajectory.mission, ""
-        self._route, self._revision = Route.of(trajectory), trajectory.revision
-        self._plans, self._waits = trajectory.planned, "" if trajectory.waits else None
-        self._rule = trajectory.rule
-        self._nearing = self._nearing.anew(self.now)
+        number, route = trajectory.mission, Route.of(trajectory)
+        mission = Mission(number, route, trajectory.revision, trajectory.rule, trajectory.planned)
+        mission.waits = "" if trajectory.waits else None
+        mission.to_go, mission.nearing = self._mission.to_go, Nearing().anew(self.now)
+        self._mission, self._refused = mission, ""
         if trajectory.waypoints:
-            self._state = MissionState.DRIVING
-            self.log(f"mission {self._mission} goes on")
+            self._on(*BEGUN)
+            self.log(f"mission {number} goes on")
         else:
-            self._state = MissionState.NONE
+            self._on(Event.ENDED)
 
     def on_map_moved(self, change: MapMoved) -> None:
         """Move the goal and the path to it with the map; plan anew on the new one."""
-        self._map_change, self._moved_at = change, self.now
-        if self._state is not MissionState.DRIVING or change.revision <= self._revision:
+        self._map_change, mission = (change, self.now), self._mission
+        if self._stage is not Stage.DRIVING or change.revision <= mission.revision:
             return
-        route = self._route
-        waypoints, self._revision = self._present(route.waypoints, self._revision)
+        route = mission.route
+        waypoints, mission.revision = self._present(route.waypoints, mission.revision)
         x, y, _ = moved(change, route.start.x, route.start.y)
-        self._route = Route(waypoints, Point(x, y), route.leg)
-        self._nearing = self._nearing.anew(self.now)
-        self._replans = self._replans or (MAP_MOVED if self._plans else "")
-        self.publish(self._next(self._mission, self._route, self._route.waypoints))
+        mission.route = Route(waypoints, Point(x, y), route.leg)
+        mission.nearing = mission.nearing.anew(self.now)
+        mission.replans = mission.replans or (MAP_MOVED if mission.planned else "")
+        self.publish(self._trajectory(self._mission))
 
     def _present(
         self, waypoints: tuple[Waypoint, ...], revision: int
     ) -> tuple[tuple[Waypoint, ...], int]:
         """Waypoints of a revision of the map on the newest one, and which one that is."""
-        change = self._map_change
+        change = None if self._map_change is None else self._map_change[0]
         if change is None or revision >= change.revision:
             return waypoints, revision
         places = (moved(change, at.x, at.y, at.theta) for at in waypoints)
@@ -425,47 +448,51 @@ class Interface(Agent):
         """Follow the trajectory; publish the progress and the arrival."""
         discard_output, self._pose_at = self.now - self._pose_at, self.now
         if discard_output > UNHEARD_S:
-            self._nearing = self._nearing.without(discard_output, self.now)
+            self._mission.nearing = self._mission.nearing.without(discard_output, self.now)
         self._check_placed(pose)
-        if self._state is not MissionState.DRIVING:
+        if self._stage is not Stage.DRIVING:
             return
-        if pose.revision < self._revision and self.now - self._moved_at < MOVES_S:
+        moved_at = -inf if self._map_change is None else self._map_change[1]
+        if pose.revision < self._mission.revision and self.now - moved_at < MOVES_S:
             return  # the map has moved, and the pose follows in the next cycle
         person = driven_by(self)
         if pose.deviation > LOST_M:
-            self._replans = WAS_LOST if self._plans else ""
+            self._mission.replans = WAS_LOST if self._mission.planned else ""
             self._note = f"lost: +-{pose.deviation:.1f} m"
-            self._nearing = self._nearing.anew(self.now)
+            self._mission.nearing = self._mission.nearing.anew(self.now)
         elif person:
-            self._replans = self._replans or (BY_HAND if self._plans else "")
+            self._mission.replans = self._mission.replans or (
+                BY_HAND if self._mission.planned else ""
+            )
             self._note = line(f"{person} drives by hand")
-            self._nearing = self._nearing.anew(self.now)
-            self._route.advance(pose.x, pose.y)
+            self._mission.nearing = self._mission.nearing.anew(self.now)
+            self._mission.route.advance(pose.x, pose.y)
         else:
-            self._note = self._waits or ""
-            self._route.advance(pose.x, pose.y)
-            if self._replans:
-                why, self._replans = self._replans, ""
+            self._note = self._mission.waits or ""
+            self._mission.route.advance(pose.x, pose.y)
+            if self._mission.replans:
+                why, self._mission.replans = self._mission.replans, ""
                 self._plan_anew(pose, why)
-        self._to_go = self._route.to_go(pose.x, pose.y)
+        self._mission.to_go = self._mission.route.to_go(pose.x, pose.y)
         why = self._blocked()
         if why:
             self._plan_anew(pose, why)
         if self._arrived(pose):
-            self._state, self._note = MissionState.REACHED, self._unsure(pose)
-            self.log(f"mission {self._mission}: {self._note or 'goal reached'}")
-            self.publish(self._next(self._mission, self._route, ()))
-            self._publish_status(self._to_go)
+            self._on(Event.REACHED)
+            self._note = self._unsure(pose)
+            self.log(f"mission {self._mission.number}: {self._note or 'goal reached'}")
+            self.publish(self._trajectory(self._mission, over=True))
+            self._publish_status()
         elif pose.cycle.number % 2 == 0:
-            self._publish_status(self._to_go)
+            self._publish_status()
 
     def on_robot_state(self, state: RobotState) -> None:
         """Fail a mission if the robot cannot be driven, or has repeated contacts in one place."""
-        if state.fault and self._state is MissionState.DRIVING:
+        if state.fault and self._stage is Stage.DRIVING:
             self._fail(state.fault)
             return
         begins = self._contacts.begins(state)
-        if not begins or driven_by(self) or self._state is not MissionState.DRIVING:
+        if not begins or driven_by(self) or self._stage is not Stage.DRIVING:
             return
         here = self._contacts.here(state, self.now, self.p.contacts_s, self.p.contacts_m)
         if len(here) >= self.p.contacts:
@@ -482,9 +509,9 @@ class Interface(Agent):
         self._withdraw_again()
         known = self.memory.newest(Trajectory)
         if known is not None:
-            self.publish(replace(known, leg=self._route.leg))
-        if self._state is not MissionState.DRIVING:
-            self._publish_status(self._to_go)
+            self.publish(replace(known, leg=self._mission.route.leg))
+        if self._stage is not Stage.DRIVING:
+            self._publish_status()
 
     def on_description(self, description: Description) -> None:
         """Compute the width of the path from the robot's."""
@@ -496,83 +523,97 @@ class Interface(Agent):
         if obstacles.cycle.number % CHECK_CYCLES:
             return
         pose = self.fresh(Pose)
-        watched = self._state is MissionState.DRIVING and self._plans and self._waits is None
+        watched = (
+            self._stage is Stage.DRIVING and self._mission.planned and self._mission.waits is None
+        )
         across = watched and pose is not None and self._obstructed(pose, obstacles)
-        at = since(self._nearing.across_since, across, self.now)
-        self._nearing = replaced(self._nearing, across_since=at)
+        at = since(self._mission.nearing.across_since, across, self.now)
+        self._mission.nearing = replaced(self._mission.nearing, across_since=at)
 
     def _obstructed(self, pose: Pose, obstacles: Obstacles) -> bool:
         """Return whether an obstacle is within `across_m` of the path, up to `look_m` ahead."""
         here = (pose.x, pose.y, pose.theta)
-        places = [(0.0, 0.0)]
-        left = self.p.look_m
-        for to in self._route.waypoints[self._route.leg :]:
+        places: list[Waypoint] = []
+        from_x, from_y, left = 0.0, 0.0, self.p.look_m
+        for to in self._mission.route.waypoints[self._mission.route.leg :]:
             x, y, _ = relative(here, (to.x, to.y, 0.0))
-            from_x, from_y = places[-1]
             length = hypot(x - from_x, y - from_y)
             share = min(1.0, left / length) if length else 1.0
-            places.append((from_x + share * (x - from_x), from_y + share * (y - from_y)))
+            from_x, from_y = from_x + share * (x - from_x), from_y + share * (y - from_y)
+            places.append(Waypoint(from_x, from_y, 0.0))
             left -= length
             if left <= 0.0:
                 break
+        ahead = Route(places)  # from the robot, in the body frame
         near = [p for p in obstacles.points if hypot(p.x, p.y) < self.p.look_m]
-        return any(_off(p.x, p.y, places) < self._across_m for p in near)
+        return any(ahead.off(p.x, p.y) < self._across_m for p in near)
 
     def _blocked(self) -> str:
         """Return why the path is to be replanned; "" if it is not, or not yet."""
-        p, nearing, replan = self.p, self._nearing, self._replan
+        p, nearing, replan = self.p, self._mission.nearing, self._mission.replan
         if self.stopped is not None:
             nearing = nearing.anew(self.now)
-        self._nearing = nearing = nearing.to_go(self._to_go, self.now, p.nearer_m)
-        if not self._plans or self._replans or replan.pending or self.now < replan.not_before:
+        self._mission.nearing = nearing = nearing.to_go(self._mission.to_go, self.now, p.nearer_m)
+        if (
+            not self._mission.planned
+            or self._mission.replans
+            or replan.pending
+            or self.now < replan.not_before
+        ):
             return ""
-        if self._waits is not None:
+        if self._mission.waits is not None:
             return replan.why or "no way was free"
-        if self.now - nearing.nearest_at > p.nearer_s and self._to_go > PARKING_M:
+        if self.now - nearing.nearest_at > p.nearer_s and self._mission.to_go > PARKING_M:
             return f"no nearer for {p.nearer_s:g} s"
         across_at = nearing.across_since
         return OBSTRUCTED if across_at is not None and self.now - across_at >= p.across_s else ""
 
     def _plan_anew(self, pose: Pose, why: str) -> None:
         """Request a path to the goal from here; the mission stays the same."""
-        goal = self._route.goal
+        goal = self._mission.route.goal
         assert goal is not None, "a mission that is driven has a goal"
-        mission = self._mission
-        self._replan = Replan(why, True, self._replan.not_before)
+        mission = self._mission.number
+        self._mission.replan = Replan(why, True, self._mission.replan.not_before)
 
         def planned(plan: Plan | None) -> None:
-            self._replan = Replan(self._replan.why, False, self.now + self.p.again_s)
-            if self._mission != mission or self._state is not MissionState.DRIVING:
+            self._mission.replan = Replan(
+                self._mission.replan.why, False, self.now + self.p.again_s
+            )
+            if self._mission.number != mission or self._stage is not Stage.DRIVING:
                 return
             here = self.latest(Pose) or pose
-            if plan is None and why != WAS_LOST and self._waits is None:
+            if plan is None and why != WAS_LOST and self._mission.waits is None:
                 self._go_on(why)
                 return
             self._unanswered = plan is None
-            if plan is not None and 0 < plan.revision < self._revision:
-                self._replans = why  # the planner has not received the new map yet
+            if plan is not None and 0 < plan.revision < self._mission.revision:
+                self._mission.replans = why  # the planner has not received the new map yet
                 return
             if plan is None or plan.refusal or not plan.waypoints:
                 self._no_way(
                     why, "no path planning agent answered" if plan is None else plan.refusal
                 )
-            elif why != OBSTRUCTED or self._waits is not None or self._leads_elsewhere(plan, here):
+            elif (
+                why != OBSTRUCTED
+                or self._mission.waits is not None
+                or self._leads_elsewhere(plan, here)
+            ):
                 self._take_way(plan, here, why)
 
         start = Waypoint(pose.x, pose.y, pose.theta)
-        self.query(PlanRequest(start, goal, why, self._rule), planned, self.p.planning_s)
+        self.query(PlanRequest(start, goal, why, self._mission.rule), planned, self.p.planning_s)
 
     def _take_way(self, plan: Plan, here: Pose, why: str) -> None:
         """Drive another path to the same goal."""
-        longest = max(self._nearing.longest, plan.length)
-        self._nearing = replaced(self._nearing, longest=longest)
+        longest = max(self._mission.nearing.longest, plan.length)
+        self._mission.nearing = replaced(self._mission.nearing, longest=longest)
         if self._given_up(why):
             return
-        self._waits = None
-        self._nearing = self._nearing.on_way(self.now)
-        self._route = Route(plan.waypoints, Point(here.x, here.y), unseen=plan.unseen)
-        self._revision = max(self._revision, plan.revision)
-        self.publish(self._next(self._mission, self._route, plan.waypoints))
+        self._mission.waits = None
+        self._mission.nearing = self._mission.nearing.on_way(self.now)
+        self._mission.route = Route(plan.waypoints, Point(here.x, here.y), unseen=plan.unseen)
+        self._mission.revision = max(self._mission.revision, plan.revision)
+        self.publish(self._trajectory(self._mission))
         unseen = through_unseen(plan.unseen)
         self.log(f"planned anew, {plan.length:.1f} m: {why}{unseen and f'; {unseen}'}")
 
@@ -586,31 +627,32 @@ class Interface(Agent):
         """Wait for a path to become free."""
         if self._given_up(refusal):
             return
-        waited, self._waits = self._waits is not None, line(f"waits: {refusal}")
+        waited, self._mission.waits = self._mission.waits is not None, line(f"waits: {refusal}")
         if not waited:
             self.log(line(f"{why}; no plan from here: {refusal}"), WARNING)
-            self.publish(self._next(self._mission, self._route, self._route.waypoints))
+            self.publish(self._trajectory(self._mission))
 
     def _given_up(self, why: str) -> bool:
         """Fail the mission if the robot comes no nearer for too long; return whether it has."""
-        no_nearer_s = self.now - self._nearing.best_at
-        if no_nearer_s <= self.p.give_up_s + self._nearing.longest / self.p.give_up_m_s:
+        no_nearer_s = self.now - self._mission.nearing.best_at
+        if no_nearer_s <= self.p.give_up_s + self._mission.nearing.longest / self.p.give_up_m_s:
             return False
         self._fail(f"no nearer for {no_nearer_s:.0f} s: {why}")
         return True
 
     def _fail(self, why: str) -> None:
         """End the mission where the robot is."""
-        self._state, self._waits = MissionState.FAILED, None
-        self._note = line(why)
-        self.log(line(f"mission {self._mission} failed, {self._note}"), WARNING)
-        self.publish(self._next(self._mission, self._route, ()))
-        self._publish_status(self._to_go)
+        self._on(Event.FAILED)
+        self._mission.waits, self._note = None, line(why)
+        self.log(line(f"mission {self._mission.number} failed, {self._note}"), WARNING)
+        self.publish(self._trajectory(self._mission, over=True))
+        self._publish_status()
 
     def _leads_elsewhere(self, plan: Plan, here: Pose) -> bool:
         """Return whether a plan leaves the present path by more than `ELSEWHERE_M`."""
-        left = [(w.x, w.y) for w in self._route.waypoints[self._route.leg :]]
-        return any(_off(w.x, w.y, [(here.x, here.y), *left]) > ELSEWHERE_M for w in plan.waypoints)
+        route = self._mission.route
+        left = Route(route.waypoints[route.leg :], Point(here.x, here.y))
+        return any(left.off(w.x, w.y) > ELSEWHERE_M for w in plan.waypoints)
 
     def _too_far(self, pose: Pose, waypoints: tuple[Waypoint, ...]) -> str:
         """Return why waypoints are refused: no planner has checked them against a map."""
@@ -646,51 +688,55 @@ class Interface(Agent):
             return self._refuse(
                 f"it has {len(waypoints):,} points, at most {WAYPOINTS:,} are driven"
             )
-        mission = self.rng.getrandbits(63)
         waypoints, revision = self._present(waypoints, revision or pose.revision)
         route = Route(waypoints, Point(pose.x, pose.y), unseen=plan.unseen)
-        to_go = route.to_go(pose.x, pose.y)
-        begun = self._next(mission, route, waypoints)
-        begun = replace(begun, planned=planned, waits=False, revision=revision)
-        begun = replace(begun, rule=request.rule)
-        reply = MissionReply(mission, "", waypoints, length or to_go, plan.unseen)
+        number, to_go = self.rng.getrandbits(63), route.to_go(pose.x, pose.y)
+        mission = Mission(number, route, revision, request.rule, planned)
+        begun = self._trajectory(mission)
+        reply = MissionReply(number, "", waypoints, length or to_go, plan.unseen)
         try:
-            for message in (begun, reply, MissionStatus(mission, MissionState.DRIVING, to_go)):
+            for message in (begun, reply, MissionStatus(number, MissionState.DRIVING, to_go)):
                 encode(message)
         except MessageError as error:
             return self._refuse(f"it cannot be published: {error}")
-        self._take_on(mission, route, pose, planned=planned)
-        self._revision, self._rule = revision, request.rule
+        self._take_on(mission, pose)
         self.publish(begun)
         return reply
 
-    def _take_on(self, mission: int, route: Route, pose: Pose, *, planned: bool) -> None:
-        """Drive the route from now on."""
-        self._mission, self._route, self._revision = mission, route, pose.revision
-        self._to_go = route.to_go(pose.x, pose.y)
-        self._state, self._plans, self._replans = MissionState.DRIVING, planned, ""
-        self._waits, self._note, self._refused = None, "", ""
-        self._rule = None
-        self._replan = Replan()
+    def _take_on(self, mission: Mission, pose: Pose) -> None:
+        """Drive its route from now on."""
+        mission.to_go = mission.route.to_go(pose.x, pose.y)
+        mission.nearing = Nearing().anew(self.now)
+        self._mission = mission
+        self._on(*BEGUN)
+        self._note = self._refused = ""
         self._contacts.clear()
-        self._nearing = Nearing().anew(self.now)
+
+    def _on(self, *events: Event) -> None:
+        for event in events:
+            self._stage = following(self._stage, event)
 
     def _refuse(self, why: str) -> MissionReply:
-        if self._state is MissionState.PLANNING:
-            self._state = MissionState.NONE
+        if self._stage is Stage.PLANNING:
+            self._on(Event.ENDED)
         refusal = line(f"mission refused: {why}")
-        if self._state is MissionState.NONE:
+        if self._stage is Stage.NONE:
             self._note = refusal
-        if self._state is not MissionState.DRIVING:
+        if self._stage is not Stage.DRIVING:
             self._refused = line(why)
-            self._publish_status(self._to_go)
+            self._publish_status()
         self.log(refusal, WARNING)
         return MissionReply(0, line(why))
 
     def _arrived(self, pose: Pose) -> bool:
-        goal = self._route.goal
+        goal = self._mission.route.goal
         state = self.latest(RobotState)
-        if goal is None or state is None or not self._route.last_leg or pose.deviation > LOST_M:
+        if (
+            goal is None
+            or state is None
+            or not self._mission.route.last_leg
+            or pose.deviation > LOST_M
+        ):
             return False
         return (
             hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.near_m
@@ -712,30 +758,27 @@ class Interface(Agent):
             f" {degrees(turned):.0f} degrees"
         )
 
-    def _next(self, mission: int, route: Route, waypoints: tuple[Waypoint, ...]) -> Trajectory:
+    def _trajectory(self, mission: Mission, *, over: bool = False) -> Trajectory:
         """Return the trajectory that begins a mission, changes its path, or ends it."""
-        known = self.memory.newest(Trajectory)
+        known, route = self.memory.newest(Trajectory), mission.route
         counter = 1 if known is None else next_count(known.counter)
-        waits = self._waits is not None
-        planned, waits = (self._plans, waits) if waypoints else (False, False)
-        unseen, rule = (route.unseen, self._rule) if waypoints else ((), None)
-        progress = route.start, route.leg, planned, waits, self._revision
-        return Trajectory(counter, mission, waypoints, *progress, unseen, rule)
-
-    def _publish_status(self, to_go: float) -> None:
-        leg = self._route.leg if self._route.waypoints else 0
-        self.publish(
-            MissionStatus(self._mission, self._state, to_go, leg, self._note, self._refused)
+        ended = Trajectory(
+            counter, mission.number, (), route.start, route.leg, revision=mission.revision
+        )
+        if over:
+            return ended
+        return replace(
+            ended,
+            waypoints=route.waypoints,
+            planned=mission.planned,
+            waits=mission.waits is not None,
+            unseen=route.unseen,
+            rule=mission.rule,
         )
 
-
-def _off(x: float, y: float, places: Sequence[tuple[float, float]]) -> float:
-    """Return the distance of a point from a polyline, m."""
-    least = inf
-    for (ax, ay), (bx, by) in pairwise(places):
-        dx, dy = bx - ax, by - ay
-        square = dx * dx + dy * dy
-        share = ((x - ax) * dx + (y - ay) * dy) / square if square else 0.0
-        share = min(max(share, 0.0), 1.0)
-        least = min(least, hypot(x - ax - share * dx, y - ay - share * dy))
-    return least
+    def _publish_status(self) -> None:
+        mission, state = self._mission, MissionState(self._stage.value)
+        leg = mission.route.leg if mission.route.waypoints else 0
+        self.publish(
+            MissionStatus(mission.number, state, mission.to_go, leg, self._note, self._refused)
+        )

@@ -69,7 +69,7 @@ class Settings(Struct, frozen=True):
     reach_m: float = 12.0  # distance back to the oldest reading used: wheel errors bend the drive
     doubted: int = 16  # newest readings that may show that the robot is elsewhere
     apart_m: float = 0.15  # least distance from one kept reading to the next
-    apart_rad: float = 0.2  # or least turn
+    apart_rad: float = 0.2  # least turn from one kept reading to the next
     whole: bool = False  # one reading covers all directions: readings in between are dropped
     work: int = 200_000  # likelihoods of one echo at one pose per cycle: 30 ms
 

@@ -139,8 +139,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     doubts: Odds = 1.5  # log odds of another place that raise suspicion: the robot slows down
     doubt_m: Metres = 0.45  # least standard deviation published while suspicious
     misfit_m: Metres = 0.3  # least standard deviation published while readings fit badly
-    # Least standard deviation published with two signs of a wrong pose, or without new readings.
-    adrift_m: Metres = 0.6
+    adrift_m: Metres = 0.6  # least deviation with two signs of a wrong pose, or without readings
     confirm: Confirmation | None = None  # thresholds for lost and found
     found: Share = 0.95  # share of the weight in one place with which a search has found it
     found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # consecutive searches that must find it

@@ -8,6 +8,7 @@ is exact wherever the sonar is in a cell; only which reflector answers is random
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import ceil, pi, radians, tau
 from typing import Final, NamedTuple
 
@@ -83,8 +84,8 @@ class Reflectors(NamedTuple):
     length: Floats
     chance: Floats  # probability of an answer from near by
     fades_m: Floats  # beyond this distance by the inverse of the range
-    bearing: Floats  # a corner opens to the left of this bearing
-    width: Floats  # by this angle
+    bearing: Floats  # the first bearing of a corner's opening
+    width: Floats  # angle of that opening, to the left
 
 
 def of_walls(walls: NDArray[np.float64]) -> Reflectors:
@@ -126,19 +127,19 @@ def _openings(
     length: NDArray[np.float64],
 ) -> list[tuple[float, float]]:
     """The sectors between the walls that meet at a point: first bearing and width, rad."""
-    way = (x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1]
-    way = np.minimum(np.maximum(way, 0.0), length)
-    off = np.hypot(x - start[:, 0] - way * along[:, 0], y - start[:, 1] - way * along[:, 1])
+    foot = (x - start[:, 0]) * along[:, 0] + (y - start[:, 1]) * along[:, 1]
+    foot = np.minimum(np.maximum(foot, 0.0), length)
+    off = np.hypot(x - start[:, 0] - foot * along[:, 0], y - start[:, 1] - foot * along[:, 1])
     near = np.flatnonzero(off < JOINT_M)
-    way, length, angle = way[near], length[near], np.arctan2(along[near, 1], along[near, 0])
-    away = np.concatenate([angle[way < length - JOINT_M], angle[way > JOINT_M] + pi])
+    foot, length, angle = foot[near], length[near], np.arctan2(along[near, 1], along[near, 0])
+    away = np.concatenate([angle[foot < length - JOINT_M], angle[foot > JOINT_M] + pi])
     bearings = sorted(set(np.round(away % tau, 3).tolist()))
     following = [*bearings[1:], bearings[0] + tau]
     return [(one, other - one) for one, other in zip(bearings, following, strict=True)]
 
 
 ROW: Final = np.dtype(
-    [("which", "<u2", LIKELY), ("chance", "u1", LIKELY), ("silent", "u1"), ("sees_mm", "<u2")]
+    [("which", "<u2", LIKELY), ("chance", "u1", LIKELY), ("silent", "u1"), ("wall_mm", "<u2")]
 )
 """What a sonar in a cell receives at a heading, in 12 bytes, since lookups dominate the cost: the
 reflectors, the chance of each and of silence (of `FULL`), and the distance to the first wall in the
@@ -173,10 +174,43 @@ def reception(
         are for places where no sonar fits.
     """
     count = len(first) + 1  # the last one: no sonar fits, and no echo
-    nothing = len(reflectors.x) - 1
-    which = np.full((count, NEAREST), nothing, dtype=np.int32)
-    ways = np.full((count, NEAREST), np.inf, dtype=np.float32)
-    angles = np.zeros((count, NEAREST), dtype=np.float32)
+    silent = len(reflectors.x) - 1
+    near = _nearest(reflectors, first, cell, origin, count, reach_m + 0.5 * CELL_M)
+    out_of_sight = np.isinf(near.distances)
+    near.which[out_of_sight], near.distances[out_of_sight] = silent, 0.0
+    table = np.empty(count * HEADINGS, dtype=ROW)
+    for begin in range(0, count, BATCH):
+        part = slice(begin, begin + BATCH)
+        rows = table[begin * HEADINGS : (begin + BATCH) * HEADINGS]
+        _fill_table(reflectors, near.which[part], near.distances[part], near.bearings[part], rows)
+        walls = beside(np.minimum, square[part], round(0.5 * cone_rad / (tau / HEADINGS)))
+        rows["wall_mm"][: walls.size] = np.rint(1e3 * walls).ravel()
+    table["wall_mm"][-HEADINGS:] = np.rint(1e3 * np.float32(reach_m))
+    return table
+
+
+class _Nearest(NamedTuple):
+    """The nearest reflectors in sight of each cell, nearest first: each (cells, NEAREST)."""
+
+    which: NDArray[np.int32]
+    distances: Floats  # m; infinite: none
+    bearings: Floats  # rad
+
+
+def _nearest(
+    reflectors: Reflectors,
+    first: Floats,
+    cell: NDArray[np.int32],
+    origin: tuple[float, float],
+    count: int,
+    far: float,
+) -> _Nearest:
+    """Find the nearest reflectors in sight of each of `count` cells, up to `far` (m)."""
+    found = _Nearest(
+        np.full((count, NEAREST), len(reflectors.x) - 1, dtype=np.int32),
+        np.full((count, NEAREST), np.inf, dtype=np.float32),
+        np.zeros((count, NEAREST), dtype=np.float32),
+    )
     end_x = reflectors.x + reflectors.along_x * reflectors.length
     end_y = reflectors.y + reflectors.along_y * reflectors.length
     slack = np.float32(0.5 * CELL_M)
@@ -184,52 +218,48 @@ def reception(
     columns = np.stack(longer).astype(np.float64)  # the precision of what is computed from them
     west, east = np.sort([reflectors.x, end_x], axis=0).astype(np.float64)
     south, north = np.sort([reflectors.y, end_y], axis=0).astype(np.float64)
-    far = reach_m + 0.5 * CELL_M
     # The bearing of a near reflector is coarse: headings beside it count as in sight, too.
     sight = beside(np.maximum, first, 1)
+    for numbers, x, y in _tiles(cell, origin):
+        near = np.flatnonzero(
+            (west < x.max() + far)
+            & (east > x.min() - far)
+            & (south < y.max() + far)
+            & (north > y.min() - far)
+        )
+        if not len(near):
+            continue
+        candidates = Reflectors(*columns[:, near])
+        distance, bearing = _seen(candidates, x[:, None], y[:, None], sight[numbers], far)
+        order = np.argsort(distance, axis=1)[:, :NEAREST]
+        kept = order.shape[1]
+        pairs = order + np.arange(0, distance.size, len(near))[:, None]
+        found.distances[numbers, :kept] = distance.take(pairs)
+        found.bearings[numbers, :kept] = bearing.take(pairs)
+        found.which[numbers, :kept] = near[order]
+    return found
+
+
+def _tiles(
+    cell: NDArray[np.int32], origin: tuple[float, float]
+) -> Iterator[tuple[NDArray[np.int32], Floats, Floats]]:
+    """Squares of cells where a sonar fits: the cells' numbers, and their middles in x and y, m."""
     for top in range(0, cell.shape[0], TILE_CELLS):
         for left in range(0, cell.shape[1], TILE_CELLS):
-            rows, across = np.nonzero(cell[top : top + TILE_CELLS, left : left + TILE_CELLS] >= 0)
-            if not len(rows):
-                continue
-            rows, across = rows + top, across + left
-            x = np.float32(origin[0]) + (across + np.float32(0.5)) * np.float32(CELL_M)
-            y = np.float32(origin[1]) + (rows + np.float32(0.5)) * np.float32(CELL_M)
-            near = np.flatnonzero(
-                (west < x.max() + far)
-                & (east > x.min() - far)
-                & (south < y.max() + far)
-                & (north > y.min() - far)
-            )
-            if not len(near):
-                continue
-            numbers, r = cell[rows, across], Reflectors(*columns[:, near])
-            way, angle = _seen(r, x[:, None], y[:, None], sight[numbers], far)
-            order = np.argsort(way, axis=1)[:, :NEAREST]
-            taken = order.shape[1]
-            pairs = order + np.arange(0, way.size, len(near))[:, None]
-            ways[numbers, :taken] = way.take(pairs)
-            angles[numbers, :taken] = angle.take(pairs)
-            which[numbers, :taken] = near[order]
-    out_of_sight = np.isinf(ways)
-    which[out_of_sight], ways[out_of_sight] = nothing, 0.0
-    table = np.empty(count * HEADINGS, dtype=ROW)
-    for begin in range(0, count, BATCH):
-        part = slice(begin, begin + BATCH)
-        likely = table[begin * HEADINGS : (begin + BATCH) * HEADINGS]
-        _fill_table(reflectors, which[part], ways[part], angles[part], likely)
-        sees = beside(np.minimum, square[part], round(0.5 * cone_rad / (tau / HEADINGS)))
-        likely["sees_mm"][: sees.size] = np.rint(1e3 * sees).ravel()
-    table["sees_mm"][-HEADINGS:] = np.rint(1e3 * np.float32(reach_m))
-    return table
+            rows, columns = np.nonzero(cell[top : top + TILE_CELLS, left : left + TILE_CELLS] >= 0)
+            if len(rows):
+                rows, columns = rows + top, columns + left
+                x = np.float32(origin[0]) + (columns + np.float32(0.5)) * np.float32(CELL_M)
+                y = np.float32(origin[1]) + (rows + np.float32(0.5)) * np.float32(CELL_M)
+                yield cell[rows, columns], x, y
 
 
-def beside(choose: np.ufunc, ways: Floats, by: int) -> Floats:
+def beside(choose: np.ufunc, distances: Floats, by: int) -> Floats:
     """The least or greatest (`choose`) of `by` headings to either side, (places, HEADINGS)."""
-    found = ways.copy()
+    found = distances.copy()
     for turned in range(1, by + 1):
         for side in (-turned, turned):
-            choose(found, np.roll(ways, side, axis=1), out=found)
+            choose(found, np.roll(distances, side, axis=1), out=found)
     return found
 
 
@@ -249,25 +279,27 @@ def _seen(
     pairs = np.flatnonzero(there)  # fewer than half, and what follows is slower
     place, one = np.divmod(pairs, len(r.x))
     to_x, to_y = to_x.take(pairs), to_y.take(pairs)
-    way, angle = np.hypot(to_x, to_y), np.arctan2(to_y, to_x)
-    heading = np.rint(angle * np.float32(HEADINGS / tau)).astype(np.intp)  # -1 is the last heading
+    distance, bearing = np.hypot(to_x, to_y), np.arctan2(to_y, to_x)
+    heading = np.rint(bearing * np.float32(HEADINGS / tau)).astype(
+        np.intp
+    )  # -1 is the last heading
     hides = sight[place, heading]
-    seen = way < hides + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * way)
-    seen &= way < far
-    turned = angle + np.float32(pi) - r.bearing.take(one)
+    seen = distance < hides + np.maximum(np.float32(SEEN_M), np.float32(SEEN_SHARE) * distance)
+    seen &= distance < far
+    turned = bearing + np.float32(pi) - r.bearing.take(one)
     turned += np.float32(tau) * (turned < 0.0)
     seen &= turned < r.width.take(one)
-    ways, angles = np.full_like(foot, np.inf), np.zeros_like(foot)
-    np.put(ways, pairs, np.where(seen, way, np.inf))
-    np.put(angles, pairs, angle)
-    return ways, angles
+    distances, bearings = np.full_like(foot, np.inf), np.zeros_like(foot)
+    np.put(distances, pairs, np.where(seen, distance, np.inf))
+    np.put(bearings, pairs, bearing)
+    return distances, bearings
 
 
 def _fill_table(
     reflectors: Reflectors,
     which: NDArray[np.int32],
-    ways: Floats,
-    angles: Floats,
+    distances: Floats,
+    bearings: Floats,
     table: NDArray[np.void],
 ) -> None:
     """Fill in the likeliest reflectors, nearest first: a reflector hides those behind it.
@@ -275,18 +307,18 @@ def _fill_table(
     Args:
         reflectors: The map's reflectors.
         which: (cells, NEAREST): those in sight of each cell, padded with the silent one.
-        ways: Their distances, m.
-        angles: Their bearings, rad.
+        distances: Their distances, m.
+        bearings: Their bearings, rad.
         table: Output: a `ROW` for each cell and heading.
     """
-    which, ways, angles = which.T, ways.T, angles.T
+    which, distances, bearings = which.T, distances.T, bearings.T
     cells = which.shape[1]
     answers = reflectors.chance[which] * np.minimum(
-        1.0, reflectors.fades_m[which] / np.maximum(ways, np.float32(0.01))
+        1.0, reflectors.fades_m[which] / np.maximum(distances, np.float32(0.01))
     )
-    middle = np.rint(angles * np.float32(HEADINGS / tau)).astype(np.int32)
+    middle = np.rint(bearings * np.float32(HEADINGS / tau)).astype(np.int32)
     around = np.arange(-AROUND, AROUND + 1, dtype=np.int32)
-    off = (angles - middle * np.float32(tau / HEADINGS))[:, :, None]
+    off = (bearings - middle * np.float32(tau / HEADINGS))[:, :, None]
     aside = around * np.float32(tau / HEADINGS)
     headings = (np.arange(HEADINGS)[:, None] + around) % HEADINGS
     first = np.arange(0, len(table), HEADINGS)[:, None]

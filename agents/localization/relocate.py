@@ -61,7 +61,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     patience_s: Annotated[float, Meta(gt=0, le=600)] = 10.0  # without progress: any free way
     silent_s: Annotated[float, Meta(gt=0, le=60)] = 1.0  # without an echo ahead it creeps
     leg_m: Metres = 3.0  # after this distance straight ahead it looks around again
-    tell_m: Metres = 2.0  # or, on a leg that distinguishes places, chooses the next leg
+    tell_m: Metres = 2.0  # greatest length of a leg that distinguishes places
     off_rad: Annotated[float, Meta(gt=0, le=1)] = 0.2  # it first turns to a leg farther off
     wait_s: Annotated[float, Meta(gt=0, le=60)] = 2.0  # until the next choice if no leg helps
     give_up_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0

@@ -33,7 +33,7 @@ from armadico.agents.localization.reflectors import (
 from armadico.agents.methods.grid import Grid
 from armadico.mobile.messages import Echo
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Version of `Fields` and their computation: cached fields of another version are not used."""
 
 Poses = NDArray[np.float32]
@@ -263,16 +263,16 @@ class SonarModel:
         ranges = np.array([echo.range for echo in echoes], dtype=np.float64)[:, None]
         reception, x, y = self._lookup(at, echoes)
         likelihood = self._scattered(at, echoes, ranges, coarse)
-        sees, range_mm = reception["sees_mm"].astype(np.float32), 1e3 * ranges
+        wall_mm, range_mm = reception["wall_mm"].astype(np.float32), 1e3 * ranges
         whole_mm = np.floor(range_mm)  # the resolution of the model
-        before = sees > _float32(whole_mm)
-        through = sees < _float32(np.ceil(range_mm - 1e3 * BEHIND_M))
+        before = wall_mm > _float32(whole_mm)
+        through = wall_mm < _float32(np.ceil(range_mm - 1e3 * BEHIND_M))
         likelihood += np.float32(SHORT) * before + np.float32(RANDOM)
         likelihood *= _float32((1.0, BEHIND)).take(through)
         likelihood *= np.float32(1.0 - EXACT)
         likelihood += self._exact(x, y, reception, ranges, coarse)
         if excused:
-            nearer = sees > _float32(whole_mm + EXCUSED_MM)
+            nearer = wall_mm > _float32(whole_mm + EXCUSED_MM)
             np.maximum(likelihood, EXCUSED * nearer, out=likelihood)
         return likelihood
 

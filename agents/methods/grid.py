@@ -63,7 +63,7 @@ class Margins(Struct, frozen=True):
     radius_m: float  # least clearance
     preferred_m: float = 0.45  # clearance where there is space
     dislike: float = 8.0  # additional cost of a metre at the radius, relative to one with space
-    unseen: float = math.inf  # the same where nobody has seen the map; inf: it counts as a wall
+    unseen: float = math.inf  # additional cost of a metre that has not been seen; inf: a wall
 
 
 class Grid:

@@ -13,7 +13,7 @@ class NearSettings(Struct, frozen=True):
 
     reach_m: float  # greatest distance of points
     memory: float = 0.995  # share left per cycle: a certain point lasts 24 s at rest
-    memory_off_map: float = 0.985  # the same for unmapped points (8 s): mostly people
+    memory_off_map: float = 0.985  # share left of unmapped points (8 s): mostly people
     memory_m: float = 1.5  # distance driven that halves a probability: a certain point lasts 2.6 m
     frontal_rad: float = radians(40)  # bearings up to this are in front
     abeam_rad: float = radians(120)  # bearings from there to this are beside
@@ -27,7 +27,7 @@ class MapSettings(NearSettings, frozen=True):
     miss: float = 0.35  # subtracted where an echo from farther away passed through
     silence: float = 0.15  # subtracted by a ping without an echo
     miss_facing: float = cos(radians(45))  # a miss counts within this of the direction of the hit
-    silence_facing: float = cos(radians(20))  # and silence within this: walls at a slant are silent
+    silence_facing: float = cos(radians(20))  # silence counts within this of the hit's direction
     axis_rad: float = radians(10)  # a point within this of a sonar's axis must answer
     threshold: float = 0.3  # least probability of an occupied cell
     seen_by: Literal["axis", "cells"] = "axis"  # a ping clears points near its axis, or cells
@@ -44,8 +44,8 @@ class ScanSettings(NearSettings, frozen=True):
 
     reach_m: float = 4.0  # greatest distance of points: beyond, no behaviour brakes yet
     sector_rad: float = radians(2.0)  # the nearest ray in each sector is kept
-    jump_m: float = 0.12  # the nearer of two neighbours whose ranges differ by this is kept,
-    jump: float = 0.08  # plus this share of the range: an edge
+    jump_m: float = 0.12  # difference in range of an edge, of which the nearer point is kept
+    jump: float = 0.08  # share of the range that is added to that difference
     apart_m: float = 0.04  # one point is kept of those closer than this
     margin_m: float = 0.08  # a ray longer by this passed through a point
     silence: float = 0.1  # subtracted by a ray without a return: dark surfaces, glass
@@ -62,15 +62,15 @@ class WallSettings(Struct, frozen=True):
     grows: float = 0.01  # growth of its variance per metre, m^2
     unknown_m: float = 0.5  # standard deviation of the pose at which walls have no weight
     least: float = 0.3  # least weight of a wall that counts
-    axis: float = tan(radians(10))  # a point within this of a sonar's axis must answer,
-    square: float = cos(radians(20))  # if the axis meets its wall within this of the normal
-    margin_m: float = 0.2  # an echo from farther behind it than this
-    miss: float = 0.4  # adds this doubt,
-    memory: float = 0.997  # of which this share is left per cycle: half after 23 s
+    axis: float = tan(radians(10))  # greatest angle off a sonar's axis at which a point must answer
+    square: float = cos(radians(20))  # greatest angle of incidence at which it must answer
+    margin_m: float = 0.2  # an echo from farther behind a point than this adds doubt
+    miss: float = 0.4  # doubt added by such an echo
+    memory: float = 0.997  # share of a doubt left per cycle: half after 23 s
     explains_m: float = 2.5  # greatest distance of points that explain echoes
     explains_near_m: float = 0.1  # greatest difference in range, plus the pose's deviation
     explains_cone: float = cos(radians(34))  # greatest angle off the axis of a smooth wall
-    explains_beam: float = cos(radians(15))  # the same for a rough wall at a slant
+    explains_beam: float = cos(radians(15))  # greatest angle off the axis of a rough wall
 
 
 class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
@@ -87,7 +87,7 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     late_s: float = 0.25  # delay of the wheels
     turn_s: float = 0.25  # delay of the end of a turn
     look_m: float = 0.4  # look-ahead distance on the line
-    look_s: float = 0.35  # and time, times the speed
+    look_s: float = 0.35  # look-ahead time: this times the speed is added
     cut_m: float = 0.1  # by how much corners may be cut near obstacles
     calm_from: float = radians(10)  # it slows down from this angle to its target
     calm_over: float = radians(60)  # to a stop at this angle more
@@ -96,8 +96,8 @@ class Brisk(Struct, frozen=True, forbid_unknown_fields=True):
     corner_v: float = 0.2
     on_line_m: float = 0.05  # within this of the last leg's line it keeps its direction
     turn_m: float = 0.3  # within this of the goal it turns to the goal's heading while braking
-    short_m: float = 0.02  # and stops this far before it
-    beside_m: float = 0.10  # the same distance to a goal that is abeam
+    short_m: float = 0.02  # distance before the goal at which it stops
+    beside_m: float = 0.10  # distance to a goal that is abeam at which it stops
     leave_m: float = 0.115  # it drives again only beyond this
     stop_rad: float = radians(1.5)
     sight_m: float | None = None  # the sensors' range; it can stop within the visible path

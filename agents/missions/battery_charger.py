@@ -178,8 +178,7 @@ class BatteryCharger(DeliberativeAgent):
         self._needed_at = -inf
         self._shunned: dict[str, float] = {}  # docks that failed, and until when they are avoided
         self._note = ""
-        self._level_at: float | None = None
-        self._dead = self._warned = False
+        self._level_at: float | None = None  # the newest level; None: the battery sensor is dead
         self._published_at = -inf
         self._sent = Sent()
         self._foreign = False  # another agent has the robot driven
@@ -194,7 +193,7 @@ class BatteryCharger(DeliberativeAgent):
             self.log(f"{self._note}: no agent will charge the robot", WARNING)
 
     def on_battery_level(self, level: BatteryLevel) -> None:  # noqa: ARG002
-        self._level_at, self._dead = self.now, False
+        self._level_at = self.now
 
     def on_battery_alarm(self, alarm: BatteryAlarm) -> None:
         """Warn if there is no dock."""
@@ -295,9 +294,9 @@ class BatteryCharger(DeliberativeAgent):
     def _volts(self) -> float:
         """The voltage at rest, V; under load if the battery sensor is dead; 0 if unknown."""
         level, state = self.latest(BatteryLevel), self.latest(RobotState)
-        if level is not None and not self._dead:
+        if level is not None and self._level_at is not None:
             return level.volts
-        return state.battery_v if state is not None and self._dead else 0.0
+        return state.battery_v if state is not None and self._level_at is None else 0.0
 
     @property
     def _share(self) -> float:
@@ -309,7 +308,7 @@ class BatteryCharger(DeliberativeAgent):
     def _left(self) -> float:
         """The energy until it must be charged, J."""
         level, battery, share = self.latest(BatteryLevel), self._battery, self._share
-        if level is not None and not self._dead:
+        if level is not None and self._level_at is not None:
             return level.joules
         capacity = self.p.capacity_ah or battery.capacity_ah
         return 3600.0 * capacity * share * 0.5 * (self._volts + battery.empty_v)
@@ -472,12 +471,11 @@ class BatteryCharger(DeliberativeAgent):
         def found(name: str, plan: Plan | None) -> None:
             self._needed = None if plan is None else plan.energy
             if plan is None:
-                self._note = "no way to any dock"
-                if not self._warned:
+                if not self._note:
+                    self._note = "no way to any dock"
                     self.log(self._note, WARNING)
-                self._warned = True
                 return
-            self._warned, self._note = False, ""
+            self._note = ""
             if self._state is ChargeState.NONE and name != self._dock:
                 self._dock = name
                 self.errand.drop()  # planned to another dock, and not driven yet
@@ -528,9 +526,9 @@ class BatteryCharger(DeliberativeAgent):
 
     def _check_sensor(self) -> None:
         """Warn once if the battery sensor is silent; then the voltage under load is used."""
-        if self._dead or self._level_at is None or self.now - self._level_at <= self.p.silent_s:
+        if self._level_at is None or self.now - self._level_at <= self.p.silent_s:
             return
-        self._dead = True
+        self._level_at = None
         self.log(
             f"no battery/level for {self.p.silent_s:g} s: the voltage under load is used",
             WARNING,

@@ -49,14 +49,14 @@ class Settings(Struct, frozen=True):
     hit: float = 1.0  # greatest evidence for one cell of an arc
     spread: float = 2.5  # evidence shared by all cells of an arc
     miss: float = 0.5  # evidence for free on the axis, near the sonar
-    silence: float = 0.2  # the same without an echo
+    silence: float = 0.2  # evidence for free there by a ping without an echo
     most: float = 4.0  # limit of the log-odds: contrary evidence of seconds changes it
     free: float = 0.85  # log-odds of a free cell: a probability of 0.3
     occupied: float = 1.2  # log-odds of an occupied cell: 0.77
     far: float = 0.3  # share of the evidence at `reach_m`
     size_m: float = 200.0  # greatest width and height of the grid
     seen_m: float = 8.0  # greatest range of a laser's rays: beyond, gaps are wider than cells
-    unseen_m: float = 3.0  # the same without a return: the surface may be dark
+    unseen_m: float = 3.0  # greatest range of a ray without a return: the surface may be dark
     seen: float = 1.2  # evidence of a ray's end
     through: float = 0.4  # evidence for free of each cell on the ray
 

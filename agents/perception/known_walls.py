@@ -73,8 +73,8 @@ class _MapPoint(NamedTuple):
     nx: float  # of the wall's normal that points away from the robot
     ny: float
     end: bool
-    side: int
-    off: float
+    side: int  # of the wall's own normal, opposite the robot: 1 or -1
+    sigma_m: float  # standard deviation of the pose normal to the wall
 
 
 class _Near(NamedTuple):
@@ -85,26 +85,24 @@ class _Near(NamedTuple):
     each echo would be explained by a post that the one before had moved nearer.
     """
 
+    point: _MapPoint
     group: int
     x: float
     y: float
-    nx: float
+    nx: float  # of the wall's normal that points away from the robot
     ny: float
     distance: float
-    from_x: float  # position from which it explains echoes
-    from_y: float
-    end: bool
-    side: int  # of the wall's own normal, opposite the robot
-    off: float  # standard deviation of the pose normal to the wall, m
-    by: float  # shift of the point away from the robot, m
-    slowly: float  # the same for the position that explains echoes, m
+    explains_x: float  # position from which it explains echoes
+    explains_y: float
+    shift_m: float  # of the point away from the robot
+    slow_shift_m: float  # the same for the position that explains echoes
 
 
 class _Measured(NamedTuple):
     """How near a point was measured: its shift along its wall's normal, m."""
 
-    by: float
-    slowly: float  # the same for the position that explains echoes
+    shift_m: float
+    slow_shift_m: float  # the same for the position that explains echoes
     end: bool = False  # measured at an end of the wall, which limits its length, too
     ago: int = 0  # cycles
 
@@ -153,11 +151,10 @@ class KnownWalls:
         self._anchor = (math.inf, math.inf)
         self._around: list[_Place] = []  # within reach of the anchor, and a little farther
         self._used: tuple[Pose2, tuple[float, ...], bool] | None = None  # pose, covariance, known
-        self._map_points: list[_MapPoint] = []  # the points for that pose
         self._near: list[_Near] = []
-        self._moved: dict[int, _Measured] = {}  # the shifts that `_near` was computed with
+        self._shifts: dict[int, _Measured] = {}  # the shifts that `_near` was computed with
         self._weight = 0.0
-        self._off = 0.0  # the pose's standard deviation, m
+        self._sigma_m = 0.0  # the pose's standard deviation
         self._doubts: dict[int, float] = {}  # by group
         self._measured: dict[int, _Measured] = {}
 
@@ -175,35 +172,35 @@ class KnownWalls:
                 anywhere.
             old: Whether the pose has been uncertain for long: no wall is accepted.
         """
-        s, self._weight, self._off = self.settings, 0.0, 0.0
+        s, self._weight, self._sigma_m = self.settings, 0.0, 0.0
         if pose is None or len(covariance) < COVARIANCE or s.reach_m <= 0.0:
             self._used, self._near = None, []
             return
         xx, xy, _, yy = covariance[:4]
-        self._off = math.sqrt(max(0.0, xx + yy))
-        self._weight = 0.0 if old else 1.0 - self._off / s.unknown_m
+        self._sigma_m = math.sqrt(max(0.0, xx + yy))
+        self._weight = 0.0 if old else 1.0 - self._sigma_m / s.unknown_m
         accepted = self.known
         if not (accepted or self._forbids):
             self._used, self._near = None, []
             return
-        moved = {group: measured._replace(ago=0) for group, measured in self._measured.items()}
-        moved |= self._extrapolated()
+        shifts = {group: measured._replace(ago=0) for group, measured in self._measured.items()}
+        shifts |= self._extrapolated()
         looked = pose, (xx, xy, yy), accepted
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         if looked != self._used:
-            self._map_points = list(self._seen_from(pose, (xx, xy, yy), accepted))
             self._near = [
-                _put(point, moved.get(point.group), cos, sin) for point in self._map_points
+                _put(point, shifts.get(point.group), cos, sin)
+                for point in self._seen_from(pose, (xx, xy, yy), accepted)
             ]
-        elif moved != self._moved:  # at rest only the points with new measurements move
-            before = self._moved
+        elif shifts != self._shifts:  # at rest only the points with new measurements move
+            before = self._shifts
             self._near = [
                 near
-                if (by := moved.get(point.group)) == before.get(point.group)
-                else _put(point, by, cos, sin)
-                for point, near in zip(self._map_points, self._near, strict=True)
+                if (shift := shifts.get(near.group)) == before.get(near.group)
+                else _put(near.point, shift, cos, sin)
+                for near in self._near
             ]
-        self._used, self._moved = looked, moved
+        self._used, self._shifts = looked, shifts
 
     def _seen_from(
         self, pose: Pose2, covariance: tuple[float, float, float], accepted: bool
@@ -212,18 +209,19 @@ class KnownWalls:
         x, y, _ = pose
         xx, xy, yy = covariance
         reach = self.settings.explains_m * self.settings.explains_m
-        for group, wx, wy, nx, ny, _, end in self._within(x, y):
-            dx, dy = wx - x, wy - y
-            forbidden = group == UNCHECKED
+        for place in self._within(x, y):
+            dx, dy = place.x - x, place.y - y
+            nx, ny = place.nx, place.ny
+            forbidden = place.group == UNCHECKED
             if dx * dx + dy * dy > reach or not (accepted or forbidden):
                 continue
             side = 1
             if dx * nx + dy * ny < 0.0:
-                side, nx, ny = -1, -nx, -ny  # noqa: PLW2901 - away from the robot
-            off = 0.0
+                side, nx, ny = -1, -nx, -ny
+            sigma_m = 0.0
             if not forbidden:
-                off = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
-            yield _MapPoint(group, dx, dy, nx, ny, end, side, off)
+                sigma_m = math.sqrt(max(0.0, xx * nx * nx + 2.0 * xy * nx * ny + yy * ny * ny))
+            yield _MapPoint(place.group, dx, dy, nx, ny, place.end, side, sigma_m)
 
     def on_echoes(self, echoes: Sequence[Echo]) -> list[bool]:
         """Doubt the points that had to answer a ping, when only an object behind them did.
@@ -244,19 +242,19 @@ class KnownWalls:
             cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
             free = echo.range - s.margin_m
             through, answered = set(), set()
-            for group, x, y, nx, ny, away, *_ in self._near:
-                if group == UNCHECKED:
+            for place in self._near:
+                if place.group == UNCHECKED:
                     continue
-                dx, dy = x - echo.x, y - echo.y
+                dx, dy = place.x - echo.x, place.y - echo.y
                 along = cos * dx + sin * dy
                 if along <= 0.0 or abs(cos * dy - sin * dx) > s.axis * along:
                     continue
-                if away > s.reach_m or abs(cos * nx + sin * ny) < s.square:
+                if place.distance > s.reach_m or abs(cos * place.nx + sin * place.ny) < s.square:
                     continue
                 if along < free:
-                    through.add(group)
+                    through.add(place.group)
                 elif along < free + 2.0 * s.margin_m:
-                    answered.add(group)
+                    answered.add(place.group)
             self._update_doubts(through, answered)
         return [self._explains(echo) for echo in echoes]
 
@@ -311,12 +309,12 @@ class KnownWalls:
 
     def _expected(self, place: _Near, outline: Outline | None) -> Obstacle:
         """The obstacle that is published for a point."""
-        x, y, by = place.x, place.y, place.by
-        if outline is None or by <= 0.0 or (place.end and place.group in self._measured):
+        x, y, shift = place.x, place.y, place.shift_m
+        if outline is None or shift <= 0.0 or (place.point.end and place.group in self._measured):
             return Obstacle(x, y, place.distance)
         corner = math.hypot(max(outline.front, outline.rear), outline.half_width)
-        mapped = math.hypot(x - by * place.nx, y - by * place.ny)
-        less = by - max(0.0, mapped - corner - CLOSE_M)
+        mapped = math.hypot(x - shift * place.nx, y - shift * place.ny)
+        less = shift - max(0.0, mapped - corner - CLOSE_M)
         if less <= 0.0:
             return Obstacle(x, y, place.distance)
         x, y = x - less * place.nx, y - less * place.ny
@@ -341,22 +339,23 @@ class KnownWalls:
                 beside = [
                     (h - group, recent[h]) for h in recent if abs(h - group) <= EXTRAPOLATED_GROUPS
                 ]
-                by = _at_zero([(off, measured.by) for off, measured in beside])
-                found[group] = _Measured(by, min(beside, key=lambda one: abs(one[0]))[1].slowly)
+                shift_m = _at_zero([(off, measured.shift_m) for off, measured in beside])
+                nearest = min(beside, key=lambda one: abs(one[0]))[1]
+                found[group] = _Measured(shift_m, nearest.slow_shift_m)
         return found
 
     def _explains(self, echo: Echo) -> bool:
         if echo.range is None:
             return False
         s = self.settings
-        near = s.explains_near_m + self._off
+        near = s.explains_near_m + self._sigma_m
         cos, sin = math.cos(echo.bearing), math.sin(echo.bearing)
         may: list[tuple[float, _Near]] = []
         in_beam: tuple[float, _Near] | None = None
         for place in self._near:
             if place.group == UNCHECKED:  # returns no echo
                 continue
-            dx, dy = place.from_x - echo.x, place.from_y - echo.y
+            dx, dy = place.explains_x - echo.x, place.explains_y - echo.y
             ahead = cos * dx + sin * dy
             if ahead < 0.0:
                 continue
@@ -367,16 +366,19 @@ class KnownWalls:
                 continue
             if beam:
                 in_beam = away, place
-            if fits and (place.end or place.nx * dx + place.ny * dy >= s.square * away):
+            if fits and (place.point.end or place.nx * dx + place.ny * dy >= s.square * away):
                 may.append((away, place))
         if not may and in_beam is not None and abs(in_beam[0] - echo.range) <= near:
             may.append(in_beam)
         nearest = min((away for away, _ in may), default=0.0)  # the nearest one sent the echo
         for away, place in may:
             if away - nearest < BESIDE_M:
-                by = min(place.off, place.slowly - (nearest - echo.range))
-                side, slowly = place.side, max(by, place.slowly - SLOW_M)
-                self._measured[place.group] = _Measured(side * by, side * slowly, place.end)
+                point = place.point
+                shift_m = min(point.sigma_m, place.slow_shift_m - (nearest - echo.range))
+                slow_m = max(shift_m, place.slow_shift_m - SLOW_M)
+                self._measured[place.group] = _Measured(
+                    point.side * shift_m, point.side * slow_m, point.end
+                )
         return bool(may)
 
     @property
@@ -426,16 +428,16 @@ def _at_zero(points: Sequence[tuple[int, float]]) -> float:
 
 def _put(point: _MapPoint, measured: _Measured | None, cos: float, sin: float) -> _Near:
     """A point in the body frame, shifted by the pose's uncertainty or by a measurement."""
-    group, dx, dy, nx, ny, end, side, off = point
-    by = slowly = off
+    shift_m = slow_m = point.sigma_m
     if measured is not None:
-        by, slowly = min(off, side * measured.by), min(off, side * measured.slowly)
-    ahead, left = cos * nx + sin * ny, cos * ny - sin * nx
-    dx, dy = dx + slowly * nx, dy + slowly * ny
-    from_x, from_y = cos * dx + sin * dy, cos * dy - sin * dx
-    x, y = from_x + (by - slowly) * ahead, from_y + (by - slowly) * left
-    away = math.hypot(x, y)
-    return _Near(group, x, y, ahead, left, away, from_x, from_y, end, side, off, by, slowly)
+        shift_m = min(shift_m, point.side * measured.shift_m)
+        slow_m = min(slow_m, point.side * measured.slow_shift_m)
+    nx, ny = cos * point.nx + sin * point.ny, cos * point.ny - sin * point.nx
+    dx, dy = point.dx + slow_m * point.nx, point.dy + slow_m * point.ny
+    explains_x, explains_y = cos * dx + sin * dy, cos * dy - sin * dx
+    x, y = explains_x + (shift_m - slow_m) * nx, explains_y + (shift_m - slow_m) * ny
+    away, at, explains = math.hypot(x, y), (x, y, nx, ny), (explains_x, explains_y)
+    return _Near(point, point.group, *at, away, *explains, shift_m, slow_m)
 
 
 def _buckets(middle: float, reach: float) -> range:

@@ -52,8 +52,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     world: Annotated[str, Meta(min_length=1)] | None = None  # the global map, if known
     namespace: Annotated[str, Meta(min_length=1)] = "robot1"  # tells this robot from its fleet
     walls: WallSettings = WallSettings()
-    bump_s: Seconds = 60.0  # how long a collision's obstacle is remembered,
-    bump_off_map_s: Seconds = 10.0  # and if it is on no map: mostly a person
+    bump_s: Seconds = 60.0  # how long a collision's obstacle is remembered
+    bump_off_map_s: Seconds = 10.0  # how long one that is on no map is: mostly a person
 
 
 class Perception(Agent):

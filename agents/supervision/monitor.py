@@ -107,8 +107,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     hung_s: Seconds = 5.0  # no answer for this long: it hangs
     late_s: Seconds = 3.0  # a service it provides is late by this
     gone_s: Seconds = 3.0  # a needed agent is missing and no host keeps it up: one starts it
-    first_s: Seconds = 60.0  # the same if it was never up: its host may not be switched on yet
-    trust_s: Seconds = 10.0  # the same if its host keeps it up and it is still missing
+    first_s: Seconds = 60.0  # an agent is missing that was never up: its host may be off
+    trust_s: Seconds = 10.0  # an agent is missing although its host keeps it up
     again_s: Seconds = 5.0  # until the same request is repeated
     refused_s: Seconds = 30.0  # until a host that refused gets another request
     host_s: Seconds = 5.0  # timeout of a host's share: it gets no requests after that

@@ -1,84 +1,50 @@
-"""Processes that run beside a command: a dashboard, a page, and single agents."""
+"""Processes that run beside a command: other commands, and single agents."""
 
 from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options
-from armadico.cli.options import FailedError, Mesh
+from armadico.cli.options import FailedError
 
 if TYPE_CHECKING:
+    from armadico.cli.additions import Start
+    from armadico.cli.options import Mesh
     from armadico.launch.processes import Process
-
-PORTS: Final = {"dashboard": ("--port=0", "--web-port=0"), "page": ("--port=0",)}
-"""The commands that can run beside a run, with the options that select free ports."""
+    from armadico.runtime.programs import Program
 
 STARTING: Final = "--starting"
 """The robot agent is still starting, so its absence is not reported."""
 
-PAGE_ENDS: Final = (
-    "the page ends with this run; `armadico up SCENARIO --page` serves one that stays"
-)
-
 LEAVE_S: Final = 10.0
-"""Time to exit before it is killed, s: a dashboard closes a file and a viewer."""
+"""Time to exit before it is killed, s: it may have to close a file and a viewer."""
 
 
 @contextmanager
-def beside(
-    mesh: Mesh,
-    command: str,
-    world: str | None,
-    namespaces: Sequence[str] = (),
-    *,
-    wanted: bool = True,
-    wait: bool = False,
-    more: Sequence[str] = (),
-) -> Iterator[None]:
-    """Run a dashboard or a page while this is entered, and print its link.
+def served(start: Start, command: str, *words: str) -> Iterator[Program]:
+    """Run a command with `words` while this is entered, and print its first line: a link.
 
-    Args:
-        mesh: The options of the run's mesh.
-        command: One of `PORTS`.
-        world: The world to draw, by name or path, or None.
-        namespaces: The run's robots; by default the one of the options.
-        wanted: If False, nothing is started.
-        wait: Wait until a viewer connects, and at the end stay until Ctrl-C.
-        more: Options for the command, in place of those of `PORTS`.
-
-    Raises:
-        FailedError: It did not start; the reason is on stderr.
+    The command has the options `--world`, `--namespace` and `STARTING`, and ends by SIGINT. Raises
+    FailedError if it does not start; the reason is on stderr.
     """
-    if not wanted:
-        yield
-        return
     from armadico.launch.processes import command_line
     from armadico.runtime.programs import Program, end
 
-    words = [command, STARTING, *PORTS[command], *more, *mesh.endpoints().words]
-    words += [] if world is None else [f"--world={world}"]
-    words += [f"--namespace={name}" for name in namespaces or (mesh.namespace,)]
-    process = Program(command, command_line(words), None, listen=True)
+    argv = [command, STARTING, *words, *start.mesh.endpoints().words]
+    argv += [] if start.world is None else [f"--world={start.world}"]
+    argv += [f"--namespace={name}" for name in start.namespaces]
+    process = Program(command, command_line(argv), None, listen=True)
     try:
         link = process.line()  # empty if the process ends
         if not link:
             raise FailedError(f"the {command} did not start; leave out --{command}")
         print(link, end="", file=sys.stderr, flush=True)
-        if wait:
-            options.report("armadico run: open the link; the run begins when a viewer connects")
-            if not process.line():
-                raise FailedError(f"the {command} ended before the run began")
-        yield
-        if wait:
-            with suppress(KeyboardInterrupt):  # which may come as soon as it is offered
-                options.report(f"armadico run: the run is over; Ctrl-C ends the {command}")
-                process.popen.wait()
+        yield process
     finally:
         end(process.popen, number=signal.SIGINT, within_s=LEAVE_S)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
+from sys import modules
 from typing import Final
 
 import shtab
@@ -39,11 +39,10 @@ def everything() -> ArgumentParser:
 def parser_of(found: Found) -> ArgumentParser | None:
     """The parser of a command; None if another package's command has none."""
     try:
-        module = import_module(found.module)
+        command = found.load()
     except ImportError:
         return None
-    command = getattr(module, "main", None)
-    make = getattr(command, "parser", None) or getattr(module, "parser", None)
+    make = getattr(command, "parser", None) or getattr(modules[found.module], "parser", None)
     made = make() if callable(make) else None
     return made if isinstance(made, ArgumentParser) else None
 

@@ -14,6 +14,7 @@ from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
 from armadico.core.judgement import Answer
 from armadico.core.unseen import Rule
+from armadico.launch.options import unseen_option
 from armadico.observe.findings import Finding, those
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class Options:
         read=_number,
         metavar=("X", "Y", "DEG"),
     )
-    unseen: Rule | None = options.unseen_option("the society's")
+    unseen: Rule | None = unseen_option("the society's")
     timeout: float | None = options.timeout_option("wait at most so long (default: no limit)")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 

@@ -29,7 +29,6 @@ from armadico.cli.parsing import (
 from armadico.core.config_errors import ConfigError
 from armadico.core.errors import UnknownNameError
 from armadico.core.judgement import UNKNOWN_EXIT
-from armadico.core.unseen import RULES, Rule
 from armadico.mesh.ports import LOOPBACK
 from armadico.mesh.topology import (
     DEFAULT_NAMESPACE,
@@ -270,31 +269,6 @@ def timeout_option(what: str, default: float | None = None) -> Any:
     """The field of a timeout, s; None: no limit."""
     shown_default = "" if default is None else f" (default: {default:g} s)"
     return option(f"{what}{shown_default}", default=default, read=seconds, metavar="S")
-
-
-def unseen_option(default: str) -> Any:
-    """The field of the rule for paths through what nobody has seen; None: not given."""
-    return option(
-        "drive or refuse paths through what nobody has seen, where no other leads to the goal; or a"
-        f" file of Nav2's parameters, whose allow_unknown decides (default: {default})",
-        read=_unseen_rule,
-        metavar="RULE",
-    )
-
-
-def _unseen_rule(text: str) -> Rule:
-    """Raises BadValueError."""
-    for rule in RULES:
-        if text == rule:
-            return rule
-    if not text.endswith((".yaml", ".yml")):
-        raise BadValueError(f"{text!r}: expected {', '.join(RULES)} or a .yaml of Nav2")
-    from armadico.config.nav2 import unseen_rule
-
-    try:
-        return unseen_rule(text)
-    except ConfigError as error:
-        raise BadValueError(str(error)) from None
 
 
 def seconds(text: str) -> float:

@@ -21,18 +21,17 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import MISSING, field, fields
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import MISSING, fields, replace
+from functools import partial
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
-from math import inf, isfinite
 from pathlib import Path
 from types import UnionType
 from typing import (
     Any,
     Final,
     Generic,
-    NamedTuple,
     NoReturn,
     TypeVar,
     get_args,
@@ -40,15 +39,65 @@ from typing import (
     get_type_hints,
 )
 
+from armadico.config.declared import (
+    DECLARED,
+    FILE,
+    PORT,
+    POSE,
+    RECORDING,
+    Added,
+    BadValueError,
+    Group,
+    Must,
+    Option,
+    added,
+    argument,
+    at_least,
+    between,
+    ends_with,
+    flag,
+    flag_of,
+    flags_of,
+    given,
+    group,
+    more_than,
+    option,
+    several,
+)
 from armadico.core.errors import nearest
+
+__all__ = [
+    "FILE",
+    "PORT",
+    "POSE",
+    "RECORDING",
+    "ArgumentParser",
+    "BadValueError",
+    "Command",
+    "Must",
+    "UsageError",
+    "added",
+    "argument",
+    "at_least",
+    "between",
+    "ends_with",
+    "flag",
+    "flags_of",
+    "given",
+    "group",
+    "more_than",
+    "option",
+    "parser",
+    "several",
+    "together",
+    "version",
+]
+"""What a command imports, with the declarations of `armadico.config.declared`."""
 
 T = TypeVar("T")
 
 NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
 """A negative number: a value, not an option."""
-
-DECLARED: Final = "option"
-"""The key of a field's declaration in its metadata."""
 
 
 class ArgumentParser(argparse.ArgumentParser):
@@ -80,122 +129,6 @@ class UsageError(Exception):
     """The command line is wrong."""
 
 
-class BadValueError(argparse.ArgumentTypeError):
-    """An option cannot have this value; raised by the function that reads it."""
-
-
-class Must(NamedTuple):
-    """A condition on a value, and its words in an error."""
-
-    holds: Callable[[Any], bool]
-    words: str
-
-
-def at_least(least: float) -> Must:
-    return Must(lambda value: value >= least, f"expected at least {least:g}")
-
-
-def more_than(bound: float, words: str = "") -> Must:
-    """More than a number, and finite."""
-    words = words or f"expected more than {bound:g}"
-    return Must(lambda value: bound < value < inf, words)
-
-
-def between(least: float, most: float, words: str = "") -> Must:
-    """From `least` to `most`, both included."""
-    words = words or f"expected {least:g} to {most:g}"
-    return Must(lambda value: least <= value <= most, words)
-
-
-def ends_with(suffix: str, what: str) -> Must:
-    """The suffix of a file's name."""
-    return Must(lambda path: path.suffix == suffix, f"{what} must end with {suffix}")
-
-
-def _is_pose(pose: Sequence[float]) -> bool:
-    return all(map(isfinite, pose)) and abs(pose[2]) <= 360.0
-
-
-FILE: Final = Must(Path.is_file, "no such file")
-RECORDING: Final = ends_with(".mcap", "the name of a recording")
-POSE: Final = Must(_is_pose, "expected finite m, m and -360 to 360 degrees")
-"""x, y and heading; whether the place is free is checked with the world."""
-
-PORT: Final = between(0, 65535)
-"""A TCP port to listen on; 0 is any free one."""
-
-
-class _Option(NamedTuple):
-    flags: tuple[str, ...]
-    keywords: dict[str, Any]
-    read: Callable[[str], Any] | None
-    must: Must | None
-    either: str
-    positional: bool = False
-
-
-class _Group(NamedTuple):
-    kind: type
-    title: str
-
-
-def option(
-    help: str | None,  # noqa: A002 - as argparse calls it
-    *flags: str,
-    default: Any = None,
-    factory: Callable[[], Any] | None = None,
-    read: Callable[[str], Any] | None = None,
-    must: Must | None = None,
-    either: str = "",
-    **keywords: Any,
-) -> Any:
-    """A field that is an option.
-
-    Args:
-        help: For `--help`; None hides the option.
-        flags: Its names; by default --NAME.
-        default: Its value if it is not given.
-        factory: Makes the default value when the command line is parsed.
-        read: Reads a value, by default by the annotation. Raises BadValueError.
-        must: A condition on its value.
-        either: Options with the same word here exclude each other.
-        keywords: `metavar`, `choices`, `nargs`, `const`, `required` as in argparse.
-    """
-    help_ = argparse.SUPPRESS if help is None else help
-    declared = _Option(flags, {"help": help_, **keywords}, read, must, either)
-    if factory is not None:
-        return field(default_factory=factory, metadata={DECLARED: declared})
-    return field(default=default, metadata={DECLARED: declared})
-
-
-def flag(help: str | None, *flags: str, **how: Any) -> Any:  # noqa: A002
-    """A field that is a switch."""
-    return option(help, *flags, **{"default": False, **how})
-
-
-def several(help: str, *flags: str, **how: Any) -> Any:  # noqa: A002
-    """A field that is an option which may be repeated."""
-    return option(help, *flags, **{"default": (), **how})
-
-
-def argument(
-    help: str,  # noqa: A002
-    *,
-    read: Callable[[str], Any] | None = None,
-    must: Must | None = None,
-    **keywords: Any,
-) -> Any:
-    """A field that is a positional argument; optional with `nargs="?"`."""
-    default = {"default": keywords.pop("default", None)} if "nargs" in keywords else {}
-    declared = _Option((), {"help": help, **keywords}, read, must, "", positional=True)
-    return field(**default, metadata={DECLARED: declared})
-
-
-def group(kind: type, title: str = "") -> Any:
-    """A field whose value is another dataclass of options, with a title in `--help`."""
-    return field(default_factory=kind, metadata={DECLARED: _Group(kind, title)})
-
-
 class Command(Generic[T]):
     """A command, which an entry point of `armadico.commands` names; call it with the words."""
 
@@ -224,10 +157,11 @@ class Command(Generic[T]):
             if self.refused is not None:
                 self.refused(found, error)
             raise
-        return found
+        return _turned(found)
 
     def parser(self) -> ArgumentParser:
-        made = parser(self.program, self.description, self.examples)
+        examples = (self.examples, *_examples(self.options, self.program))
+        made = parser(self.program, self.description, "".join(examples))
         _declare(made, self.options)
         return made
 
@@ -273,15 +207,35 @@ def together(
     return made
 
 
-def _declare(made: argparse._ActionsContainer, kind: Any) -> None:
-    """Add the options of a dataclass to a parser or a group."""
+def _examples(kind: type, program: str) -> Iterator[str]:
+    """The examples of a program with options that packages add."""
+    for each in fields(kind):
+        if isinstance(declared := each.metadata.get(DECLARED), Added):
+            lines = (line for other in declared.find(flags_of(kind)) for line in other.examples)
+            yield from (f"  {line}\n" for line in lines if line.startswith(f"{program} "))
+
+
+def _place(kind: type) -> str:
+    """The prefix of an added dataclass: another one may have a field of the same name."""
+    return f"{kind.__module__}.{kind.__qualname__}."
+
+
+def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> None:
+    """Add the options of a dataclass to a parser or a group; `place` is before their names."""
     hints, alternatives = get_type_hints(kind), dict[str, Any]()
     for each in fields(kind):
         declared = each.metadata.get(DECLARED)
-        if isinstance(declared, _Group):
+        if isinstance(declared, Group):
             titled = bool(declared.title)
-            _declare(made.add_argument_group(declared.title) if titled else made, declared.kind)
-        elif isinstance(declared, _Option):
+            group = made.add_argument_group(declared.title) if titled else made
+            _declare(group, declared.kind, place)
+        elif isinstance(declared, Added):
+            groups: dict[str, Any] = {}
+            for other in declared.find(flags_of(kind)):
+                into = groups.get(other.title) or made.add_argument_group(other.title)
+                groups[other.title] = into
+                _declare(into, other, _place(other))
+        elif isinstance(declared, Option):
             into = made
             if declared.either:
                 into = alternatives.get(declared.either) or made.add_mutually_exclusive_group()
@@ -289,13 +243,24 @@ def _declare(made: argparse._ActionsContainer, kind: Any) -> None:
             how = _reading(hints[each.name]) | declared.keywords
             if "nargs" in declared.keywords:  # then the option is not repeated
                 how.pop("action", None)
+            if declared.keywords["help"] is None:
+                how["help"] = argparse.SUPPRESS
             if declared.read is not None:
-                how["type"] = declared.read
+                how["type"] = partial(_read, declared.read)
             if declared.positional:
-                into.add_argument(each.name, **how, **_default(each))
+                into.add_argument(place + each.name, **how, **_default(each))
             else:
-                flags = declared.flags or (_flag(each.name),)
-                into.add_argument(*flags, dest=each.name, **how, **_default(each))
+                flags = declared.flags or (flag_of(each.name),)
+                if place and "choices" not in how and how.get("action") != "store_true":
+                    how.setdefault("metavar", each.name.upper())
+                into.add_argument(*flags, dest=place + each.name, **how, **_default(each))
+
+
+def _read(read: Callable[[str], Any], text: str) -> Any:
+    try:
+        return read(text)
+    except BadValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _reading(hint: Any) -> dict[str, Any]:
@@ -303,7 +268,7 @@ def _reading(hint: Any) -> dict[str, Any]:
     inner = get_args(hint)
     if get_origin(hint) is UnionType:
         return _reading(next(each for each in inner if each is not type(None)))
-    if get_origin(hint) is tuple and inner[-1] is Ellipsis:
+    if get_origin(hint) is Sequence or inner[1:] == (Ellipsis,):
         return {"action": "append", **_reading(inner[0])}
     if get_origin(hint) is tuple:
         return {"nargs": len(inner), **_reading(inner[0])}
@@ -321,19 +286,18 @@ def _default(each: Any) -> dict[str, Any]:
     return {"default": list(each.default) if each.default == () else each.default}
 
 
-def _flag(name: str) -> str:
-    return "--" + name.replace("_", "-")
-
-
-def _built(kind: type[T], found: argparse.Namespace) -> T:
+def _built(kind: type[T], found: argparse.Namespace, place: str = "") -> T:
     """The dataclass with the parsed values."""
     values: dict[str, Any] = {}
     for each in fields(kind):  # type: ignore[arg-type]
         declared = each.metadata.get(DECLARED)
-        if isinstance(declared, _Group):
-            values[each.name] = _built(declared.kind, found)
-        elif isinstance(declared, _Option):
-            values[each.name] = _frozen(getattr(found, each.name))
+        if isinstance(declared, Group):
+            values[each.name] = _built(declared.kind, found, place)
+        elif isinstance(declared, Added):
+            kinds = declared.find(flags_of(kind))
+            values[each.name] = tuple(_built(other, found, _place(other)) for other in kinds)
+        elif isinstance(declared, Option):
+            values[each.name] = _frozen(getattr(found, place + each.name))
     return kind(**values)
 
 
@@ -341,13 +305,28 @@ def _check(options: Any) -> None:
     """Raises UsageError for a value that breaks its `Must`."""
     for each in fields(options):
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
-        if isinstance(declared, _Group):
+        if isinstance(declared, Group):
             _check(value)
-        if not isinstance(declared, _Option) or declared.must is None or value is None:
+        if isinstance(declared, Added):
+            for other in value:
+                _check(other)
+        if not isinstance(declared, Option) or declared.must is None or value is None:
             continue
         if not declared.must.holds(value):
-            flag = "" if declared.positional else f"{(*declared.flags, _flag(each.name))[0]} "
+            flag = "" if declared.positional else f"{(*declared.flags, flag_of(each.name))[0]} "
             raise UsageError(f"{flag}{_shown(value)}: {declared.must.words}")
+
+
+def _turned(options: T) -> T:
+    """The options in the units of their fields."""
+    values: dict[str, Any] = {}
+    for each in fields(options):  # type: ignore[arg-type]
+        declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
+        if isinstance(declared, Group):
+            values[each.name] = _turned(value)
+        if isinstance(declared, Option) and declared.turned is not None and value is not None:
+            values[each.name] = declared.turned(value)
+    return replace(options, **values)  # type: ignore[type-var]
 
 
 def _shown(value: Any) -> str:

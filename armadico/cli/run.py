@@ -6,29 +6,37 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options, progress
+from armadico.cli.additions import (
+    Addition,
+    Start,
+    added,
+    beside,
+    checked,
+    done,
+    driven,
+    recording,
+)
 from armadico.cli.measures import show, statistics
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import POSE, Command, flag, option
-from armadico.cli.run_options import X_Y_DEG, Drive, check_connect, choose
+from armadico.cli.parsing import Command, flag, option
+from armadico.cli.run_options import Drive, check_connect, choose
 from armadico.core.config_errors import ConfigError
-from armadico.runtime.errors import AbsentError, SocietyError
+from armadico.launch.options import X_Y_DEG
+from armadico.mobile.geometry import Pose2
+from armadico.runtime.errors import SocietyError
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
     from armadico.core.judgement import Judgement
-    from armadico.launch.api import Run
-    from armadico.launch.client import Client
-    from armadico.launch.run import LiveRun
+    from armadico.launch.run import LiveRun, RobotRun
     from armadico.launch.society import Options as Chosen
-    from armadico.launch.virtual import Rehearsal
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.measures import Result, RunWatch
 
@@ -39,7 +47,7 @@ RUNS_FOR_A_WORKER: Final = 4
 """Runs per worker at least: a worker takes as long to start as two or three runs."""
 
 EXAMPLES: Final = """\
-  armadico run sc4                             separate processes on this machine, with a picture
+  armadico run sc4                             separate processes on this machine
   armadico run sc4 --virtual --seed 7          the same society in one process, repeatable
   armadico run house --virtual --runs 20 --json
   armadico run --world rooms-a --start 1 1 90 --goal 7 0.7 -90
@@ -53,7 +61,6 @@ EXAMPLES: Final = """\
   armadico run sc4 --redundant                 two of each behaviour
   armadico run sc4 --sensors ideal             as in the thesis: without localization
   armadico run sc4 --attach --hosts lab.toml   with a society that `armadico up` has started
-  armadico run --world house --start 1 1.5 0 --for 600 --page    click on a map to drive
   armadico run fleet --robots 3                three robots share a list of tasks
   armadico run fleet --attach --namespace lab  running robots lab/r1, lab/r2, ... do the tasks
 """
@@ -61,8 +68,8 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Drive):
-    goal: tuple[float, float, float] | None = option(
-        "drive to this pose: m, m, degrees (default: the scenario's)", metavar=X_Y_DEG, must=POSE
+    goal: Pose2 | None = option(
+        "drive to this pose: m, m, degrees (default: the scenario's)", **X_Y_DEG
     )
     robots: int | None = option(
         "number of robots of a fleet; with --attach, the least number to wait for"
@@ -70,6 +77,7 @@ class Options(Drive):
         metavar="N",
     )
     replace: bool = flag("with --attach to a fleet: replace its present tasks")
+    additions: tuple[Addition, ...] = added("run")
 
 
 def run(args: Options) -> int:
@@ -130,10 +138,9 @@ def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
     """Drive, print the measures, and return the exit code."""
     from armadico.core.judgement import all_of
 
-    seeds = _seeds(args, scenario)
-    for seed in seeds if args.plot is not None else ():
-        _check_picture(_picture(args, scenario, seed))
-    driven = _series(args, scenario, chosen, seeds)
+    start = args.starting(scenario, _seeds(args, scenario))
+    checked(args.additions, start)
+    driven = _series(args, scenario, chosen, start)
     results = [result for result, _ in driven]
     if args.json:
         _print_json(results, several=args.runs is not None)
@@ -141,10 +148,7 @@ def drive(args: Drive, scenario: Scenario, chosen: Chosen) -> int:
         show(scenario.name, results)
     if faults := [fault for _, each in driven for fault in each]:
         raise FailedError("\n".join(faults))
-    pictures = [_picture(args, scenario, seed) for seed in seeds if args.plot is not None]
-    drawn = all(path is None or path.is_file() for path in pictures)
-    code = exit_code(args, all_of(result.judgement for result in results))
-    return code if drawn else code or options.FAILED
+    return exit_code(args, all_of(result.judgement for result in results))
 
 
 def exit_code(args: Drive, judgement: Judgement) -> int:
@@ -162,9 +166,9 @@ def _seeds(args: Drive, scenario: Scenario) -> range:
     return range(first, first + (args.runs or 1))
 
 
-def _series(args: Drive, scenario: Scenario, chosen: Chosen, seeds: range) -> list[_Driven]:
+def _series(args: Drive, scenario: Scenario, chosen: Chosen, start: Start) -> list[_Driven]:
     """The results in the order of the seeds; virtual runs use all cores."""
-    drive = partial(_drive, args, scenario, chosen)
+    drive = partial(_drive, args, scenario, chosen, start)
 
     def report(seed: int, driven: _Driven) -> None:
         if args.runs is not None:
@@ -172,85 +176,70 @@ def _series(args: Drive, scenario: Scenario, chosen: Chosen, seeds: range) -> li
 
     if not args.virtual or args.runs is None:
         results = []
-        for seed in seeds:
+        for seed in start.seeds:
             results.append(drive(seed))
             report(seed, results[-1])
         return results
     from armadico.cli.pool import over
 
-    jobs = min(os.cpu_count() or 1, len(seeds) // RUNS_FOR_A_WORKER)
-    return over(drive, seeds, jobs, scenario.name, report)
+    jobs = min(os.cpu_count() or 1, len(start.seeds) // RUNS_FOR_A_WORKER)
+    return over(drive, start.seeds, jobs, scenario.name, report)
 
 
-def _drive(args: Drive, scenario: Scenario, chosen: Chosen, seed: int) -> _Driven:
-    """One run and its picture, in this process or in a worker."""
+def _drive(args: Drive, scenario: Scenario, chosen: Chosen, start: Start, seed: int) -> _Driven:
+    """One run and what is made of it, in this process or in a worker."""
     from armadico.launch.api import Run
 
     drive, faults = _virtual if args.virtual else _live, list[str]()
-    watch = drive(args, scenario, replace(chosen, seed=seed), faults.append)
+    start, chosen = replace(start, seed=seed), replace(chosen, seed=seed)
+    watch = drive(args, scenario, chosen, start, faults.append)
     run = Run.of(scenario, watch)
     if watch.errand is not None and watch.tasks is None:
         options.report(options.shown(watch.errand.summary))
     if watch.tasks is not None and args.runs is None:
         for step in watch.tasks.steps or ():
             options.report(f"{step.at:8.1f} s  {options.shown(str(step))}")
-    picture = _picture(args, scenario, seed)
-    if picture is not None and run.marks:
-        _plot(picture, run)
+    done(args.additions, start, run, faults.append)
     return run.measures, faults
 
 
 def _virtual(
-    args: Drive, scenario: Scenario, chosen: Chosen, report: Callable[[str], None]
+    args: Drive,
+    scenario: Scenario,
+    chosen: Chosen,
+    start: Start,
+    report: Callable[[str], None],
 ) -> RunWatch:
     from armadico.launch.virtual import Rehearsal
 
     rehearsal = Rehearsal(scenario, chosen)
-    first = args.runs is None or chosen.seed == _seeds(args, scenario)[0]
+    start = replace(start, on=rehearsal.mesh, namespaces=(rehearsal.namespace,))
+    first = args.runs is None or start.seed == start.seeds[0]
     warn = options.report if first else None  # the warnings of all seeds are the same
     quiet = args.runs is not None or not sys.stderr.isatty()  # a series has its own bar
     bar = nullcontext() if quiet else progress.shown(_label(scenario, chosen))
-    with _recording(args, scenario, rehearsal, report), bar as show:
-        try:
-            rehearsal.run(show, warn)
-        except KeyboardInterrupt:
-            _rescue_map(args, rehearsal.client)
-            raise
-    _keep_map(args, rehearsal.client)
+    with recording(args.additions, start, report), bar as show:
+        _drive_on(args.additions, start, rehearsal, show, warn)
     return rehearsal.watch
 
 
-def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], None]) -> RunWatch:
-    from armadico.cli.beside import PAGE_ENDS, beside
-    from armadico.watch.commands.record import recorder
-
-    watched = args.dashboard or args.wait
+def _live(
+    args: Drive, scenario: Scenario, chosen: Chosen, start: Start, _: Callable[[str], None]
+) -> RunWatch:
     if not (args.attach or args.mesh.hosts or args.mesh.connect):
         args = replace(args, mesh=args.mesh.beside_others())
+        start = replace(start, mesh=args.mesh, namespaces=(args.mesh.namespace,))
     mesh = args.mesh.join(starts=not args.attach)
     check_connect(args)
     options.end_as_by_ctrl_c()
     try:
         with (
-            beside(args.mesh, "page", scenario.world, wanted=args.page),
-            beside(args.mesh, "dashboard", scenario.world, wanted=watched, wait=args.wait),
+            beside(args.additions, start),
             mesh,
-            recorder(args.mesh, args.record and args.of_run(args.record, chosen.seed), scenario),
             _run_on(mesh, args, scenario, chosen) as run,
             progress.shown(_label(scenario, chosen)) as show,
         ):
-            try:
-                run.run(show, options.report)
-            except KeyboardInterrupt:
-                _rescue_map(args, run.client)
-                raise
-            _keep_map(args, run.client)
-            if args.wait or args.page:  # the table is printed after Ctrl-C
-                options.report(f"{scenario.name}: {run.watch.result().verdict}")
-            if args.page and args.limit is None:
-                _stay(run)
-            elif args.page:
-                options.report(PAGE_ENDS)
+            _drive_on(args.additions, start, run, show, options.report)
     except KeyboardInterrupt:
         if not args.attach:  # an attached run has reported what it leaves
             options.report(
@@ -260,38 +249,23 @@ def _live(args: Drive, scenario: Scenario, chosen: Chosen, _: Callable[[str], No
     return run.watch
 
 
-def _stay(run: LiveRun) -> None:
-    """Keep the society until Ctrl-C: the page can send the robot on."""
-    options.report("armadico run: the run is over; the society and its page stay until Ctrl-C")
-    with suppress(KeyboardInterrupt):
-        while True:
-            run.wait_on()
+def _drive_on(
+    additions: Sequence[Addition],
+    start: Start,
+    run: RobotRun,
+    show: Callable[[RunWatch], None] | None,
+    warn: Callable[[str], None] | None,
+) -> None:
+    try:
+        run.run(show, warn)
+    except KeyboardInterrupt:
+        driven(additions, start, run, interrupted=True)
+        raise
+    driven(additions, start, run)
 
 
 def _label(scenario: Scenario, chosen: Chosen) -> str:
     return f"{scenario.name} seed {chosen.seed}"
-
-
-def _keep_map(args: Drive, client: Client) -> None:
-    """Save the map of `armadico explore --map`."""
-    if args.map is not None:
-        from armadico.cli.map import save
-
-        try:
-            options.report(save(client, args.map))
-        except AbsentError as error:
-            raise FailedError(f"{args.map} is not written: {error}") from None
-
-
-def _rescue_map(args: Drive, client: Client) -> None:
-    """Stop the robot and save the map of an interrupted run."""
-    if args.map is None:
-        return
-    try:
-        client.stop(by="armadico explore")
-        _keep_map(args, client)
-    except (SocietyError, FailedError) as error:
-        options.report(f"the map is not saved: {error}")
 
 
 def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) -> LiveRun:
@@ -309,29 +283,6 @@ def _run_on(mesh: ZenohMesh, args: Drive, scenario: Scenario, chosen: Chosen) ->
     return launcher
 
 
-@contextmanager
-def _recording(
-    args: Drive,
-    scenario: Scenario,
-    rehearsal: Rehearsal,
-    report: Callable[[str], None],
-) -> Iterator[None]:
-    """Record a virtual run to the files of `--rrd` and `--record`. Raises FailedError."""
-    from armadico.watch.commands.record import beside_a_run
-
-    with beside_a_run(report) as stack:
-        if args.rrd is not None:
-            from armadico.watch.commands.dashboard import kept
-
-            stack.enter_context(kept(rehearsal, args.of_run(args.rrd, rehearsal.mesh.seed)))
-        if args.record is not None:
-            from armadico.watch.commands.record import recorded
-
-            path = args.of_run(args.record, rehearsal.mesh.seed)
-            stack.enter_context(recorded(rehearsal.mesh, path, scenario, rehearsal.namespace))
-        yield
-
-
 # Results ------------------------------------------------------------------------------------------
 
 
@@ -346,47 +297,6 @@ def _print_json(results: Sequence[Result], *, several: bool) -> None:
         return
     judgement = msgspec.to_builtins(all_of(result.judgement for result in results))
     print(json.dumps({"runs": rows, "judgement": judgement, **statistics(results)}))
-
-
-NOTHING_DRAWS: Final = "no picture: matplotlib is missing; pip install 'armadico[plot]'"
-
-
-def _picture(args: Drive, scenario: Scenario, seed: int) -> Path | None:
-    """The file of the picture, or None; a live run draws one by default."""
-    path: Path | None = args.plot
-    if args.no_plot or (path is None and args.virtual):
-        return None
-    path = path or Path("runs") / f"{scenario.name}.png"
-    return args.of_run(path, seed)
-
-
-def _check_picture(path: Path | None) -> None:
-    """Raises FailedError, before the robot moves, if the picture cannot be drawn or written."""
-    if path is None:
-        return
-    if find_spec("matplotlib") is None:
-        raise FailedError(NOTHING_DRAWS)
-    try:
-        new = not path.exists()
-        path.open("ab").close()
-        if new:
-            path.unlink()
-    except OSError as error:
-        raise FailedError(f"cannot write the picture {path}: {error.strerror}") from None
-
-
-def _plot(path: Path, run: Run) -> None:
-    """Draw the world, the path coloured by holder and the echoes; prints a warning on failure."""
-    try:
-        run.plot(path)
-    except ImportError:
-        options.report(NOTHING_DRAWS)
-    except OSError as error:
-        with suppress(OSError):
-            path.unlink()  # it is incomplete
-        options.report(f"no picture: cannot write {path}: {error.strerror}")
-    else:
-        options.report(f"picture: {path}")
 
 
 main: Final = Command(

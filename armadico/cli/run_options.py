@@ -4,69 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.additions import Addition, Start, changed
 from armadico.cli.options import FailedError, Mesh, UsageError
-from armadico.cli.parsing import (
-    POSE,
-    RECORDING,
-    argument,
-    at_least,
-    between,
-    flag,
-    group,
-    more_than,
-    option,
-    several,
-)
-from armadico.core.unseen import Rule
+from armadico.cli.parsing import argument, at_least, flag, given, group, option
+from armadico.launch.options import Choices, Options
 
 if TYPE_CHECKING:
-    from armadico.config.scenarios import Scenario, ScenarioPose
-    from armadico.launch.society import Options
+    from armadico.config.scenarios import Scenario
 
-STARTING: Final = (
-    "virtual",
-    "seed",
-    "controller",
-    "parameters",
-    "set",
-    "exchange",
-    "redundant",
-    "runs",
-    "robot",
-    "profile",
-    "sensors",
-    "unseen",
-    "world",
-    "together",
-)
+STARTING: Final = {
+    *("--virtual", "--seed", "--controller", "--parameters", "--set", "--exchange"),
+    *("--redundant", "--runs", "--robot", "--profile", "--sensors", "--unseen", "--world"),
+    "--together",
+}
 """Options of commands that start the society; not for `--attach`."""
 
 PICTURES: Final = (".pgm", ".png")
 """Suffixes of a map's image, which its .yaml names."""
 
-X_Y_DEG: Final = ("X", "Y", "DEG")
-
-SEED: Final = between(0, 2**63 - 1, "expected 0 to 2^63 - 1")
-
-
-def set_option() -> Any:
-    """The field of the parameters that are set one by one."""
-    return several("set one parameter of one agent; may be repeated", metavar="AGENT.KEY=VALUE")
-
 
 @dataclass(frozen=True, kw_only=True)
-class Drive:
-    """The options of every command that drives.
+class Drive(Choices):
+    """The options of every command that drives; see `Choices`."""
 
-    The fields without an option belong to derived commands, which declare them.
-    """
-
-    goal: tuple[float, float, float] | None = None
     robots: int | None = None
     replace: bool = False
     mission: str | None = None
@@ -76,41 +40,6 @@ class Drive:
     world: str | None = option(
         "drive in this world (.map, .yaml) instead of a scenario", metavar="MAP"
     )
-    start: tuple[float, float, float] | None = option(
-        "start at this pose: m, m, degrees (default: the scenario's)", metavar=X_Y_DEG, must=POSE
-    )
-    limit: float | None = option(
-        "time limit (default: from the path's length; without a goal: 60 s)",
-        "--for",
-        metavar="S",
-        must=more_than(0, "expected a number of seconds, more than 0 and finite"),
-    )
-    virtual: bool = flag("run in one process under a virtual clock")
-    seed: int | None = option("seed of random numbers (default: 0)", metavar="N", must=SEED)
-    controller: str | None = option(
-        "controller of agents that have several: fast, precise, ... (default: the agent's)",
-        metavar="NAME",
-    )
-    parameters: str | None = option(
-        "a set of agents' parameters: thesis, brisk, swift, or a TOML file (default: none)",
-        metavar="SET",
-    )
-    set: tuple[str, ...] = set_option()
-    exchange: str | None = option(
-        "how resources change hands (default: smooth)", choices=("abrupt", "smooth")
-    )
-    without: tuple[str, ...] = several("leave out an agent; may be repeated", metavar="AGENT")
-    besides: tuple[str, ...] = several("add an agent; may be repeated", "--with", metavar="AGENT")
-    sensors: str | None = option(
-        "sensors of the simulated robot: real; glass: a laser sees through some walls; ideal:"
-        " almost no errors, and no localization agent (default: the scenario's)",
-        metavar="NAME",
-    )
-    unseen: Rule | None = options.unseen_option("the scenario's, else the map file's, else drive")
-    redundant: bool = flag("run two of each behaviour, so that any one may fail")
-    together: tuple[str, ...] = several(
-        "live: run these agents in one process; may be repeated", metavar="A+B"
-    )
     runs: int | None = option(
         "drive N times with successive seeds (default: once)", metavar="N", must=at_least(1)
     )
@@ -119,40 +48,10 @@ class Drive:
         "return 0 instead of 3 for a run whose result is unknown, as on a real robot, of which"
         " nothing counts collisions"
     )
-    plot: Path | None = option(
-        "write the picture to a PNG file (default: runs/SCENARIO.png if live, else none)",
-        metavar="FILE",
-    )
-    no_plot: bool = flag("draw no picture")
-    dashboard: bool = flag("show a live run in Rerun, and print the link")
-    page: bool = flag(
-        "serve the control page beside a live run, and print the link; without --for the society"
-        " stays until Ctrl-C"
-    )
-    wait: bool = flag("show a dashboard, begin when a viewer connects, and stay until Ctrl-C")
-    rrd: Path | None = option("write a Rerun file of a virtual run", metavar="FILE")
-    record: Path | None = option(
-        "record all messages as armadico record does, and what armadico replay needs",
-        metavar="FILE.mcap",
-        must=RECORDING,
-    )
-    robot: str | None = option(
-        "drive the robot at this address (default: start a simulator)", metavar="URL"
-    )
-    simulator: str | None = option(
-        "the id that the simulator at --robot prints, whose truth is then this robot's (default:"
-        " the name of the robot's controller)",
-        metavar="ID",
-    )
-    profile: str | None = option(
-        "the robot's profile: a shipped name, or a file (default: the scenario's)", metavar="NAME"
-    )
     attach: bool = flag(
         "drive with a running society, here or elsewhere; Ctrl-C only stops the robot"
     )
-    priority: float | None = None
-    map: Path | None = None
-    resume: str | None = None
+    additions: tuple[Addition, ...] = ()
     mesh: Mesh = group(Mesh, "the mesh")
 
     @property
@@ -160,31 +59,18 @@ class Drive:
         """Whether it may drive without a scenario or a world, in the empty world."""
         return self.limit is not None or self.goal is not None
 
-    def of_run(self, path: Path, seed: int) -> Path:
-        """The file of one run; with several runs its name ends with the seed."""
-        return path if self.runs is None else path.with_stem(f"{path.stem}-{seed}")
-
-    def chosen(self) -> Options:
-        """The options that change the scenario."""
-        from armadico.launch.society import Options
-
-        return Options(
-            controller=self.controller,
-            exchange=self.exchange,
-            parameters=self.parameters,
-            sets=self.set,
-            without=self.without,
-            besides=self.besides,
-            sensors=self.sensors,
-            unseen=self.unseen,
-            redundant=self.redundant,
-            together=tuple(tuple(group.split("+")) for group in self.together),
-            robot=self.robot,
-            simulator=self.simulator or "",
-            resume=self.resume,
+    def starting(self, scenario: Scenario, seeds: Sequence[int], *, alone: bool = True) -> Start:
+        """The start of a run as the additions see it; `alone`: of one robot."""
+        return Start(
+            scenario=scenario,
+            mesh=self.mesh,
+            namespaces=(self.mesh.namespace,),
+            alone=alone,
+            virtual=self.virtual,
             limit=self.limit,
-            priority=self.priority,
-            journal=self.record is not None and not self.virtual,
+            seeds=seeds,
+            seed=seeds[0],
+            series=self.runs is not None,
         )
 
 
@@ -201,7 +87,7 @@ def choose(
     the scenario's goal or mission; for `change` see `prepared`. Raises UsageError, ConfigError,
     UnknownNameError or FailedError.
     """
-    chosen = args.chosen()
+    chosen = changed(args.additions, Options.of(args, args.seed or 0))
     scenario = _scenario(args, chosen, somewhere=somewhere, mission=mission, change=change)
     return scenario, chosen
 
@@ -222,18 +108,17 @@ def _scenario(
         raise UsageError("name a scenario or a world, not both")
     if both := sorted({*args.besides} & {*args.without}):
         raise UsageError(f"--with {both[0]} --without {both[0]}: use one of them")
-    _check_shown(args)
     if args.robot is not None and args.virtual:
         raise UsageError("--robot is for live runs; --virtual has its own simulator")
-    for name, given in _way(args) if args.virtual else ():
-        if given:
+    for name, value in _way(args) if args.virtual else ():
+        if value:
             raise UsageError(f"{name}: not with --virtual, which runs in one process")
-    if args.simulator is not None and args.robot is None:
+    if args.simulator and args.robot is None:
         raise UsageError("--simulator is for the simulator at the address of --robot")
     if args.robot is not None:
         _check_robot(args.robot)
     _check_attach(args)
-    start, goal = pose(args.start), pose(args.goal)
+    start, goal = args.start, args.goal
     world = _world(args)
     if world is not None:
         scenario = scenario_from(world, start, goal, profile_of(args.profile))
@@ -281,20 +166,6 @@ def _world(args: Drive) -> str | None:
     return scenario
 
 
-def _check_shown(args: Drive) -> None:
-    """Raises UsageError for views and recordings that this kind of run does not have."""
-    if args.wait and args.runs is not None:
-        raise UsageError("--wait is for one run, without --runs")
-    if (args.dashboard or args.wait) and args.virtual:
-        raise UsageError("--dashboard is for live runs; use --rrd FILE for a virtual one")
-    if args.page and (args.virtual or args.runs is not None):
-        raise UsageError("--page is for one live run, without --virtual and --runs")
-    if args.rrd is not None and not args.virtual:
-        raise UsageError(
-            "--rrd is for --virtual; use armadico dashboard --record FILE for a live run"
-        )
-
-
 def _check_robot(url: str) -> None:
     """Raises UsageError for an invalid address, FailedError if the serial port does not exist."""
     from armadico.config.hosts import robot_fault, serial_port
@@ -316,9 +187,9 @@ def _check_robot(url: str) -> None:
 
 
 def _check_attach(args: Drive) -> None:
-    for name in STARTING if args.attach else ():
-        if getattr(args, name):
-            raise UsageError(f"--{name}: not with --attach, which starts no agents")
+    for name in given(args) if args.attach else ():
+        if name in STARTING:
+            raise UsageError(f"{name}: not with --attach, which starts no agents")
 
 
 def check_connect(args: Drive) -> None:
@@ -327,16 +198,11 @@ def check_connect(args: Drive) -> None:
         raise UsageError("--connect is for --attach; otherwise the run starts its own router")
 
 
-def pose(given: tuple[float, float, float] | None) -> ScenarioPose | None:
-    """An option's pose with its heading in rad instead of degrees; None for None."""
-    return None if given is None else (given[0], given[1], radians(given[2]))
-
-
 def _check_together(args: Drive, taking: Sequence[str]) -> None:
     """Raises UsageError for a group that cannot share a process."""
     named: list[str] = []
-    for chosen in args.together:
-        names = chosen.split("+")
+    for names in args.together:
+        chosen = "+".join(names)
         strangers = [name for name in names if name not in taking]
         if args.virtual:
             raise UsageError(f"--together {chosen}: with --virtual all agents share one process")

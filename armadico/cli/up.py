@@ -8,16 +8,15 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.additions import Addition, Start, added, beside, checked
 from armadico.cli.options import FailedError, Mesh, UsageError
 from armadico.cli.parsing import (
-    PORT,
-    POSE,
     Command,
     argument,
     at_least,
@@ -27,24 +26,24 @@ from armadico.cli.parsing import (
     option,
     several,
 )
-from armadico.cli.run_options import X_Y_DEG, pose, set_option
 from armadico.config.endpoints import Endpoints
 from armadico.core.errors import UnknownNameError
 from armadico.core.unseen import Rule
+from armadico.launch.options import X_Y_DEG, set_option, unseen_option
+from armadico.mobile.geometry import Pose2
 
 if TYPE_CHECKING:
     from types import FrameType
 
     from armadico.config.hosts import Host
     from armadico.config.scenarios import Scenario
+    from armadico.core.restart_policy import Budget
     from armadico.launch.supervisor import Plan
 
 EXAMPLES: Final = """\
   armadico up sc4 --host lab1 --hosts lab.toml     lab1's share of scenario 4
   armadico up --host lab1 --hosts lab.toml         all agents of lab1's entry
   armadico up sc4                                  all agents on this machine
-  armadico up house --page                         with the control page; Ctrl-C ends both
-  armadico up house --page-port 8090               with the page always at the same link
   armadico up rounds                               only the agents that the mission needs
   armadico up fleet --namespace lab/r2 --start 1.5 3 0   one robot of the fleet lab
   armadico up sc4 --host lab1 --hosts demo --with avoid --set avoid.v_max=0.3
@@ -64,20 +63,18 @@ class Options:
         "set the simulator's seed (default: the scenario's, or 0)", metavar="N"
     )
     parameters: str | None = option("use this set or file of agents' parameters", metavar="SET")
-    set: tuple[str, ...] = set_option()
+    sets: tuple[str, ...] = set_option()
     more: tuple[str, ...] = several(
         "start one more agent, also if another host runs it; may be repeated",
         "--with",
         metavar="AGENT",
     )
     without: tuple[str, ...] = several("leave out one agent; may be repeated", metavar="AGENT")
-    start: tuple[float, float, float] | None = option(
-        "set this robot's start pose (default: the scenario's)", metavar=X_Y_DEG, must=POSE
-    )
+    start: Pose2 | None = option("set this robot's start pose (default: the scenario's)", **X_Y_DEG)
     robot: str | None = option(
         "connect to this controller (default: the host entry's)", metavar="URL"
     )
-    unseen: Rule | None = options.unseen_option("the scenario's, else the map file's, else drive")
+    unseen: Rule | None = unseen_option("the scenario's, else the map file's, else drive")
     restarts: int = option(
         "give up after N restarts within --within (default: %(default)s)",
         default=5,
@@ -93,27 +90,23 @@ class Options:
     journal: bool = flag(
         "publish the inputs and outputs of all agents, so that a recording can be replayed"
     )
-    page: bool = flag("serve the control page until this ends, and print its link")
-    page_port: int | None = option(
-        "serve the page on this port, also without --page (default: a free one)",
-        metavar="P",
-        must=PORT,
-    )
-    page_bind: str | None = option(
-        "serve the page on this address, also without --page: 0.0.0.0 for other machines that have"
-        " the token, which $ARMADICO_PAGE_TOKEN keeps the same (default: this machine only)",
-        metavar="ADDRESS",
-    )
+    additions: tuple[Addition, ...] = added("up")
     mesh: Mesh = group(Mesh, "the mesh")
 
 
 def run(args: Options) -> int:
     """Keep the share up until interrupted. Return 0 after SIGTERM (`armadico down`)."""
+    from armadico.core.restart_policy import Budget
+
     scenario = _started(args, _scenario(args))
     where = _place(args.mesh, scenario)
+    start = Start(scenario=scenario, mesh=args.mesh, namespaces=(where.namespace,))
+    checked(args.additions, start)
     with _signals() as received:
+        plan = _plan(args, where, scenario)
+        budget = Budget(args.restarts, args.within)
         try:
-            _keep(args, where, scenario)
+            _keep(plan, where, budget, beside(args.additions, start))
         except KeyboardInterrupt:
             if signal.SIGTERM in received:
                 return 0
@@ -174,14 +167,15 @@ def _started(args: Options, scenario: Scenario | None) -> Scenario | None:
         if scenario is None:
             raise UsageError("--unseen needs a scenario: add its name")
         scenario = replace(scenario, unseen=args.unseen)
-    start = pose(args.start)
-    if start is None:
+    if args.start is None:
         return scenario
     if scenario is None:
         raise UsageError("--start needs a scenario: add its name")
     from armadico.config.scenarios import scenario_from
 
-    return replace(scenario, start=scenario_from(scenario.world, start, None, scenario.robot).start)
+    return replace(
+        scenario, start=scenario_from(scenario.world, args.start, None, scenario.robot).start
+    )
 
 
 def _is_mission(name: str) -> bool:
@@ -202,33 +196,24 @@ def _is_mission(name: str) -> bool:
     return "steps" in document(read_text(path), path)
 
 
-def _keep(args: Options, where: Endpoints, scenario: Scenario | None) -> None:
-    from armadico.cli.beside import beside
+def _keep(
+    plan: Plan, where: Endpoints, budget: Budget, company: AbstractContextManager[None]
+) -> None:
+    """Start the agents of a plan, with `company` beside them, and keep them running."""
     from armadico.core.discovery import owners
     from armadico.core.resources import WHEELS
-    from armadico.core.restart_policy import Budget
     from armadico.launch.pidfile import PidFile, Share, TakenError
     from armadico.launch.supervisor import Upkeep
     from armadico.runtime.errors import RunFailedError
 
-    plan = _plan(args, where, scenario)
     has_robot = any(owners((member.name for member in plan.members), WHEELS))
     mesh = where.mesh(starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
-    budget = Budget(args.restarts, args.within)
-    page = [] if args.page_port is None else [f"--port={args.page_port}"]
-    page += [] if args.page_bind is None else [f"--bind={args.page_bind}"]
     try:
         with (
             PidFile(where.namespace, plan.host) as pid_file,
             mesh,
-            beside(
-                args.mesh,
-                "page",
-                None if scenario is None else scenario.world,
-                wanted=args.page or bool(page),
-                more=page,
-            ),
+            company,
             Upkeep(plan, mesh, _log, budget) as upkeep,
         ):
             running = tuple(member.name for member in plan.members)
@@ -276,10 +261,10 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         namespace=where.namespace,
     )
     _check_more(args, [member.name for member in share(scenario, chosen, host)])
-    members = with_sets(share(scenario, chosen, host, args.more), args.set)
+    members = with_sets(share(scenario, chosen, host, args.more), args.sets)
     if not members:
         raise UsageError(f"host {own} has no agent of {args.scenario or 'the table'} to start")
-    if args.set or args.parameters is not None:  # else there is nothing to check
+    if args.sets or args.parameters is not None:  # else there is nothing to check
         check(members)
     robot = next(owners((member.name for member in members), WHEELS), None)
     if args.robot is not None and robot is None:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from armadico.core.config_errors import ConfigError
-from armadico.core.discovery import MISSIONS, installed
+from armadico.core.discovery import MISSIONS
+from armadico.core.installed import loaded
 from armadico.mobile.errand import Order
 
 if TYPE_CHECKING:
@@ -63,6 +64,6 @@ def load_mission(
     Raises:
         ConfigError: It cannot be read or done, or no package for missions is installed.
     """
-    for found in installed(MISSIONS).values():
-        return cast("Mission", found.load()(name_or_path, places, start))
+    for _, load in loaded(MISSIONS):
+        return cast("Mission", load(name_or_path, places, start))
     raise ConfigError(f"mission {name_or_path}: no package for missions is installed")

@@ -86,8 +86,8 @@ Footprint = tuple[float, float, float]
 class DrawnScan(NamedTuple):
     """A scan of the map."""
 
-    key: int  # the newest key scan at its time,
-    offset: Floats  # the robot's pose in the frame of that,
+    key: int  # the newest key scan at its time
+    offset: Floats  # the robot's pose in the frame of that key scan
     scan: Scan
     is_key: bool  # it is that key scan
 

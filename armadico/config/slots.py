@@ -10,8 +10,8 @@ from functools import cache
 
 from msgspec import Struct
 
-from armadico.core.config_errors import ConfigError
-from armadico.core.discovery import SLOTS, installed
+from armadico.core.discovery import SLOTS
+from armadico.core.installed import left_out, loaded
 
 
 class Need(Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,16 +41,16 @@ class Slot(Struct, frozen=True):
 
 @cache
 def slots() -> dict[str, Slot]:
-    """The installed slots by name. Raises ConfigError."""
+    """The installed slots by name."""
     found = {}
-    for name, point in installed(SLOTS).items():
-        loaded = point.load()
-        if not isinstance(loaded, Slot):
-            raise ConfigError(str(point.unusable("must be an armadico.config.slots.Slot")))
-        found[name] = loaded
+    for point, made in loaded(SLOTS):
+        if isinstance(made, Slot):
+            found[point.name] = made
+        else:
+            left_out(point, "must be an armadico.config.slots.Slot")
     return found
 
 
 def slot(name: str) -> Slot:
-    """A capability's slot; an empty one if its package is not installed. Raises ConfigError."""
+    """A capability's slot; an empty one if its package is not installed."""
     return slots().get(name, Slot())

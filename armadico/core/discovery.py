@@ -14,13 +14,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from importlib.metadata import Distribution, EntryPoint
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from armadico.core.errors import UnknownNameError
-from armadico.core.installed import entries
+from armadico.core.installed import entries, left_out
+from armadico.core.installed import package as package_of
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent
@@ -51,6 +51,9 @@ GUESTS: Final = "armadico.guests"
 
 PAGE: Final = "armadico.page"
 """What a capability adds to the control page: requests and views."""
+
+OPTIONS: Final = "armadico.options"
+"""Options that a package adds to the commands that run a society: `armadico.cli.additions`."""
 
 TRANSPORTS: Final = "armadico.transports"
 """By the scheme of an address: the function that opens a device agent's port."""
@@ -119,19 +122,18 @@ class Found:
 
 
 def installed(group: str) -> dict[str, Found]:
-    """The entry points of a group by name. If two packages have one name, the first counts."""
+    """The entry points of a group by name; see `core.installed.entries`."""
     return _installed(group, *sys.path)
 
 
 @cache
 def _installed(group: str, *_path: str) -> dict[str, Found]:
-    found: dict[str, Found] = {}
-    points = sorted(entries(group), key=lambda entry: entry.name)
-    modules = Counter(module for _, module in {(entry.name, entry.module) for entry in points})
-    for entry in points:
-        shares = modules[entry.module] > 1
-        found.setdefault(entry.name, Found(entry.name, entry.value, _package(entry), shares))
-    return found
+    points = entries(group)
+    modules = Counter(entry.module for entry in points)
+    return {
+        entry.name: Found(entry.name, entry.value, package_of(entry), modules[entry.module] > 1)
+        for entry in points
+    }
 
 
 def find(group: str, name: str) -> Found:
@@ -166,6 +168,15 @@ def agent_class(name: str) -> type[Agent]:
     return kind
 
 
+def agents() -> Iterator[tuple[str, type[Agent]]]:
+    """All installed agents by name; those that cannot be used are left out."""
+    for point in entries(AGENTS):
+        try:
+            yield point.name, agent_class(point.name)
+        except ImportError as error:
+            left_out(point, str(error))
+
+
 def owners(names: Iterable[str], resource: Resource) -> Iterator[str]:
     """The agents among `names` that own a resource; only installed agents are known."""
     here = installed(AGENTS)
@@ -178,11 +189,7 @@ def providers(key: str) -> tuple[str, ...]:
     from armadico.core.services import rows_of
 
     found = []
-    for name in installed(AGENTS):
-        try:
-            kind = agent_class(name)
-        except ImportError:
-            continue
+    for name, kind in agents():
         rows = [row for message in kind.provides for row in rows_of(message)]
         keys = [row.key.replace("{name}", name) for row in rows]
         if key in (*keys, *(resource.ack_key for resource in kind.owns)):
@@ -234,12 +241,3 @@ def _is_code(filename: str) -> bool:
     """
     machinery = {__file__, import_module.__code__.co_filename}
     return filename not in machinery and filename[:1] != "<" and not filename.startswith(CORE)
-
-
-def _package(entry: EntryPoint) -> str:
-    return _name(entry.dist) if entry.dist is not None else ""
-
-
-@cache  # `name` parses all metadata, 0.5 ms for each entry point
-def _name(package: Distribution) -> str:
-    return package.name

@@ -421,9 +421,9 @@ class Description(Message, frozen=True):
 
     robot: Name  # the profile's name
     cycle_s: Period  # s from one status packet to the next
-    front: Length  # m from the axle to the front edge,
-    rear: Length  # to the rear edge,
-    half_width: Length  # and to either side
+    front: Length  # m from the axle to the front edge
+    rear: Length  # m from the axle to the rear edge
+    half_width: Length  # m from the axle's middle to either side
     v_max: TopSpeed  # m/s
     w_max: TopTurn  # rad/s
     v_accel: Ramp  # m/s^2
@@ -478,7 +478,7 @@ class Card(Message, frozen=True):
     """Key expressions of its own subscriptions, also of its resources (`robot/state`,
     `resource/wheels/utility`), and keys of the queries that it sends."""
     resources: tuple[Text, ...]  # names of the resources that it competes for
-    holds: tuple[Text, ...] = ()  # and of those that it holds now
+    holds: tuple[Text, ...] = ()  # names of the resources that it holds now
     clock: Annotated[float, Meta(ge=0, le=1e11)] = 0.0
     """Its machine's clock, s since 1970; 0: not given. Only people compare it."""
     owns: tuple[Text, ...] = ()
@@ -523,8 +523,8 @@ class Parameter(Message, frozen=True):
     """A parameter that may be changed while its agent runs."""
 
     name: Name
-    json: Text  # its value now,
-    begun: Text  # and at the agent's start
+    json: Text  # its value now, as JSON
+    begun: Text  # its value at the agent's start, as JSON
     unit: Label  # empty: none
     wanted: Text  # allowed values, for people: `a number above 0, at most 10, or none`
     least: Real | None = None  # None: no bound, or not a number
@@ -557,8 +557,8 @@ class ParameterChange(Message, frozen=True):
     agent: Name
     instance: Name
     name: Name
-    before: Text  # the old value as JSON,
-    json: Text  # and the new one
+    before: Text  # the old value, as JSON
+    json: Text  # the new value, as JSON
     by: Label = ""
 
 

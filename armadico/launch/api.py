@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, wraps
+from inspect import Parameter, Signature, signature
 from io import BytesIO
 from math import inf
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeGuard
+from typing import TYPE_CHECKING, Any, Concatenate, Final, NamedTuple, ParamSpec, TypeGuard
 
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.agent import Agent
-from armadico.launch.society import Options, prepared
+from armadico.core.discovery import PICTURES, installed
+from armadico.launch.options import Choices, Options
+from armadico.launch.society import prepared
 from armadico.mesh.topology import several
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import OccupancyGrid
@@ -24,9 +26,6 @@ from armadico.observe.measures import Mark, Result, RunWatch
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from armadico.watch.pictures import Run as Picture
-
 
 SEEDS: Final = 2**63
 """Seeds are smaller than this."""
@@ -106,63 +105,45 @@ class Run:
 
         Raises ImportError without matplotlib (`pip install 'armadico[plot]'`), and OSError.
         """
-        self._draw(file)
+        _drawing()(self, file)
         return Path(file)
 
-    def _draw(self, out: str | Path | BinaryIO) -> None:
-        from armadico.config.worlds import load_world
-        from armadico.watch.pictures import draw_run
 
-        draw_run(load_world(self.scenario.world), self._picture(), out)
+@dataclass(frozen=True, kw_only=True)
+class Call(Choices):
+    """The keyword arguments of `run`: the options of a run, and those that only Python has."""
 
-    def _picture(self) -> Picture:
-        from armadico.config.grid_map import cells_of
-        from armadico.config.profile import load_profile
-        from armadico.watch.pictures import Run as Picture
-
-        mapped = None
-        if self.grid is not None:
-            with suppress(ValueError):  # the published map may be invalid
-                mapped = cells_of(self.grid)
-        goal = self.scenario.goal
-        first = self.marks[0] if self.marks else None
-        return Picture(
-            path=self.marks,
-            start=self.scenario.start if first is None else (first.x, first.y, first.theta),
-            goal=goal,
-            body=load_profile(self.scenario.robot).body,
-            waypoints=self.waypoints[:-1] if self.grid is None else (),  # exploring has many
-            echoes=self.echoes,
-            title=f"{self.scenario.title or self.scenario.name} (seed {self.measures.seed})",
-            caption=(self.measures.verdict,),
-            mapped=mapped,
-        )
+    joins: Sequence[type[Agent]] = ()
+    namespace: str | None = None
+    connect: str | Sequence[str] = ()
+    progress: Callable[[RunWatch], None] | None = None
+    show: bool = False
 
 
-def run(
-    scenario: str | Path | Scenario,
-    *,
-    virtual: bool = False,
-    seed: int | None = None,
-    start: Pose2 | None = None,
-    goal: Pose2 | None = None,
-    limit: float | None = None,
-    without: str | Sequence[str] = (),
-    besides: str | Sequence[str] = (),
-    sensors: str | None = None,
-    redundant: bool = False,
-    joins: Sequence[type[Agent]] = (),
-    controller: str | None = None,
-    exchange: str | None = None,
-    parameters: str | None = None,
-    profile: str | None = None,
-    robot: str | None = None,
-    simulator: str = "",
-    namespace: str | None = None,
-    connect: str | Sequence[str] = (),
-    progress: Callable[[RunWatch], None] | None = None,
-    show: bool = False,
-) -> Run:
+P = ParamSpec("P")
+Given = str | Path | Scenario
+
+
+def _keywords(
+    made: Callable[P, Call],
+) -> Callable[[Callable[[Given, Call], Run]], Callable[Concatenate[Given, P], Run]]:
+    """Give a function the fields of `Call` as keyword arguments, for type checkers as well."""
+
+    def decorate(run: Callable[[Given, Call], Run]) -> Callable[Concatenate[Given, P], Run]:
+        @wraps(run)
+        def called(scenario: Given, *args: P.args, **options: P.kwargs) -> Run:
+            return run(scenario, made(*args, **options))
+
+        first = Parameter("scenario", Parameter.POSITIONAL_OR_KEYWORD, annotation=Given)
+        fields = signature(made).parameters.values()
+        called.__signature__ = Signature((first, *fields))  # type: ignore[attr-defined]
+        return called
+
+    return decorate
+
+
+@_keywords(Call)
+def run(scenario: Given, call: Call) -> Run:  # noqa: D417 - the fields of Call
     """Drive one scenario from start to goal, as `armadico run` does, without output.
 
         done = armadico.run("sc4", virtual=True, seed=7)
@@ -216,58 +197,41 @@ def run(
             `joins` in another one; `show` outside a notebook.
         ImportError: `show` without matplotlib (`pip install 'armadico[plot]'`).
     """
-    if virtual and (robot or namespace or connect):
+    if call.virtual and (call.robot or call.namespace or call.connect):
         raise ValueError("robot, namespace and connect are for live runs; leave out virtual=True")
-    if joins and not virtual:
+    if call.joins and not call.virtual:
         raise ValueError("joins is for virtual runs; processes are found by their entry points")
-    _check_types(seed=seed, limit=limit, start=start, goal=goal, joins=joins)
-    display = _display() if show else None
+    _check_types(call)
+    display = _display() if call.show else None
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    options = Options(
-        seed=given.seed if seed is None else seed,
-        controller=controller,
-        exchange=exchange,
-        parameters=parameters,
-        limit=limit,
-        without=several(without),
-        besides=several(besides),
-        sensors=sensors,
-        redundant=redundant,
-        robot=robot,
-        simulator=simulator,
-    )
-    chosen = prepared(
-        given,
-        options,
-        start=start,
-        goal=goal,
-        profile=profile,
-    )
+    options = Options.of(call, given.seed if call.seed is None else call.seed)
+    chosen = prepared(given, options, start=call.start, goal=call.goal, profile=call.profile)
     warnings: list[str] = []
-    if virtual:
+    if call.virtual:
         from armadico.launch.virtual import Rehearsal
 
         rehearsal = Rehearsal(chosen, options)
-        for kind in joins:
+        for kind in call.joins:
             rehearsal.add(kind)
-        rehearsal.run(progress, warnings.append)
+        rehearsal.run(call.progress, warnings.append)
         return _shown(Run.of(chosen, rehearsal.watch, warnings), display)
-    from armadico.launch.client import connect as joined
+    from armadico.launch.client import connect
     from armadico.launch.local import Launcher
 
-    joining = [word for endpoint in several(connect) for word in ("--connect", endpoint)]
+    joining = [word for endpoint in several(call.connect) for word in ("--connect", endpoint)]
     with (
-        joined(namespace, connect=connect) as guest,
+        connect(call.namespace, connect=call.connect) as guest,
         Launcher(chosen, options, guest.mesh, guest.mesh.namespace, joining=joining) as live,
     ):
-        live.run(progress, warnings.append)
+        live.run(call.progress, warnings.append)
     return _shown(Run.of(chosen, live.watch, warnings), display)
 
 
-def _check_types(
-    *, seed: object, limit: object, start: object, goal: object, joins: object
-) -> None:
+def _check_types(call: Call) -> None:
     """Raises TypeError or ValueError that names the argument, its value and what is right."""
+    seed: object = call.seed
+    limit: object = call.limit
+    joins: object = call.joins
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral)):
         raise TypeError(f"seed={seed!r}: expected an integer, such as 7")
     if isinstance(seed, Integral) and not 0 <= int(seed) < SEEDS:
@@ -277,7 +241,7 @@ def _check_types(
             raise TypeError(f"limit={limit!r}: expected a number of seconds, such as 60")
         if not 0.0 < limit < inf:
             raise ValueError(f"limit={limit!r}: expected more than 0 seconds, and finite")
-    for name, pose in (("start", start), ("goal", goal)):
+    for name, pose in (("start", call.start), ("goal", call.goal)):
         if pose is None:
             continue
         parts = () if isinstance(pose, str) or not isinstance(pose, Iterable) else tuple(pose)
@@ -299,6 +263,15 @@ def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
+def _drawing() -> Callable[..., None]:
+    """What draws a run. Raises ImportError if it is not installed."""
+    found = installed(PICTURES).get("run")
+    if found is None:
+        raise ImportError(f"no installed package draws a run ({PICTURES})")
+    draw: Callable[..., None] = found.load()
+    return draw
+
+
 def _display() -> Callable[..., Any]:
     """IPython's function that displays below a cell; checked before the robot moves.
 
@@ -317,6 +290,6 @@ def _display() -> Callable[..., Any]:
 def _shown(run: Run, display: Callable[..., Any] | None) -> Run:
     if display is not None:
         drawn = BytesIO()
-        run._draw(drawn)
+        _drawing()(run, drawn)
         display({"image/png": drawn.getvalue()}, raw=True)
     return run

@@ -18,7 +18,8 @@ from armadico.config.scenarios import Scenario, mission_of, unmapped
 from armadico.config.worlds import doubts, load_world
 from armadico.core.agent import WARNING
 from armadico.core.cycles import LISTEN
-from armadico.core.discovery import GUESTS, agent_class, installed, owners
+from armadico.core.discovery import GUESTS, agent_class, owners
+from armadico.core.installed import made
 from armadico.core.messages import Claim, Log, LogEvent, Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
@@ -171,7 +172,7 @@ class RobotRun(Run[RunWatch, Result]):
         self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
         self._warned = ""
         self.report_to(self._warn)
-        self._guests = [found.load()(scenario) for found in installed(GUESTS).values()]
+        self._guests = made(GUESTS, scenario)
 
     @property
     def over(self) -> bool:

@@ -44,8 +44,7 @@ from armadico.core.agent import DeviceAgent
 from armadico.core.config_errors import ConfigError, ConfigNameError, advice
 from armadico.core.discovery import AGENTS, ERRANDS, agent_class, find, installed, owners
 from armadico.core.resources import WHEELS, Resource
-from armadico.core.unseen import Rule
-from armadico.mesh.topology import DEFAULT_NAMESPACE
+from armadico.launch.options import Options as Options  # noqa: PLC0414 - for importers
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.conditions import Conditions, digest, packages, software
@@ -62,31 +61,6 @@ LIMIT_FACTOR = 5.0
 LIMIT_LEAST = 60.0
 MISSION_S = 3600.0
 """Default time limit of a mission of several tasks, s."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options that change a scenario."""
-
-    seed: int = 0
-    controller: str | None = None
-    exchange: str | None = None
-    parameters: str | None = None  # a set of parameters, by name or path
-    without: tuple[str, ...] = ()
-    besides: tuple[str, ...] = ()  # agents to add
-    sensors: str | None = None  # of the simulated robot; None: the scenario's
-    unseen: Rule | None = None  # None: the scenario's
-    redundant: bool = False  # two of each behaviour
-    robot: str | None = None  # the address of a real robot
-    simulator: str = ""  # the id of the simulator behind that address; "": not known
-    together: tuple[tuple[str, ...], ...] = ()  # agents that share a process
-    resume: str | None = None  # a saved map with which the mapping agent continues
-    limit: float | None = None  # s; None: `time_limit`
-    namespace: str = DEFAULT_NAMESPACE  # the robot's
-    priority: float | None = None  # of a mission of several tasks; None: its own
-    journal: bool = False  # live: the agents publish their inputs and outputs
-    sets: tuple[str, ...] = ()  # single parameters, as AGENT.KEY=VALUE
-    margin: float | None = None  # by which a bid must be better; None: the resource's own
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """The stages of driving the robot to a goal, in one table for all agents.
 
 An agent either contends for the planner and the trajectory itself (an errand of the missions), or
-requests the drive from the interface agent (`Ordered`). Both follow `TRANSITIONS`; an event without
-an entry for the stage changes nothing.
+requests the drive from the interface agent (`Ordered`). Both follow `TRANSITIONS`, and so does the
+interface agent. An event without an entry for the stage changes nothing.
 """
 
 from __future__ import annotations

@@ -54,6 +54,12 @@ class Standing(Struct, frozen=True):
     sentences: tuple[str, ...]
     cause: Finding | None = None  # none: it moves
 
+    @property
+    def lines(self) -> list[str]:
+        """The sentences, and the cure."""
+        todo = "" if self.cause is None else self.cause.todo
+        return [*self.sentences, *([f"-> {todo}"] if todo else [])]
+
 
 def standing(view: View, now: float, demand: Demand = NOTHING) -> Standing:
     """Why the robot of a view stands.

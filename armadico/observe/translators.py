@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from armadico.core.discovery import TRANSLATORS, find, installed
+from armadico.core.discovery import TRANSLATORS, find
+from armadico.core.installed import loaded
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
@@ -65,11 +66,8 @@ class Makes(Protocol):
 def translators(
     namespaces: Sequence[str], worlds: Mapping[str, World | None] | None = None
 ) -> dict[str, list[Translator]]:
-    """All installed translators, by namespace; topics of a single robot have no prefix.
-
-    Raises ImportError with the name of a translator that cannot be loaded.
-    """
-    makers: list[Makes] = [found.load() for found in installed(TRANSLATORS).values()]
+    """All installed translators, by namespace; topics of a single robot have no prefix."""
+    makers: list[Makes] = [make for _, make in loaded(TRANSLATORS)]
     return {
         ns: [make("" if len(namespaces) == 1 else ns, (worlds or {}).get(ns)) for make in makers]
         for ns in namespaces

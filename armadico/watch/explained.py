@@ -6,7 +6,9 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
+from armadico.observe.drives import Drive, Unobeyed
 from armadico.observe.findings import Finding, Sort, cause
+from armadico.observe.standing import Standing
 from armadico.observe.view import agent_of
 
 
@@ -96,6 +98,23 @@ class Collision(Struct, frozen=True):
     sentences: tuple[str, ...]
     cause: Finding
     moment: Moment
+
+
+class Summary(Struct, frozen=True):
+    """A whole recording; its length is in s."""
+
+    seconds: float
+    exchanges: list[Exchange]
+    stops: list[Press]
+    collisions: list[Collision]
+    drives: list[Drive]
+    unobeyed: Unobeyed | None
+    standing: Standing
+    sentences: tuple[str, ...]
+
+
+Event = Exchange | Press | Collision
+Answer = Moment | Event | Summary | Standing
 
 
 # In words -----------------------------------------------------------------------------------------

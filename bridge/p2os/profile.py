@@ -5,6 +5,7 @@ The conversion factors are in the controller's own units.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct
@@ -12,6 +13,7 @@ from msgspec.structs import replace
 
 from armadico.config.profile import IdentifiedRobot, Positive, Section, SonarRing, load_profile
 from armadico.config.shipped import names
+from armadico.core.config_errors import ConfigNameError
 from armadico.core.messages import Patience
 
 
@@ -66,9 +68,10 @@ class P2osRobot(IdentifiedRobot, frozen=True, forbid_unknown_fields=True, kw_onl
 
 def profiles_for(class_name: str, subclass: str) -> tuple[str, ...]:
     """The names of the shipped profiles that match a controller with these names, sorted."""
-    profiles = {name: load_profile(name) for name in names("robots")}
-    return tuple(
-        name
-        for name, profile in profiles.items()
-        if isinstance(profile, P2osRobot) and profile.p2os.of(class_name, subclass)
-    )
+    found = []
+    for name in names("robots"):
+        with suppress(ConfigNameError):  # a robot of a kind that is not installed
+            profile = load_profile(name)
+            if isinstance(profile, P2osRobot) and profile.p2os.of(class_name, subclass):
+                found.append(name)
+    return tuple(found)

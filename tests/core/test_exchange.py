@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from armadico.core.cycles import PERIOD
 from armadico.core.exchange import (
     AT_ONCE,
-    EXCHANGES,
     LONGEST,
     AbruptExchange,
     Bid,
@@ -160,8 +159,3 @@ def test_an_abrupt_exchange_is_at_once_whatever_the_difference() -> None:
     bid = Bid(0.7, (-1.0, 2.0))
     handover = AbruptExchange().begin(WHEELS, LOSER, 0.6, bid, PERIOD)
     assert [handover.action(t, bid) for t in (1, 2, 50)] == [bid.action] * 3
-
-
-def test_exchanges_are_found_by_name() -> None:
-    assert isinstance(EXCHANGES["smooth"], SmoothExchange)
-    assert isinstance(EXCHANGES["abrupt"], AbruptExchange)

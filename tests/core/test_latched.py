@@ -18,9 +18,6 @@ from armadico.core.messages import (
     Latched,
     Point,
     Stop,
-    counts_beyond,
-    decode,
-    encode,
     next_count,
 )
 from armadico.mobile.messages import Origin, Trajectory, Waypoint
@@ -104,30 +101,11 @@ def test_a_release_of_a_stop_that_was_not_received_is_of_a_newer_one() -> None:
     assert memory.update(Stop(9, False, "c", 2), 1.0)
 
 
-def test_a_stop_with_a_huge_counter_stops_and_can_be_released() -> None:
-    memory = knowing(Stop(6, False, "a", 1))
-    assert memory.update(Stop(LARGEST_COUNT, True, "forger", 2), 1.0)
-    known = memory.newest(Stop)
-    assert known is not None
-    release = Stop(known.counter + 1, False, "b", known.press)
-    assert decode(encode(release), Stop) == release, "there is a larger counter"
-    assert memory.update(release, 2.0)
-
-
 def test_a_release_with_a_huge_counter_is_refused() -> None:
     memory = knowing(Stop(6, True, "a", 1))
     assert not memory.update(Stop(6 + JUMP + 1, False, "forger", 1), 1.0)
     assert memory.refused == 1
     assert memory.newest(Stop) == Stop(6, True, "a", 1)
-
-
-def test_a_stop_at_the_largest_counter_of_all_still_stops() -> None:
-    memory = Memory(random.Random(1))
-    memory.note(Stop(LARGEST_COUNT, False, "a", 1))
-    assert memory.update(Stop(1, True, "b", 2), 1.0)
-    known = memory.newest(Stop)
-    assert known is not None
-    assert known.stopped
 
 
 @pytest.mark.parametrize("press", [1, 9], ids=["known", "unknown"])
@@ -266,12 +244,6 @@ def test_a_state_without_a_stop_is_not_stored(memory: Memory) -> None:
     assert restored(memory, 1.0) == [Stop(7, False, "a", 1)], (
         "but its publisher receives the known one"
     )
-
-
-def test_an_empty_memory_has_nothing_to_give(memory: Memory) -> None:
-    memory.met(0.0)
-    assert memory.wakeup is None
-    assert memory.due(1.0) == []
 
 
 def test_a_new_instance_gets_all_states() -> None:
@@ -423,24 +395,6 @@ def test_after_the_largest_counter_comes_none(made: Callable[[int], Latched]) ->
     memory.update(made(LARGEST_COUNT), 1.0)
     assert memory.newest(type(made(0))) == made(0)
     assert restored(memory, 1.0) == [made(0)]
-
-
-@pytest.mark.parametrize("known", [LARGEST_COUNT, LARGEST_COUNT - 1, 2**51])
-def test_there_is_a_release_for_every_stop_and_a_stop_after_it(known: int) -> None:
-    memory = knowing(Stop(known, False, "a", 1))
-    for press in range(2, 6):
-        assert memory.update(Stop(3, True, "b", press), 1.0)
-        stop = memory.newest(Stop)
-        assert stop is not None
-        release = Stop(next_count(stop.counter), False, "c", press)
-        assert decode(encode(release), Stop) == release
-        assert memory.update(release, 1.0)
-
-
-@given(st.integers(0, LARGEST_COUNT), st.integers(0, LARGEST_COUNT))
-def test_of_two_counters_one_is_beyond_the_other(one: int, other: int) -> None:
-    assert counts_beyond(one, other) + counts_beyond(other, one) == (one != other)
-    assert counts_beyond(next_count(one), one)
 
 
 # All at once --------------------------------------------------------------------------------------
@@ -690,29 +644,3 @@ class Strays(RuleBasedStateMachine):
 
 TestStrays = Strays.TestCase
 TestStrays.settings = settings(max_examples=60, stateful_step_count=20)
-
-
-def outcomes(deliver: Callable[[Memory, Latched], bool], *messages: Latched) -> set[Latched | None]:
-    """What is known after some messages, in all orders of two copies each."""
-    found = set()
-    for seed in range(40):
-        memory, order = Memory(random.Random(1)), [*messages, *messages]
-        random.Random(seed).shuffle(order)
-        for message in order:
-            deliver(memory, message)
-        found.add(memory.newest(type(messages[0])))
-    return found
-
-
-def test_in_whatever_order_and_however_often_all_come_to_one_trajectory() -> None:
-    messages = [Trajectory(n // 2, n, GOAL) for n in range(6)]
-    assert outcomes(lambda memory, message: memory.update(message, 0.0), *messages) == {
-        messages[-1]
-    }
-
-
-def test_in_whatever_order_and_however_often_a_stop_and_its_release_come_to_the_release() -> None:
-    messages = [Stop(6, True, "a", 1), Stop(7, False, "b", 1)]
-    assert outcomes(lambda memory, message: memory.update(message, 0.0), *messages) == {
-        messages[-1]
-    }

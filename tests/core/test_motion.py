@@ -25,9 +25,9 @@ from armadico.core.messages import (
     encode,
 )
 from armadico.mobile.motion import RAMP_STEPS, Body, Speeds, course, ordered, touches_at
-from tests.core.framework.robots import body, described
+from armadico.testing import PIONEER as DESCRIPTION
 
-PIONEER = body()
+PIONEER = Body.of(DESCRIPTION)
 FINE_S = 0.005
 places = st.builds(Point, st.floats(-0.8, 1.8), st.floats(-1.0, 1.0))
 measured_speeds = st.tuples(st.floats(-0.1, 1.0), st.floats(-1.2, 1.2))
@@ -183,7 +183,7 @@ def test_numbers_beyond_any_message_take_no_more_steps(
 
 
 def test_all_that_a_pioneer_can_do_is_followed_cycle_by_cycle() -> None:
-    description = described()
+    description = DESCRIPTION
     waited, fastest = 3 * description.cycle_s, (description.v_max, description.w_max)
     way = course(PIONEER, fastest, fastest, waited)
     ramps = [step.at for step in way if step.at > waited + PIONEER.dead_s]

@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from armadico.core.messages import Cycle, Point
 from armadico.core.parameters import Safety
 from armadico.mobile.geometry import turning_circle
-from armadico.mobile.motion import Speeds
+from armadico.mobile.motion import Body, Speeds
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.safety import UNHEARD_M, Limited, Scene, corner_cut, critical, limit
 from armadico.mobile.swept_path import free_path
-from tests.core.framework.robots import body
+from armadico.testing import PIONEER as DESCRIPTION
 from tests.core.test_motion import clearance, driven
 
 SAFETY = Safety()
-PIONEER = body()
+PIONEER = Body.of(DESCRIPTION)
 OUTLINE = PIONEER.outline
 places = st.builds(Point, st.floats(-1.0, 2.5), st.floats(-1.5, 1.5))
 worlds = st.lists(places, max_size=6)

@@ -17,9 +17,7 @@ from armadico.core.services import (
     service_of,
     state,
 )
-from armadico.core.services import services as table
-from armadico.mobile.messages import Origin, Pose, Trajectory, Truth
-from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.messages import Pose
 from armadico.mobile.resources import TRAJECTORY
 
 
@@ -36,39 +34,6 @@ def registry(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table of one's own to add to."""
     monkeypatch.setattr(services, "_by_message", dict(services._by_message))
     monkeypatch.setattr(services, "_rows", list(services._rows))
-
-
-def test_no_two_services_share_a_key_or_but_for_questions_a_message() -> None:
-    keys = [service.key for service in table()]
-    assert len(set(keys)) == len(keys)
-    twice = (m.Ask, m.Command)  # a resource says which key its commands have
-    listed = [service.message for service in table() if service.message not in twice]
-    assert len(set(listed)) == len(listed)
-
-
-def test_a_query_has_a_reply_and_nothing_else_has() -> None:
-    for service in table():
-        assert (service.reply is not None) == (service.kind is Kind.QUERY), service.key
-
-
-def test_what_goes_stale_carries_the_cycle_that_it_answers() -> None:
-    for service in table():
-        if service.fresh_cycles is not None:
-            assert "cycle" in service.message.__struct_fields__, service.key
-
-
-def test_claims_and_commands_are_events_so_that_none_overwrites_another() -> None:
-    events: tuple[type[m.Message], ...] = (m.Claim, m.Command, m.Log)
-    states: tuple[type[m.Message], ...] = (m.RobotState, Pose, Obstacles, m.Ack)
-    assert {service_of(kind).kind for kind in events} == {Kind.EVENT}
-    assert {service_of(kind).kind for kind in states} == {Kind.STATE}
-    latched: tuple[type[m.Message], ...] = (m.Stop, Trajectory, Origin)
-    assert {service_of(kind).kind for kind in latched} == {Kind.LATCHED}
-
-
-def test_the_truth_and_journals_are_for_watchers_alone() -> None:
-    alone = {service.message for service in table() if service.watchers_only}
-    assert alone == {m.JournalPiece, Truth}
 
 
 def test_keys_are_filled_with_names_and_patterns_catch_them_all() -> None:

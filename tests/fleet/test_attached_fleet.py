@@ -118,12 +118,6 @@ def test_who_comes_late_takes_part_and_is_in_the_table() -> None:
     assert {row.robot: bool(row.tasks) for row in result.robots} == {"r1": True, "r7": True}
 
 
-def test_nobody_there_is_said_with_what_brings_a_robot_up() -> None:
-    attached = Attached(robots=0)
-    with pytest.raises(RunFailedError, match=r"no robot of the fleet 'f' .*`armadico up fleet"):
-        attached.run()
-
-
 def test_so_many_as_are_asked_for_are_waited_for() -> None:
     attached = Attached(robots=2, wanted=3)
     with pytest.raises(RunFailedError, match=r"f/r1, f/r2 of the fleet .* 3 or more"):
@@ -222,16 +216,3 @@ def test_a_list_that_was_left_is_replaced_if_that_is_asked_for() -> None:
     with again:
         result = again.run()
     assert all_done(result), result.verdict
-
-
-def test_who_does_not_answer_is_not_asked_for_ever() -> None:
-    attached = Attached()
-    with attached.fleet as fleet:
-        fleet.find()
-        fleet.start()
-        attached.band.kill("f/r1")
-        fleet.begin()
-        assert attached.heard("no fleet agent takes the list of tasks (namespace 'f/r1')")
-    work = attached.band.fleet("f/r2").work
-    assert work is not None
-    assert len(work.sharing.open) == 6

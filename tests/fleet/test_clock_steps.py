@@ -46,7 +46,7 @@ class Stepped:
         return [text for text in self.lines if any(word in text for word in BLAMED)]
 
 
-@pytest.mark.long(but=("scenario1",))
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", [load_scenario("house"), exploring(load_scenario("sc3"))])
 def test_a_step_of_every_clock_fails_no_mission(scenario: Scenario) -> None:
     run = Rehearsal(scenario, Options(seed=1))

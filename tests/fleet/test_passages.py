@@ -85,14 +85,6 @@ def test_a_way_enters_a_passage_once_and_at_its_mouth() -> None:
     assert passages.along([(5.0, 2.0), (9.0, 2.0)])[0] == (pytest.approx(0.0, abs=0.15), 0)
 
 
-def test_near_measures_to_the_passage() -> None:
-    passages = corridor(1.1)
-    assert passages.near(0, 5.0, 2.0, 0.1)
-    assert passages.near(0, 6.4, 2.0, 0.6)
-    assert not passages.near(0, 7.0, 2.0, 0.6)
-    assert not passages.near(0, -3.0, 9.0, 0.6), "beyond the map"
-
-
 def test_the_same_map_has_the_same_passages_and_another_one_has_others() -> None:
     assert corridor(1.1).id == corridor(1.1).id
     assert corridor(1.1).id != corridor(1.4).id

@@ -11,19 +11,18 @@ from typing import Any, ClassVar
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.missions.battery_charger import BatteryCharger
 from armadico.agents.missions.messages import ChargeState, ChargeStatus, EnergyReply, EnergyRequest
 from armadico.config.scenarios import Battery, Scenario, load_scenario
 from armadico.config.worlds import load_world
 from armadico.core.agent import Identity
-from armadico.core.messages import Log, Message, RobotState
+from armadico.core.messages import Log, Message
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mobile.driven import Stage
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import BatteryLevel, Pose, Truth, Waypoint
-from armadico.mobile.resources import PLANNER, TRAJECTORY
-from tests.robot.agents.senders import Sender
+from armadico.mobile.resources import TRAJECTORY
+from tests.missions.senders import Sender
 
 CHARGING = ("battery-sensor", "battery-charger", "dock")
 E = Waypoint(12.6, 1.2, -1.57)
@@ -127,6 +126,7 @@ class Society:
         self.rehearsal.enter(name)
 
 
+@pytest.mark.long
 def test_with_little_left_it_charges_and_the_mission_ends_afterwards() -> None:
     society = Society(0.24, start=(E.x, E.y, E.theta))
     society.sender.goals = [Waypoint(2.2, 3.0, 1.57), E]
@@ -315,18 +315,7 @@ def test_what_is_needed_is_the_way_there_the_way_on_to_a_dock_and_a_reserve() ->
     assert "kJ are left" in far.note
 
 
-def test_too_little_is_said_with_both_numbers() -> None:
-    reply = query(waiting(), E, 1e6)
-    assert not reply.enough
-    assert "kJ are needed" in reply.note
-
-
 def test_a_goal_from_which_no_dock_is_reached_is_not_enough() -> None:
     reply = query(waiting(), Waypoint(99.0, 0.0, 0.0))
     assert not reply.enough
     assert "no way from there to a dock" in reply.note
-
-
-def test_the_charger_declares_what_it_shares() -> None:
-    assert BatteryCharger.competes_for == (PLANNER, TRAJECTORY)
-    assert RobotState in BatteryCharger.receives

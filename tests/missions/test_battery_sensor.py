@@ -13,9 +13,9 @@ from armadico.agents.missions.battery_sensor import BatterySensor, Parameters
 from armadico.agents.missions.messages import BatteryAlarm
 from armadico.bridge.simulator.battery import Battery
 from armadico.config.profile import load_profile
-from armadico.core.agent import Identity, Publish
+from armadico.core.agent import Identity
 from armadico.core.cycles import PERIOD
-from armadico.core.messages import Cycle, Log, Message
+from armadico.core.messages import Log, Message
 from armadico.mobile.messages import BatteryLevel
 from armadico.testing import Alone
 
@@ -148,15 +148,3 @@ def test_a_dead_sensor_gives_no_level_and_one_warning() -> None:
     assert not robot.of(BatteryLevel)
     logs = [log for _, log in robot.of(Log)]
     assert len(logs) == 1
-
-
-def test_the_alarm_is_by_the_robots_own_battery() -> None:
-    """A Jackal's pack of 29 V is empty long before a Pioneer's 10.4 V."""
-    jackal = BatterySensor(Identity("battery-sensor-1"), Parameters(profile="jackal"))
-    assert jackal._battery.low_v > jackal._battery.empty_v > 20.0
-    jackal._gauge.share = 0.01
-    jackal._publish_level(Cycle(1, 1))
-    assert any(
-        isinstance(item, Publish) and isinstance(item.message, BatteryAlarm)
-        for item in jackal.outbox
-    )

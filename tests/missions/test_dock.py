@@ -10,7 +10,7 @@ import pytest
 from armadico.agents.driving.avoid import Avoid
 from armadico.agents.driving.gothrough import Gothrough
 from armadico.agents.driving.goto import Goto
-from armadico.agents.missions.dock import Dock, Parameters
+from armadico.agents.missions.dock import Dock
 from armadico.agents.missions.messages import ChargeState, ChargeStatus
 from armadico.core.agent import Agent, Identity
 from armadico.core.messages import Message, Point, Stop
@@ -108,11 +108,6 @@ def test_beside_the_lane_it_does_not_drive() -> None:
     lane.pose = (0.0, 0.3, 0.0)
     assert claims(lane.cycle()) == []
     assert "not before the dock: 0.30 m aside" in lane.bid.reason
-
-
-def test_it_is_slow_enough_for_its_margin() -> None:
-    p = Parameters()
-    assert p.v <= p.safety.slow
 
 
 @pytest.mark.parametrize("kind", [Goto, Avoid, Gothrough])

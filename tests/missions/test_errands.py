@@ -25,7 +25,7 @@ from armadico.mobile.messages import (
 from armadico.mobile.resources import TRAJECTORY
 from armadico.mobile.route import Route
 from armadico.runtime.errors import MissionRefusedError
-from tests.robot.agents.senders import Sender
+from tests.missions.senders import Sender
 
 A, B, C = Waypoint(1.0, 0.0, 0.0), Waypoint(2.0, 0.0, 0.0), Waypoint(2.0, 2.0, 1.5)
 

@@ -14,7 +14,7 @@ from armadico.agents.missions.messages import Board
 from armadico.cli import options
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
-from tests.programs import call, heavy, imports_nothing
+from tests.programs import call
 
 BRIEF = """
 title = "Brief"
@@ -31,14 +31,6 @@ def brief(tmp_path: Path) -> Path:
     file = tmp_path / "brief.toml"
     file.write_text(BRIEF, encoding="utf-8")
     return file
-
-
-def test_help_has_examples_and_imports_nothing_heavy() -> None:
-    heavies = ("numpy", "zenoh", "msgspec", "cbor2", "rich")
-    for words in (["mission", "--help"], ["mission", "run", "--help"]):
-        done = heavy("armadico.cli", words, heavies)
-        assert imports_nothing(done)
-        assert done.stdout.count("  armadico mission ") >= 2
 
 
 def test_a_mission_that_ends_as_asked_is_told_step_by_step(brief: Path) -> None:
@@ -82,9 +74,6 @@ def test_those_that_are_shipped_are_listed() -> None:
     rows = {row["name"]: row for row in json.loads(call("mission", "list", "--json").stdout)}
     assert rows["surveillance"]["steps"][1] == "move(R1)"
     assert set(rows) >= {"surveillance", "rounds"}
-
-
-WRONG = BRIEF.replace('"wait", seconds = 1', '"move", to = "R111"')
 
 
 @pytest.mark.long

@@ -48,7 +48,7 @@ from armadico.mobile.messages import (
 from armadico.observe.measures import RunWatch
 from armadico.runtime.errors import AbsentError, MissionRefusedError
 from tests.missions.building import SURVEY, Building, text
-from tests.robot.agents.senders import Sender
+from tests.missions.senders import Sender
 
 NEAR = 'do = "move", to = "R2"'
 NEAR_ONLY = f"steps = [{{ {NEAR} }}]"

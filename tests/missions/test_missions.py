@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import random
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from armadico.agents.missions import mission_file as missions
 from armadico.agents.missions.mission_file import Mission, Step, load_mission, read_mission
-from armadico.agents.missions.task import Task
 from armadico.config.places import Places
 from armadico.config.profile import load_profile
 from armadico.config.shipped import names
 from armadico.config.worlds import Room, World, load_world
-from armadico.core.config_errors import ConfigError, ConfigNameError
+from armadico.core.config_errors import ConfigError
 
 HOME = (1.5, 2.0)
 
@@ -67,45 +64,6 @@ def test_a_step_says_when_how_often_how_long_and_what_if_not() -> None:
 
 
 PHOTO = 'steps = [{ do = "take-photo" }]'
-CALLS = """
-[procedures.photo-of]
-takes = ["room"]
-steps = [
-  { do = "move", to = "$room" },
-]
-"""
-
-
-CIRCLE = """
-[procedures.a]
-steps = [
-  { do = "b" },
-]
-[procedures.b]
-steps = [
-  { do = "a" },
-]
-"""
-OWN_CIRCLE = """
-[procedures.a]
-steps = [
-  { do = "take-photo", else = [{ do = "a" }] },
-]
-"""
-TASK = """
-[procedures.move]
-steps = [{ do = "take-photo" }]
-"""
-TWICE_ELSE = (
-    'do = "move", to = "R1", else = [{ do = "wait", seconds = 1, else = [{ do = "wait" }] }]'
-)
-
-IN = """
-[procedures.in]
-takes = ["room"]
-when = { room = "$room" }
-steps = [{ do = "take-photo" }]
-"""
 
 
 def look(row: str, *takes: str) -> str:
@@ -114,54 +72,6 @@ def look(row: str, *takes: str) -> str:
         f'on_alarm = "look"\n{PHOTO}\n[procedures.look]\ntakes = {["room", *takes]}\n'
         f"steps = [\n  {{ {row} }},\n]"
     )
-
-
-WRONG_STEPS = [
-    ('do = "mve", to = "R1"', "2: no task or procedure 'mve'; did you mean 'move'?"),
-    ('do = "move", to = "R111"', "2: no place 'R111' in 'surveillance'; did you mean 'R11'?"),
-    ('do = "move", too = "R1"', "2: unknown key too of 'move'; did you mean 'to'?"),
-    ('do = "move"', "2: missing key to in steps[0]"),
-    ('du = "move"', "2: a step needs a key do; did you mean 'do'?"),
-    ('do = "wait", seconds = "l"', '2: steps[0].seconds = "l": expected a number, not a string'),
-    ('do = "wait", seconds = -1', "2: steps[0].seconds = -1: expected a number >= 0.0"),
-    (
-        'do = "take-photo", when = { batery_above = 0.2 }',
-        "2: unknown key steps[0].when.batery_above; did you mean 'battery_above'?",
-    ),
-    (
-        'do = "take-photo", when = { room = "R3" }',
-        "2: no room 'R3' in 'surveillance'; did you mean",
-    ),
-    ('do = "take-photo", when = {}', "2: when is empty"),
-    ('do = "photo-of", rom = "R1"', "2: unknown key rom of 'photo-of'; did you mean 'room'?"),
-    ('do = "photo-of"', "2: 'photo-of' needs an argument room"),
-    ('do = "photo-of", room = "R4"', "8: no place 'R4' in 'surveillance'"),
-    ('do = "move", to = "$room"', "2: to = '$room': the procedure takes no 'room'"),
-    (TWICE_ELSE, "2: else within else"),
-]
-
-WRONG = [
-    (steps('do = "move", to = ""'), "2: no place '' in 'surveillance'"),
-    (steps('do = "in", room = 3', more=IN), "7: room = 3.0: expected a room's name"),
-    (steps('do = "in", room = [1, 2]', more=IN), "7: room = (1.0, 2.0): expected a room's name"),
-    (f"{PHOTO}\n[procedures.a]\n{PHOTO}\n[procedures.b]\nsteps = []", "5: procedures.b.steps = []"),
-    (f"{PHOTO}\n[procedures.a]\n{PHOTO}\ngoal = 3", "4: procedures.a.goal = 3: expected a string"),
-    (f'{PHOTO}\n[procedures."a.b"]\ngoal = 3', "3: procedures.a.b.goal = 3: expected a string"),
-    (look('do = "move", to = "R111"'), "6: no place 'R111' in 'surveillance'; did you mean 'R11'?"),
-    (look('do = "move", to = "$rom"'), "6: to = '$rom': the procedure takes no 'rom'"),
-    (look('do = "wait", seconds = "$s"', "s"), "1: 'look' needs an argument s"),
-    (steps('do = "a"', more=CIRCLE), "11: procedure 'a' calls itself: a -> b -> a"),
-    (steps('do = "a"', more=OWN_CIRCLE), "7: procedure 'a' calls itself: a -> a"),
-    (steps('do = "take-photo"', more=TASK), "5: procedure 'move'"),
-    ('on_alarm = "chek"', "missing key steps"),
-    (f'on_alarm = "chek-alarm"\n{PHOTO}', "1: no task or procedure 'chek-alarm'; did you mean"),
-    (f'on_alarm = "wait"\n{PHOTO}', "1: wait takes no room"),
-    (f"priority = 2.0\n{PHOTO}", "1: priority = 2.0: expected a number <= 1.0"),
-    (f'energy = "chrge"\n{PHOTO}', "1: energy = \"chrge\": did you mean 'charge'?"),
-    ("steps = []", "1: steps = []: expected "),
-    ('title = "x"', "missing key steps"),
-    ("steps = [", "1: not TOML"),
-]
 
 
 def test_a_room_without_a_way_in_cannot_be_reached_and_one_that_is_full_not_stood_in() -> None:
@@ -194,33 +104,6 @@ def test_around_a_building_nobody_is_and_where_nothing_has_a_name_anywhere(
     assert Places(nameless, load_profile("pioneer-2dx").body).inhabited(points).all()
 
 
-def test_what_can_be_got_to_is_what_a_flood_from_there_reaches() -> None:
-    body = load_profile("pioneer-2dx").body
-    box = ((0.0, 0.0, 6.0, 0.0), (6.0, 0.0, 6.0, 6.0), (6.0, 6.0, 0.0, 6.0), (0.0, 6.0, 0.0, 0.0))
-    for seed in range(5):
-        rng = random.Random(seed)
-        ends = ([rng.uniform(0.0, 6.0) for _ in range(4)] for _ in range(9))
-        walls = tuple((x, y, x + 0.4 * (a - 3.0), y + 0.4 * (b - 3.0)) for x, y, a, b in ends)
-        goals = {f"g{n}": (rng.uniform(0, 6), rng.uniform(0, 6), 0.0) for n in range(40)}
-        world = World("w", box + walls, (0.0, 0.0, 6.0, 6.0), goals=goals)
-        places = Places(world, body)
-        start = next(goal[:2] for goal in goals.values() if places._free[places._cell(*goal[:2])])
-        reached, edge = set[tuple[int, int]](), [places._cell(*start)]
-        while edge:
-            column, row = cell = edge.pop()
-            inside = 0 <= column < places._free.shape[0] and 0 <= row < places._free.shape[1]
-            if cell not in reached and inside and places._free[cell]:
-                reached.add(cell)
-                edge += [(column + 1, row), (column - 1, row), (column, row + 1), (column, row - 1)]
-        cut_off = set[str]()
-        for name, goal in goals.items():
-            column, row = cell = places._cell(*goal[:2])
-            beside = {(column + a, row + b) for a in (-1, 0, 1) for b in (-1, 0, 1)}
-            if not reached & ({cell} if places._free[cell] else beside):
-                cut_off.add(name)
-        assert {*places.unreachable(start, goals)} == cut_off
-
-
 def test_in_a_room_it_stands_in_the_middle_or_as_near_to_it_as_there_is_room() -> None:
     house = Places(load_world("house"), load_profile("pioneer-2dx").body)
     assert house.of("A") == (2.3, 2.0, None)
@@ -240,41 +123,6 @@ def test_procedures_are_nested_up_to_a_limit() -> None:
     chain = [f'[procedures.p{n}]\nsteps = [{{ do = "p{n + 1}" }}]' for n in range(9)]
     last = '[procedures.p9]\nsteps = [{ do = "take-photo" }]'
     assert " 8 " in fault("\n".join([steps('do = "p0"'), *chain, last]))
-
-
-def test_a_task_may_be_told_whole_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Counts(Task):
-        """Somebody's task."""
-
-        class Arguments(Task.Arguments, frozen=True):
-            times: int
-            pair: tuple[int, ...] = ()
-            share: float = 0.0
-
-    monkeypatch.setattr(missions, "task_class", lambda _: Counts)
-    row = 'do = "wait", times = 3, pair = [1, 2], share = 2'
-    (step,) = read_mission(steps(row), "m").procedures[""].steps
-    told = missions.arguments_of(step)
-    assert (told.times, told.pair, told.share) == (3, (1, 2), 2.0)
-    assert isinstance(told.times, int)
-    assert isinstance(told.share, float)
-    assert "steps[0].times = 2.5: expected a whole number" in fault(
-        steps('do = "wait", times = 2.5')
-    )
-
-
-def test_a_mission_is_compared_by_value() -> None:
-    text = steps('do = "move", to = "R1"')
-    assert read_mission(text, "m") == read_mission(text, "m")
-    assert isinstance(read_mission(text, "m"), Mission)
-
-
-def test_an_unknown_mission_is_said_with_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(ConfigNameError) as caught:
-        load_mission("surveilance")
-    assert caught.value.near == "surveillance"
-    with pytest.raises(ConfigError, match=r"none\.toml"):
-        load_mission(tmp_path / "none.toml")
 
 
 def test_its_scenario_counts_from_its_own_folder_and_is_looked_for_at_once(tmp_path: Path) -> None:

@@ -46,11 +46,11 @@ class Driven:
     said: list[tuple[float, str, Message]]
 
 
-def surveillance(once: Once) -> Driven:
-    """With sensors that err; `test_use_cases.py` has them ideal. Tests of two files look at it."""
+def surveillance(once: Once, sensors: str) -> Driven:
+    """The whole scenario; tests of two files look at it."""
 
     def make() -> Driven:
-        options = Options(seed=1004, sensors="real")
+        options = Options(seed=1004, sensors=sensors)
         rehearsal = Rehearsal(prepared(load_scenario("surveillance"), options), options)
         said = list[tuple[float, str, Message]]()
         rehearsal.mesh.watch(
@@ -59,13 +59,15 @@ def surveillance(once: Once) -> Driven:
         )
         return Driven(rehearsal.run(), said)
 
-    return once("surveillance", make)
+    return once(f"surveillance-{sensors}", make)
 
 
+@pytest.mark.long(but=("ideal",))
+@pytest.mark.parametrize("sensors", ["ideal", "real"])
 def test_the_alarm_in_r21_while_a_photo_is_taken_in_r1_ends_with_the_thesis_s_final_plan(
-    once: Once,
+    once: Once, sensors: str
 ) -> None:
-    driven = surveillance(once)
+    driven = surveillance(once, sensors)
     result, heard = driven.result, [message for _, _, message in driven.said]
     assert result.passed
     assert result.done
@@ -84,7 +86,7 @@ def test_the_alarm_in_r21_while_a_photo_is_taken_in_r1_ends_with_the_thesis_s_fi
 
 def test_while_it_stands_for_a_photo_it_claims_the_trajectory_and_no_planner(once: Once) -> None:
     """Whoever is more urgent may take the robot, and sees by the claim what it is kept for."""
-    said = surveillance(once).said
+    said = surveillance(once, "ideal").said
     claimed = [
         (at, claim.resource, claim.utility)
         for at, _, claim in said

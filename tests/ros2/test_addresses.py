@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
 
 from armadico.bridge.lines import TransportError
 from armadico.bridge.ros2.addresses import client_transport, read_address
 from armadico.bridge.ros2.samples import Address
-from armadico.runtime.port_reader import open_port
 
 
 @pytest.fixture(autouse=True)
@@ -63,14 +60,6 @@ def test_the_domain_is_the_environments_where_none_is_given(monkeypatch) -> None
 def test_bad_addresses_are_rejected_with_the_reason(url: str, wrong: str) -> None:
     with pytest.raises(ValueError, match=wrong):
         read_address(url)
-
-
-def test_without_the_extra_the_error_names_the_package(monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "cyclonedds", None)
-    monkeypatch.delitem(sys.modules, "armadico.bridge.ros2.dds", raising=False)
-    with pytest.raises(TransportError, match=r"pip install 'armadico\[ros2\]'") as caught:
-        open_port("ros2://?interface=lo")
-    assert "\n" not in str(caught.value)
 
 
 def test_an_interface_that_is_not_there() -> None:

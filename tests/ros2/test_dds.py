@@ -165,6 +165,7 @@ def test_odometry_and_scans_come_and_commands_go(peer, line) -> None:
     assert robot.end() == ["/armadico", "/robot"]
 
 
+@pytest.mark.long
 def test_a_robot_that_comes_again_is_found_again(peer, line) -> None:
     ours = line()
     first = peer("--x", "1")

@@ -346,7 +346,7 @@ def without(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_without_the_extra_a_pioneer_drives_and_a_jackal_names_the_package() -> None:
-    run = ("run", "sc1", "--virtual", "--no-plot", "--goal", "0.5", "0", "0", "--profile")
+    run = ("run", "sc1", "--virtual", "--goal", "0.5", "0", "0", "--profile")
     pioneer, jackal = (without(*run, name) for name in ("pioneer-2dx", "jackal"))
     assert pioneer.returncode == 0, pioneer.stderr
     assert jackal.returncode == 2, "its configuration is at fault"

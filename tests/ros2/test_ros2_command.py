@@ -9,7 +9,6 @@ import pytest
 from armadico.bridge.ros2 import command
 from armadico.bridge.ros2.addresses import read_address
 from armadico.cli.options import FailedError, UsageError
-from armadico.core.config_errors import ConfigError
 
 
 @pytest.mark.parametrize(
@@ -27,20 +26,10 @@ def test_what_cannot_be_meant_is_said(args: list[str], why: str) -> None:
         command.main(args)
 
 
-def test_a_world_that_is_not_there_is_said_before_anything_is_joined() -> None:
-    with pytest.raises(ConfigError, match="nowhere"):
-        command.main(["--world", "nowhere"])
-
-
 def test_without_cyclone_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "armadico.bridge.ros2.dds", None)
     with pytest.raises(FailedError, match=r"pip install 'armadico\[ros2\]'"):
         command.main(["--namespace", "nobody"])
-
-
-def test_without_a_router_of_rmw_zenoh_it_is_said_where_it_was_looked_for() -> None:
-    with pytest.raises(FailedError, match="no Zenoh router answers at tcp/localhost:1"):
-        command.main(["ros2+zenoh://localhost:1", "--namespace", "nobody"])
 
 
 def test_several_robots_are_told_apart_below_the_address() -> None:

@@ -19,7 +19,8 @@ from armadico.bridge.session import Connected, Reported
 from armadico.bridge.simulator.plant import Site, seeded
 from armadico.bridge.simulator.robots import Stage
 from armadico.config.profile import SensorProfile
-from tests.ros2.kit import BURGER, CREATE3, IDEAL, JACKAL, REAL, SONARS
+from tests.robot.bridge.kit import IDEAL, REAL
+from tests.ros2.kit import BURGER, CREATE3, JACKAL, SONARS
 
 HALL = [
     (-3.0, -3.0, 3.0, -3.0),

@@ -6,6 +6,7 @@ from random import Random
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from armadico.agents.driving.goto import Goto
 from armadico.agents.localization.localization import Localization
@@ -26,7 +27,7 @@ from armadico.mobile.messages import (
     Scan,
 )
 from armadico.mobile.scans import message_of, ranges_of
-from tests.core.framework.robots import described
+from tests.robot.robots import described, with_laser
 from tests.slam.worlds import BEARINGS, cast, drifted, ring, square
 
 MAPPED = OnMap(world="sc1")
@@ -42,10 +43,11 @@ class Robot:
     """A slam agent on a robot that drives through the ring."""
 
     def __init__(self, parameters: Parameters | None = None, seed: int = 0) -> None:
-        self.agent = SlamAgent(Identity("slam-1", rng=Random(seed)), parameters)
+        given = replace(parameters or Parameters(), profile=with_laser())
+        self.agent = SlamAgent(Identity("slam-1", rng=Random(seed)), given)
         self.known: tuple[float, ...] = ()  # the covariance of the first pose
         self.logged = ""
-        self.agent.receive(described("jackal"), 0.0)
+        self.agent.receive(described(with_laser()), 0.0)
         self.number, self.epoch = 0, 1
         self._noise = np.random.default_rng(1)
 

@@ -22,7 +22,7 @@ from armadico.config import grid_map
 from armadico.config.writing import write_files
 from armadico.core.messages import Cycle
 from armadico.mobile.geometry import relative
-from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.messages import Scan
 from armadico.mobile.scans import ranges_of
 from tests.slam import made_logs
 
@@ -77,19 +77,6 @@ def test_a_map_a_path_and_a_picture_byte_for_byte_the_same(
     lines = (tmp_path / "a/map.tum").read_text().splitlines()
     assert len(lines) == 1 + len(POSES)
     assert len(lines[1].split()) == 8
-
-
-def test_a_table_for_people(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["slam", str(log), "--drift", "0"]) == 0
-    said = capsys.readouterr()
-    assert "error: rmse" in said.out
-    assert "processor" in said.out
-    assert "loops" in said.out
-
-
-def test_parameters_and_no_loops(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    sets = ["--set", "max_range=8", "--set", "graph.loss=huber", "--set", "odometry.adapt=false"]
-    assert done(capsys, log, "--no-loops", *sets)["loops"] == 0
 
 
 @pytest.mark.parametrize(
@@ -161,13 +148,6 @@ def test_no_log_no_odometry_no_laser(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert f"{still}: holds no odometry" in refused(capsys, still)
     (tmp_path / "folder").mkdir()
     assert "expected a file" in refused(capsys, tmp_path / "folder")
-
-
-def test_a_log_of_sonars_is_refused(log: Path) -> None:
-    read = logs.read(log)
-    sonars = logs.Recorded(tuple(Sonar(Cycle(1, k), 3.0, ()) for k in range(len(read))))
-    with pytest.raises(logs.LogError, match="expected scans of a laser"):
-        mapped(replace(read, readings=sonars), SlamParameters(), time.process_time)
 
 
 def test_a_line_that_cannot_be_read_is_named(
@@ -377,7 +357,6 @@ CUT = {
     "bag": lambda folder: ros1(folder / "room.bag"),
     "db3": lambda folder: next(ros2(folder / "room").glob("*.db3")),
     "folder": lambda folder: ros2(folder / "room"),
-    "mcap": lambda folder: next(ros2(folder / "room", mcap=True).glob("*.mcap")),
 }
 
 

@@ -71,30 +71,6 @@ def test_a_parameter_is_set(log: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert "unknown key" in refused(capsys, log, "--noise", 0, "--set", "nothing=1")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["nothing.npz"],
-        ["{log}", "--noise", "-1"],
-        ["{log}", "--noise", "nan"],
-        ["{log}", "--reach", "0"],
-        ["{log}", "--start", "1", "nan", "0"],
-        ["{log}", "--from", "999"],
-        ["{log}", "--world", "sc4", "--map-from", "all"],
-        ["{log}", "--save-map", "map.png"],
-        ["{log}", "--world", "nowhere.map"],
-        ["{log}", "--world", "sc4", "--start", "99", "0", "0"],
-        ["{log}", "--profile", "nothing", "--world", "sc4", "--noise", "0"],
-        ["{log}", "--agent", "goto", "--world", "sc4", "--noise", "0"],
-    ],
-)
-def test_what_makes_no_sense_is_refused(
-    log: Path, words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli.main(["localize", *(word.format(log=log) for word in words)]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("armadico: ")
-
-
 def test_a_log_without_a_reference_needs_a_map_and_a_start(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

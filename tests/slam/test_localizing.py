@@ -19,10 +19,11 @@ from armadico.config.grid_map import FREE, OCCUPIED
 from armadico.config.profile import load_profile
 from armadico.core.config_errors import ConfigError
 from armadico.mobile.geometry import Pose2
+from tests.robot.robots import with_laser
 from tests.slam import made_logs
 
 AGENT = "localization"
-ROBOT = "jackal"
+ROBOT = with_laser()
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 
 from armadico.agents.slam.logs import logs
 from armadico.agents.slam.logs.logs import Log, LogError
-from armadico.config.scenarios import load_scenario
 from armadico.core.messages import Cycle
-from armadico.launch.society import Options, prepared
-from armadico.launch.virtual import Rehearsal
 from armadico.mobile.geometry import Pose2
-from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.messages import Scan
 from armadico.mobile.scans import bearings_of, ranges_of
 from tests.slam import made_logs
 
@@ -89,25 +86,10 @@ def test_an_npz_that_is_no_log_is_refused(
     assert "a.npz" in str(caught.value)
 
 
-def test_a_log_without_rows_is_refused(tmp_path: Path) -> None:
-    none = {"t": np.zeros(0), "odometry": np.zeros((0, 3)), "reference": np.zeros((0, 3))}
-    with pytest.raises(LogError):
-        logs.read(made_logs.npz(tmp_path / "a.npz", **none, ranges=np.zeros((0, 90))))
-    (tmp_path / "b").write_bytes(b"")
-    with pytest.raises(LogError):
-        logs.read(tmp_path / "b")
-
-
 def cut(path: Path, share: float) -> Path:
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
     return path
-
-
-@pytest.mark.parametrize("share", [0.01, 0.05])
-def test_an_npz_that_is_cut_before_its_ranges_is_refused(tmp_path: Path, share: float) -> None:
-    with pytest.raises(LogError, match=r"a\.npz"):
-        logs.read(cut(made_logs.npz(tmp_path / "a.npz"), share))
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
@@ -125,19 +107,6 @@ def test_of_a_cut_npz_the_whole_rows_are_read(tmp_path: Path, save: Any) -> None
         last = len(log) - 1
         seen = made_logs.ranges(made_logs.driven()[last])
         assert ranges_of(scan(log, last)) == pytest.approx(seen, abs=0.006)
-
-
-def test_what_a_cut_npz_lost_besides_rows_is_assumed_and_makes_the_log_unknown(
-    tmp_path: Path,
-) -> None:
-    seen = np.rint(100 * np.full((127, 180), 2.0)).astype(np.uint16)
-    seen += np.random.default_rng(1).integers(0, 50, seen.shape, dtype=np.uint16)
-    log = logs.read(cut(made_logs.npz(tmp_path / "a.npz", ranges=seen), 0.9), reach=10.0)
-    assert log.judgement.answer == "unknown"
-    assert "cm" in log.judgement.reason
-    assert "180 degrees" in log.judgement.reason
-    assert ranges_of(scan(log, 0)) == pytest.approx(seen[0] / 100, abs=0.006)
-    assert bearings_of(scan(log, 0))[[0, -1]] == pytest.approx([-pi / 2, pi / 2 - pi / 180])
 
 
 @pytest.mark.parametrize(
@@ -163,12 +132,6 @@ def test_rows_without_useful_times_are_taken_in_their_order(
     # The usual step of 0.15 m takes 0.3 s at 0.5 m/s.
     assert np.diff(log.times) == pytest.approx(0.3)
     assert np.diff(logs.read(path, period=0.7).times) == pytest.approx(0.7)
-
-
-def test_useful_times_win_over_a_period(tmp_path: Path) -> None:
-    log = logs.read(made_logs.npz(tmp_path / "a.npz"), period=5.0)
-    assert np.diff(log.times) == pytest.approx(made_logs.STEP_S)
-    assert log.notes == ("the log's own times are used, not --period",)
 
 
 def test_a_log_of_which_less_than_half_is_used_is_no_success(tmp_path: Path) -> None:
@@ -306,16 +269,6 @@ def test_one_pose_of_a_carmen_log_is_odometry_unless_it_is_declared_as_corrected
         assert corrected.where(9) == pytest.approx(poses[9], abs=1e-5)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
-def test_an_invalid_pose_does_not_turn_one_path_into_two(tmp_path: Path, value: float) -> None:
-    poses = made_logs.driven()
-    poses[7] = (value, 0.0, 0.0)
-    log = logs.read(carmen(tmp_path / "a.log", lines(poses, poses)))
-    assert len(log) == 126
-    assert not log.known.any()
-    assert log.notes == ("1 lines could not be read, the first of them line 9",)
-
-
 def test_robotlaser_lines_have_their_own_angles(tmp_path: Path) -> None:
     made = []
     for k, pose in enumerate(made_logs.driven()):
@@ -344,33 +297,6 @@ def test_broken_lines_are_left_out_and_other_angles_are_taken_at_those_of_most(
     assert any(note.startswith("1 of 125") for note in log.notes)
     seen = ranges_of(scan(log, 28))  # 6 degrees apart, at angles 2 degrees apart
     assert seen[[0, 3, 87]] == pytest.approx([1.0, 1.01, 1.29])
-
-
-def test_scans_that_all_have_another_number_of_rays_are_kept(tmp_path: Path) -> None:
-    poses = made_logs.driven()
-    every = [
-        made_logs.flaser(
-            made_logs.STEP_S * k, pose, pose, np.full(60 + k, 1.0 + 0.01 * k, dtype=np.float64)
-        )
-        for k, pose in enumerate(poses)
-    ]
-    log = logs.read(carmen(tmp_path / "a.log", every))
-    assert len(log) == len(poses)
-    assert np.nanmedian(ranges_of(scan(log, 100))) == pytest.approx(2.0)
-
-
-def test_one_scan_is_no_log_and_says_so(tmp_path: Path) -> None:
-    poses = made_logs.driven()
-    with pytest.raises(LogError, match="one usable scan"):
-        logs.read(carmen(tmp_path / "a.log", [*lines(poses, poses)[:1], "FLASER 90 1.0"]))
-
-
-def test_equal_times_are_no_jumps_of_the_clock(tmp_path: Path) -> None:
-    t = made_logs.STEP_S * np.arange(127)
-    t[40:60] = t[40]
-    log = logs.read(made_logs.npz(tmp_path / "a.npz", t=t))
-    assert log.notes == ("19 of 127 rows are not later than the row before them",)
-    assert (log.used, log.given) == (108, 127)
 
 
 def test_an_incomplete_compressed_log_is_read_up_to_its_end(tmp_path: Path) -> None:
@@ -446,42 +372,3 @@ def test_another_file_is_refused(tmp_path: Path, data: bytes) -> None:
 
 
 # Recordings ---------------------------------------------------------------------------------------
-
-
-def recorded(path: Path, robot: str) -> Path:
-    """A recording of a few seconds of scenario 4."""
-    pytest.importorskip("mcap")
-    from armadico.watch.virtual_recording import Recorded
-
-    options = Options(seed=11, limit=6.0)
-    run = Rehearsal(prepared(load_scenario("sc4"), options, profile=robot), options)
-    with Recorded(run.mesh, path, run.namespace):
-        run.run()
-    return path
-
-
-@pytest.mark.long(but=("pioneer-2dx-Sonar",))
-@pytest.mark.parametrize(("robot", "kind"), [("pioneer-2dx", Sonar), ("jackal", Scan)])
-def test_a_recording_of_a_virtual_run_is_a_log(tmp_path: Path, robot: str, kind: type) -> None:
-    path = recorded(tmp_path / "run.mcap", robot)
-    log = logs.read(path)
-    assert log.cycles
-    assert (log.world, log.profile) == ("sc4", robot)
-    assert isinstance(log.readings.message(0, Cycle(1, 1), AT, 1), kind)
-    assert np.diff(log.times) == pytest.approx(0.1, abs=0.05)
-    assert log.known.all()
-    start = load_scenario("sc4").start
-    assert log.where(0) == pytest.approx(start, abs=0.05)
-    with pytest.raises(LogError, match=r"other.*robot1"):
-        logs.read(path, namespace="other")
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    half = logs.read(path)
-    assert 0 < len(half) < len(log)
-    assert half.notes
-
-
-def test_a_recording_without_odometry_is_refused() -> None:
-    pytest.importorskip("mcap")
-    kept = Path(__file__).parents[1] / "recordings" / "sc4.mcap"  # journals alone
-    with pytest.raises(LogError, match="odometry"):
-        logs.read(kept)

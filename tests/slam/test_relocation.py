@@ -147,6 +147,7 @@ def test_of_two_places_that_are_alike_none_is_taken() -> None:
     assert again.parts == 2
 
 
+@pytest.mark.long
 def test_a_robot_is_found_on_a_part_that_another_part_lies_on() -> None:
     slam, _ = mapped(ring(), PATH[:75], PATH[:75])
     apart = kept(slam)

@@ -127,10 +127,3 @@ def test_rays_through_known_walls_are_counted() -> None:
     assert through.mean() < 0.05
     assert looked_at(cloud, 0.4 * known, (0.0, 0.0))[1].mean() > 0.5
     assert looked_at(cloud, 2.0 * known, (0.0, 0.0))[0].mean() < 0.1
-
-
-def test_no_points_at_all() -> None:
-    empty = point_cloud(np.full(len(BEARINGS), np.inf), BEARINGS)
-    assert not len(empty.points)
-    assert not len(voxel_filtered(empty.points, 0.1, 10))
-    assert point_to_line(FIELD, empty.points, HERE).inliers == 0.0

@@ -1,4 +1,4 @@
-"""SLAM on generated places: drift is removed, twins are not folded, the same map twice."""
+"""SLAM on generated places: drift is removed, and twins are not folded."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.slam.worlds import (
 PATH = square()
 
 
-def test_a_drift_of_metres_becomes_centimetres_and_the_map_is_the_same_twice() -> None:
+def test_a_drift_of_metres_becomes_centimetres() -> None:
     odometry = drifted(PATH, 0.1, 2)
     assert np.hypot(*(odometry - PATH)[:, :2].T).max() > 1.0
     slam, updates = mapped(ring(), PATH, odometry)
@@ -36,22 +36,13 @@ def test_a_drift_of_metres_becomes_centimetres_and_the_map_is_the_same_twice() -
     assert not false_loops(slam, PATH)
     assert slam.revision >= 1
     assert not slam.uncertain
-    again, _ = mapped(ring(), PATH, odometry)
-    assert again.poses.tobytes() == slam.poses.tobytes()
     assert updates[-1].revision <= slam.revision
 
 
-def test_the_way_goes_on_after_the_last_loop() -> None:
-    slam, _ = mapped(ring(), PATH[:120], drifted(PATH[:120], 0.05, 1))
-    slam.graph.add(slam.graph.edges[0])
-    assert len(slam.loop_weights) == len(slam.loops) > 0
-    assert slam.loops_off == 0
-    assert not false_loops(slam, PATH)
-
-
 def test_loops_do_it() -> None:
-    odometry = drifted(PATH, 0.1, 2)
-    alone, _ = mapped(ring(), PATH, odometry, SlamParameters(do_loop_closing=False))
+    path = PATH[:100]
+    parameters = SlamParameters(do_loop_closing=False)
+    alone, _ = mapped(ring(), path, drifted(path, 0.1, 2), parameters)
     assert not alone.loops
     assert alone.revision == 0
 
@@ -75,6 +66,7 @@ def test_a_twin_corridor_is_not_folded() -> None:
     assert off(slam, TWINS).max() < 0.3
 
 
+@pytest.mark.long
 def test_false_loops_to_a_twin_are_switched_off_and_without_a_kernel_they_fold_the_map() -> None:
     slam, _ = mapped(twins(3.0), TWINS, drifted(TWINS, 0.05, 1), SlamParameters(loops=FORCED))
     false = false_loops(slam, TWINS)
@@ -195,12 +187,6 @@ def test_the_memory_is_bounded() -> None:
     assert slam.full
 
 
-@pytest.mark.parametrize("field", ["points", "normals"])
-def test_what_is_kept_of_a_scan_is_small(field: str) -> None:
-    slam, _ = mapped(ring(), PATH[:5], PATH[:5])
-    assert getattr(slam.clouds[0], field).dtype == np.float32
-
-
 def test_the_covariance_on_the_map_near_the_robot_does_not_grow_with_the_way() -> None:
     """What a robot drives by: without a loop only the place of that map becomes uncertain."""
     path = PATH[: len(PATH) // 3]
@@ -212,6 +198,7 @@ def test_the_covariance_on_the_map_near_the_robot_does_not_grow_with_the_way() -
     assert np.trace(last.near_covariance[:2, :2]) < 0.1**2
 
 
+@pytest.mark.long
 def test_a_jump_of_the_odometry_is_no_motion() -> None:
     odometry = drifted(PATH, 0.05, 1)
     odometry[60:] = compose(

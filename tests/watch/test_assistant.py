@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 import random
-import zlib
 
 import pytest
 
-from armadico.agents.interface.messages import MissionCancel, MissionOrder
-from armadico.agents.missions.messages import Board, BoardMission, MissionEnd
 from armadico.core.agent import Answer, Identity, Publish, Question, SendQuery
 from armadico.core.messages import Cycle, Log, RobotState, Stop, decode, encode
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
@@ -146,48 +143,6 @@ def test_a_release_is_only_requested_of_people_with_the_stops_code() -> None:
     assert not counter.stops, "it publishes no release"
 
 
-def test_no_mission_begins_while_the_robot_is_stopped() -> None:
-    """The release would set the robot in motion unexpectedly."""
-    counter = Counter()
-    counter.receive(STOPPED)
-    for refusal in (
-        counter.refusal("goto", x=1, y=0),
-        counter.refusal("mission", name="surveillance"),
-    ):
-        assert "ann" in refusal
-    assert not counter.queries
-
-
-def test_a_mission_is_ordered_by_its_name_at_the_lowest_priority() -> None:
-    counter = Counter()
-    counter.request("mission", name="surveillance")
-    order = counter.queries[-1].request
-    assert isinstance(order, MissionOrder)
-    assert (order.name, order.priority, order.by) == ("surveillance", 0.0, "assistant: model")
-    assert b"# Thesis 3.6.1" in zlib.decompress(order.text)
-    counter.reply_to_query(None)
-    assert counter.queries[-1].request == MissionCancel(order.mission, order.by), "or done later"
-
-
-@pytest.mark.parametrize("name", ["/etc/passwd", "../surveillance.toml", "surveillanse", "."])
-def test_an_unknown_mission_is_refused_and_no_file_is_read(name: str) -> None:
-    refusal = Counter().refusal("mission", name=name)
-    assert repr(name) in refusal
-    assert "surveillance" in refusal, "the known ones are listed"
-
-
-def test_only_its_own_missions_are_cancelled() -> None:
-    counter = Counter()
-    ended = MissionEnd.ACTIVE
-    mine = BoardMission(5, "rounds", 0.0, ended, by="assistant: model")
-    anns = BoardMission(6, "surveillance", 0.5, ended, by="ann")
-    counter.receive(Board(1, 9, (mine, anns)), STOPPED)
-    assert "ann" in counter.refusal("cancel", number="6")
-    assert "7" in counter.refusal("cancel", number="7")
-    counter.request("cancel", number="5")  # even while it is stopped
-    assert counter.queries[-1].request == MissionCancel(5, "assistant: model")
-
-
 @pytest.mark.parametrize(
     ("tool", "text", "named"),
     [
@@ -247,21 +202,7 @@ def test_a_stop_is_never_refused_for_its_arguments(text: str) -> None:
     assert [stop.stopped for stop in counter.stops] == [True]
 
 
-def test_a_clock_that_steps_back_adds_no_tokens() -> None:
-    counter = Counter(a_second=1.0, at_once=1)
-    counter.request("who")
-    counter.now = 0.0
-    assert counter.refusal("who")
-
-
 def test_the_robots_state_suffices_to_know_of_a_stop() -> None:
     counter = Counter()
     counter.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, STOPPED))
     assert "ann" in counter.request("stop").text  # type: ignore[union-attr]
-
-
-def test_codes_tell_stops_apart() -> None:
-    rng = random.Random(5)
-    codes = {Stop(1, True, "", rng.getrandbits(63)).code for _ in range(1000)}
-    assert len(codes) == 1000
-    assert all(len(code) == 6 for code in codes)

@@ -28,14 +28,15 @@ from armadico.mobile.particles import MOST
 from armadico.mobile.particles import message_of as particles_of
 from armadico.mobile.scans import message_of as scan_of
 from armadico.watch.commands.dashboard import zones
-from armadico.watch.dashboard import palette, shapes, viewer
+from armadico.watch.dashboard import palette, viewer
 from armadico.watch.dashboard.blueprint import VIEWS
 from armadico.watch.dashboard.global_map import PATH_POINTS
 from armadico.watch.dashboard.scene import Scene
 from armadico.watch.dashboard.server import close, keep
 from armadico.watch.dashboard.virtual_run import Rehearsed
-from tests.core.framework.robots import body, described
-from tests.robot.observe.kept import (
+from tests.robot.robots import described
+from tests.watch.dashboard_picture import photograph
+from tests.watch.kept import (
     AVOID,
     GOTO,
     Kept,
@@ -47,9 +48,6 @@ from tests.robot.observe.kept import (
     record,
     state,
 )
-from tests.watch.dashboard_picture import photograph
-
-BODY = m.Description("slim", 0.1, 0.3, 0.1, 0.08, 1.2, 5.2, 0.3, 0.3, 1.7, 1.7, 0.3, 2.0)
 
 # Entities -----------------------------------------------------------------------------------------
 
@@ -121,15 +119,6 @@ def test_the_poses_covariance_is_drawn_as_an_ellipse_and_an_angle(tmp_path: Path
     assert here == pytest.approx((2.0, 1.0))
     headings = [math.atan2(y - 1.0, x - 2.0) for x, y in (left, right)]
     assert headings == pytest.approx([0.7, 0.3], abs=1e-5)
-
-
-def test_an_ellipse_lies_along_the_axes_of_the_covariance() -> None:
-    c, s = math.cos(0.4), math.sin(0.4)
-    xx, yy, xy = 4 * c * c + s * s, 4 * s * s + c * c, 3 * c * s  # 2 m along 0.4 rad, 1 m across
-    strip = shapes.ellipse(xx, xy, yy, 1.0)
-    reach = np.hypot(*strip.T)
-    assert np.abs(strip[reach.argmax()]) == pytest.approx([2 * c, 2 * s])
-    assert reach.min() == pytest.approx(1.0, abs=0.01)
 
 
 def test_particles_are_drawn_until_they_time_out(tmp_path: Path) -> None:
@@ -237,12 +226,6 @@ def test_two_robots_have_separate_entities(tmp_path: Path) -> None:
     assert "/one/map/world/robot" not in kept.rows
 
 
-def test_other_messages_are_ignored(tmp_path: Path) -> None:
-    with drawn(tmp_path / "a.rrd") as scene:
-        scene.update(m.Ask(), 0.0)
-    assert Kept(tmp_path / "a.rrd").rows == {}
-
-
 @pytest.mark.parametrize("sector", [0, 4, 13, 8], ids=["ahead", "left", "right", "behind"])
 def test_cells_are_drawn_at_their_sector_and_ring(tmp_path: Path, sector: int) -> None:
     cells = tuple(Cell(sector, ring, 1.0, 0, 0) for ring in range(10))
@@ -257,30 +240,6 @@ def test_cells_are_drawn_at_their_sector_and_ring(tmp_path: Path, sector: int) -
     assert shown["radii"] == [0.125]
     turns = np.degrees(np.unwrap(np.arctan2(arcs[..., 1], arcs[..., 0]))) % 360
     assert ((20 * sector < turns) & (turns < 20 * (sector + 1))).all()
-
-
-def test_the_local_map_has_forward_up(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
-    with drawn(path):
-        pass
-    turned = np.reshape(Kept(path).fixed["/p/local/robot"]["mat3x3"], (3, 3)).T  # by columns
-    assert (turned @ (1, 0, 0)).tolist() == [0, -1, 0]  # the screen's y points down
-    assert (turned @ (0, 1, 0)).tolist() == [-1, 0, 0]
-
-
-def test_the_largest_probability_in_a_cell_is_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
-    cells = (Cell(0, 7, 1.0, 0, 0), Cell(0, 7, 0.1, 0, 0), Cell(3, 7, 0.0, 0, 0))
-    with drawn(path) as scene:
-        scene.update(LocalMap(cycle(1), 18, 10, 2.5, cells), 0.0)
-    ((_, shown),) = Kept(path).rows["/p/local/robot/cells"]
-    assert list(map(colour_of, shown["colors"])) == [(86, 180, 233, 255)]
-
-
-def test_zones_lie_around_the_footprint() -> None:
-    strip = shapes.around_footprint(described(), 0.3)
-    assert tuple(strip[0]) == tuple(strip[-1])
-    assert all(abs(body().outline.clearance(x, y) - 0.3) < 1e-9 for x, y in strip)
 
 
 @pytest.mark.parametrize("profile", ["pioneer-2dx", "amigobot"])
@@ -323,14 +282,6 @@ def test_coordinates_can_be_read_off_the_global_map(
     numbers = fixed["/p/map/world/numbers"]
     assert numbers["labels"] == [*map(str, xs), *map(str, ys), "x, m", "y, m"]
     assert [x for x, _ in numbers["positions"][: len([*xs])]] == pytest.approx([*xs])
-
-
-def test_docks_are_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "a.rrd"
-    world = World("w", (), (0.0, 0.0, 5.0, 5.0), docks={"one": (1.0, 2.0, 0.0)})
-    with drawn(path, world):
-        pass
-    assert Kept(path).fixed["/p/map/world/docks"]["labels"] == ["one"]
 
 
 # A run --------------------------------------------------------------------------------------------

@@ -19,8 +19,9 @@ import pytest
 pytest.importorskip("rerun", reason="the dashboard's extra is not installed")
 
 from armadico.cli import main as armadico
-from armadico.cli.beside import beside
+from armadico.cli.additions import Start
 from armadico.cli.options import FailedError, Mesh
+from armadico.config.scenarios import Scenario
 from armadico.core import messages as m
 from armadico.launch.client import Client
 from armadico.mesh.topology import topology
@@ -28,9 +29,10 @@ from armadico.mesh.zenoh import ZenohMesh
 from armadico.mobile.messages import OccupancyGrid
 from armadico.observe.screen import has_screen
 from armadico.watch.commands import dashboard as command
-from armadico.watch.dashboard import live, viewer
-from tests.programs import heavy, imports_nothing, starter
-from tests.robot.observe.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, drawn, state
+from armadico.watch.commands.dashboard_option import Dashboard
+from armadico.watch.dashboard import viewer
+from tests.programs import starter
+from tests.watch.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, state
 
 LINK = "dashboard: "
 FLOOD = 10_000
@@ -169,13 +171,18 @@ def publish_until_received(mesh: ZenohMesh, listener: Client) -> None:
         listener.wait_for(lambda: None, 0.02)
 
 
+def starting(world: str) -> Start:
+    """The start of a live run in a world."""
+    scenario = Scenario(world=world, start=(0, 0, 0))
+    return Start(scenario=scenario, mesh=Mesh(namespace=NAMESPACE), namespaces=(NAMESPACE,))
+
+
 @pytest.mark.long
 @pytest.mark.live
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    args = Mesh(namespace=NAMESPACE)
-    with beside(args, "dashboard", "sc1"):
+    with Dashboard(dashboard=True).beside(starting("sc1")):
         page = capsys.readouterr().err.removeprefix(LINK).strip()
         with urllib.request.urlopen(page, timeout=20) as answer:
             assert answer.status == 200
@@ -188,7 +195,6 @@ def test_beside_a_run_it_prints_its_link_and_ends_with_it(
 def test_a_run_waits_for_a_viewer_and_its_dashboard_stays_until_ctrl_c(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    args = Mesh(namespace=NAMESPACE)
     happened: list[str] = []
     read, write = os.pipe()
 
@@ -207,7 +213,7 @@ def test_a_run_waits_for_a_viewer_and_its_dashboard_stays_until_ctrl_c(
     with os.fdopen(write, "w", buffering=1) as stderr:
         monkeypatch.setattr("sys.stderr", stderr)
         connecting.start()
-        with beside(args, "dashboard", "sc1", wait=True):
+        with Dashboard(wait=True).beside(starting("sc1")):
             happened.append("runs")
         connecting.join()
     assert happened == ["connects", "runs", "leaves"]
@@ -222,19 +228,9 @@ def test_a_port_is_watched_if_a_viewer_is_connected() -> None:
 
 
 def test_without_its_world_the_dashboard_does_not_start_and_the_run_neither() -> None:
-    args = Mesh(namespace=NAMESPACE)
-    with pytest.raises(FailedError), beside(args, "dashboard", "nowhere"):
+    dashboard = Dashboard(dashboard=True)
+    with pytest.raises(FailedError), dashboard.beside(starting("nowhere")):
         pytest.fail("it has not started")
-
-
-def test_a_namespace_without_a_robot_is_a_warning(
-    router: ZenohMesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(live, "ALONE_S", 0.0)
-    warnings: list[str] = []
-    with client() as mesh, drawn(tmp_path / "a.rrd") as scene:
-        live.Live([mesh], [scene], warnings.append).run(ended=lambda: bool(warnings))
-    assert "'p'" in warnings[0]
 
 
 # Errors -------------------------------------------------------------------------------------------
@@ -254,15 +250,6 @@ def test_without_the_extra_the_error_names_it(
     monkeypatch.setattr(command, "installed", missing)
     code, error = refusal(capsys)
     assert (code, "armadico[dashboard]" in error) == (1, True)
-
-
-def test_another_version_of_rerun_is_refused(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(command, "installed", lambda name: "0.30.1")
-    error = refusal(capsys)[1]
-    assert "0.30.1" in error
-    assert "0.41" in error
 
 
 def test_a_port_in_use_is_named(capsys: pytest.CaptureFixture[str]) -> None:
@@ -285,45 +272,6 @@ def test_native_without_a_screen_suggests_the_other_options(
         viewer.native("rerun+http://127.0.0.1:1/proxy")
 
 
-def test_without_graphics_the_error_names_the_driver() -> None:
-    log = "Error: No graphics adapter was found"
-    assert "mesa-vulkan-drivers" in str(viewer._explained(log))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["--record", "x.mcap"], ".rrd"),
-        (["--record", "/proc/none/x.rrd"], "/proc/none"),
-        (["--namespace", "a b"], "a b"),
-        (["--world", "nowhere"], "nowhere"),
-    ],
-)
-def test_bad_arguments_are_refused_before_anything_starts(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
-) -> None:
-    code, error = refusal(capsys, *arguments)
-    assert code in (1, 2)
-    assert expected in error
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["sc1", "--virtual", "--dashboard"], "--rrd"),
-        (["sc1", "--virtual", "--wait"], "--rrd"),
-        (["sc1", "--wait", "--runs", "2"], "--wait"),
-        (["sc1", "--rrd", "x.rrd"], "--virtual"),
-        (["sc1", "--virtual", "--rrd", "x.csv"], ".rrd"),
-    ],
-)
-def test_options_that_exclude_each_other_are_errors(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
-) -> None:
-    assert armadico(["run", *arguments]) == 2
-    assert expected in capsys.readouterr().err
-
-
 def test_a_virtual_run_is_recorded_for_rerun(tmp_path: Path) -> None:
     path = tmp_path / "new" / "run.rrd"
     assert (
@@ -331,8 +279,3 @@ def test_a_virtual_run_is_recorded_for_rerun(tmp_path: Path) -> None:
         == 0
     )
     assert "/robot1/map/world/path" in Kept(path).rows
-
-
-def test_help_imports_nothing_heavy() -> None:
-    among = ("numpy", "zenoh", "rerun", "msgspec")
-    assert imports_nothing(heavy("armadico.cli", ["dashboard", "--help"], among))

@@ -9,17 +9,18 @@ import socket
 import subprocess
 import urllib.error
 import urllib.request
-from typing import NamedTuple
 
 import pytest
 
 from armadico.cli import main as armadico
-from armadico.cli.beside import Helpers, beside
+from armadico.cli.additions import Start
+from armadico.cli.beside import Helpers
 from armadico.cli.options import Mesh
+from armadico.config.scenarios import load_scenario
 from armadico.mesh.ports import free_port
-from armadico.watch.commands import page
 from armadico.watch.commands.page import TOKEN_VARIABLE
-from tests.programs import heavy, imports_nothing, starter
+from armadico.watch.commands.page_option import OfRun
+from tests.programs import starter
 
 LINK = re.compile(r"page: (http://\S+?:(\d+)/)(?:#token=(\S+))?(?: \(also at .*\))?\n")
 
@@ -38,59 +39,6 @@ def test_a_port_that_is_taken_is_named_with_what_to_do(
     assert code == 1
     assert f"cannot listen on 127.0.0.1, port {port}" in said
     assert "--port 0" in said
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--port=70000"], "65535"),
-        (["--token=short"], "16"),
-        (["--namespace", "a b"], "'a b'"),
-        (["--world", "nowhere"], "nowhere"),
-    ],
-)
-def test_what_cannot_be_is_refused_before_anything_starts(
-    capsys: pytest.CaptureFixture[str], words: list[str], expected: str
-) -> None:
-    code, said = refusal(capsys, *words)
-    assert code == 2
-    assert expected in said
-
-
-class Address(NamedTuple):
-    family: socket.AddressFamily
-    address: str
-
-
-class State(NamedTuple):
-    isup: bool
-
-
-def test_for_other_machines_the_link_has_an_address_that_a_phone_needs_not_resolve(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    cards = {
-        "lo": [Address(socket.AF_INET, "127.0.0.1")],
-        "br0": [Address(socket.AF_INET, "172.17.0.1")],
-        "wlan0": [Address(socket.AF_INET, "192.168.1.5"), Address(socket.AF_INET6, "2001:db8::5")],
-        "eth1": [Address(socket.AF_INET, "10.0.0.9")],
-    }
-    monkeypatch.setattr("psutil.net_if_addrs", lambda: cards)
-    monkeypatch.setattr("psutil.net_if_stats", lambda: {n: State(n != "eth1") for n in cards})
-    monkeypatch.setattr(page, "_outward", lambda family: "192.168.1.5")
-    monkeypatch.setattr("socket.gethostname", lambda: "bench")
-    assert page._addresses("0.0.0.0") == ["192.168.1.5", "172.17.0.1", "bench"]
-    assert page._addresses("::") == ["2001:db8::5", "bench"]
-    assert page._addresses("127.0.0.1") == ["127.0.0.1"]
-    assert page._link("2001:db8::5", 8090, "t") == "http://[2001:db8::5]:8090/#token=t"
-
-
-@pytest.mark.parametrize("words", [["--virtual"], ["--runs", "2"]])
-def test_beside_a_run_it_is_for_one_live_run(
-    capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
-    assert armadico(["run", "sc1", "--page", *words]) == 2
-    assert "--page is for one live run" in capsys.readouterr().err
 
 
 def page_of(process: subprocess.Popen[str]) -> str:
@@ -125,6 +73,7 @@ def test_beside_a_society_it_is_there_until_that_is_ended() -> None:
             read(link)
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_beside_a_run_it_stays_with_the_society_when_the_goal_is_reached() -> None:
     with starter() as start:
@@ -176,19 +125,16 @@ def test_a_token_of_ones_own_is_not_seen_among_the_processes(
 def test_beside_a_run_it_prints_its_link_and_ends_with_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    args = Mesh(namespace="p")
-    with beside(args, "page", "sc1", ["p/r1", "p/r2"]):
+    start = Start(
+        scenario=load_scenario("sc1"), mesh=Mesh(namespace="p"), namespaces=["p/r1", "p/r2"]
+    )
+    with OfRun(page=True).beside(start):
         found = LINK.fullmatch(capsys.readouterr().err)
         assert found is not None
         with urllib.request.urlopen(found[1], timeout=20) as answer:
             assert answer.status == 200
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(found[1], timeout=20)
-
-
-def test_help_imports_nothing_heavy() -> None:
-    among = ("numpy", "zenoh", "websockets", "msgspec", "asyncio")
-    assert imports_nothing(heavy("armadico.cli", ["page", "--help"], among))
 
 
 @pytest.mark.live

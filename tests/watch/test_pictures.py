@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from math import pi
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from armadico.config.loading import names
 from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 
 pytest.importorskip("matplotlib")
 
 from armadico.watch.pictures import (
-    COLOURS,
-    NO_AGENT,
     Canvas,
     Run,
     Step,
@@ -29,7 +24,6 @@ from armadico.watch.pictures import (
 )
 
 BODY = load_profile("pioneer-2dx").body
-DOCS = Path(__file__).parents[2] / "docs"
 
 STRAIGHT: list[Step] = [
     (i / 10, 1.0 + 0.05 * i, 0.5, 0.0, "goto" if i < 40 else "avoid") for i in range(81)
@@ -65,11 +59,6 @@ def test_a_run_is_drawn_in_its_holders_colours(tmp_path: Path) -> None:
     assert not near(rgb("gothrough"), seen)
 
 
-def test_a_run_that_never_began_can_be_drawn(tmp_path: Path) -> None:
-    draw_run(load_world("empty"), Run([], (0, 0, 0), (1, 0, 0), BODY), tmp_path / "run.png")
-    assert pixels(tmp_path / "run.png")
-
-
 def test_a_path_is_split_at_exchanges_without_gaps() -> None:
     tenures = list(_tenures(STRAIGHT))
     assert [holder for holder, _ in tenures] == ["goto", "avoid"]
@@ -83,13 +72,6 @@ def test_footprints_are_spaced_and_the_last_is_marked() -> None:
     assert [last for _, last in drawn] == [False] * 4 + [True]
 
 
-def test_colours_are_fixed_by_name_and_differ_for_the_shipped_behaviours() -> None:
-    assert len({*COLOURS, NO_AGENT}) == len(COLOURS) + 1
-    assert len({colour(name) for name in ("goto", "avoid", "gothrough")}) == 3
-    assert colour("wander") in COLOURS
-    assert colour(None) == NO_AGENT
-
-
 def test_holders_of_the_same_colour_have_different_line_styles() -> None:
     assert colour("wander") == colour("avoid")
     canvas = Canvas(load_world("empty"))
@@ -100,25 +82,3 @@ def test_holders_of_the_same_colour_have_different_line_styles() -> None:
     }
     assert len(set(styles.values())) == 4
     assert len({styles[name][1] for name in ("goto", "avoid", "wander")}) == 3
-
-
-def test_docks_of_a_world_are_drawn() -> None:
-    world = load_world("floor")
-    canvas = Canvas(world)
-    before = len(canvas.axes.lines)
-    canvas.poses(None, None, (), world.docks.values())
-    assert len(canvas.axes.lines) == before + len(world.docks) == before + 2
-    assert set(canvas.legend) == {"docks"}
-
-
-def test_matplotlib_is_not_imported_until_something_is_drawn() -> None:
-    code = "import sys, armadico.watch.pictures; sys.exit('matplotlib' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_every_shipped_world_is_in_the_documentation() -> None:
-    text = (DOCS / "worlds.md").read_text(encoding="utf-8")
-    assert sorted(path.stem for path in (DOCS / "worlds").glob("*.png")) == names("worlds")
-    for name in names("worlds"):
-        assert f"(worlds/{name}.png)" in text
-        assert (DOCS / "worlds" / f"{name}.png").stat().st_size < 40_000

@@ -7,7 +7,7 @@ import shutil
 import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 from msgspec.structs import replace as changed
@@ -17,13 +17,11 @@ pytest.importorskip("mcap")
 from msgspec import msgpack
 
 from armadico import cli
-from armadico.agents.missions.messages import Alarm
 from armadico.cli import options
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.config.shipped import folder
 from armadico.core import journal as j
-from armadico.core.config_errors import ConfigError
-from armadico.core.messages import PROTOCOL, JournalPiece, Message, decode
+from armadico.core.messages import PROTOCOL, JournalPiece, decode
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import LinkFaults
@@ -172,10 +170,6 @@ def test_a_changed_parameter_differs_at_its_first_effect(recording: Path) -> Non
     assert "v_max=0.2" in outcome.notes[-1]
 
 
-def test_a_parameter_without_effect_is_equal(recording: Path) -> None:
-    assert replayed(journal_of(recording, "goto"), ["v_max=0.75"]).equal
-
-
 def test_changed_code_differs_at_its_first_effect(recording: Path) -> None:
     journal = journal_of(recording, "sonar")
     kind = type(Life(journal).agent)
@@ -199,20 +193,6 @@ def test_another_wakeup_time_is_a_difference_before_it_has_an_effect(recording: 
     assert outcome.difference.inputs[-1] == "wake up"
     assert " 0.5" in outcome.difference.then[-1]
     assert " 0.4" in outcome.difference.now[-1]
-
-
-def test_code_with_one_more_subscription_differs_only_in_its_card(recording: Path) -> None:
-    journal = journal_of(recording, "sonar")
-    kind = type(Life(journal).agent)
-
-    class Curious(kind):  # type: ignore[misc, valid-type]
-        receives: ClassVar[tuple[type[Message], ...]] = (Alarm, *kind.receives)
-
-    outcome = replayed(journal, kind=Curious)
-    assert outcome.difference is not None
-    assert outcome.difference.then[0].startswith("reply agent/sonar/")
-    assert outcome.seconds == replayed(journal).seconds
-    assert outcome.different < 10
 
 
 def test_an_exception_of_changed_code_is_a_difference(recording: Path) -> None:
@@ -345,23 +325,6 @@ def test_an_agent_that_is_not_installed_is_named_with_its_class(recording: Path)
     assert "mine:Gotto" in refusal
 
 
-def test_a_parameter_that_no_longer_exists_is_named(recording: Path) -> None:
-    goto = journal_of(recording, "goto")
-    assert goto.head is not None
-    older = altered(goto, parameters={**goto.head.parameters, "haste": 1.0})
-    assert "haste" in replayed(older).refusal
-
-
-def test_an_invalid_state_of_random_numbers_is_refused(recording: Path) -> None:
-    spoilt = altered(journal_of(recording, "goto"), random=(3, b"", None))
-    assert replayed(spoilt).refusal
-
-
-def test_an_invalid_parameter_is_an_error(recording: Path) -> None:
-    with pytest.raises(ConfigError, match="v_max"):
-        replayed(journal_of(recording, "goto"), ["v_max=-1"])
-
-
 # The command --------------------------------------------------------------------------------------
 
 
@@ -392,38 +355,6 @@ def test_the_command_writes_json(recording: Path, run: Callable[..., tuple[int, 
     assert found["recorded"]["seed"] == str(SEED)
 
 
-def test_at_a_rate_each_new_bid_is_shown(
-    recording: Path, run: Callable[..., tuple[int, str, str]]
-) -> None:
-    code, out, _ = run(recording, "--agent", "goto", "--rate", "1e6")
-    assert code == 0
-    assert "wheels" in out
-    assert "goto" in out
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        (("--agent", "gotto"), ("avoid",)),
-        (("--namespace", "robot7"), ("robot7", "robot1")),
-        (("--set", "v_max=0.2"), ("avoid.",)),
-        (("--set", "goto.v_max=-1"), ("v_max",)),
-        (("--set", "goto.haste=1"), ("haste",)),
-        (("--rate", "0"), ("--rate",)),
-        (("--jobs", "0"), ("--jobs",)),
-    ],
-)
-def test_wrong_options_are_named(
-    recording: Path,
-    run: Callable[..., tuple[int, str, str]],
-    words: tuple[str, ...],
-    named: tuple[str, ...],
-) -> None:
-    code, _, err = run(recording, *words)
-    assert code == options.USAGE
-    assert all(each in err for each in named)
-
-
 def test_a_recording_without_journals_names_the_options_that_make_them(
     recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
 ) -> None:
@@ -438,24 +369,3 @@ def test_a_recording_without_journals_names_the_options_that_make_them(
     code, _, err = run(tmp_path / "bare.mcap")
     assert code == options.USAGE
     assert "--journal" in err
-
-
-def test_another_protocol_a_damaged_file_and_another_file_are_reported(
-    recording: Path, tmp_path: Path, run: Callable[..., tuple[int, str, str]]
-) -> None:
-    newer = tmp_path / "newer.mcap"
-    Recording(newer, {"protocol": str(PROTOCOL + 1)}).close()
-    assert f"protocol {PROTOCOL + 1}" in run(newer)[2]
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
-    code, _, err = run(cut)
-    assert str(cut) in err
-    assert code == options.FAILED
-    code, out, _ = run(cut, "--json")
-    assert code == options.FAILED
-    assert str(cut) in json.loads(out)["damage"][0]
-    (tmp_path / "no.mcap").write_bytes(b"no magic bytes")
-    code, _, err = run(tmp_path / "no.mcap")
-    assert code == options.USAGE
-    assert "no.mcap" in err
-    assert run(tmp_path / "none.mcap")[0] == options.USAGE

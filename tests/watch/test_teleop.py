@@ -17,7 +17,7 @@ from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to, obstacles, wall
 from armadico.watch.teleop.messages import Stick, TeleopStatus
 from armadico.watch.teleop.teleop import RELEASED, Parameters, Teleop
-from tests.core.framework.robots import body
+from tests.robot.robots import body
 
 
 class Cab(Alone):

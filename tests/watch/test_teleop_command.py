@@ -238,14 +238,3 @@ def test_where_nobody_takes_a_stick_that_is_said(
 ) -> None:
     assert seat.teleop("--no-start") == 1
     assert "armadico-agent teleop" in capsys.readouterr().err
-
-
-def test_a_pipe_is_no_stick(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    read, write = os.pipe()
-    monkeypatch.setattr("sys.stdin", Terminal(read, []))
-    assert cli.main(["teleop"]) == 2
-    assert "teleop/stick" in capsys.readouterr().err
-    os.close(read)
-    os.close(write)

@@ -7,7 +7,6 @@ from math import hypot
 from typing import Self
 
 import pytest
-from msgspec.structs import replace
 
 from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.messages import Ack, RobotState, decode
@@ -18,8 +17,8 @@ from armadico.mobile.messages import MissionStatus, Truth
 from armadico.observe.view import driver
 from armadico.watch.teleop.messages import Stick, TeleopStatus
 from armadico.watch.teleop.teleop import Teleop
-from tests.core.framework.robots import body
 from tests.driven import Driven
+from tests.robot.robots import body
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 
@@ -199,19 +198,6 @@ def test_the_stop_wins_and_the_hand_drives_on_once_it_is_released() -> None:
     driven.let_pass(3.0)
     assert driven.by_hand
     assert driven.truth.v > 0.3
-
-
-def test_a_speed_limit_outlives_the_process_that_keeps_it() -> None:
-    driven = ByHand()
-    driven.begin()
-    driven.run.client.change("goto", {"v_max": 0.2})
-    driven.let_pass(1.0)
-    driven.mesh.node("goto").kill()
-    driven.let_pass(1.0)
-    again = driven.run.enter("goto")
-    driven.let_pass(4.0)
-    assert again.agent.p == replace(again.agent.p, v_max=0.2)
-    assert 0.1 < driven.truth.v <= 0.21
 
 
 def test_a_speed_limit_that_is_set_live_is_kept_without_a_jerk() -> None:

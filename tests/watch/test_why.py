@@ -23,10 +23,9 @@ from armadico.mesh.link_faults import WHOLE
 from armadico.mobile.messages import Correction, MissionRequest, Waypoint
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import Finding, Sort
-from armadico.watch import why
 from armadico.watch.why import Chronicle
 from tests.robot.launch.test_blocked import ONE_DOOR, door
-from tests.robot.observe.observed import LINE, Observed
+from tests.watch.observed import LINE, Observed
 
 BASE = ("robot", "encoder", "sonar")
 LAB = ("goto", "avoid", "interface", "path-planning")
@@ -274,11 +273,6 @@ def test_the_planted_cause_is_named(name: str, tmp_path: Path) -> None:
     assert (cause.sort, cause.who) == (incident.sort, incident.subject)
 
 
-def test_no_two_incidents_have_the_same_cause() -> None:
-    causes = {(each.sort, each.subject) for each in INCIDENTS.values()}
-    assert len(causes) == len(INCIDENTS) >= 20
-
-
 def test_an_agent_that_drives_at_an_obstacle_which_the_reflex_stops_is_blocked() -> None:
     society = shipped("sc2", 1.0)(Path())
     society.agent("goto").propose = lambda *_: Bid(1.0, (0.7, 0.0), critical=True)
@@ -331,19 +325,6 @@ def test_during_an_exchange_a_moment_names_the_agents_whose_actions_are_blended(
     assert during
     assert all(each.loser == first.loser for each in during)
     assert all(each.commanded != each.wanted for each in during)
-
-
-def test_memory_is_bounded_and_numbers_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(why, "MOST", 2)
-    chronicle = Chronicle()
-    for number in range(1, 6):
-        press = Stop(2 * number - 1, True, f"hand {number}", number)
-        chronicle.update("robot/stop", press, float(number))
-        chronicle.update("robot/stop", Stop(2 * number, False, "", number), number + 0.5)
-        chronicle.mark(number + 0.6)
-    chronicle.finish()
-    assert [(each.number, each.by) for each in chronicle.presses] == [(4, "hand 4"), (5, "hand 5")]
-    assert len(chronicle.moments) == 2
 
 
 def test_a_stop_before_the_observation_has_no_time_to_rest() -> None:

@@ -19,7 +19,7 @@ from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
 from armadico.watch.recordings import rows
 from armadico.watch.virtual_recording import BEGUN, Recorded
-from tests.robot.observe.observed import LINE
+from tests.watch.observed import LINE
 
 Ask = Callable[..., Any]
 
@@ -190,16 +190,3 @@ def test_a_gap_is_not_blamed_on_the_robot(recording: Path, query: Ask, tmp_path:
     found = query("--standing", "--at", "9.0", path=gap)
     assert (found["cause"]["sort"], found["cause"]["who"]) == ("unknown", "")
     assert "a recording has a gap" in found["cause"]["what"]
-
-
-def test_a_file_that_is_none_and_questions_of_the_past_live_are_refused(
-    query: Ask, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert query(path=tmp_path / "none.mcap")[0] == 2
-    empty = tmp_path / "empty.mcap"
-    empty.touch()
-    assert "is empty" in query(path=empty)[1]
-    for words in (["--collision"], ["--exchange", "1"], ["--at", "3"]):
-        assert cli.main(["why", "--live", *words]) == 2
-        assert f"{words[0]} " in capsys.readouterr().err
-    assert cli.main(["why"]) == 2

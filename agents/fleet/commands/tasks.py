@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
+from armadico.cli.additions import Start, beside, checked, recording
 from armadico.cli.options import UsageError
 from armadico.cli.run_options import check_connect
 from armadico.config.endpoints import Endpoints
@@ -25,10 +27,6 @@ LINE_S: Final = 5.0  # the period of printed lines, s of the run
 # Options that are for the run of one robot.
 ALONE: Final = (
     "runs",
-    "plot",
-    "rrd",
-    "dashboard",
-    "wait",
     "robot",
     "goal",
     "start",
@@ -42,8 +40,6 @@ def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
 
     Returns `options.UNKNOWN` if that is not known.
     """
-    from dataclasses import replace
-
     from armadico.cli.run import exit_code
 
     for option in ALONE:
@@ -62,12 +58,14 @@ def drive(args: Options, scenario: Scenario, chosen: Chosen) -> int:
     if args.attach and args.robots is not None and args.robots < 1:
         raise UsageError(f"--robots {args.robots}: at least 1 is waited for")
     seed = scenario.seed if args.seed is None else args.seed
+    start = args.starting(scenario, (seed,), alone=False)
+    checked(args.additions, start)
     chosen = replace(chosen, seed=seed)
     label = scenario.name if args.attach else f"{scenario.name} seed {seed}"
     say = _Lines(label)
     drive = _virtual if args.virtual else _attached if args.attach else _live
     faults: list[str] = []
-    result = drive(args, scenario, chosen, say.show, faults.append)
+    result = drive(args, scenario, chosen, start, say.show, faults.append)
     if args.json:
         import msgspec
 
@@ -91,17 +89,15 @@ def _virtual(
     args: Options,
     scenario: Scenario,
     chosen: Chosen,
+    start: Start,
     progress: Callable[[FleetWatch], None],
     report: Callable[[str], None],
 ) -> FleetResult:
     from armadico.agents.fleet.commands.run import FleetRehearsal
-    from armadico.watch.commands.record import beside_a_run, recorded
 
     rehearsal = FleetRehearsal(scenario, chosen, args.robots, fleet_of(args.mesh))
-    with beside_a_run(report) as stack:
-        if args.record is not None:
-            names = rehearsal.names
-            stack.enter_context(recorded(rehearsal.mesh, args.record, scenario, *names))
+    start = replace(start, on=rehearsal.mesh, namespaces=rehearsal.names)
+    with recording(args.additions, start, report):
         return rehearsal.run(progress if sys.stderr.isatty() else None, options.report)
 
 
@@ -109,30 +105,26 @@ def _live(
     args: Options,
     scenario: Scenario,
     chosen: Chosen,
+    start: Start,
     progress: Callable[[FleetWatch], None],
     _: Callable[[str], None],
 ) -> FleetResult:
     from armadico.agents.fleet.commands.local_fleet import LocalFleet
     from armadico.agents.fleet.commands.run import names_of, robots_of
-    from armadico.cli.beside import PAGE_ENDS, beside
-    from armadico.watch.commands.record import recorder
 
     check_connect(args)
     options.end_as_by_ctrl_c()
     fleet, joining = fleet_of(args.mesh), args.mesh.endpoints().words
     robots = names_of(fleet, len(robots_of(scenario, args.robots)))
-    page = beside(args.mesh, "page", scenario.world, robots, wanted=args.page)
+    start = replace(start, namespaces=robots)
     try:
         run = LocalFleet(scenario, chosen, args.robots, fleet, _joiner(args.mesh), joining)
-        with page, recorder(args.mesh, args.record, scenario, *robots), run:
+        with beside(args.additions, start), run:
             options.report(
                 f"{scenario.name}: starting {len(robots)} robots: {', '.join(robots)}; until it"
                 f" ends well, logs are in {run.table.logs}"
             )
-            result = run.run(progress, options.report)
-            if args.page:
-                options.report(PAGE_ENDS)
-            return result
+            return run.run(progress, options.report)
     except KeyboardInterrupt:
         options.report(
             f"{scenario.name}: interrupted; all that it started has ended, nothing is measured"
@@ -144,12 +136,11 @@ def _attached(
     args: Options,
     scenario: Scenario,
     chosen: Chosen,
+    start: Start,
     progress: Callable[[FleetWatch], None],
     _: Callable[[str], None],
 ) -> FleetResult:
     from armadico.agents.fleet.commands.attached_fleet import AttachedFleet
-    from armadico.cli.beside import beside
-    from armadico.watch.commands.record import recorder
 
     options.end_as_by_ctrl_c()
     run = AttachedFleet(
@@ -161,8 +152,7 @@ def _attached(
     with run:
         run.find()
         options.report(f"{scenario.name}: by the robots {', '.join(run.names)}")
-        page = beside(args.mesh, "page", scenario.world, run.names, wanted=args.page)
-        with page, recorder(args.mesh, args.record, scenario, *run.names):
+        with beside(args.additions, replace(start, namespaces=run.names)):
             return run.run(progress)
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from armadico.cli import options
+from armadico.cli.additions import Addition, added
 from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, option
 from armadico.cli.run import answering, drive, refused
@@ -18,12 +18,10 @@ if TYPE_CHECKING:
 
 EXAMPLES: Final = """\
   armadico explore house --profile jackal --virtual --seed 7    in one process, repeatable
-  armadico explore house --profile jackal --virtual --map house.yaml
-  armadico explore rooms-a --profile turtlebot3-burger --dashboard
-  armadico explore house --profile jackal --resume house.yaml --map house.yaml
+  armadico explore house --profile jackal --resume house.yaml
   armadico explore --world plan.map --profile jackal --start 1 1 0 --within 0 0 8 6
   armadico explore house --sensors ideal --virtual      by sonars, without errors
-  armadico explore --profile turtlebot4 --robot ros2:// --map flat.yaml    around a real robot
+  armadico explore --profile turtlebot4 --robot ros2://    around a real robot
   armadico explore my.toml --attach --hosts lab.toml    in a running society
 """
 
@@ -37,12 +35,10 @@ class Options(Drive):
         "the rectangle to explore, m (default: the world's; without one 10 m around 0 0)",
         metavar=("X1", "Y1", "X2", "Y2"),
     )
-    map: Path | None = option(
-        "write the map to FILE (.yaml, with its graph, or .map)", metavar="FILE"
-    )
     resume: str | None = option(
         "extend the saved map FILE (.yaml); the robot finds its place on it", metavar="FILE"
     )
+    additions: tuple[Addition, ...] = added("explore")
 
     @property
     def anywhere(self) -> bool:
@@ -77,18 +73,12 @@ def _check(args: Options) -> None:
         raise UsageError(
             "--resume needs a mapping agent of this run; with --attach use `armadico map load`"
         )
-    if args.map is None and args.resume is None:
-        return
-    from armadico.config import grid_map
-
     if args.resume is not None:
+        from armadico.config import grid_map
+
         if Path(args.resume).suffix not in (".yaml", ".yml"):
             raise UsageError(f"--resume {args.resume}: expected the .yaml of a saved map")
         grid_map.read(args.resume)
-    if args.map is not None:
-        if args.runs is not None:
-            raise UsageError("--map keeps one run's map, not those of --runs")
-        options.check_map(args.map)
 
 
 def _check_sensors(args: Options, scenario: Scenario) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options, run
+from armadico.cli.additions import Addition, added
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, between, flag, group, option
 from armadico.cli.run_options import Drive, choose
@@ -58,6 +59,7 @@ class RunOptions(Drive):
     priority: float | None = option(
         "0 to 1, instead of the mission's own", metavar="P", must=between(0, 1)
     )
+    additions: tuple[Addition, ...] = added("mission run")
 
 
 def main(argv: Sequence[str]) -> int:

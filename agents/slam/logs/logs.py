@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 
 from armadico.agents.slam.logs.cut_npz import fields_of
 from armadico.core.config_errors import ConfigError
-from armadico.core.discovery import RECORDINGS, installed
+from armadico.core.discovery import RECORDINGS
+from armadico.core.installed import loaded
 from armadico.core.judgement import Judgement, no, unknown, yes
 from armadico.core.messages import Cycle, Description, RobotState
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative
@@ -760,10 +761,9 @@ _USED: Final = (RobotState, Truth, Description, Scan, Sonar)
 def _recording(path: Path, namespace: str | None, period: float | None) -> Log:
     notes: list[str] = []
     try:
-        readers = installed(RECORDINGS)
-        if not readers:
+        read = next((reader for _, reader in loaded(RECORDINGS)), None)
+        if read is None:
             raise ValueError("is a recording, and no package that reads recordings is installed")
-        read = next(iter(readers.values())).load()
         found, given = read(path, _USED, namespace, notes.append)
     except ValueError as error:
         raise LogError(str(error).removeprefix(f"{path} "), path) from None

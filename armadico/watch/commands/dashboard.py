@@ -10,7 +10,7 @@ import signal
 import sys
 import webbrowser
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
@@ -25,7 +25,7 @@ from armadico.observe.screen import has_screen
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World
-    from armadico.launch.virtual import Rehearsal
+    from armadico.mesh.virtual import VirtualMesh
     from armadico.watch.dashboard.local_map import Zones
     from armadico.watch.dashboard.viewer import Viewer
     from armadico.watch.dashboard.virtual_run import Rehearsed
@@ -79,7 +79,7 @@ def run(args: Options) -> int:
         raise FailedError(str(error)) from None
 
 
-def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
+def kept(mesh: VirtualMesh, world: str, path: Path) -> Rehearsed:
     """A context in which a virtual run is written to a Rerun file.
 
     Raises UsageError or FailedError before the run.
@@ -89,17 +89,16 @@ def kept(rehearsal: Rehearsal, path: Path) -> Rehearsed:
     _check_record("--rrd", path)
     from armadico.watch.dashboard.virtual_run import Rehearsed
 
-    return Rehearsed(rehearsal.mesh, rehearsal.scenario.world, path, zones())
+    return Rehearsed(mesh, world, path, zones())
 
 
 def zones() -> Zones:
     """The zones around the robot of all installed agents, such as avoid's (thesis 3.5.2)."""
-    from armadico.core.discovery import AGENTS, agent_class, installed
+    from armadico.core.discovery import agents
 
     found: dict[str, Callable[[float], float]] = {}
-    for name in installed(AGENTS):
-        with suppress(ImportError):  # a broken agent of another package
-            found |= agent_class(name).borders
+    for _, kind in agents():
+        found |= kind.borders
     return found
 
 

@@ -13,11 +13,11 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError, Mesh
+from armadico.cli.options import FailedError
 from armadico.cli.parsing import RECORDING, Command, argument, flag, group, more_than, option
 
 if TYPE_CHECKING:
-    from armadico.config.scenarios import Scenario
+    from armadico.cli.additions import Start
     from armadico.mesh.virtual import VirtualMesh
     from armadico.mesh.zenoh import ZenohMesh
     from armadico.observe.watching import Watcher
@@ -77,16 +77,11 @@ def run(args: Options) -> int:
 
 
 @contextmanager
-def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str) -> Iterator[None]:
+def recorder(start: Start, path: Path) -> Iterator[None]:
     """A recorder process beside a live run; it records before the first agent starts.
 
-    Without a path nothing is recorded. The default namespace is that of the options. The map is the
-    scenario's, unless the robot has no map. Raises FailedError.
+    The map is the scenario's, unless the robot has no map. Raises FailedError.
     """
-    if path is None:
-        yield
-        return
-    from armadico.config.scenarios import unmapped
     from armadico.launch.processes import START_S, Process
     from armadico.runtime.programs import end
 
@@ -94,11 +89,11 @@ def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str
     if path.exists():
         raise FailedError(f"{path} exists already; name another file")
     words = ["record", str(path), "--quiet"]
-    words += [] if unmapped(scenario) else [f"--world={scenario.world}"]
-    words += [word for name in namespaces or [mesh.namespace] for word in ("--namespace", name)]
+    words += [f"--world={world}"] if (world := _mapped(start)) else []
+    words += [word for name in start.namespaces for word in ("--namespace", name)]
     with TemporaryDirectory(prefix="armadico-") as folder:
         log = Path(folder) / "record.log"
-        recorder = Process("recorder", [*words, *mesh.endpoints().words], log, tied=True)
+        recorder = Process("recorder", [*words, *start.mesh.endpoints().words], log, tied=True)
         try:
             deadline = time.monotonic() + START_S
             while not (path.exists() and path.stat().st_size):
@@ -112,34 +107,24 @@ def recorder(mesh: Mesh, path: Path | None, scenario: Scenario, *namespaces: str
     _say(summary)
 
 
-@contextmanager
-def beside_a_run(report: Callable[[str], None]) -> Iterator[ExitStack]:
-    """A stack for recordings; an incomplete file is reported and raises nothing.
-
-    A full disk then costs the recording, not the measures of the run.
-    """
-    with ExitStack() as stack:
-        yield stack
-        try:
-            stack.close()
-        except OSError as error:
-            report(": ".join(map(str, filter(None, (error.filename, error.strerror or error)))))
-
-
-def recorded(mesh: VirtualMesh, path: Path, scenario: Scenario, *namespaces: str) -> Recorded:
+def recorded(start: Start, mesh: VirtualMesh, path: Path) -> Recorded:
     """A context in which a virtual mesh is recorded to a file. Raises FailedError."""
     options.need("mcap", "record")
-    from armadico.config.scenarios import unmapped
-    from armadico.config.worlds import load_world
     from armadico.watch.virtual_recording import Recorded
 
-    world = None if unmapped(scenario) else load_world(scenario.world)
     try:
-        return Recorded(mesh, path, *namespaces, world=world)
+        return Recorded(mesh, path, *start.namespaces, world=options.world_of(_mapped(start)))
     except FileExistsError:
         raise FailedError(f"{path} exists already; name another file") from None
     except OSError as error:
         raise FailedError(f"cannot write {path}: {error.strerror or error}") from None
+
+
+def _mapped(start: Start) -> str | None:
+    """The world whose walls are the robot's map, or None."""
+    from armadico.config.scenarios import unmapped
+
+    return None if start.scenario is None or unmapped(start.scenario) else start.world
 
 
 def _record(args: Options, meshes: Sequence[ZenohMesh]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import socket
 import sys
 from collections.abc import Sequence
@@ -122,17 +123,19 @@ def _live(snapshots: Snapshots, observer: Observer) -> int:
     from rich.text import Text
 
     (mesh,) = observer.watcher.meshes
+    signals: list[int] = []
+    # A KeyboardInterrupt raised within `cbor2.dumps` is ignored (cbor2 6.2), and queries need it.
+    before = signal.signal(signal.SIGINT, lambda number, _: signals.append(number))
     with Live(auto_refresh=False, screen=True) as live:
-        try:
-            while True:
-                observer.take(SHOW_S)
-                screen = tables(snapshots.at(observer.now))
-                if not mesh.reachable:
-                    waiting = Text(options.shown(f"{mesh.missing}; waiting for it"))
-                    screen = Group(waiting, screen)
-                live.update(screen, refresh=True)
-        except KeyboardInterrupt:
-            return 0
+        while not signals:
+            observer.take(SHOW_S)
+            screen = tables(snapshots.at(observer.now))
+            if not mesh.reachable:
+                waiting = Text(options.shown(f"{mesh.missing}; waiting for it"))
+                screen = Group(waiting, screen)
+            live.update(screen, refresh=True)
+    signal.signal(signal.SIGINT, before)
+    return 0
 
 
 # Tables -------------------------------------------------------------------------------------------

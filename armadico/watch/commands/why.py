@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from armadico.core.messages import BidRecord
     from armadico.observe.standing import Standing
     from armadico.observe.view import View
-    from armadico.watch.explained import Collision, Exchange, Moment, Press
+    from armadico.watch.explained import Answer, Event, Summary
     from armadico.watch.recordings import Past, Row
     from armadico.watch.why import Chronicle
 
@@ -51,13 +51,6 @@ EXAMPLES: Final = """\
 
 COUNTED: Final = Must(lambda number: number >= 1, "expected a number from 1")
 NOT_BEFORE: Final = Must(lambda at: at >= 0.0, "expected at least 0, the first message")
-
-
-class Answer(NamedTuple):
-    """An answer in sentences, and as an object for JSON."""
-
-    sentences: Sequence[str]
-    found: Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,15 +100,15 @@ class Options:
 
 
 def run(args: Options) -> int:
-    _check(args)
-    answer = _live(args) if args.file is None else _recorded(args, args.file)
-    if args.json:
-        import msgspec
+    import msgspec
 
-        print(json.dumps(msgspec.to_builtins(answer.found), indent=2))
+    _check(args)
+    found, beside = _live(args) if args.file is None else (_recorded(args, args.file), [])
+    if args.json:
+        print(json.dumps(msgspec.to_builtins(found), indent=2))
     else:
-        for sentence in answer.sentences:
-            print(options.shown(sentence))
+        for line in (*getattr(found, "lines", found.sentences), *beside):
+            print(options.shown(line))
     return 0
 
 
@@ -138,7 +131,8 @@ def _check(args: Options) -> None:
 # A running society --------------------------------------------------------------------------------
 
 
-def _live(args: Options) -> Answer:
+def _live(args: Options) -> tuple[Answer, list[str]]:
+    """The answer, and lines about what else is wrong."""
     robot = args.mesh.of(args.mesh.namespace or default_namespace())
     demand = robot.demand()
     from armadico.observe.standing import standing
@@ -154,15 +148,15 @@ def _live(args: Options) -> Answer:
             raise AbsentError("no agent is alive", robot.namespace)
         now = observer.now
         if args.standing:
-            lines = explained(chronicle.view, now, demand, findings)
-            return Answer(lines, standing(chronicle.view, now, demand))
-        if args.stop is not None:
-            return _one("stop", args.stop, chronicle.presses)
+            found = standing(chronicle.view, now, demand)
+            return found, _beside(found.cause, findings)
+        if (event := _event(args, chronicle)) is not None:
+            return event, []
         chronicle.mark(now)
         observer.take(LATER_S)
     chronicle.finish()
     moment = chronicle.moments[0]
-    return Answer([*moment.sentences, *_beside(moment.cause, findings)], moment)
+    return moment, _beside(moment.cause, findings)
 
 
 # A recording --------------------------------------------------------------------------------------
@@ -180,18 +174,12 @@ def _recorded(args: Options, file: Path) -> Answer:
 
 def _answer(args: Options, past: Past) -> Answer:
     """The answer from the recorded bids; missing ones are recomputed from the agents' journals."""
-    from armadico.watch.explained import (
-        Collision,
-        Exchange,
-        Moment,
-        missing_bids,
-    )
+    from armadico.watch.explained import Collision, Exchange, Moment, missing_bids
 
     past.check()
     answer = _read(args, past, {})
-    event = answer.found
-    if isinstance(event, Collision | Exchange | Moment) and (silent := missing_bids(event)):
-        again = _replayed(past, silent, event.t)
+    if isinstance(answer, Moment | Exchange | Collision) and (silent := missing_bids(answer)):
+        again = _replayed(past, silent, answer.t)
         return _read(args, past, again) if again else answer
     return answer
 
@@ -244,22 +232,28 @@ def _read(args: Options, past: Past, again: Bids) -> Answer:
         raise UsageError(f"--at {at:g}: expected 0 to {t:.1f} s, the length of {args.file}")
     chronicle.finish()
     if args.standing:
-        return _standing(found or standing(chronicle.view, t, demand))
+        return found or standing(chronicle.view, t, demand)
     if at is not None:
-        return _moment(chronicle.moments[0])
-    return _event(args, chronicle, t)
+        return chronicle.moments[0]
+    return _event(args, chronicle) or _summary(chronicle, t)
 
 
-def _event(args: Options, chronicle: Chronicle, ends: float) -> Answer:
-    if args.collision is not None:
-        return _one("collision", args.collision, chronicle.collisions)
-    if args.stop is not None:
-        return _one("stop", args.stop, chronicle.presses)
-    if args.exchange is not None:
-        resource = args.resource or WHEELS
-        exchanges = [e for e in chronicle.exchanges if e.resource == resource]
-        return _one(f"exchange of {resource}", args.exchange, exchanges)
-    return _all(chronicle, ends)
+def _event(args: Options, chronicle: Chronicle) -> Event | None:
+    """The event that was asked for; None: none was. Raises FailedError if there is no such one."""
+    resource = args.resource or WHEELS
+    exchanges = [each for each in chronicle.exchanges if each.resource == resource]
+    asked: tuple[tuple[str, int | None, Sequence[Event]], ...] = (
+        ("collision", args.collision, chronicle.collisions),
+        ("stop", args.stop, chronicle.presses),
+        (f"exchange of {resource}", args.exchange, exchanges),
+    )
+    for what, number, found in asked:
+        if number is not None:
+            one = next((each for each in found if each.number == number), None)
+            if one is None:
+                raise FailedError(f"no {what} {number}: the recording has {len(found) or 'none'}")
+            return one
+    return None
 
 
 def _add(chronicle: Chronicle, row: Row, t: float) -> None:
@@ -292,17 +286,12 @@ def _add(chronicle: Chronicle, row: Row, t: float) -> None:
 # Answers ------------------------------------------------------------------------------------------
 
 
-def _standing(found: Standing) -> Answer:
-    todo = "" if found.cause is None else found.cause.todo
-    return Answer([*found.sentences, *([f"-> {todo}"] if todo else [])], found)
-
-
 def explained(view: View, now: float, demand: Demand, findings: Sequence[Finding]) -> list[str]:
     """Why the robot of a live society stands, and what else is wrong."""
     from armadico.observe.standing import standing
 
     found = standing(view, now, demand)
-    return [*_standing(found).sentences, *_beside(found.cause, findings)]
+    return [*found.lines, *_beside(found.cause, findings)]
 
 
 def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:
@@ -311,54 +300,37 @@ def _beside(cause: Finding | None, findings: Sequence[Finding]) -> list[str]:
     return [*actions, *short(findings, () if cause is None else ((cause.sort, cause.who),))]
 
 
-def _moment(found: Moment) -> Answer:
-    return Answer(found.sentences, found)
-
-
-def _one(what: str, number: int, found: Sequence[Exchange | Press | Collision]) -> Answer:
-    """The event of a number. Raises FailedError if there is none."""
-    one = next((each for each in found if each.number == number), None)
-    if one is None:
-        raise FailedError(f"no {what} {number}: the recording has {len(found) or 'none'}")
-    return Answer(one.sentences, one)
-
-
-def _all(chronicle: Chronicle, ends: float) -> Answer:
-    """A summary with a line for each event."""
+def _summary(chronicle: Chronicle, ends: float) -> Summary:
+    """A recording with a line for each event."""
     from armadico.observe.standing import standing
     from armadico.observe.view import agent_of
+    from armadico.watch.explained import Summary
 
     last = standing(chronicle.view, ends, chronicle.demand)
     exchanges, presses, collisions = chronicle.exchanges, chronicle.presses, chronicle.collisions
-    counted: dict[str, Sequence[object]] = {
-        "exchange": exchanges,
-        "stop": presses,
-        "collision": collisions,
-    }
-    totals = [f"{len(each)} {what}{'s' * (len(each) != 1)}" for what, each in counted.items()]
+    counted = {"exchange": len(exchanges), "stop": len(presses), "collision": len(collisions)}
+    totals = [f"{number} {what}{'s' * (number != 1)}" for what, number in counted.items()]
     lines = [f"{ends:.1f} s, {', '.join(totals)}."]
-    counts: dict[str, int] = {}
     for each in exchanges[:MOST_LISTED]:
-        number = counts[each.resource] = counts.get(each.resource, 0) + 1
-        of = "" if each.resource == "wheels" else f" of {each.resource}"
+        of = "" if each.resource == WHEELS else f" of {each.resource}"
         agents = f"{agent_of(each.loser)} -> {agent_of(each.winner)}"
-        lines.append(f"{each.t:8.2f} s  exchange {number}{of}: {agents}: {each.cause.what}")
+        lines.append(f"{each.t:8.2f} s  exchange {each.number}{of}: {agents}: {each.cause.what}")
     if len(exchanges) > MOST_LISTED:
         lines.append(f"            and {len(exchanges) - MOST_LISTED} more exchanges")
     lines += [f"{each.t:8.2f} s  stop {each.number}: by {each.by}" for each in presses]
     lines += [f"{each.t:8.2f} s  collision {each.number}: {each.cause.what}" for each in collisions]
     lines += chronicle.drives.sentences(MOST_LISTED)
     lines += ["At its end:", *last.sentences]
-    found = {
-        "seconds": round(ends, 3),
-        "exchanges": exchanges,
-        "stops": presses,
-        "collisions": collisions,
-        "drives": chronicle.drives.drives,
-        "unobeyed": chronicle.drives.unobeyed,
-        "standing": last,
-    }
-    return Answer(lines, found)
+    return Summary(
+        round(ends, 3),
+        exchanges,
+        presses,
+        collisions,
+        chronicle.drives.drives,
+        chronicle.drives.unobeyed,
+        last,
+        tuple(lines),
+    )
 
 
 main: Final = Command(

@@ -14,7 +14,8 @@ from functools import cache
 from typing import Any, Final
 
 from armadico.config.worlds import Unseen, World
-from armadico.core.discovery import PAGE, installed
+from armadico.core.discovery import PAGE
+from armadico.core.installed import loaded
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S
@@ -40,8 +41,8 @@ TRAIL_M: Final = 0.04  # distance between two of them
 
 @cache
 def capabilities() -> tuple[type[Part], ...]:
-    """The parts that installed capabilities add. Raises ImportError."""
-    return tuple(found.load() for found in installed(PAGE).values())
+    """The parts that installed capabilities add."""
+    return tuple(part for _, part in loaded(PAGE, Part))
 
 
 def reader() -> Reader:

@@ -7,24 +7,32 @@ from typing import Any, ClassVar
 
 from msgspec import msgpack
 
-from armadico.agents.missions.messages import Alarm
 from armadico.core import journal as j
 from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.driver import Driver, Output, Reply
 from armadico.core.messages import Ask, Card, JournalPiece, JournalRequest, Log, Message, encode
-from armadico.core.services import service_of
+from armadico.core.services import Kind, Service, register, service_of
 
 AGAIN = "journal/bell-1/piece"
 
 
+class Ringing(Message, frozen=True):
+    """Somebody rings."""
+
+    room: str
+
+
+register(Service(Ringing, "ringing", Kind.EVENT, None, None, "a test's own"))
+
+
 class Bell(Agent):
-    """Publishes alarms."""
+    """Logs what rings."""
 
     name = "bell"
-    receives: ClassVar[tuple[type[Message], ...]] = (Alarm,)
+    receives: ClassVar[tuple[type[Message], ...]] = (Ringing,)
 
-    def on_alarm(self, alarm: Alarm) -> None:
-        self.log(f"in {alarm.room}")
+    def on_ringing(self, ringing: Ringing) -> None:
+        self.log(f"in {ringing.room}")
         self.wake_at(self.now + 1.0)
 
     def on_wakeup(self) -> None:
@@ -39,9 +47,9 @@ def journalled(**more: Any) -> j.Journalled:
 
 
 def ring(driver: Driver, now: float, payload: bytes | None = None) -> list[Output]:
-    """What comes of an alarm."""
-    to = next(to for to in driver.agent.subscriptions() if to.message is Alarm)
-    driver.deliver(to, "alarm", encode(Alarm("R1")) if payload is None else payload, now)
+    """What comes of it."""
+    to = next(to for to in driver.agent.subscriptions() if to.message is Ringing)
+    driver.deliver(to, "ringing", encode(Ringing("R1")) if payload is None else payload, now)
     return driver.drain()
 
 
@@ -70,7 +78,7 @@ def test_what_enters_and_leaves_is_in_it_in_order() -> None:
         *(j.DELIVER, j.TAKE, j.WAKE, j.TAKE),
     ]
     assert found[0] == [j.START, 10.0, False, b"head"]
-    assert found[3][3:] == ["alarm", encode(Alarm("R1"))]
+    assert found[3][3:] == ["ringing", encode(Ringing("R1"))]
     assert msgpack.decode(found[4][1]) == [[j.PUBLISH, "log/bell-1", [20, "in R1", ""]]]
     assert [entry[2] for entry in found if entry[0] == j.TAKE] == [None, 12.0, None]
     assert driver.pieces() == []
@@ -80,8 +88,8 @@ def test_a_spoilt_payload_is_in_it_as_it_came() -> None:
     driver = journalled(publishes=False)
     ring(driver, 11.0, b"\xff")
     delivered, taken = entries(driver.pieces())[-2:]
-    assert [delivered[0], *delivered[3:]] == [j.DELIVER, "alarm", b"\xff"]
-    assert "rejected or dropped: 1 x on alarm" in str(msgpack.decode(taken[1]))
+    assert [delivered[0], *delivered[3:]] == [j.DELIVER, "ringing", b"\xff"]
+    assert "rejected or dropped: 1 x on ringing" in str(msgpack.decode(taken[1]))
 
 
 def test_its_outputs_are_those_of_any_driver() -> None:
@@ -167,6 +175,6 @@ def test_what_no_message_carries_is_in_it_too() -> None:
             return "wild"
 
     wild: Any = Wild()
-    nan = j.outputs([Publish("a", Alarm(wild))])
-    assert msgpack.decode(nan) == [[j.PUBLISH, "a", ["wild", True]]]
+    nan = j.outputs([Publish("a", Ringing(wild))])
+    assert msgpack.decode(nan) == [[j.PUBLISH, "a", ["wild"]]]
     assert j.outputs([Publish("a", Log(2**80, ""))]) != b""

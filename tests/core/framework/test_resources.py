@@ -31,9 +31,8 @@ from armadico.core.messages import (
 from armadico.core.resources import LEAST_SILENCE_S, WHEELS, Resource, declare
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mobile.messages import Waypoint
+from armadico.testing import PIONEER
 from armadico.testing.society import Bidder, RobotOwner, Society, bidder
-
-from .robots import described
 
 Utility = Callable[[float], float | None]
 
@@ -376,7 +375,7 @@ class FastOwner(RobotOwner):
 
 
 def _body() -> tuple[float, ...]:
-    d = described()
+    d = PIONEER
     return (
         *(d.front, d.rear, d.half_width, d.v_max, d.w_max, d.v_accel, d.v_decel),
         *(d.w_accel, d.w_decel, d.silence_s, d.watchdog_s),

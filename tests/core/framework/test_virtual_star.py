@@ -184,18 +184,6 @@ def test_an_agent_that_has_gone_while_the_router_was_away_is_reported_after_the_
     assert sorted(world["goto"].gone()) == ["avoid", "robot"]
 
 
-def test_a_new_router_that_hangs_at_once_is_found_when_it_goes_on() -> None:
-    world = World("goto", "avoid")
-    world.restart("robot")
-    world.nodes["robot"].hang()
-    world.run(0.9)
-    assert not world["goto"].reachable
-    world.nodes["robot"].resume()
-    world.run(BACK)
-    assert world["goto"].reachable
-    assert world["avoid"].reachable
-
-
 def test_an_agent_that_starts_without_a_router_begins_once_it_comes() -> None:
     world = World("goto")
     world.nodes["robot"].kill()
@@ -242,19 +230,6 @@ def test_a_second_robot_agent_is_the_router_once_the_first_is_gone() -> None:
     assert world["robot"].received("avoid", since)
 
 
-def test_agents_that_start_where_the_router_was_do_not_reach_each_other() -> None:
-    world = World()
-    world.nodes["robot"].kill()
-    world.run(1.0)
-    guests = [VirtualSession(world.mesh, name=name) for name in ("one", "two")]
-    got: list[str] = []
-    guests[0].subscribe("encoder/pose", lambda key, _data: got.append(key))
-    guests[1].publish("encoder/pose", POSE)
-    world.run(1.0)
-    assert got == []
-    assert not guests[0].reachable
-
-
 # A router that hangs ------------------------------------------------------------------------------
 
 
@@ -294,18 +269,6 @@ def test_when_a_router_hangs_for_longer_all_are_cut_off_and_what_waited_is_lost(
     world.run(0.1)
     for one, other in itertools.permutations(world.nodes, 2):
         assert world[one].received(other, since)
-
-
-def test_an_agent_that_ends_while_the_router_hangs_is_reported_when_it_goes_on() -> None:
-    world = World("goto", "avoid")
-    world.nodes["robot"].hang()
-    world.run(0.1)
-    world.nodes["avoid"].kill()
-    world.run(0.5)
-    assert world["goto"].gone() == []
-    world.nodes["robot"].resume()
-    world.run(SOON)
-    assert world["goto"].gone() == ["avoid"]
 
 
 def test_a_query_waits_in_a_router_that_hangs_and_one_without_a_router_ends_at_once() -> None:
@@ -355,22 +318,6 @@ def test_an_agent_that_is_cut_from_the_router_for_the_lease_is_cut_off_and_comes
     assert avoid.received("goto", since)
 
 
-def test_a_cut_that_is_shorter_than_the_lease_only_loses_messages() -> None:
-    world = World("goto", "avoid")
-    cut = world.mesh.now
-    world.mesh.cut(["goto"], ["robot"], lease=True)
-    world.mesh.cut(["robot"], ["goto"], lease=True)
-    world.run(0.8 * LEASE)
-    world.mesh.heal(["goto"], ["robot"])
-    world.mesh.heal(["robot"], ["goto"])
-    healed = world.mesh.now
-    world.run(2 * LEASE)
-    for one, other in (("goto", "avoid"), ("avoid", "goto"), ("robot", "goto")):
-        assert world[one].received(other, cut + SOON, healed) == []
-        assert world[one].received(other, healed + SOON)
-    assert all(agent.routers == agent.gone() == [] for agent in (*world.others, world["robot"]))
-
-
 def test_a_cut_without_a_lease_is_not_reported_and_holds_for_all_that_passes_the_router() -> None:
     world = World("goto", "avoid")
     cut = world.mesh.now
@@ -406,37 +353,6 @@ def test_agents_that_are_cut_from_the_router_do_not_reach_each_other_either() ->
     assert world["goto"].gone() == world["avoid"].gone() == []
     for one, other in itertools.permutations(world.nodes, 2):
         assert world[one].received(other, since)
-
-
-@pytest.mark.parametrize("lease", [False, True])
-def test_a_cut_between_two_that_have_a_router_between_them_does_nothing(lease: bool) -> None:
-    world = World("goto", "avoid")
-    cut = world.mesh.now
-    for way in ((["goto"], ["avoid"]), (["avoid"], ["goto"])):
-        world.mesh.cut(*way, lease=lease)
-    world.run(3.0)
-    numbers = world["goto"].received("avoid", cut)
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    assert len(numbers) > 290
-    for way in ((["goto"], ["avoid"]), (["avoid"], ["goto"])):
-        world.mesh.heal(*way)
-    world.run(1.0)
-    assert all(agent.routers == agent.gone() == [] for agent in (*world.others, world["robot"]))
-
-
-def test_a_router_that_restarts_behind_a_cut_is_found_when_the_cut_has_healed() -> None:
-    world = World("goto", "avoid")
-    world.mesh.cut(["goto"], ["robot"], lease=True)
-    world.run(0.1)
-    world.restart("robot")
-    world.run(3.0)
-    assert world["avoid"].reachable
-    assert not world["goto"].reachable
-    world.mesh.heal(["goto"], ["robot"])
-    world.run(2 * BACK)
-    assert world["goto"].reachable
-    world.run(GRACE_S)
-    assert world["goto"].gone() == ["robot"]
 
 
 # Guests -------------------------------------------------------------------------------------------

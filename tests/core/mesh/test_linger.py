@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import queue
 import socket
@@ -12,12 +11,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from armadico.mesh.linger import release_links
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.topology import topology
-from armadico.mesh.zenoh import SETTINGS, ZenohMesh
+from armadico.mesh.zenoh import ZenohMesh
 
 pytestmark = pytest.mark.live
 
@@ -73,19 +71,3 @@ def test_once_a_client_has_a_link_to_a_router_no_socket_lingers(
         assert client.wait_joined(ENOUGH)
         counts = [left.get(timeout=ENOUGH) for _ in "ab"]  # both ends are in this process
         assert counts[-1] == 0
-
-
-def test_zenoh_alone_still_needs_it(endpoint: str) -> None:
-    def session(mode: str, **ends: list[str]) -> zenoh.Session:
-        config = zenoh.Config()
-        own = {"mode": mode} | {f"{key}/endpoints": value for key, value in ends.items()}
-        for key, value in (SETTINGS | own).items():
-            config.insert_json5(key, json.dumps(value))
-        return zenoh.open(config)
-
-    events = zenoh.handlers.FifoChannel(16)
-    with session("router", listen=[endpoint]) as first:
-        links = first.info.declare_link_events_listener(events, history=True)
-        with session("client", connect=[endpoint]):
-            links.recv()
-            assert TEN in lingering()

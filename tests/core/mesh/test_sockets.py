@@ -74,13 +74,6 @@ def test_without_a_runtime_folder_they_are_in_one_of_this_users_beside_temporary
     assert stat.S_IMODE(made.stat().st_mode) == 0o700
 
 
-def test_a_runtime_folder_that_does_not_exist_counts_as_none(
-    without_runtime_folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(RUNTIME_VARIABLE, str(without_runtime_folder / "missing"))
-    assert folder().parent == without_runtime_folder
-
-
 @pytest.mark.skipif(os.geteuid() == 0, reason="root can write to every folder")
 def test_a_runtime_folder_that_cannot_be_written_to_counts_as_none(
     without_runtime_folder: Path, monkeypatch: pytest.MonkeyPatch
@@ -89,13 +82,6 @@ def test_a_runtime_folder_that_cannot_be_written_to_counts_as_none(
     shut.mkdir(mode=0o500)
     monkeypatch.setenv(RUNTIME_VARIABLE, str(shut))
     assert folder().parent == without_runtime_folder
-
-
-def test_a_folder_that_cannot_be_made_is_an_error_that_names_it(base: Path) -> None:
-    in_its_place = base / "armadico"
-    in_its_place.write_text("a file")
-    with pytest.raises(TopologyError, match=f"{in_its_place}.*{RUNTIME_VARIABLE}"):
-        folder()
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
@@ -197,11 +183,6 @@ def test_every_namespace_has_a_socket_of_its_own_that_the_system_takes(base: Pat
         assert path.parent == base / "armadico"
         with listening(path):
             assert holder(path) is not None
-
-
-def test_a_long_namespace_has_the_same_socket_each_time(base: Path) -> None:
-    assert socket_of(LONG) == socket_of(LONG)
-    assert LONG not in str(socket_of(LONG))
 
 
 def test_a_folder_with_too_long_a_path_is_an_error_that_names_the_limit(

@@ -27,11 +27,6 @@ def test_a_client_on_a_host_that_is_not_the_robots_uses_the_endpoint_only() -> N
     assert topology(robot=ROBOT, here=False) == Topology(connect=(ROBOT,), socket=False)
 
 
-def test_a_client_that_is_given_a_router_uses_no_other() -> None:
-    assert topology(connect=OTHER, robot=ROBOT) == Topology(connect=(OTHER,), socket=False)
-    assert topology(connect=[OTHER, SECOND]).connect == (OTHER, SECOND)
-
-
 def test_a_router_listens_on_the_robots_endpoint_and_links_to_the_rest_of_the_fleet() -> None:
     where = topology(router=True, robot=ROBOT, peers=[ROBOT, SECOND, OTHER])
     assert where == Topology(router=True, listen=(ROBOT,), peers=(SECOND, OTHER))
@@ -77,7 +72,3 @@ def test_the_endpoints_of_a_router_are_checked_too(wrong: dict[str, object]) -> 
 def test_text_that_cannot_be_a_namespace_is_refused(name: str) -> None:
     with pytest.raises(TopologyError, match="namespace"):
         checked_namespace(name)
-
-
-def test_a_namespace_may_have_parts() -> None:
-    assert checked_namespace("lab/r-1") == "lab/r-1"

@@ -11,7 +11,7 @@ import pytest
 
 from armadico.core import messages as m
 from armadico.core.agent import INFO, WARNING, Agent, Publish, Question, SendQuery
-from armadico.core.driver import LINES, LINES_A_S, OPEN_QUERIES, REPORT_S, Announce, Driver
+from armadico.core.driver import LINES, LINES_A_S, REPORT_S, Announce, Driver
 from armadico.core.exchange import Bid
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import (
@@ -29,7 +29,7 @@ from armadico.core.messages import (
     Stop,
     encode,
 )
-from armadico.core.resources import WHEELS, Resource
+from armadico.core.resources import WHEELS
 from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
@@ -40,7 +40,6 @@ from armadico.mobile.messages import (
     Waypoint,
 )
 from armadico.runtime import process
-from armadico.runtime.inbox import Inbox
 from armadico.runtime.process import AgentHost, identity
 from tests.core.mesh.fakes import Clock, FakeCall, FakeMesh, on_a_fake
 
@@ -237,20 +236,6 @@ def test_an_agent_that_may_not_join_ends_the_process_with_the_reason() -> None:
 # What cannot be sent ------------------------------------------------------------------------------
 
 
-def test_a_publication_that_cannot_be_sent_is_counted_logged_and_dropped() -> None:
-    poser = Poser(identity("poser"))
-    host, mesh = on_a_fake(poser)
-    poser.x = 2e6
-
-    def mended() -> None:
-        poser.x = 3.0
-        mesh.receive("robot/state", state(2))
-
-    play(host, lambda: mesh.receive("robot/state", state(1)), mended)
-    assert [message.x for message in mesh.messages if isinstance(message, Pose)] == [3.0]
-    assert any("1 x on encoder/pose: Pose cannot be sent" in text for text in logs(mesh))
-
-
 @pytest.mark.parametrize("x", [2e6, math.nan, math.inf, "far"])
 def test_what_cannot_be_sent_does_not_reach_a_neighbour_of_the_process_either(x: Any) -> None:
     poser, watcher = Poser(identity("poser")), Watcher(identity("watcher"))
@@ -265,23 +250,6 @@ def test_what_cannot_be_sent_does_not_reach_a_neighbour_of_the_process_either(x:
     assert [pose.x for pose in watcher.poses] == [3.0]
     assert [message.x for message in mesh.messages if isinstance(message, Pose)] == [3.0]
     assert any("1 x on encoder/pose: Pose cannot be sent" in text for text in logs(mesh))
-
-
-def test_what_is_too_large_for_the_mesh_is_for_a_neighbour_too() -> None:
-    class Loud(Poser):
-        def on_robot_state(self, state: RobotState) -> None:
-            large = bytes(m.LARGEST_PAYLOAD // 2)
-            ballot = Ballot(1, 0.5, False, self.instance)
-            claim = Claim("wheels", ballot, state.cycle, 0.5, False, large, large)
-            self.outbox.append(Publish(WHEELS.utility_key, claim))
-
-    received: list[Message] = []
-    hand = Hand(identity("hand"))
-    hand.receive = lambda message, now: received.append(message)  # type: ignore[method-assign]
-    host, mesh = on_a_fake(Loud(identity("poser")), hand)
-    play(host, lambda: mesh.receive("robot/state", state(1)))
-    assert received == [state(1)]
-    assert any("Claim cannot be sent" in text for text in logs(mesh))
 
 
 def test_a_reply_that_cannot_be_sent_is_counted_logged_and_dropped() -> None:
@@ -312,22 +280,6 @@ def test_a_query_that_cannot_be_sent_has_no_reply_and_is_logged() -> None:
     play(host, query, lambda: mesh.receive("robot/state", state(2)))
     assert answers == [None]
     assert any("1 x on path/plan: PlanRequest cannot be sent" in text for text in logs(mesh))
-
-
-def test_malformed_payloads_are_counted_and_logged_at_intervals() -> None:
-    clock = Clock()
-    watcher = Watcher(identity("watcher"))
-    host, mesh = on_a_fake(watcher, clock=clock)
-
-    def garbage() -> None:
-        for _ in range(EVENTS):
-            for number in range(10):
-                mesh.subscribers["robot/stop"](f"robot/stop/{number}", b"\xff" * number)
-
-    play(host, garbage, garbage)
-    assert len([text for text in logs(mesh) if "rejected" in text]) == 1
-    assert watcher.memory.newest(Stop) is None
-    assert len(host.drivers[0].refused) <= OPEN_QUERIES
 
 
 class NumpyLike:
@@ -433,24 +385,6 @@ def test_lines_for_people_are_limited_whatever_comes(minutes: int) -> None:
     assert published >= LINES_A_S * seconds
 
 
-def test_dropped_log_lines_are_counted() -> None:
-    agent = Watcher(identity("watcher"))
-    driver = Driver(agent, 0.0, admit=False)
-    driver.begin(0.0)
-    for _ in range(LINES + 50):
-        agent.log("again")
-    driver.drain()
-    agent.now += 10.0
-    agent.log("later")
-    sent = [
-        item.message.text
-        for item in driver.drain()
-        if isinstance(item, Publish) and isinstance(item.message, Log)
-    ]
-    assert any(text.startswith("50 ") for text in sent)
-    assert "later" in sent
-
-
 # Rejected messages --------------------------------------------------------------------------------
 
 
@@ -488,32 +422,6 @@ def test_rejected_cycles_are_logged_at_intervals_with_their_epoch() -> None:
     assert "48 x on robot/state" in sent.text, "rejections between reports are counted"
 
 
-def test_a_number_ahead_of_the_time_is_logged() -> None:
-    observed = Observed(Watcher(identity("watcher")))
-    observed.cycle(7, 1, 0.1)
-    (sent,) = observed.cycle(7, 1000, 0.15)
-    assert "1 x on robot/state" in sent.text
-    assert "epoch 7" in sent.text
-
-
-def test_a_false_number_is_logged_once_it_is_left() -> None:
-    observed = Observed(Watcher(identity("watcher")))
-    observed.cycle(7, 1, 0.1)
-    assert observed.cycle(7, 1000, 1.0) == []
-    sent = [line for step in range(3) for line in observed.cycle(7, 10 + step, 1.4 + step / 10)]
-    assert len(sent) == 1
-    assert "1 x on robot/state" in sent[0].text
-    assert "epoch 7" in sent[0].text
-
-
-def test_a_cycle_of_an_ended_epoch_is_logged() -> None:
-    observed = Observed(Watcher(identity("watcher")))
-    observed.cycle(7, 1, 0.1)
-    observed.cycle(8, 1, 1.0)
-    (sent,) = observed.cycle(7, 1, 2.0)
-    assert "a cycle of epoch 7" in sent.text
-
-
 def test_a_change_of_epoch_is_logged_once_and_a_return_as_a_warning() -> None:
     observed = Observed(Watcher(identity("watcher")))
     assert observed.cycle(0xA, 1, 0.1) == []
@@ -524,26 +432,6 @@ def test_a_change_of_epoch_is_logged_once_and_a_return_as_a_warning() -> None:
     (sent,) = observed.cycle(0xA, 20, 2.0)
     assert sent.level == WARNING
     assert observed.cycle(0xA, 21, 2.1) == []
-
-
-def test_both_are_logged_with_the_key_of_a_resource_with_its_own_cycles() -> None:
-    lift = Resource("test-lift", ("height",), scale=(1.0,), neutral=(0.0,), period_s=0.2)
-
-    class Lifter(Hand):
-        competes_for = (lift,)
-        next = None
-
-    observed = Observed(Lifter(identity("hand")))
-
-    def ack(epoch: int, now: float) -> list[Log]:
-        return observed.receive(Ack(lift.name, Cycle(epoch, 1)), now, lift.ack_key)
-
-    assert ack(7, 0.1) == []
-    (sent,) = ack(8, 0.2)
-    assert f"on {lift.ack_key}" in sent.text
-    assert "epoch 8" in sent.text
-    (sent,) = ack(8, 2.0)
-    assert sent.text.startswith(f"{lift.ack_key}: epoch 7 ended, epoch 8 began")
 
 
 def test_an_implausible_counter_is_logged_with_its_publisher_and_the_consequence() -> None:
@@ -558,20 +446,6 @@ def test_an_implausible_counter_is_logged_with_its_publisher_and_the_consequence
     assert observed.driver.agent.stopped is not None
     (sent,) = observed.receive(Trajectory(m.JUMP + 2, 1, ()), 14.0, "trajectory")
     assert "on trajectory: rejected: a Trajectory" in sent.text
-
-
-def test_an_implausible_counter_is_logged_of_a_state_and_before_the_start_too() -> None:
-    observed = Observed(Watcher(identity("watcher")))
-    observed.receive(Stop(1, False, "people", 7), 0.5, "robot/stop")
-    state = RobotState(Cycle(7, 1), 0, 0, 0, 0, 0, 12.5, True, False, Stop(m.JUMP + 2, by="x"))
-    (sent,) = observed.receive(state, 1.0, "robot/state")
-    assert "on robot/stop: rejected: a Stop by x" in sent.text
-    driver = Driver(Watcher(identity("watcher")), 0.0)
-    (to,) = [to for to in driver.agent.subscriptions() if to.message is Stop]
-    driver.deliver(to, "robot/stop", Stop(1, False, "people", 7), 0.1)
-    driver.deliver(to, "robot/stop", Stop(m.JUMP + 2, by="x"), 0.1)
-    assert not driver.started
-    assert [item for item in driver.drain() if isinstance(item, Publish)]
 
 
 # Strangers' cards ---------------------------------------------------------------------------------
@@ -614,16 +488,6 @@ def test_a_card_in_anothers_name_is_ignored() -> None:
     assert not [item for item in driver.drain() if isinstance(item, Publish)]
 
 
-def test_a_card_of_another_protocol_counts_for_its_instance_and_is_logged_once() -> None:
-    driver = at_work()
-    question = queried_card(driver, "evil", "evil-1", 5.0)
-    for _ in range(3):
-        driver.on_reply(question, card("evil-1", 99), 5.1)
-    assert driver.agent.foreign == {"evil-1"}
-    sent = [item for item in driver.drain() if isinstance(item, Publish)]
-    assert len(sent) == 1
-
-
 def test_claims_of_an_instance_with_another_declaration_are_rejected() -> None:
     driver = at_work()
     question = queried_card(driver, "evil", "evil-1", 5.0)
@@ -663,25 +527,6 @@ def test_an_agent_that_is_too_slow_for_its_cycle_is_logged() -> None:
     (sent,) = logs(mesh)
     assert slow.instance in sent
     assert "one turn took 0.25 s, a cycle is 0.1 s" in sent
-
-
-def test_a_bell_that_rang_for_what_was_taken_before_is_not_believed() -> None:
-    # Otherwise `get` would return at once, and messages behind a hang would not be settled.
-    inbox = Inbox()
-    waited: list[float] = []
-    inbox.put("a", lambda: None)
-    assert inbox.get(0) is not None
-    bell = inbox._bell
-
-    class Bell:
-        def acquire(self, timeout: float = -1.0) -> bool:
-            waited.append(timeout)
-            return bell.acquire(blocking=False)  # not ringing: as after the whole time
-
-    inbox._bell = Bell()  # type: ignore[assignment]
-    assert inbox.get(60.0) is None
-    assert len(waited) == 2, "it waited again after the stale ring"
-    assert waited[-1] > 59.0
 
 
 class Waiting(Agent):

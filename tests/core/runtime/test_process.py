@@ -12,7 +12,6 @@ from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import OPEN_QUERIES
 from armadico.core.messages import Cycle, Log, Message, RobotState, Stop, encode
 from armadico.mobile.messages import Plan, PlanRequest, Truth
-from armadico.runtime.inbox import Inbox
 from armadico.runtime.process import AgentHost, identity
 from tests.core.mesh.fakes import REQUEST, Clock, FakeCall, FakeMesh, on_a_fake
 
@@ -292,18 +291,3 @@ def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
         host.live()
     host.leave()
     assert [message.text for message in mesh.messages if isinstance(message, Log)] == ["released"]
-
-
-def test_instances_are_never_the_same() -> None:
-    names = {identity("goto").instance for _ in range(100)}
-    assert len(names) == 100
-    assert all(name.startswith("goto-") and len(name) == len("goto-") + 16 for name in names)
-
-
-def test_a_bell_that_rang_before_the_wait_ends_the_wait() -> None:
-    inbox = Inbox()
-    inbox.ring()
-    inbox.ring()
-    assert inbox.get(None) is None  # would wait for ever if the ring were lost
-    inbox.put("test", lambda: None)
-    assert inbox.get(None) is not None

@@ -13,7 +13,7 @@ from armadico.cli.options import FailedError
 from armadico_tools.bench import figures
 from armadico_tools.bench.figures import BENCHMARKS, Benchmark, Figure, figure, percentile
 from armadico_tools.commands.bench import main
-from tests.programs import BIN, Done, call, heavy, imports_nothing
+from tests.programs import BIN, Done, call
 
 KEYS = ["name", "unit", "p50", "p99", "floor_p50", "floor_p99", "ratio"]
 NAMES = [benchmark.name for benchmark in BENCHMARKS]
@@ -21,26 +21,6 @@ NAMES = [benchmark.name for benchmark in BENCHMARKS]
 
 def bench(*words: str) -> Done:
     return call("bench", *words)
-
-
-def test_help_has_examples() -> None:
-    done = bench("--help")
-    assert done.returncode == 0
-    assert done.stdout.count("  armadico bench ") >= 2
-
-
-def test_list_names_every_benchmark_with_what_it_is_compared_with() -> None:
-    done = bench("--list")
-    assert done.returncode == 0
-    firsts = [line.split()[0] for line in done.stdout.splitlines() if line[0] != " "]
-    assert firsts == NAMES
-    assert "floor: bare zenoh-python" in done.stdout
-
-
-@pytest.mark.parametrize("option", ["--help", "--list"])
-def test_asking_what_there_is_imports_nothing_heavy(option: str) -> None:
-    among = {"numpy", "zenoh", "pymunk", "msgspec", "rich", "psutil"}
-    assert imports_nothing(heavy("armadico_tools.commands.bench", [option], among))
 
 
 WITH = {"cpu": ["memory", "cpu"]}
@@ -52,7 +32,7 @@ WITHIN = 110.0
 """s; a deadline, not an expectation."""
 
 
-@pytest.mark.long(but=("start",))
+@pytest.mark.long
 @pytest.mark.live
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in LEFT_OUT])
 def test_each_benchmark_gives_figures(name: str) -> None:
@@ -112,7 +92,7 @@ def words(process: psutil.Process) -> list[str]:
         return []
 
 
-@pytest.mark.long(but=("start",))
+@pytest.mark.long
 @pytest.mark.live
 @pytest.mark.parametrize("name", ["start", "sip-to-command"])
 def test_a_benchmark_that_is_killed_leaves_nobody_running(name: str) -> None:
@@ -130,14 +110,6 @@ def test_a_benchmark_that_is_killed_leaves_nobody_running(name: str) -> None:
     for process in left:
         process.kill()
     assert not left
-
-
-def test_an_unknown_name_is_a_usage_error_that_lists_what_there_is() -> None:
-    done = bench("sped")
-    assert done.returncode == 2
-    assert "'sped'" in done.stderr
-    assert "speed" in done.stderr.replace("'sped'", "")
-    assert done.stdout == ""
 
 
 def test_percentiles_lie_between_the_values() -> None:

@@ -24,10 +24,6 @@ from tests.programs import call
 CALM = '{"seed":1,"scenario":"sc1","lasts":4.0,"faults":[["hang",2.0,0.1,["interface"]]]}'
 
 
-def test_help_has_examples() -> None:
-    assert call("faults", "--help").stdout.count("  armadico faults ") >= 3
-
-
 def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -> None:
     assert faults.main(["--list"]) == 0
     words = {line.split()[0] for line in capsys.readouterr().out.splitlines()}

@@ -22,7 +22,7 @@ from armadico.mobile.motion import touches_at
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to, obstacles, wall
-from tests.core.framework.robots import body, described
+from tests.robot.robots import body, described
 
 FAR = drive_to((10.0, 0.0, 0.0))
 PIONEER = body()

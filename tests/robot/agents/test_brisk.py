@@ -18,7 +18,7 @@ from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Waypoint
 from armadico.mobile.route import Route
 from armadico.mobile.safety import Scene, unhurried
-from tests.core.framework.robots import body
+from tests.robot.robots import body
 
 PERIOD = 0.1
 LATE_CYCLES = 2

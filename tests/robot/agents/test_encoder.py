@@ -6,7 +6,7 @@ import random
 from math import hypot, isnan, nan, pi
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -72,6 +72,7 @@ class Robot(Alone):
             self.agent.start(self.now)
 
 
+@settings(max_examples=30)
 @given(
     lies=st.lists(st.tuples(of(Origin), of(Correction), of(RobotState)), max_size=4),
     x=metres,

@@ -15,7 +15,7 @@ from armadico.mobile.messages import Trajectory
 from armadico.mobile.motion import touches_at
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to, wall
-from tests.core.framework.robots import body
+from tests.robot.robots import body
 
 AHEAD = drive_to((8.0, 0.0, 0.0))
 

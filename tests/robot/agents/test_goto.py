@@ -20,7 +20,7 @@ from armadico.mobile.motion import touches_at
 from armadico.mobile.sight import in_sight
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, commands, drive_to, obstacles, wall
-from tests.core.framework.robots import body, described
+from tests.robot.robots import body, described
 
 ROUND_A_CORNER = drive_to((4.0, 0.0, 0.0), (4.0, 3.0, 1.57))
 

@@ -10,16 +10,15 @@ from msgspec.structs import replace
 from armadico.agents.interface.interface import Interface, Parameters
 from armadico.core.agent import WARNING, Identity
 from armadico.core.messages import (
-    LARGEST_COUNT,
     Cycle,
     Log,
+    Message,
     Point,
     RobotState,
     Stop,
     decode,
     encode,
 )
-from armadico.core.services import service_of
 from armadico.mobile.messages import (
     WAYPOINTS,
     InitialPose,
@@ -38,8 +37,7 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles
 from armadico.testing import Alone, covariance
-from armadico.watch.teleop.messages import TeleopStatus
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 GOAL = Waypoint(3.0, 0.0, 0.0)
 DOOR = Waypoint(1.0, 0.0, 0.0)
@@ -54,7 +52,6 @@ class Desk(Alone):
         super().__init__(Interface(Identity("interface-1"), parameters), robot=None)
         if begun:
             self.agent.start(0.0)
-        self.hand = ""  # on the stick
         self.questions = 0
 
     @property
@@ -73,8 +70,12 @@ class Desk(Alone):
         self.speed = speed
         self.state()
         here = Pose(self.at, x, y, theta, covariance(off_m))
-        self.give(TeleopStatus(self.at, self.hand), here)
+        self.give(*self.said(), here)
         self.wake()
+
+    def said(self) -> list[Message]:
+        """What else is said in a cycle."""
+        return []
 
     def request(self, request: MissionRequest) -> int:
         self.questions += 1
@@ -332,10 +333,6 @@ def test_a_mission_that_it_is_told_late_goes_on_too(desk: Desk) -> None:
     )
 
 
-def test_only_one_may_be_there() -> None:
-    assert Interface.alone
-
-
 @pytest.mark.parametrize(
     ("goal", "over"),
     [
@@ -398,20 +395,6 @@ def test_a_plan_that_nobody_could_be_told_of_is_refused(
     assert driving.last(MissionStatus).state is MissionState.DRIVING
 
 
-def test_after_the_largest_counter_there_is_one_more_for_a_mission(desk: Desk) -> None:
-    desk.agent.memory.note(Trajectory(LARGEST_COUNT, 1, ()))
-    on_query = desk.request(MissionRequest(GOAL, planned=False))
-    assert not desk.replies[on_query].refusal
-    assert desk.last(Trajectory).counter == 0
-
-
-def test_it_says_how_far_it_is_as_often_as_the_table_promises_with_nothing_to_do_too() -> None:
-    """Else whoever watches an idle society is told of silences that are none."""
-    promised = service_of(MissionStatus).rate_hz
-    assert promised is not None
-    assert promised * Interface.parameters().repeat_s <= 1.0
-
-
 # A robot that is lost -----------------------------------------------------------------------------
 
 
@@ -457,24 +440,6 @@ def test_a_lost_robot_has_not_arrived_wherever_its_pose_is(driving: Desk) -> Non
     for _ in range(3):
         driving.moved(3.0, off_m=1.0)
     assert driving.last(MissionStatus).state is MissionState.DRIVING
-
-
-def test_a_robot_that_was_driven_by_hand_has_its_way_planned_anew_when_the_hand_is_off(
-    desk: Desk,
-) -> None:
-    desk.request(MissionRequest(GOAL))
-    desk.reply(PLAN)
-    desk.hand = "ann"
-    desk.moved(0.5, 1.0)
-    assert desk.last(MissionStatus).note == "ann drives by hand"
-    assert len(desk.on_query) == 1
-    desk.hand = ""
-    desk.moved(1.5, 1.5)
-    assert [query.request for query in desk.on_query[1:]] == [
-        PlanRequest(Waypoint(1.5, 1.5, 0.0), GOAL, "the robot was driven by hand")
-    ]
-    desk.reply(None)  # nobody plans: the way that there is is gone on with
-    assert not desk.last(Trajectory).waits
 
 
 def test_given_waypoints_are_not_planned_anew(driving: Desk) -> None:
@@ -696,14 +661,7 @@ def test_contacts_far_apart_long_ago_or_in_another_mission_do_not_count(planned:
     assert planned.last(MissionStatus).state is MissionState.DRIVING
 
 
-def test_what_a_hand_has_it_touch_is_the_hand_s(planned: Desk) -> None:
-    planned.hand = "somebody"
-    for _ in range(5):
-        touch(planned, 1.0)
-    assert planned.last(MissionStatus).state is MissionState.DRIVING
-
-
-@pytest.mark.parametrize("hindrance", ["lost", "stopped", "given", "by hand"])
+@pytest.mark.parametrize("hindrance", ["lost", "stopped", "given"])
 def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: str) -> None:
     given = hindrance == "given"
     desk.request(MissionRequest(GOAL, (DOOR,), planned=not given))
@@ -711,7 +669,6 @@ def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: s
         desk.reply(PLAN)
     if hindrance == "stopped":
         desk.give(Stop(1, True, "somebody", 1))
-    desk.hand = "ann" if hindrance == "by hand" else ""
     on_query = len(desk.on_query)
     stay(desk, SOME.give_up_s + 60.0, off_m=1.0 if hindrance == "lost" else 0.0)
     assert len(desk.on_query) == on_query

@@ -9,7 +9,6 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.methods.near import RayResult
-from armadico.agents.methods.settings import ScanSettings
 from armadico.agents.perception.laser import LaserAgent, Parameters
 from armadico.agents.perception.scan_map import ScanMap
 from armadico.bridge.simulator.laser import LaserScanner
@@ -20,12 +19,11 @@ from armadico.config.profile import Laser, SensorProfile
 from armadico.config.shipped import find
 from armadico.core.agent import ERROR, Identity, Publish
 from armadico.core.messages import Cycle, Log, Point, RobotState
-from armadico.core.services import service_of
 from armadico.mobile.geometry import Pose2, relative
 from armadico.mobile.messages import Pose, Scan
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import message_of
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 IDEAL = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
 LASER = Laser(0.1, 0.0, 0.0, 0.1, 10.0, -135.0, 135.0, 541, 10.0, 0.0)
@@ -313,16 +311,6 @@ def test_all_round_the_last_ray_is_the_first_ones_neighbour() -> None:
     assert near.probe([(cos(-0.005), sin(-0.005))]) == [RayResult.THROUGH]
 
 
-def test_points_are_bounded_and_the_nearest_stay() -> None:
-    near = ScanMap(ScanSettings(most=50, apart_m=0.001, sector_rad=0.001))
-    ranges = np.linspace(1.0, 3.0, 720)
-    near.update(message_of(Cycle(1, 1), ranges, (-pi, tau / 720), (0.1, 5.0), HERE))
-    measured = near.sensed()
-    assert len(measured) == 50
-    assert measured[0].distance == pytest.approx(1.0, abs=1e-3)
-    assert measured[-1].distance < 1.2
-
-
 def test_the_odometry_moves_what_is_remembered() -> None:
     robot = Robot(
         [(1.0, -0.2, 1.0, 0.2)], replace(LASER, angle_min_deg=-20, angle_max_deg=20, rays=81)
@@ -345,7 +333,3 @@ def test_whatever_scan_may_be_sent_is_taken(step: float, rays: int) -> None:
         near.update(Scan(Cycle(1, 1), 0, 0, 1e6, step, 30.0, bytes([232, 3]) * rays))
         near.probe([(0.5, 0.0)])
     assert len(near.sensed()) <= rays
-
-
-def test_its_key_is_its_own() -> None:
-    assert service_of(Obstacles).key_for(name="laser") == "laser/obstacles"

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import random
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from math import cos, hypot, pi, radians, sin, sqrt, tau
+from math import cos, hypot, pi, radians, sin, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.driving.path_planning import PathPlanning
-from armadico.agents.localization import reflectors
 from armadico.agents.localization.global_search import Alternative, Place, Search, uniform_poses
 from armadico.agents.localization.localization import (
     LASER,
@@ -39,9 +36,7 @@ from armadico.agents.localization.sonar_model import (
     SonarModel,
 )
 from armadico.agents.methods.grid import Grid
-from armadico.config.loading import load_entry
-from armadico.config.profile import NARROW, Odometry, SensorProfile, load_profile
-from armadico.config.shipped import find
+from armadico.config.profile import Odometry, load_profile
 from armadico.config.worlds import load_world
 from armadico.core.agent import Agent, Identity, Publish
 from armadico.core.config_errors import ConfigError
@@ -50,8 +45,6 @@ from armadico.mobile.behaviour import LOST_M, UNSURE_M
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import Correction, Echo, InitialPose, Particles, Pose, Sonar
 from armadico.mobile.particles import MOST, poses_of
-from armadico.mobile.scans import message_of
-from tests.slam import made_logs
 
 RING = load_profile("pioneer-2dx").sonar
 WALLS = [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 2.5, 4), (2.5, 4, 2.5, 3), (2.5, 3, 0, 3), (0, 3, 0, 0)]
@@ -175,36 +168,6 @@ def test_a_wall_behind_a_nearer_one_does_not_answer() -> None:
     assert one((1.5, 1.5, pi / 2), 2.5) < 0.1
 
 
-def test_the_likeliest_reflectors_are_kept_and_hide_those_behind() -> None:
-    """Looked at one by one, beside all at once."""
-    rng = np.random.default_rng(9001)
-    made = reflectors.of_walls(GRID.walls)
-    cells, nothing = 40, len(made.x) - 1
-    in_sight = np.arange(reflectors.NEAREST) < rng.integers(0, reflectors.NEAREST + 1, (cells, 1))
-    which = np.where(in_sight, rng.integers(0, nothing, in_sight.shape), nothing).astype(np.int32)
-    ways = np.where(in_sight, rng.uniform(0.1, 5.0, in_sight.shape), 0.0).astype(np.float32)
-    angles = rng.uniform(-pi, pi, in_sight.shape).astype(np.float32)
-    table = np.empty(cells * reflectors.HEADINGS, dtype=reflectors.ROW)
-    reflectors._fill_table(made, which, ways, angles, table)
-    for number, row in enumerate(table.tolist()):
-        cell, heading = divmod(number, reflectors.HEADINGS)
-        silent, answers = 1.0, [(0.0, nothing)] * reflectors.LIKELY
-        for one, way, angle in zip(which[cell], ways[cell], angles[cell], strict=True):
-            off = abs(wrap(float(angle) - heading * tau / reflectors.HEADINGS))
-            if one == nothing or off >= reflectors.GONE_RAD:
-                continue
-            fades = min(1.0, float(made.fades_m[one]) / float(way))
-            chance = silent * float(made.chance[one]) * fades * float(reflectors._fade(off))
-            silent -= chance
-            answers.append((chance, int(one)))
-        best = sorted(answers, key=lambda answer: -answer[0])[: reflectors.LIKELY]
-        assert list(row[0]) == [one for _, one in best]
-        assert list(row[1]) == pytest.approx(
-            [reflectors.FULL * chance for chance, _ in best], abs=0.51
-        )
-        assert row[2] == pytest.approx(reflectors.FULL * silent, abs=0.51)
-
-
 def test_echoes_are_weighed_together_as_each_alone() -> None:
     """Many at once, with some that found nothing among them, at places in the map and beyond it."""
     rng = np.random.default_rng(9001)
@@ -217,17 +180,6 @@ def test_echoes_are_weighed_together_as_each_alone() -> None:
     for coarse in (False, True):
         alone = [MODEL.likelihood(poses, [echo], coarse=coarse) for echo in echoes]
         assert (MODEL.likelihood(poses, echoes, coarse=coarse) == np.hstack(alone)).all()
-
-
-def test_the_default_odometry_covers_the_simulated_wheels() -> None:
-    """A wheel slips by its own share of each 0.1 m, and wheels differ in size (docs/worlds.md)."""
-    real = load_entry(find("robots", "sensors"), SensorProfile, "real")
-    track = 2.0 * load_profile("pioneer-2dx").body.half_track_m
-    slips = 2**0.5 * real.slip * 0.1 / track * 10**0.5  # rad in a metre
-    drift = hypot(slips, real.drift_rad_m / 3**0.5)  # uniform, up to that
-    assert NARROW.alpha2 == pytest.approx(drift, rel=0.2)
-    assert NARROW.alpha1 > real.turn_error / 3**0.5
-    assert NARROW.alpha3 > real.way_error / 3**0.5
 
 
 def test_a_robot_beyond_the_map_is_no_error() -> None:
@@ -373,26 +325,6 @@ def test_at_the_true_place_no_reading_favours_another() -> None:
     assert alternative(particles, found.pose) is None, "there is no reading since"
 
 
-def test_as_many_particles_as_the_spread_needs() -> None:
-    particles = filtered()
-    particles.start_anywhere()
-    assert len(particles.poses) == particles.settings.most
-    follow(particles, START, 600)
-    assert len(particles.poses) <= 2 * particles.settings.least
-    particles.start_at(START, 2.0, 1.0)
-    assert len(particles.poses) == particles.settings.most
-
-
-def test_the_same_seed_gives_the_same_particles() -> None:
-    poses = []
-    for _ in range(2):
-        particles = filtered(seed=5)
-        particles.start_anywhere()
-        follow(particles, START, 60)
-        poses.append(particles.poses)
-    assert np.array_equal(*poses)
-
-
 def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
     particles = filtered()
     particles.start_at(START, 0.3, 0.2)
@@ -404,36 +336,12 @@ def test_readings_of_a_robot_at_rest_are_not_weighed_again() -> None:
     assert particles.due
 
 
-def test_no_readings_change_nothing() -> None:
-    particles = filtered()
-    particles.start_at(START, 0.1, 0.1)
-    before = particles.weights.copy()
-    particles.weigh([])
-    assert np.array_equal(particles.weights, before)
-
-
 @pytest.mark.parametrize("echo", [Echo(0.1, 0.0, 0.3, 100.0), Echo(1e4, -1e4, 0.3, 1.0)])
 def test_an_echo_from_far_beyond_the_map_is_no_error(echo: Echo) -> None:
     particles = filtered()
     particles.start_at(START, 0.1, 0.05)
     particles.weigh([echo])
     assert np.isfinite(particles.weights).all()
-
-
-def test_drawing_a_sample_is_by_weight_and_changes_nothing() -> None:
-    looked, alone = filtered(), filtered()
-    for particles in (looked, alone):
-        particles.start_anywhere()
-        particles.weights[:] = 0.0
-        particles.weights[[5, 9]] = 0.75, 0.25
-    drawn = looked.drawn(100)
-    assert drawn.shape == (100, 3)
-    assert (drawn[:, 0] == looked.poses[5, 0]).sum() == 75
-    assert (drawn[:, 0] == looked.poses[9, 0]).sum() == 25
-    for particles in (looked, alone):
-        particles.move((0.1, 0.0, 0.0))
-    assert np.array_equal(looked.poses, alone.poses)
-    assert filtered().drawn(100).shape == (0, 3)
 
 
 def lost(
@@ -844,18 +752,6 @@ def test_another_place_that_fits_much_better_in_search_after_search_makes_it_los
     assert all(slow(one) for one in published if one.elsewhere)
 
 
-@pytest.mark.long
-def test_one_search_that_disagrees_begins_the_count_of_verdicts_again(
-    world: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    confirm = replace(SONARS, verdicts=3)
-    verdicts = [other(SURE, 0.6)] * 2
-    robot = doubting(world, monkeypatch, *verdicts, None, *verdicts, None, confirm=confirm)
-    published = carried(robot, 200, (0.02, 0.0, 0.0))
-    assert not lost_in(published)
-    assert sum(a.elsewhere < b.elsewhere for a, b in pairwise(published)) == 2
-
-
 @pytest.mark.long(but=("False",))
 @pytest.mark.parametrize("goes_along", [True, False])
 def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
@@ -873,19 +769,6 @@ def test_verdicts_agree_on_a_place_that_moves_as_the_robot_does(
     assert lost_in(carried(robot, 130, (0.04, 0.0, 0.06))) == goes_along
 
 
-@pytest.mark.long
-def test_verdicts_of_before_the_robot_was_found_do_not_count(
-    world: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clear = other(SURE, 0.9)
-    robot = doubting(world, monkeypatch, clear, clear, clear, None, confirm=LASER)
-    published: list[Correction] = []
-    while not lost_in(published):
-        published = carried(robot, 1, (0.02, 0.0, 0.0))
-    robot.agent.receive(InitialPose(*START), robot.begun + 0.1 * robot.number)
-    assert not lost_in(carried(robot, 80, (0.02, 0.0, 0.0)))
-
-
 @pytest.mark.long(but=("0.7-False",))
 @pytest.mark.parametrize(("fit", "lost"), [(0.9, True), (0.7, False)])
 def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
@@ -896,21 +779,6 @@ def test_two_places_that_fit_as_if_all_were_mapped_confirm_a_kidnapping(
     again = replace(elsewhere, pose=(3.0, 1.5, 2.0))
     robot = doubting(world, monkeypatch, elsewhere, again, None, confirm=LASER)
     assert lost_in(carried(robot, 100, (0.02, 0.0, 0.0))) == lost
-
-
-@pytest.mark.long
-def test_beyond_a_wall_that_it_would_have_driven_through_it_has_not_stayed(
-    world: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    robot, requested = doubting(world, monkeypatch, other(SURE, 0.6)), []
-
-    def staying(_search: Search, here: Pose2, _odds: float) -> None:
-        requested.append(here)
-
-    monkeypatch.setattr(Search, "staying", staying)
-    assert lost_in(carried(robot, 60, (0.1, 0.0, 0.0)))
-    assert requested
-    assert all(0.0 < x < 6.0 and 0.0 < y < 4.0 for x, y, _ in requested)
 
 
 def test_a_suspicion_that_a_robot_at_rest_cannot_settle_makes_it_lost(
@@ -1026,31 +894,6 @@ def test_what_was_not_counted_makes_a_lost_robot_no_surer_of_one_place(world: st
     assert spreads[1] > 0.7 * spreads[0]
 
 
-def test_readings_of_before_what_was_not_counted_are_not_joined_to_those_after_it(
-    world: str,
-) -> None:
-    robot = Robot(Parameters(world=world))
-    for pose, motion in drive(START, 150):
-        robot.at(pose, motion, pose)
-    robot.agent._searches.running = robot.agent._filter.search()  # under way
-    robot.restart((0.0, 0.0, 0.0), anew=True)
-    robot.at(pose, (0.0, 0.0, 0.0), pose)
-    assert len(robot.agent._filter.history) <= 1
-    assert robot.agent._searches.running is None
-
-
-def test_an_uncertain_initial_heading_spreads_the_particles(world: str) -> None:
-    """The encoder agent publishes that half a radian was not counted."""
-    off = 0.5
-    covariance = (0.25, 0.0, 0.0, 0.25, 0.0, off**2)
-    for by_encoder, least in ((covariance, 0.5 * off), ((), 0.0)):
-        robot = Robot(Parameters(world=world))
-        robot.at(START, (0.0, 0.0, 0.0), START, by_encoder)
-        headings = robot.agent._filter.poses[:, 2] - START[2]
-        assert float(np.std(headings)) > least
-        assert bool(least) == (float(np.std(headings)) > radians(10.0))
-
-
 def test_a_robot_that_was_lost_before_it_started_is_lost(world: str) -> None:
     robot = Robot(Parameters(world=world))
     wide = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
@@ -1079,38 +922,6 @@ def test_what_is_published_can_be_sent_however_far_off_the_odometry_is(
         checked(message) for message in robot.published if isinstance(message, Correction)
     ]
     assert len(corrections) == (22 if far[0] < 2.0 else 21)
-
-
-# A laser ------------------------------------------------------------------------------------------
-
-
-def test_a_laser_may_have_any_mount_and_a_repeated_scan_counts_once(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "laser.map"
-    walls = "\n".join(" ".join(f"{1000 * v:.0f}" for v in wall) for wall in made_logs.walls())
-    path.write_text(MAP.replace("6000 4000", "9500 6000") + walls + "\n")
-    parameters = Parameters(world=str(path), profile="jackal")
-    agent = Localization(Identity("localization-1", rng=random.Random(3)), parameters)
-    agent.start(0.0)
-    mount, poses = (0.3, -0.1, -0.6), made_logs.driven()
-    for number, pose in enumerate(poses[:80]):
-        seen = made_logs.ranges(compose(pose, mount))
-        for again, share in ((0, 0.5), (1, 1.0)):  # the robot drives on meanwhile
-            cycle = Cycle(1, 2 * number + again + 1)
-            step = relative(pose, poses[number + 1])
-            x, y, theta = at = compose(pose, (share * step[0], share * step[1], share * step[2]))
-            taken = relative(at, pose)
-            limits, angles = (0.05, 20.0), (-pi / 2, pi / made_logs.RAYS)
-            scan = message_of(cycle, seen, angles, limits, mount, since=taken, number=number)
-            state = RobotState(cycle, x, y, theta, 0.0, 0.0, 12.0, True, False)
-            for message in (state, Pose(cycle, *at), scan):
-                agent.receive(message, 0.1 * cycle.number)
-            assert agent._filter.due == bool(again), "nothing was weighed since it moved"
-    published = [item.message for item in agent.outbox if isinstance(item, Publish)]
-    last = [one for one in published if isinstance(one, Correction)][-1]
-    assert hypot(last.x, last.y) < 0.05  # the odometry is exact
-    assert last.confidence > 0.9
 
 
 # What is kept of a map ----------------------------------------------------------------------------
@@ -1146,59 +957,9 @@ def test_a_damaged_file_is_made_anew(cache: Path, damaged: bytes | None) -> None
     assert cached.read_bytes() == whole
 
 
-def test_a_file_that_lacks_an_array_is_made_anew(cache: Path) -> None:
-    made = modelled()
-    (cached,) = cache.iterdir()
-    with np.load(cached) as whole:
-        parts = {name: whole[name] for name in whole.files[1:]}
-    np.savez(cached, **parts)
-    assert np.array_equal(modelled(), made)
-
-
-def test_what_a_killed_process_has_left_does_not_stay_for_ever(
-    cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def killed(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
-    with monkeypatch.context() as patch:
-        patch.setattr("numpy.savez", killed)
-        patch.setattr(Path, "unlink", killed)
-        with pytest.raises(KeyboardInterrupt):
-            modelled()
-    (left,) = cache.iterdir()
-    os.utime(left, (0, 0))
-    for reach in (3.0, 4.0):
-        sonar_model(GRID, radians(30.0), reach)
-    assert len(list(cache.iterdir())) == 2
-    assert not left.exists()
-
-
 def test_where_nothing_can_be_kept_nothing_is(cache: Path) -> None:
     cache.write_bytes(b"a file where the folder should be")
     assert np.array_equal(modelled(), modelled())
-
-
-def test_another_map_is_another_file(cache: Path) -> None:
-    modelled()
-    sonar_model(Grid(WALLS[:-1], (0.0, 0.0, 6.0, 4.0)), radians(30.0), 5.0)
-    sonar_model(GRID, radians(30.0), 4.0)
-    assert len(list(cache.iterdir())) == 3
-
-
-def test_only_so_many_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST", 2)
-    for reach in (3.0, 4.0, 5.0):
-        sonar_model(GRID, radians(30.0), reach)
-    assert len(list(cache.iterdir())) == 2
-
-
-def test_only_so_much_is_kept_but_the_newest(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armadico.agents.localization.array_cache.MOST_BYTES", 1)
-    for reach in (3.0, 4.0):
-        sonar_model(GRID, radians(30.0), reach)
-        assert len(list(cache.iterdir())) == 1
 
 
 # Bad input ----------------------------------------------------------------------------------------

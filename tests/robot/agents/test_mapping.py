@@ -7,19 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from armadico.agents.methods.geometry import Placed
 from armadico.agents.perception.grid_mapping import Mapper, Settings
 from armadico.agents.perception.mapping import Mapping, Parameters
 from armadico.config import grid_map
 from armadico.config.grid_map import FREE, OCCUPIED, UNKNOWN, Cells, cells_of
-from armadico.core.agent import WARNING, Answer, Identity, Publish, Question
+from armadico.core.agent import Answer, Identity, Publish, Question
 from armadico.core.config_errors import ConfigError
-from armadico.core.messages import Cycle, Log, RobotState
+from armadico.core.messages import Cycle
 from armadico.mobile.messages import Echo, MapRequest, OccupancyGrid, Pose, Scan, Sonar
 from armadico.mobile.scans import message_of
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 HALF = radians(15.0)
 HERE = Placed(0.0, 0.0, 0.0)
@@ -211,21 +210,6 @@ def test_it_resumes_a_saved_map_or_reports_the_error(tmp_path: Path) -> None:
         Mapping(Identity("mapping-2"), Parameters(resume=str(file)))
 
 
-def test_it_logs_once_where_the_map_can_grow_no_more() -> None:
-    ring = Ring()
-    logged = []
-    for x in (2.0, 150.0, 250.0, 260.0, 2.0):
-        ring.cycle(x=x)
-        messages, ring.agent.outbox = ring.agent.outbox, []
-        logged += [
-            (x, "250.0" in o.message.text, o.message.level)
-            for o in messages
-            if isinstance(o, Publish) and isinstance(o.message, Log)
-        ]
-    assert logged == [(250.0, True, WARNING)]
-    assert ring.agent._map.cells().bounds[2] < 200.0
-
-
 # A laser ------------------------------------------------------------------------------------------
 
 
@@ -280,18 +264,3 @@ def test_what_a_ray_met_is_not_free_for_the_one_beside_it_and_may_be_unlearnt() 
         mapper.see(MIDDLE, scan((0.0, 6.0)))
     assert mapper.cells().at(4.02, 0.02) == FREE
     assert mapper.cells().at(6.02, 0.02) == OCCUPIED
-
-
-def test_with_a_laser_its_scans_make_the_map_and_sonars_none() -> None:
-    agent = Mapping(Identity("mapping-1"), Parameters(profile="jackal"))
-    agent.receive(described("jackal"), 0.0)
-    for number in range(1, 6):
-        cycle = Cycle(1, number)
-        agent.receive(RobotState(cycle, 0, 0, 0, 0, 0, 12, True, False), 0.1 * number)
-        agent.receive(Pose(cycle, 1.02, 0.02, 0.0), 0.1 * number)
-        agent.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
-        agent.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
-    agent.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
-    cells = cells_of(agent.on_map_request(Question(1, MapRequest())))
-    assert cells.at(3.02, 0.02) == OCCUPIED
-    assert cells.at(1.0, 1.0) == UNKNOWN

@@ -281,7 +281,7 @@ def made_map(*, door: bool = True) -> Cells:
 
 
 def test_on_the_map_of_slam_it_plans_over_what_is_known() -> None:
-    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="jackal"))
+    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="pioneer-2dx"))
     here, there = Waypoint(1.0, 0.5, 0.0), Waypoint(5.0, 2.5, 0.0)
     planner.receive(message_of(made_map(), 3), 1.0)
     plan = request_plan(planner, here, there)
@@ -308,7 +308,7 @@ def test_a_planner_that_knows_the_world_ignores_the_map_that_is_made(
 
 
 def test_what_the_newest_scan_sees_is_no_way() -> None:
-    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="jackal"))
+    planner = PathPlanning(Identity("path-planning-1"), Parameters(profile="pioneer-2dx"))
     here, there = Waypoint(1.0, 1.6, 0.0), Waypoint(5.0, 1.6, 0.0)
     planner.receive(RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12.0, True, False), 1.0)
     planner.receive(message_of(made_map(), 3), 1.0)

@@ -286,10 +286,6 @@ def test_to_where_it_is_already_the_plan_is_the_goal() -> None:
     assert (found.waypoints, found.length_m) == ((START,), 0.0)
 
 
-def test_the_same_question_has_the_same_plan() -> None:
-    assert plan(SHORT_CUT, START, GOAL) == plan(SHORT_CUT, START, GOAL)
-
-
 @pytest.mark.parametrize("world", [ROOMS, OPEN])
 @pytest.mark.parametrize(
     ("start", "goal", "text"),

@@ -22,7 +22,7 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.particles import message_of
 from armadico.observe.measures import speeds
 from armadico.testing.alone import Alone, claims, commands, drive_to, wall
-from tests.core.framework.robots import body
+from tests.robot.robots import body
 
 AWAY = drive_to((4.0, 0.0, 0.0))
 PIONEER = body()

@@ -16,7 +16,7 @@ from armadico.core.messages import Cycle, Point, RobotState
 from armadico.launch.society import Options, members
 from armadico.mobile.messages import Correction, Echo, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
-from tests.core.framework.robots import described
+from tests.robot.robots import described
 
 MAPPED = Parameters(world="sc2")
 """Its wall lies across the way at x = 5 m, from y = -1.28 m to 1.28 m."""

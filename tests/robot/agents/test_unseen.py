@@ -24,8 +24,8 @@ from armadico.mobile.messages import Plan as PlanReply
 from armadico.mobile.messages import PlanRequest, Rule, Stretch, Waypoint
 from armadico.mobile.motion import Body
 from armadico.testing.alone import Alone, drive_to, obstacles
-from tests.core.framework.robots import described
 from tests.robot.config.test_unseen import saved
+from tests.robot.robots import described
 
 BODY = load_profile("pioneer-2dx").body
 ROWS, COLUMNS = 120, 160  # 6 m x 8 m in cells of 5 cm

@@ -11,7 +11,7 @@ from armadico.bridge.p2os.status import Status, encode_status
 from armadico.bridge.robot import Parameters, Robot
 from armadico.core.agent import Identity, Publish, Write
 from armadico.core.messages import Ack, Ballot, Command, Cycle, Log, Message, RobotState
-from tests.ros2.kit import PROFILE
+from tests.robot.bridge.kit import PROFILE
 
 
 def names_of(subclass: str, class_name: str = "Pioneer", name: str = "Rob") -> bytes:

@@ -15,7 +15,7 @@ from armadico.config.mapwriter import format_map
 from armadico.config.profile import SensorProfile
 from armadico.config.worlds import World, sides
 from armadico.core.config_errors import ConfigError
-from tests.ros2.kit import EXACT, PROFILE, REAL
+from tests.robot.bridge.kit import EXACT, PROFILE, REAL
 
 ROUGH = Surface(cos(radians(60.0)), 0.0)
 AHEAD = 3  # the sonar: at 0.166, 0.027 m, 10 degrees to the left

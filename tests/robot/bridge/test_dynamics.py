@@ -10,10 +10,9 @@ import msgspec
 import pytest
 
 from armadico.bridge.simulator.dynamics import Dynamics, breakaway_v
-from tests.ros2.kit import PROFILE
+from tests.robot.bridge.kit import PROFILE
 
 STEP_S = 0.005
-ANGLES = [k * pi / 6 for k in range(12)]
 
 
 def at(v: float = 0.0, w: float = 0.0, beta: float = 0.0, dt: float = STEP_S) -> Dynamics:
@@ -34,8 +33,7 @@ def test_mass_and_moment_of_inertia_are_those_of_tables_4_4_and_4_5() -> None:
     assert at(beta=-pi / 2).inertia()[2] == pytest.approx(0.424, abs=0.0005)
 
 
-@pytest.mark.parametrize("beta", ANGLES)
-@pytest.mark.parametrize(("v", "w"), [(1.0, 0.0), (0.0, 1.0), (0.7, -1.3)])
+@pytest.mark.parametrize(("v", "w", "beta"), [(1.0, 0.0, 0.5), (0.0, 1.0, -2.0), (0.7, -1.3, 2.5)])
 def test_kinetic_energy_is_the_sum_over_the_bodies(v: float, w: float, beta: float) -> None:
     """Each body by itself: no matrix of the thesis is used."""
     body, inertia, caster = PROFILE.body, PROFILE.inertia, PROFILE.caster
@@ -88,15 +86,14 @@ def test_breakaway_voltage() -> None:
     assert breakaway_v(PROFILE) == pytest.approx(0.857, abs=0.001)
 
 
-@pytest.mark.parametrize("beta", ANGLES)
 @pytest.mark.parametrize(("left", "right"), [(0.85, 0.85), (-0.85, 0.85), (0.3, -0.8), (0, 0)])
 def test_at_rest_under_too_little_voltage_it_stays_exactly_at_rest(
-    beta: float, left: float, right: float
+    left: float, right: float
 ) -> None:
-    dynamics = at(beta=beta)
+    dynamics = at(beta=2.5)
     for _ in range(50):
         dynamics.step(left, right)
-    assert (dynamics.v, dynamics.w, dynamics.beta) == (0.0, 0.0, beta)
+    assert (dynamics.v, dynamics.w, dynamics.beta) == (0.0, 0.0, 2.5)
 
 
 @pytest.mark.parametrize(("left", "right"), [(0.87, 0.87), (-0.9, 0.9), (0.0, 1.0)])

@@ -16,7 +16,7 @@ from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.walls import DEAD, Column, Wall, Walls
 from armadico.config.profile import Laser, SensorProfile
 from armadico.mobile.scans import deskewed
-from tests.ros2.kit import IDEAL
+from tests.robot.bridge.kit import IDEAL
 
 Pose = tuple[float, float, float]
 

@@ -19,7 +19,7 @@ from armadico.cli.options import UsageError
 from armadico.config.moving import Moving
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.processes import simulator_words
-from tests.ros2.kit import IDEAL, PROFILE, REAL
+from tests.robot.bridge.kit import IDEAL, PROFILE, REAL
 
 FRONT = PROFILE.body.front_m
 Moves = Callable[[float, float], tuple[float, float]]

@@ -13,8 +13,8 @@ from armadico.core.agent import ERROR
 from armadico.core.cycles import LISTEN
 from armadico.core.hands import Hand
 from armadico.core.messages import Log, Stop
+from tests.robot.bridge.kit import PROFILE
 from tests.robot.bridge.robot_bench import Bench
-from tests.ros2.kit import PROFILE
 
 HALF = PROFILE.body.half_track_m
 CYCLE = PROFILE.cycle_s

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from tests.once import Once
-from tests.programs import SOON, call, starter
-from tests.whole.house.tree import ROOT
+from tests.programs import NO_PICTURE, SOON, call, starter
+
+ROOT = Path(__file__).resolve().parents[3]
 
 EXAMPLE = ROOT / "examples" / "create2"
 
@@ -44,7 +45,7 @@ def test_its_own_tests_pass(env: dict[str, str]) -> None:
 def test_its_profile_is_found_by_its_name_and_reaches_the_goal_of_scenario_4(
     env: dict[str, str],
 ) -> None:
-    words = ("run", "sc4", "--virtual", "--profile", "create2", "--sensors", "ideal", "--no-plot")
+    words = ("run", "sc4", "--virtual", "--profile", "create2", "--sensors", "ideal")
     done = call(*words, env=env)
     assert done.returncode == 0, done.stderr
     assert "sc4: reached" in done.stdout
@@ -97,21 +98,6 @@ def test_the_robot_in_mujoco_keeps_the_contract(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_without_it_the_kinds_that_are_installed_are_named() -> None:
-    profile = EXAMPLE / "armadico_create2" / "create2.toml"
-    done = call("run", "sc1", "--virtual", "--profile", str(profile))
-    assert done.returncode != 0
-    assert "[create2]" in done.stderr
-    assert "p2os, ros2" in done.stderr
-
-
-def test_an_address_of_another_kind_is_refused(env: dict[str, str]) -> None:
-    words = ("robot", "--set", "port=ros2://", "--set", "profile=create2")
-    done = call(*words, program="armadico-agent", env=env)
-    assert done.returncode != 0
-    assert "its address begins with serial:// or tcp://" in done.stderr
-
-
 def test_the_collisions_of_a_driver_without_a_name_are_counted(env: dict[str, str]) -> None:
     words = ("--virtual", "--profile", "create2", "--sensors", "ideal", "--json")
     done = call("run", "sc1", "--goal", "0.6", "0", "0", *words, env=env)
@@ -132,7 +118,7 @@ def test_live_it_is_driven_over_a_serial_line_and_its_collisions_are_counted(
         assert simulator.stdout is not None
         assert "serial://" in simulator.stdout.readline()
         words = ("--robot", f"serial://{line}?baud=115200", "--profile", "create2", "--json")
-        words += ("--no-plot", "--simulator", "sim-create2")
+        words += (*NO_PICTURE, "--simulator", "sim-create2")
         run = start("run", "sc1", "--goal", "0.6", "0", "0", *words, *namespace)
         out, errors = run.communicate(timeout=SOON)
         assert run.returncode == 0, errors

@@ -16,7 +16,7 @@ from armadico.bridge.simulator.walls import Wall
 from armadico.config.profile import SensorProfile
 from armadico.core.config_errors import ConfigError
 from armadico.mobile.geometry import Pose2, compose
-from tests.ros2.kit import HOME, IDEAL, PROFILE, REAL
+from tests.robot.bridge.kit import HOME, IDEAL, PROFILE, REAL
 
 FRONT, REAR, SIDE = PROFILE.body.front_m, PROFILE.body.rear_m, PROFILE.body.width_m / 2
 PENETRATION_M = 0.001  # no corner is ever farther behind a wall

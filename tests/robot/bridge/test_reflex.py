@@ -13,8 +13,8 @@ from armadico.bridge.p2os.commands import Cmd
 from armadico.bridge.reflex import KEPT_S, REPORT_S, TOUCH_M, Reflex
 from armadico.core.cycles import LISTEN
 from armadico.mobile.messages import Echo
+from tests.robot.bridge.kit import PROFILE
 from tests.robot.bridge.robot_bench import Bench
-from tests.ros2.kit import PROFILE
 
 FRONT, DECEL = PROFILE.body.front_m, PROFILE.limits.v_decel
 ORIGIN = (0.0, 0.0, 0.0)

@@ -11,7 +11,7 @@ import pytest
 
 from armadico.bridge.response import DEAF_S, HELD_S, JUDGED_S, Response
 from armadico.bridge.session import Pose, Reported
-from tests.ros2.kit import PROFILE
+from tests.robot.bridge.kit import PROFILE
 
 CYCLE = PROFILE.cycle_s
 CORNERS = np.array([(x, y) for x in (-2.0, 3.0) for y in np.linspace(-2.0, 2.5, 60)])

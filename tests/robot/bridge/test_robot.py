@@ -35,8 +35,8 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Origin, Sonar
+from tests.robot.bridge.kit import PROFILE
 from tests.robot.bridge.robot_bench import BALLOT, NAMES, TICK, Bench, names_of
-from tests.ros2.kit import PROFILE
 
 CLOSE = command(Cmd.CLOSE)
 AT_REST = Status(
@@ -59,12 +59,6 @@ def bench() -> Bench:
 def ready() -> Bench:
     """Connected, and past the cycles in which it only listens."""
     return Bench().connect().cycles(LISTEN + 2)
-
-
-def test_a_silent_controller_is_logged_ever_more_rarely(bench: Bench) -> None:
-    bench.plug()
-    bench.let_pass(30.0)
-    assert 3 <= sum("is the robot on?" in text for text in bench.logs()) <= 6
 
 
 def test_a_name_of_control_characters_is_not_published(bench: Bench) -> None:
@@ -867,10 +861,6 @@ def test_below_a_scenarios_limit_it_drives_the_same_arc_slower_and_publishes_the
     assert limited.speeds()[-1] == 300 * forwards
 
 
-def test_a_limit_above_the_profiles_is_none() -> None:
-    assert Bench(v_max=9.0).robot.description().v_max == PROFILE.limits.v_max
-
-
 def test_each_cycle_is_acknowledged_once(bench: Bench) -> None:
     bench.connect().cycles(10)
     states = [m.cycle for _, m in bench.published if isinstance(m, RobotState)]
@@ -902,12 +892,3 @@ def test_a_command_for_another_resource_or_of_another_shape_moves_nothing(ready:
     ready.cycles(1)
     logged = [text for text in ready.logs() if "commands refused" in text]
     assert any(BALLOT.instance in text and "wheels takes 2 numbers" in text for text in logged)
-
-
-def test_its_card_promises_no_readings_of_sensors_that_it_has_not_got() -> None:
-    cards = {
-        profile: Robot(Identity("r"), Parameters(port="memory:", profile=profile)).card().provides
-        for profile in ("pioneer-2dx", "jackal")
-    }
-    assert cards["pioneer-2dx"] == ("robot/state", "robot/description", "robot/sonar")
-    assert cards["jackal"] == ("robot/state", "robot/description", "robot/scan")

@@ -8,7 +8,7 @@ import pytest
 
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.speed_loops import SpeedLoops
-from tests.ros2.kit import PROFILE
+from tests.robot.bridge.kit import PROFILE
 
 SUPPLY_V = PROFILE.motor.supply_v
 STEP_S = 0.005

@@ -171,17 +171,6 @@ def test_a_serial_port_in_use_is_reported() -> None:
     robot.close()
 
 
-def test_a_missing_port_has_the_remedy(tmp_path: Path) -> None:
-    with pytest.raises(TransportError, match="plugged in"):
-        open_port(f"serial://{tmp_path}/ttyUSB0")
-
-
-def test_a_file_is_no_serial_port(tmp_path: Path) -> None:
-    (tmp_path / "ttyUSB0").write_text("")
-    with pytest.raises(TransportError, match="not a serial port"):
-        open_port(f"serial://{tmp_path}/ttyUSB0")
-
-
 def test_a_port_that_may_not_be_used_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object, **__: object) -> None:
         raise serial.SerialException(13, "could not open port")

@@ -22,8 +22,8 @@ from armadico.launch.virtual import Rehearsal
 from armadico.mesh.ports import free_port
 from armadico.mobile.messages import Pose, Truth
 from armadico.observe.view import View
-from tests.programs import SOON, starter
-from tests.whole.live.society import mesh_of
+from tests.programs import NO_PICTURE, SOON, starter
+from tests.robot.society import mesh_of
 
 
 def agree(pose: Pose | None, truth: Truth | None) -> bool:
@@ -68,7 +68,7 @@ def test_live_it_does_so_over_tcp_and_over_a_serial_line_at_once(tmp_path: Path)
             simulator = start("sim", "sc1", "--unkind", *line, "--namespace", namespace)
             assert simulator.stdout is not None
             url = simulator.stdout.readline().partition(" at ")[2].partition(";")[0]
-            words = ("--robot", url, "--namespace", namespace, "--no-plot", "--json")
+            words = ("--robot", url, "--namespace", namespace, *NO_PICTURE, "--json")
             runs.append((guest, start("run", "sc1", "--goal", "0.6", "0", "0", *words)))
         for guest, run in runs:
             out, errors = run.communicate(timeout=SOON)

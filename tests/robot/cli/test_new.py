@@ -89,6 +89,7 @@ def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
         assert refused.startswith(f"--set {setting}: "), refused
 
 
+@pytest.mark.long
 def test_a_new_robot_resource_and_task_are_installed_and_keep_their_contracts(
     tmp_path: Path,
 ) -> None:
@@ -102,7 +103,7 @@ def test_a_new_robot_resource_and_task_are_installed_and_keep_their_contracts(
     folders = [f"./{name}" for name in OTHERS.values()]
     quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
     python(tmp_path, "-m", "pip", "install", *quietly, *folders)
-    drive = ("run", "sc1", "--virtual", "--profile", "own-robot", "--no-plot")
+    drive = ("run", "sc1", "--virtual", "--profile", "own-robot")
     assert "sc1: reached" in python(tmp_path, "-m", "armadico", *drive)
     judged = python(tmp_path, "-m", "armadico.contracts", "robot", "own-robot")
     assert "counts_a_collision " in judged
@@ -120,20 +121,6 @@ def test_beside_the_folder_the_module_is_imported_and_not_the_folder(tmp_path: P
         wheel.extractall(tmp_path / "editable")
     call = "import site; site.addsitedir('editable'); import weaver; print(weaver.Weaver.name)"
     assert python(tmp_path, "-c", call) == "weaver\n"
-
-
-def test_the_first_kind_is_half_a_page() -> None:
-    text = package("weaver", "behaviour")["weaver.py"]
-    assert text.count("\n") <= 38
-
-
-def test_what_is_to_be_typed_next_is_said_and_a_planner_takes_the_others_place(
-    tmp_path: Path,
-) -> None:
-    said = new(tmp_path, "way-round", "--kind", "planner").stdout
-    assert f"pip install -e {tmp_path}/way-round'[test]'" in said
-    assert "--with way-round --without path-planning " in said
-    assert "--without" not in new(tmp_path, "weaver").stdout
 
 
 @pytest.mark.parametrize(
@@ -176,9 +163,3 @@ def test_what_is_there_already_stays_as_it_is(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert f"{tmp_path}/weaver " in done.stderr
     assert [p.read_text() for p in (tmp_path / "weaver").iterdir()] == ["mine\n"]
-
-
-def test_a_folder_that_is_not_there_and_a_kind_that_nobody_knows_are_usage(tmp_path: Path) -> None:
-    assert new(tmp_path / "nowhere", "weaver").returncode == 2
-    assert new(tmp_path, "weaver", "--kind", "arbiter").returncode == 2
-    assert not list(tmp_path.iterdir())

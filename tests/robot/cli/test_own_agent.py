@@ -93,7 +93,7 @@ def run(package: Path) -> Run:
         agents = ["encoder", "sonar", "goto", "path-planning", "interface", *names]
         text = f'world = "sc1"\nstart = [0, 0, 0]\ngoal = [1, 0, 0]\nagents = {agents}\n'
         (package / "mine.toml").write_text(text, encoding="utf-8")
-        return of(package, "run", str(package / "mine.toml"), "--no-plot", *words)
+        return of(package, "run", str(package / "mine.toml"), *words)
 
     return run
 
@@ -165,12 +165,6 @@ def test_what_our_own_lines_stumble_over_is_told_with_its_class(
 
 
 @pytest.mark.long
-def test_a_series_tells_it_once(run: Run) -> None:
-    done = run("unsound", words=("--virtual", "--runs", "2"))
-    assert done.stderr.count("its bid is invalid") == 1, done.stderr
-
-
-@pytest.mark.long
 @pytest.mark.live
 def test_a_live_run_tells_what_is_wrong_with_each_of_ones_own_agents(run: Run) -> None:
     words = ("--namespace", f"own-{os.getpid()}")
@@ -211,11 +205,3 @@ def test_an_entry_point_that_leads_to_no_agent_is_a_line(
         assert done.returncode == 1
         assert says in done.stderr
         assert len(done.stderr.splitlines()) == 1
-
-
-def test_agents_of_one_file_are_each_described_by_their_own_docstring(package: Path) -> None:
-    said = of(package, "--list", program="armadico-agent").stdout
-    rows = {words[0]: words[1:] for row in said.splitlines() if (words := row.split(maxsplit=1))}
-    assert rows["raiser"] == ["Divides by zero"]
-    assert rows["unsound"] == ["Agents of one's own"]
-    assert rows["syntax"] == []

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import FrozenInstanceError, dataclass
+from math import pi, radians
 from pathlib import Path
 
 import pytest
 
-from armadico.cli.options import Mesh, Meshes
+from armadico.cli.options import Mesh
 from armadico.cli.parsing import (
     POSE,
     BadValueError,
@@ -41,7 +43,8 @@ class Options(Base):
     quick: bool = flag("at once", either="pace")
     slow: bool = flag("later", either="pace")
     start: tuple[float, float, float] | None = option("where", must=POSE)
-    leave: tuple[str, ...] = several("what is left out", "--without")
+    heading: float | None = option("in degrees", must=at_least(0), turned=radians)
+    leave: Sequence[str] = several("what is left out", "--without")
     also: tuple[tuple[str, str], ...] = several("pairs")
     kinds: tuple[str, ...] | None = option("kinds", nargs="*", choices=("a", "b"))
     count: int = option("how many", "-n", default=2, read=even)
@@ -61,9 +64,11 @@ def test_what_is_not_given_has_its_default() -> None:
 
 def test_values_are_as_they_are_annotated() -> None:
     words = "x --jobs 3 --quick --start 1 -2.5 -1e1 --without a --without b --kinds a b -n 4"
-    found = command.parse([*words.split(), "--also", "r", "1", "--also", "s", "2"])
+    more = "--also r 1 --also s 2 --heading 180"
+    found = command.parse([*words.split(), *more.split()])
     assert (found.jobs, found.quick, found.slow) == (3, True, False)
     assert found.start == (1.0, -2.5, -10.0)
+    assert found.heading == pi
     assert found.leave == ("a", "b")
     assert found.also == (("r", "1"), ("s", "2"))
     assert (found.kinds, found.count) == (("a", "b"), 4)
@@ -110,10 +115,3 @@ def test_a_value_with_a_dash_is_no_option() -> None:
     assert found.leave == ("-a",)
     assert found.start == (-1.0, -0.5, -10.0)
     assert found.file == Path("-x")
-
-
-def test_several_robots_are_each_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Meshes, "join", lambda self, **_: self.namespace)
-    assert Meshes(namespaces=("a", "b", "a")).join_each() == ["a", "b"]
-    monkeypatch.setenv("ARMADICO_NAMESPACE", "other")
-    assert Meshes().join_each() == ["other"]

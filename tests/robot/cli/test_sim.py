@@ -20,10 +20,6 @@ from armadico.bridge.kind import simulated
 from armadico.bridge.p2os.commands import SYNC0, SYNC1, SYNC2, Cmd, command
 from armadico.bridge.p2os.configuration import CONFIG
 from armadico.bridge.p2os.packets import Decoder
-from armadico.bridge.ros2.frames import frame
-from armadico.bridge.ros2.session import Session
-from armadico.bridge.ros2.simulated import IDLE_S as WANTS_NOTHING_S
-from armadico.bridge.session import Reported
 from armadico.bridge.simulator.microcontroller import IDLE_S
 from armadico.bridge.simulator.plant import seeded
 from armadico.bridge.simulator.server import BEHIND_S, Simulation, TcpLine
@@ -32,7 +28,6 @@ from armadico.config.scenarios import load_scenario
 from armadico.mesh.topology import NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from tests.programs import call, starter
-from tests.ros2.kit import JACKAL
 
 SOON = 10.0
 
@@ -195,15 +190,6 @@ def test_a_simulator_that_was_held_up_does_not_jump() -> None:
     assert robot.controller.time_s == pytest.approx(before + 0.1)
 
 
-def test_a_line_that_cannot_be_hung_up_is_read_on() -> None:
-    simulated, robot, line, _ = simulation()
-    robot.controller.hangs_up = True
-    line.says = [b"SYNC0"]
-    simulated.step()
-    assert [data for data, _ in robot.heard] == [b"SYNC0"]
-    assert robot.controller.disconnected == 0
-
-
 # A client and its port ----------------------------------------------------------------------------
 
 
@@ -324,54 +310,7 @@ def test_a_client_that_has_status_packets_sent_may_listen_as_long_as_it_likes(
         assert line.connected
 
 
-def test_a_ros2_robot_is_driven_over_it_and_waits_for_the_next_client(line: TcpLine) -> None:
-    served = Served(line, robot="jackal")
-    for _ in range(2):
-        with served.client() as client:
-            session, events = Session(JACKAL, served.clock.now), list[object]()
-
-            def drives(
-                client: socket.socket = client,
-                session: Session = session,
-                events: list[object] = events,
-            ) -> bool:
-                client.sendall(session.outgoing())
-                if select.select([client], [], [], 0)[0]:
-                    events += session.receive(client.recv(65536), served.clock.now)
-                events += session.tick(served.clock.now)
-                session.drive(0.5, 0.0)
-                return any(isinstance(e, Reported) and e.v > 0.4 for e in events)
-
-            served.until(drives)
-            assert session.line.summary == ""
-        served.until(lambda: not line.connected)
-        served.until(lambda: abs(served.robot.plant.speeds[0]) < 0.01)  # its own watchdog
-
-
-@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1", frame("cmd_vel", b"")])
-def test_a_client_that_wants_nothing_of_a_ros2_robot_does_not_hold_the_port(
-    line: TcpLine, said: bytes
-) -> None:
-    served = Served(line, robot="jackal")
-    with served.client() as silent:
-        silent.sendall(said)
-        served.let_pass(WANTS_NOTHING_S - 1.0)
-        assert line.connected
-        served.let_pass(2.0)
-        assert not line.connected
-
-
 # The command --------------------------------------------------------------------------------------
-
-
-@pytest.mark.live
-def test_a_port_that_is_taken_is_named() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
-        done = call("sim", "sc1", "--port", port)
-    assert done.returncode == 1
-    assert port in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.live

@@ -10,8 +10,6 @@ import pytest
 
 from armadico.cli.options import UsageError
 from armadico.cli.up import _place, _plan, _scenario, _started, main
-from armadico.config.needs import minimum, tasks
-from armadico.config.scenarios import society
 from armadico.core.config_errors import ConfigError
 from armadico.launch.supervisor import Plan
 from armadico.mesh.topology import HOSTS_VARIABLE
@@ -29,56 +27,13 @@ def plan(*words: str) -> Plan:
     return _plan(args, _place(args.mesh, scenario), scenario)
 
 
-def names(found: Plan) -> list[str]:
-    return [member.name for member in found.members]
-
-
-def test_a_mission_is_as_few_as_it_needs_in_its_own_scenario_and_who_watches() -> None:
-    found = plan("rounds")
-    scenario = _scenario(main.parse(["rounds"]))
-    assert scenario is not None
-    assert scenario.name == "surveillance"
-    assert names(found) == [*minimum(tasks(scenario)), *society().watch]
-    assert {"mission-planning", "battery-charger", "planner-onward"} < set(names(found))
-    assert "mapping" not in names(found)
-    assert {"mission-planning", "battery-charger"} < set(found.needs)
-    assert not {"planner-onward", "relocate", "monitor"} & set(found.needs), "it goes on without"
-
-
-def test_a_mission_of_ones_own_needs_what_its_steps_do(tmp_path: Path) -> None:
-    file = tmp_path / "look.toml"
-    file.write_text(
-        'scenario = "surveillance"\nenergy = "risk"\nsteps = [{ do = "move", to = "R1" }]\n'
-    )
-    found = names(plan(str(file)))
-    assert "mission-planning" in found
-    assert not {"battery-charger", "planner-onward"} & set(found)
-
-
-def test_a_mission_without_a_scenario_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "look.toml"
-    file.write_text('steps = [{ do = "wait", seconds = 1.0 }]\n')
-    with pytest.raises(UsageError, match="look"):
-        plan(str(file))
-
-
-def test_a_scenario_is_whom_it_names_and_who_watches() -> None:
-    assert set(names(plan("sc4"))) == {society().robot, *society().agents, *society().watch}
-
-
-def test_without_either_it_is_the_hosts_entry() -> None:
-    found = plan()
-    assert set(names(found)) == {society().robot, *society().agents, *society().watch}
-    assert "path-planning" in found.needs
-
-
 def test_agents_are_told_the_namespace_that_they_are_in() -> None:
     found = {member.name: member.sets for member in plan("sc4", "--namespace", "robot7").members}
     assert "namespace=robot7" in found["sonar"]
 
 
 def test_a_robot_that_starts_elsewhere_knows_where_and_so_does_its_simulator() -> None:
-    found = plan("fleet", "--namespace", "lab/r2", "--start", "1.5", "3", "90")
+    found = plan("house", "--namespace", "lab/r2", "--start", "1.5", "3", "90")
     sets = next(member.sets for member in found.members if member.name == "encoder")
     assert {"x=1.5", "y=3.0", "theta=1.5707963267948966"} <= {*sets}
     assert found.simulated is not None
@@ -89,8 +44,8 @@ def test_a_robot_that_starts_elsewhere_knows_where_and_so_does_its_simulator() -
     ("words", "error", "says"),
     [
         (("--start", "1", "1", "0"), UsageError, "--start"),
-        (("fleet", "--start", "nan", "1", "0"), UsageError, "--start nan 1 0"),
-        (("fleet", "--start", "5", "4", "0"), ConfigError, "0.00 m"),
+        (("sc4", "--start", "nan", "1", "0"), UsageError, "--start nan 1 0"),
+        (("sc4", "--start", "4.6", "1", "0"), ConfigError, "m from"),
     ],
 )
 def test_a_start_that_cannot_be_is_refused(

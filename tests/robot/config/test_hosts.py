@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from pathlib import Path
 
 import pytest
 
 from armadico.config.hosts import Host, load_hosts, serial_port, unplaced
-from armadico.config.loading import read_text
 from armadico.config.scenarios import society
-from armadico.config.shipped import folder
-from armadico.core.config_errors import ConfigError, ConfigNameError
+from armadico.core.config_errors import ConfigError
 
 DEMO = {"robot": 11, "lab1": 12, "lab2": 13}
 
@@ -128,31 +124,9 @@ def test_who_is_nobodys_is_found(tmp_path: Path) -> None:
     assert unplaced(("robot", "goto", "avoid"), load_hosts(lab(tmp_path))) == ("avoid",)
 
 
-def test_the_examples_in_the_shipped_table_are_a_table(tmp_path: Path) -> None:
-    text = read_text(folder("") / "hosts.toml")
-    example = "\n".join(line[2:] for line in text.splitlines() if re.match(r"# (\[|\w+ = )", line))
-    table = load_hosts(lab(tmp_path, example))
-    assert list(table.hosts) == ["robot", "lab1", "lab2", "lab3"]
-    every = [agent for host in table.hosts.values() for agent in host.agents]
-    assert sorted(every) == sorted((society().robot, *society().agents))
-
-
 def test_a_host_is_at_its_address_and_its_routers(tmp_path: Path) -> None:
     table = load_hosts(lab(tmp_path))
     addresses = {name: host.addresses for name, host in table.hosts.items()}
     assert addresses == {"robot": ("10.0.0.2",), "lab1": ("fe80::1",), "desk": ()}
     both = LAB.replace("[robot]", "[robot]\naddress = 'robot.local'")
     assert load_hosts(lab(tmp_path, both)).host("robot").addresses == ("10.0.0.2", "robot.local")
-
-
-def test_an_unknown_host_is_answered_with_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(ConfigNameError) as caught:
-        load_hosts(lab(tmp_path)).host("lab")
-    assert (caught.value.kind, caught.value.name, caught.value.near) == ("host", "lab", "lab1")
-
-
-BAD = "expected PROTOCOL/HOST:PORT, for instance tcp/10.0.0.2:7447"
-
-
-def test_the_shipped_file_is_toml() -> None:
-    assert list(tomllib.loads(read_text(folder("") / "hosts.toml"))) == ["localhost"]

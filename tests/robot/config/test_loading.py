@@ -5,16 +5,14 @@ from __future__ import annotations
 import pickle
 import re
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Annotated, Literal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec import Meta, Struct, inspect
+from msgspec import Meta, Struct
 
 from armadico.bridge.p2os.profile import P2osRobot
-from armadico.config import fields
 from armadico.config.lines import line_of
 from armadico.config.loading import (
     find,
@@ -28,7 +26,7 @@ from armadico.config.loading import (
 )
 from armadico.config.profile import SensorProfile
 from armadico.core.config_errors import ConfigError, ConfigNameError, ConfigValueError
-from armadico.core.errors import advice, nearest
+from tests.robot.robots import LASER
 
 
 class Zones(Struct, frozen=True):
@@ -113,12 +111,6 @@ def test_a_wrong_value_is_named_with_its_line_and_key(
     assert (error.file, error.line, error.key, error.value) == ("some.toml", line, key, value)
 
 
-def test_the_allowed_values_are_in_words() -> None:
-    errors = refused("name = 3"), refused('name = "a"\nzones.stop = -1.5')
-    allowed = [error.allowed for error in errors if isinstance(error, ConfigValueError)]
-    assert allowed == ["a string, not a whole number", "a number > 0.0"]
-
-
 @pytest.mark.parametrize(
     ("text", "line", "name", "near", "known"),
     [
@@ -198,10 +190,6 @@ def test_a_string_that_reads_as_something_else_stays_a_string() -> None:
     assert set_values(Settings(name="one"), ["name=none"]).name == "none"
 
 
-def test_a_list_is_written_as_in_toml() -> None:
-    assert set_values(Settings(name="a"), ["sonars=[{ x_m = 2 }]"]).sonars == (Sonar(2.0),)
-
-
 @pytest.mark.parametrize(
     ("setting", "kind"),
     [
@@ -231,25 +219,6 @@ def test_parameters_are_defaults_then_a_file_then_settings(tmp_path: Path) -> No
 
 
 # --- what is shipped
-
-
-def test_a_type_is_described_only_for_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    described: list[type] = []
-
-    def type_info(kind: type) -> inspect.Type:
-        described.append(kind)
-        return inspect.type_info(kind)
-
-    class Plain(Settings, frozen=True):
-        pass
-
-    seen = vars(inspect) | {"type_info": type_info}
-    monkeypatch.setattr(fields, "inspect", SimpleNamespace(**seen))
-    parse(GOOD, Plain)
-    assert described == []
-    with pytest.raises(ConfigError, match="unknown key nam"):
-        parse('name = "a"\nnam = 1', Plain)
-    assert described == [Plain]
 
 
 class Cat(Struct, frozen=True, tag_field="is", tag="cat"):
@@ -298,21 +267,6 @@ def test_what_is_divided_by_is_not_too_small_for_that(tmp_path: Path, key: str) 
     path.write_text(re.sub(rf"^{key} *=.*", f"{key} = 1e-300", text, flags=re.MULTILINE))
     with pytest.raises(ConfigError, match=rf"{key} = 1e-300: expected a number >= "):
         load(path, P2osRobot)
-
-
-LASER = """
-[laser]
-x_m = 0.12
-y_m = 0.0
-bearing_deg = 0.0
-min_m = 0.1
-max_m = 30.0
-angle_min_deg = -135.0
-angle_max_deg = 135.0
-rays = 720
-rate_hz = 40.0
-noise_m = 0.01
-"""
 
 
 def test_a_robot_may_have_a_laser(tmp_path: Path) -> None:
@@ -384,10 +338,3 @@ def test_a_slash_or_a_suffix_is_a_file(tmp_path: Path) -> None:
     assert caught.value.near == "mine.toml"
     with pytest.raises(ConfigNameError, match="amigobot, create3, jackal, "):
         find("robots", str(tmp_path / "nowhere" / "x.toml"))
-
-
-def test_advice_ignores_case_and_says_when_there_is_nothing() -> None:
-    assert nearest("SC1", ["sc1", "house"]) == "sc1"
-    assert nearest("qqq", ["sc1", "house"]) is None
-    assert advice("qqq", ["b", "a"]) == "known: a, b"
-    assert advice("qqq", []) == "there are none"

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armadico.config import shipped
 from armadico.config.maps import parse_map, read_map
 from armadico.config.mapwriter import format_map, write_map
 from armadico.config.worlds import Door, Room, World, load_world
@@ -198,15 +197,5 @@ def test_rooms_know_who_is_in_them() -> None:
     assert Room("r", 0.0, 0.0, 2.0, 2.0).away(5.0, 6.0) == 5.0
 
 
-def test_headings_are_written_as_aria_does() -> None:
-    world = World("w", (), (0, 0, 1, 1), start=(0.0, 0.0, -0.0))
-    assert 'Cairn: RobotHome 0 0 0.000000 "" ICON "RobotHome"' in format_map(world)
-
-
 def test_a_map_without_walls_announces_none_since_aria_refuses_a_count_of_0() -> None:
     assert "NumLines" not in format_map(World(name="w", walls=(), bounds=(0.0, 0.0, 1.0, 1.0)))
-
-
-@pytest.mark.parametrize("name", shipped.names("worlds"))
-def test_no_shipped_map_announces_none_either(name: str) -> None:
-    assert "NumLines: 0" not in shipped.resource_path("worlds", name).read_text()

@@ -6,16 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from armadico.config.needs import needs, table, tasks
-from armadico.config.scenarios import exploring, ideal, load_scenario, society, with_sensors
+from armadico.config.needs import needs, tasks
+from armadico.config.scenarios import ideal, load_scenario, with_sensors
 from armadico.core.config_errors import ConfigNameError
-from armadico.core.discovery import AGENTS, installed
 
 SC4 = load_scenario("sc4")
-
-
-def test_everybody_who_is_needed_is_installed() -> None:
-    assert {name for need in table().values() for name in need.agents} <= installed(AGENTS).keys()
 
 
 def test_to_go_to_a_point_needs_what_the_thesis_says() -> None:
@@ -26,13 +21,6 @@ def test_to_go_to_a_point_needs_what_the_thesis_says() -> None:
     }
 
 
-def test_several_tasks_need_all_that_each_of_them_does_once_and_the_robot_first() -> None:
-    both = needs(["explore", "move"])
-    assert both[0] == society().robot
-    assert len(both) == len(set(both))
-    assert {"mapping", "path-planning"} < set(both)
-
-
 @pytest.mark.parametrize(
     ("scenario", "kinds"),
     [
@@ -40,7 +28,6 @@ def test_several_tasks_need_all_that_each_of_them_does_once_and_the_robot_first(
         (ideal(SC4), ("move",)),
         (load_scenario("sc1"), ("drive",)),
         (with_sensors(load_scenario("sc1"), "real"), ("drive", "localize")),
-        (exploring(SC4), ("explore",)),
         (None, ("move", "localize")),
     ],
 )
@@ -60,9 +47,3 @@ def test_a_table_that_is_like_nothing_is_refused_with_file_and_line(tmp_path: Pa
     with pytest.raises(ConfigNameError) as caught:
         needs(["move"], file)
     assert (caught.value.file, caught.value.line, caught.value.name) == (str(file), 2, "dirve")
-
-
-def test_tasks_that_are_like_each_other_are_each_once(tmp_path: Path) -> None:
-    file = tmp_path / "needs.toml"
-    file.write_text("[a]\nlike = ['b']\nagents = ['x']\n[b]\nlike = ['a']\nagents = ['y']\n")
-    assert needs(["a"], file) == (society().robot, "y", "x")

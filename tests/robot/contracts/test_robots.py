@@ -29,10 +29,6 @@ class TestPioneer(RobotContract):
     profile = "pioneer-2dx"
 
 
-class TestTurtleBot4(RobotContract):
-    profile = "turtlebot4"
-
-
 class Wrapped:
     """A driver with a defect around the real one."""
 

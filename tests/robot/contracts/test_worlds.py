@@ -19,8 +19,8 @@ ACROSS = "LINES\n1500 -5000 1500 5000\nDATA\n"
 NEAR = "LINES\n100 -1000 100 1000\nDATA\n"
 
 
-class TestSc4(WorldContract):
-    world = "sc4"
+class TestSc3(WorldContract):
+    world = "sc3"
 
 
 @pytest.mark.parametrize(

@@ -21,8 +21,8 @@ from armadico.mesh.topology import HOSTS_VARIABLE, NAMESPACE_VARIABLE, topology
 from armadico.mesh.zenoh import ZenohMesh
 from tests import programs
 from tests.programs import Done, Start, starter
+from tests.robot.society import SOON, Observer
 from tests.runtime_folder import fresh_folder
-from tests.whole.live.society import SOON, Observer
 
 NAMESPACE = "hosts-test"
 

@@ -8,9 +8,9 @@ from signal import SIGINT
 
 import pytest
 
-from tests.programs import Start
+from tests.programs import NO_PICTURE, Start
 from tests.robot.hosts.conftest import SOON, call, wait_for_line
-from tests.whole.live.society import Observer
+from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
 
@@ -29,7 +29,7 @@ def test_hosts_that_come_in_any_order_are_driven_to_the_goal_and_stay_up(
 ) -> None:
     """The run starts before all agents, behaviours before the robot, without effect."""
     name = scenario(tmp_path, SHORT)
-    run = start("run", name, "--attach", "--json", "--no-plot")
+    run = start("run", name, "--attach", "--json", *NO_PICTURE)
     hosts = ("lab2", "lab3", "lab1", "robot")
     ups = [start("up", name, "--host", host) for host in hosts]
     out, errors = run.communicate(timeout=2 * SOON)
@@ -39,7 +39,7 @@ def test_hosts_that_come_in_any_order_are_driven_to_the_goal_and_stay_up(
     for process, host in zip(ups, hosts, strict=True):
         wait_for_line(process, f"{host} is up")
         assert process.poll() is None
-    again = call("run", name, "--attach", "--json", "--no-plot")
+    again = call("run", name, "--attach", "--json", *NO_PICTURE)
     assert again.returncode == 0, again.stderr
     assert "not at the scenario's start (0, 0)" in again.stderr
 
@@ -51,7 +51,7 @@ def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
     name = scenario(tmp_path, FAR)
     for host in ("robot", "lab1", "lab2", "lab3"):
         up(host, name)
-    run = start("run", name, "--attach", "--no-plot")
+    run = start("run", name, "--attach", *NO_PICTURE)
     observer.until(observer.driving, "the robot is on its way")
     run.send_signal(SIGINT)
     _, errors = run.communicate(timeout=SOON)
@@ -61,7 +61,7 @@ def test_an_interrupted_run_leaves_the_robot_stopped_and_the_society_up(
     assert observer.state.stop.by == "armadico run"
     observer.until(observer.at_rest, "the wheels rest")
     assert len(observer.names) == 11, "ten, and the wakeup agent"
-    refused = call("run", name, "--attach", "--no-plot")
+    refused = call("run", name, "--attach", *NO_PICTURE)
     assert refused.returncode == 1
     assert "the robot is stopped by armadico run; `armadico resume` releases it" in refused.stderr
 

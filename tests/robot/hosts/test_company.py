@@ -9,7 +9,7 @@ import pytest
 from armadico.core.messages import PROTOCOL
 from tests.programs import Start
 from tests.robot.hosts.conftest import call, children
-from tests.whole.live.society import Observer
+from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
 

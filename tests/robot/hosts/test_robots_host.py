@@ -12,7 +12,7 @@ from armadico.launch.processes import kill_trees
 from armadico.mobile.messages import MissionRequest, Waypoint
 from tests.programs import Start
 from tests.robot.hosts.conftest import AGENTS, ROBOT, SOON, children
-from tests.whole.live.society import Observer
+from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
 

@@ -20,7 +20,7 @@ from tests.robot.hosts.conftest import (
     children,
     wait_for_line,
 )
-from tests.whole.live.society import Observer
+from tests.robot.society import Observer
 
 pytestmark = pytest.mark.live
 

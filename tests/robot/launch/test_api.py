@@ -46,11 +46,6 @@ def test_a_virtual_run_is_the_commands(sc4: Run) -> None:
     assert sc4 == armadico.run("sc4", virtual=True, seed=7, sensors="ideal")
 
 
-def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
-    armadico.run(SHORT, virtual=True)
-    assert capfd.readouterr() == ("", "")
-
-
 def test_the_path_has_a_pose_for_each_time_from_the_start_to_the_goal(sc4: Run) -> None:
     assert sc4.path.shape == (len(sc4.times), 3)
     assert sc4.path[0] == pytest.approx(sc4.scenario.start, abs=0.02)
@@ -83,13 +78,6 @@ def test_a_gap_ends_a_holding() -> None:
     )
 
 
-def test_a_run_that_never_moved_has_an_empty_path() -> None:
-    nowhere = Run.of(SHORT, RunWatch("made up", (1.0, 0.0, 0.0)))
-    assert nowhere.path.shape == (0, 3)
-    assert nowhere.times.shape == (0,)
-    assert nowhere.holders == ()
-
-
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
@@ -108,20 +96,6 @@ def test_poses_and_names_that_will_not_do_are_told_in_words(
     with pytest.raises((armadico.ConfigError, armadico.UnknownNameError)) as refused:
         armadico.run(**{"scenario": SHORT, "virtual": True} | wrong)
     assert says in str(refused.value)
-
-
-def test_one_name_is_as_good_as_a_list() -> None:
-    done = armadico.run(SHORT, virtual=True, without="sonar", besides="battery-sensor", limit=1.0)
-    taking = {*done.measures.conditions.agents} if done.measures.conditions else set()
-    assert "sonar" not in taking
-    assert {"goto", "battery-sensor"} < taking
-
-
-def test_a_scenario_has_its_headings_in_rad_and_its_file_in_degrees(tmp_path: Path) -> None:
-    file = tmp_path / "there.toml"
-    file.write_text('world = "rooms-a"\nstart = [1, 1, 90]\ngoal = [7, 0.7, -90]\n')
-    scenario = armadico.Scenario(world="rooms-a", start=(1, 1, pi / 2), goal=(7, 0.7, -pi / 2))
-    assert load_scenario(file) == replace(scenario, name="there")
 
 
 def test_poses_are_in_metres_and_radians() -> None:
@@ -156,11 +130,6 @@ def test_a_run_is_drawn_without_a_word_to_pyplot(sc4: Run, tmp_path: Path) -> No
         assert not plt.get_fignums()
     finally:
         mpl.use(before)
-
-
-def test_show_is_for_notebooks_and_says_so_before_anybody_starts() -> None:
-    with pytest.raises(ValueError, match="notebook"):
-        armadico.run(SHORT, virtual=True, show=True, progress=lambda _: pytest.fail("it drove"))
 
 
 class Ahead(armadico.Behaviour):

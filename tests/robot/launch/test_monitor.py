@@ -137,7 +137,7 @@ def test_without_faults_nothing_is_requested(scenario: Scenario) -> None:
 # Restarts, exactly once -------------------------------------------------------------------------
 
 
-@pytest.mark.long(but=("deaf-localization",))
+@pytest.mark.long(but=("hung-goto",))
 @pytest.mark.parametrize(
     ("fault", "name"),
     [
@@ -169,6 +169,7 @@ def test_only_the_agent_that_stops_publishing_is_restarted() -> None:
     assert society.arrives()
 
 
+@pytest.mark.long
 def test_each_restart_doubles_the_limit_of_lateness() -> None:
     """Otherwise an overloaded machine would restart it for ever."""
     society, took = Society().let_pass(6.0), []
@@ -527,6 +528,7 @@ def test_an_agent_that_comes_and_goes_does_not_hide_one_that_hangs() -> None:
     assert society.more().get("goto", 0) >= 1
 
 
+@pytest.mark.long
 def test_a_silence_of_the_robot_is_no_agents_fault() -> None:
     """Without cycles no agent has anything to publish; afterwards each has time to begin again."""
     society = Society(LOCALIZED, SC4).let_pass(8.0)

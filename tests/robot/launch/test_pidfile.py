@@ -52,11 +52,6 @@ def test_a_second_one_is_told_who_has_it_and_others_are_not_touched() -> None:
             pass
 
 
-def test_names_that_are_no_file_names_stay_apart() -> None:
-    with PidFile("fleet/r1", "lab1"), PidFile("fleet%2fr1", "lab1"), PidFile("fleet-r1", "lab1"):
-        assert len(list(folder().iterdir())) == 3
-
-
 def test_what_a_killed_process_left_is_nobodys() -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -92,17 +92,6 @@ def test_a_stray_state_of_another_epoch_changes_nothing(cycle: Cycle) -> None:
     assert drive.arrives()
 
 
-def test_a_stray_number_far_ahead_of_the_same_epoch_changes_nothing() -> None:
-    drive = Drive()
-    epoch = drive.of(RobotState)[-1].cycle.epoch
-    ahead = Cycle(epoch, LARGEST_COUNT)
-    drive.mesh.publish(RobotState(ahead, 9, 9, 0, 0, 0, 12, True, False))
-    stray = drive.mesh.now
-    drive.let_pass(1.0)
-    assert len(drive.of(Claim, stray)) >= 9
-    assert drive.arrives()
-
-
 @pytest.mark.parametrize("ahead", [300, LARGEST_COUNT])
 def test_a_number_that_is_believed_while_the_robot_agent_hangs_is_left_again(ahead: int) -> None:
     """What was asked for in that cycle, published and bid, does not count for ever either."""
@@ -120,20 +109,6 @@ def test_a_number_that_is_believed_while_the_robot_agent_hangs_is_left_again(ahe
     assert any("a number that did not continue" in line for line in drive.logs())
     assert max(c.cycle.number for c in drive.of(Claim, again + 1.0)) < number
     drive.restart("goto")
-    assert drive.arrives()
-
-
-@pytest.mark.long(but=("0.02",))
-@pytest.mark.parametrize("apart", [0.001, 0.02, 0.09])
-def test_states_that_climb_stop_the_society_for_no_longer_than_they_come(apart: float) -> None:
-    drive = Drive()
-    first = drive.of(RobotState)[-1]
-    for step in range(150):
-        cycle = Cycle(first.cycle.epoch, first.cycle.number + 4 * (step + 1))
-        drive.mesh.publish(replace(first, cycle=cycle))
-        drive.let_pass(apart)
-    drive.let_pass(2.5)
-    assert abs(drive.truth().v) > 0.1, "it drives on"
     assert drive.arrives()
 
 
@@ -185,38 +160,10 @@ def test_a_second_one_of_those_that_must_be_alone_is_refused_and_nothing_happens
     assert drive.arrives()
 
 
-def test_a_token_without_a_card_does_not_end_a_robot_agent_at_work() -> None:
-    drive = Drive()
-    robot = drive.mesh.node("robot")
-    robot.driver.token("robot", "robot-0000000000000000", True, robot.time)
-    drive.let_pass(12.0)
-    assert robot.alive
-    assert robot.driver.refusal == ""
-    assert drive.arrives()
-
-
 # Counters -----------------------------------------------------------------------------------------
 
 BEYOND = [(JUMP,), (JUMP - 5, 2 * JUMP - 10), (2**51,), (LARGEST_COUNT - 500,)]
 """How far ahead of what is known a stranger counts: as far as is believed, and farther."""
-
-
-@pytest.mark.long(but=("encoder-ahead3",))
-@pytest.mark.parametrize("ahead", BEYOND)
-@pytest.mark.parametrize("who", ["encoder", "robot", "goto"])
-def test_who_restarts_after_an_origin_far_beyond_is_told_the_pose(
-    ahead: tuple[int, ...], who: str
-) -> None:
-    drive = Drive()
-    known = drive.of(Origin)[-1]
-    for step in ahead:
-        drive.mesh.publish(replace(known, counter=known.counter + step))
-        drive.let_pass(0.5)
-    drive.let_pass(1.0)
-    drive.restart(who)
-    drive.let_pass(1.5)
-    assert drive.off() < 0.2
-    assert drive.arrives()
 
 
 @pytest.mark.long(but=("interface-ahead2",))
@@ -264,18 +211,6 @@ def test_a_stop_far_beyond_outlives_a_restart_and_can_be_released(
             drive.mesh.publish(message)
         drive.let_pass(0.1)
     assert resume.done
-    assert drive.arrives()
-
-
-def test_one_release_far_beyond_releases_nothing() -> None:
-    drive = Drive()
-    drive.mesh.publish(Stop(1, True, "tester", 1))
-    drive.let_pass(2.5)
-    drive.mesh.publish(Stop(3 * JUMP, False, "stranger", 1))
-    drive.let_pass(2.0)
-    assert rests(drive)
-    assert any("rejected: a Stop by stranger" in line for line in drive.logs())
-    drive.mesh.publish(Stop(2, False, "tester", 1))
     assert drive.arrives()
 
 
@@ -368,39 +303,6 @@ def test_after_a_gap_of_the_controller_nothing_old_is_fresh(seconds: float) -> N
 
 def rests(drive: Drive) -> bool:
     return abs(drive.truth().v) < 0.01 and drive.of(RobotState)[-1].stop.stopped
-
-
-@pytest.mark.long(but=("6",))
-@pytest.mark.parametrize("counter", [0, 1, 6, LARGEST_COUNT])
-def test_a_stop_of_whatever_counter_stops_and_can_be_released(counter: int) -> None:
-    """Its publisher may hear nobody: who stops need not know how far others have counted."""
-    drive = Drive(seconds=1.0)
-    for press in range(3):
-        drive.mesh.publish(Stop(2 * press + 1, True, "tester", press))
-        drive.let_pass(0.5)
-        drive.mesh.publish(Stop(2 * press + 2, False, "tester", press))
-        drive.let_pass(0.5)
-    drive.let_pass(3.0)
-    assert abs(drive.truth().v) > 0.1
-    drive.mesh.publish(Stop(counter, True, "deaf", 77))
-    drive.let_pass(3.0)
-    assert rests(drive)
-    stop = drive.of(RobotState)[-1].stop
-    drive.mesh.publish(Stop(stop.counter + 1, False, "tester", stop.press))
-    assert drive.arrives()
-
-
-def test_a_copy_of_a_stop_that_was_released_does_not_stop_again() -> None:
-    drive = Drive()
-    drive.mesh.publish(Stop(1, True, "tester", 1))
-    drive.let_pass(0.3)
-    drive.mesh.publish(Stop(2, False, "tester", 1))
-    drive.let_pass(1.0)
-    for _ in range(5):
-        drive.mesh.publish(Stop(1, True, "tester", 1))
-        drive.let_pass(0.2)
-        assert not drive.of(RobotState)[-1].stop.stopped
-    assert drive.arrives()
 
 
 def test_a_stop_reaches_the_robot_over_somebody_else_when_its_own_way_is_cut() -> None:

@@ -11,7 +11,6 @@ from msgspec.structs import replace
 
 from armadico.config.hosts import Host
 from armadico.config.scenarios import Scenario
-from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Message
 from armadico.launch.processes import agent_words, owns_wheels
 from armadico.launch.society import Options, members, names, share
@@ -130,16 +129,6 @@ def test_who_has_not_heard_of_a_limit_drives_no_faster_and_the_same_arc() -> Non
     assert state is not None
     assert state.w / state.v == pytest.approx(0.35 / 0.7, rel=0.1)
     assert rehearsal.watch.holder == "deaf", "it is obeyed, only slower"
-
-
-def test_without_a_limit_it_drives_as_it_likes() -> None:
-    _, speeds = driven(replace(RUN, v_max=None), ABRUPT)
-    assert max(speeds) > 0.6
-
-
-def test_a_fact_that_there_is_not_is_named_with_those_that_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"Wrong\.launched_with: 'v_maxx'.*'v_max'"):
-        members(with_agent("wrong"), Options(), "memory:")
 
 
 def test_the_robot_agent_is_whoever_owns_the_wheels_whatever_its_name() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 from pathlib import Path
 
 import pytest
@@ -43,12 +42,6 @@ def test_continuation_lines_follow_their_line(log: Path) -> None:
     ]
 
 
-def test_output_before_the_first_log_line_is_passed_on(log: Path) -> None:
-    tail = Tail("goto", log)
-    write(log, "armadico-agent: --set v_max=fast: expected a number")
-    assert tail.loud() == ["goto: armadico-agent: --set v_max=fast: expected a number"]
-
-
 def test_half_a_line_waits_for_the_rest(log: Path) -> None:
     tail = Tail("goto", log)
     write(log, f"{STAMP} WARN", end="")
@@ -83,18 +76,3 @@ def test_a_deleted_log_is_no_error(log: Path) -> None:
     tail.turn()
     write(log, f"{STAMP} ERROR two")
     assert tail.loud() == ["goto: ERROR two"]
-
-
-def test_a_long_log_is_begun_anew_where_there_is_no_room_for_the_old_one(
-    log: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("armadico.launch.supervisor.LOG_BYTES", 100)
-    monkeypatch.setattr("armadico.launch.supervisor.shutil.copyfile", full)
-    tail = Tail("goto", log)
-    write(log, f"{STAMP} INFO {'long ' * 30}")
-    tail.loud()
-    tail.turn()
-    assert log.stat().st_size == 0

@@ -61,12 +61,7 @@ def test_every_scenario_reaches_its_goal_and_touches_nothing(name: str) -> None:
     assert result.collisions == 0, again
 
 
-@pytest.mark.long(
-    but=(
-        "sc4",
-        "house",
-    )
-)
+@pytest.mark.long(but=("sc4",))
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_scenario_reaches_its_goal_as_it_is_shipped(name: str) -> None:
     """With the sensors that its file names. On this seed sc1 and sc2 missed it with real ones."""

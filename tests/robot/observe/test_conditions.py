@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import platform
 import shutil
-import subprocess
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import pytest
 from msgspec.structs import replace
 
 import armadico
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.launch.society import Options, conditions
-from armadico.observe import conditions as observed
 from armadico.observe.conditions import Conditions
 
 SC1 = load_scenario("sc1")
@@ -53,28 +49,8 @@ def test_hashes_differ_in_what_was_changed() -> None:
     assert "avoid" not in of(without=("avoid",)).agents
 
 
-def test_an_attached_run_does_not_know_the_parameters_of_the_agents() -> None:
-    assert conditions(SC1, Options(), "attached", "robot1").agents == {}
-
-
 def test_the_hash_of_a_world_does_not_depend_on_its_file(tmp_path: Path) -> None:
     shipped = Path(next(iter(import_module("armadico.configs").__path__))) / "worlds" / "sc1.map"
     copied = str(shutil.copy(shipped, tmp_path / "elsewhere.map"))
     there, here = of(scenario=replace(SC1, world=copied)), of()
     assert (there.world_hash, there.scenario_hash) == (here.world_hash, here.scenario_hash)
-
-
-def test_installed_inside_another_repository_it_has_no_commit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    subprocess.run(["git", "init", "-q", tmp_path], check=True)
-    author = ("-c", "user.name=x", "-c", "user.email=x@y")
-    subprocess.run(
-        ["git", "-C", tmp_path, *author, "commit", "-q", "--allow-empty", "-m", "x"], check=True
-    )
-    (tmp_path / "agents").mkdir()
-    (tmp_path / "agents" / "a.py").touch()
-
-    installed = SimpleNamespace(__path__=[str(tmp_path / "agents")])
-    monkeypatch.setattr(observed, "import_module", lambda _: installed)
-    assert observed.commit() == "none"

@@ -37,11 +37,6 @@ def test_each_host_has_its_agents_and_the_missing_ones() -> None:
     assert "sonar" in found["lab1"].state
 
 
-def test_two_instances_of_an_agent_count_as_two() -> None:
-    (host,) = census(seen(card("avoid", "lab1")), {"lab1": ("avoid", "avoid")})
-    assert host.lacks == ("avoid",)
-
-
 @pytest.mark.parametrize(
     ("offsets", "named"),
     [

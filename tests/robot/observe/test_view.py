@@ -4,20 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from armadico.agents.missions.messages import (
-    Board,
-    BoardMission,
-    Course,
-    MissionEnd,
-    StepEnd,
-    StepResult,
-)
 from armadico.core import messages as m
-from armadico.core.services import QUIET_S, services
+from armadico.core.services import QUIET_S
 from armadico.mobile.messages import Correction, MissionState, MissionStatus, Pose, Truth
 from armadico.observe.described import resource
-from armadico.observe.view import FRESH_CYCLES, GONE, Rate, View, driver
-from armadico.watch.teleop.messages import TeleopStatus
+from armadico.observe.view import FRESH_CYCLES, Rate, View, driver
 
 GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 BALLOT = m.Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
@@ -155,17 +146,14 @@ def test_an_exchange_has_the_claim_of_the_new_holder() -> None:
     assert view.exchanges[2].claim is None
 
 
-def test_stop_and_hand_are_not_known_without_fresh_messages() -> None:
+def test_a_stop_is_not_known_without_fresh_messages() -> None:
     view = View()
     assert view.stopped(0.0) is None
     stop = m.Stop(1, True, "me")
     view.learn(m.RobotState(m.Cycle(1, 1), 0, 0, 0, 0, 0, 12.5, True, False, stop), 1.0)
-    status = TeleopStatus(m.Cycle(1, 1), "ann", True, 0, 0, 1, 1)
-    view.learn(status, 1.0)
     assert view.stopped(1.0 + QUIET_S) is True
     assert view.stopped(1.1 + QUIET_S) is None
     assert view.stop == stop, "the last one received"
-    assert [view.hand(at) for at in (2.9, 3.1)] == [status, None]
 
 
 def test_an_owner_with_long_cycles_does_not_time_out_between_them() -> None:
@@ -218,21 +206,6 @@ def test_tokens_show_live_agents_and_cards_describe_them() -> None:
     assert view.cards[GOTO].host == "here", "the card is kept"
 
 
-def test_only_the_newest_instances_that_are_gone_are_kept() -> None:
-    view = View()
-    view.token(GOTO, there=True, t=0.0)
-    view.learn(card(GOTO), 0.0)
-    for number in range(GONE + 9):
-        view.token(f"a-{number}", there=True, t=1.0)
-        view.learn(card(f"a-{number}"), 1.0)
-        view.learn(m.BidHistory(f"a-{number}", (BID,)), 1.0)
-        view.token(f"a-{number}", there=False, t=1.0)
-    assert len(view.cards) == GONE + 1
-    assert GOTO in view.cards
-    assert "a-8" not in view.cards
-    assert len(view.bids) == GONE
-
-
 BID = m.BidRecord(m.Cycle(1, 7), "wheels", 0.6, False, (0.3, 0.0), "leg 0")
 
 
@@ -283,33 +256,3 @@ def test_the_rate_falls_during_a_pause_and_counts_missed_deadlines() -> None:
     rate.add(61.0)
     rate.add(62.0)
     assert rate.missed == 2
-
-
-def test_only_periodic_services_have_a_deadline() -> None:
-    found = {s.key: s.deadline_s for s in services()}
-    assert found["robot/state"] == pytest.approx(0.3)
-    assert found["sonar/map"] == pytest.approx(1.0)
-    assert found["resource/{resource}/utility"] is None
-    assert found["log/{instance}"] is None
-
-
-def test_the_active_mission_of_a_board_is_described() -> None:
-    view = View()
-    assert view.tasks == ""
-    done = StepResult("move(hall)", StepEnd.DONE)
-    course = Course(results=(done, StepResult("dock", StepEnd.FAILED)))
-    active = BoardMission(
-        7,
-        "survey",
-        0.5,
-        MissionEnd.ACTIVE,
-        course=course,
-        doing="take-photo",
-        ahead=("wait(5.0)",),
-        note="slow",
-    )
-    waits = BoardMission(8, "later", 0.2, MissionEnd.QUEUED)
-    view.learn(Board(3, 1, (waits, active)), 1.0)
-    assert view.tasks == "survey: 1 done, take-photo, 1 to come, slow"
-    view.learn(Board(4, 1, (waits,)), 2.0)
-    assert view.tasks == ""

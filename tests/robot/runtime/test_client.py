@@ -102,11 +102,6 @@ def test_within_a_wait_messages_come_one_by_one(guest: Client, encoder: ZenohMes
     assert [a for a, _ in seen][-1] == 3.0
 
 
-def test_a_message_that_is_no_query_raises(guest: Client) -> None:
-    with pytest.raises(TypeError, match="encoder/pose is not a query"):
-        guest.query(pose(1))
-
-
 def test_without_a_society_errors_have_the_missing_agent(guest: Client) -> None:
     assert guest.agents() == ()
     with pytest.raises(armadico.AbsentError, match=r"no robot answers.*'guest-test'"):
@@ -115,12 +110,6 @@ def test_without_a_society_errors_have_the_missing_agent(guest: Client) -> None:
         guest.resume(timeout=0.2)
     with pytest.raises(armadico.MessageError):
         guest.goto(1e9, 0.0)
-
-
-@pytest.mark.parametrize("wrong", [{"namespace": "a*"}, {"connect": ["7450"]}])
-def test_where_to_look_is_checked(wrong: dict[str, object]) -> None:
-    with pytest.raises(armadico.TopologyError), armadico.connect(**wrong):
-        pass
 
 
 def test_a_host_table_may_have_the_endpoint() -> None:

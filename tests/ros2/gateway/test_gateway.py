@@ -124,35 +124,6 @@ def test_a_refused_goal_is_logged_with_the_reason(
     assert named in scene.lines[0]
 
 
-def test_a_goal_while_the_robot_is_stopped_is_logged_with_the_remedy(scene: Scene) -> None:
-    scene.run.client.stop()
-    scene.outside.pending = [goal(0.5, 0.0)]
-    scene.until(lambda: bool(scene.lines))
-    assert "`armadico resume`" in scene.lines[0]
-
-
-def test_a_repeated_line_is_logged_once(scene: Scene) -> None:
-    for _ in range(20):
-        scene.outside.pending = [b""]
-        scene.gateway.turn()
-    assert len(scene.lines) == 1
-
-
-def test_missing_messages_are_logged_once(scene: Scene) -> None:
-    for node in scene.run.mesh.nodes:
-        node.hang()
-    scene.until(lambda: bool(scene.lines))
-    assert "'robot1'" in scene.lines[0]
-    end = scene.run.mesh.now + 30.0
-    while scene.run.mesh.now < end:
-        scene.gateway.turn()
-    assert len(scene.lines) == 1
-    for node in scene.run.mesh.nodes:
-        node.resume()
-    before = scene.gateway.samples
-    scene.until(lambda: scene.gateway.samples > before)
-
-
 def test_an_error_of_the_outside_ends_the_gateway() -> None:
     scene = Scene()
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import pytest
 
 from armadico.bridge.ros2.frames import Frame, Wanted
-from armadico.bridge.ros2.gateway.outside import SocietyNode, unfit
+from armadico.bridge.ros2.gateway.outside import SocietyNode
 from armadico.bridge.ros2.gateway.society import Society
 from armadico.bridge.ros2.graph import Endpoint
 from armadico.core import messages as m
@@ -90,10 +90,6 @@ def test_samples_are_published_and_goals_received() -> None:
     assert not stage.outside.goals()
 
 
-def test_without_goals_their_topic_is_not_subscribed() -> None:
-    assert GOAL not in Stage(goals=False).wire.wanted
-
-
 def test_beside_a_ros2_robot_its_topics_are_not_published() -> None:
     stage = Stage(beside=True)
     stage.publish(STATE, POSE)
@@ -159,24 +155,3 @@ def test_a_conflict_is_logged_once(other: Endpoint, named: str) -> None:
     assert len(stage.lines) == 2
     assert notes[0].startswith("/other ")
     assert re.search(named, notes[0])
-
-
-@pytest.mark.parametrize(
-    "other",
-    [
-        there("/odom", "nav_msgs/msg/Odometry"),
-        there("/odom", "nav_msgs/msg/Odometry", reliable=False),
-        there("/map", "nav_msgs/msg/OccupancyGrid", latched=True),
-        there("/tf", "tf2_msgs/msg/TFMessage", writes=True),
-        there("/cmd_vel", "geometry_msgs/msg/Twist", writes=True),
-        Endpoint("/robot2/odom", "nav_msgs/msg/Odometry", "/robot2/armadico_society", writes=True),
-        there(GOAL, "geometry_msgs/msg/PoseStamped", writes=True),
-    ],
-)
-def test_compatible_endpoints_are_not_logged(other: Endpoint) -> None:
-    assert not unfit(tuple(Stage().wire.wanted.values()), [other])
-
-
-def test_beside_a_robot_its_odometry_is_expected() -> None:
-    wanted = tuple(Stage(beside=True).wire.wanted.values())
-    assert not unfit(wanted, [there("/platform/odom", "nav_msgs/msg/Odometry", writes=True)])

@@ -12,7 +12,7 @@ from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.gateway.health import MOST
-from armadico.bridge.ros2.gateway.society import Society, ros_namespace
+from armadico.bridge.ros2.gateway.society import Society
 from armadico.config.grid_map import Cells, message_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
@@ -86,11 +86,6 @@ def test_odometry_and_its_transform_have_the_stamp_of_the_status_packet() -> Non
     moved = transforms(found["/tf"])["base_link"]
     assert moved.header == odom.header
     assert where(moved) == pytest.approx((1.0, 2.0, 0.5))
-
-
-def test_a_heading_of_many_turns_is_a_rotation() -> None:
-    (odom,) = samples_of(Society(), state(theta=0.5 + 20.0 * math.pi))["/odom"]
-    assert yaw(odom.pose.pose.orientation) == pytest.approx(0.5)
 
 
 def test_map_to_base_link_is_the_pose() -> None:
@@ -211,11 +206,6 @@ def test_a_scan_in_the_other_direction_keeps_its_angles() -> None:
     (laser,) = samples_of(Society(), scan)["/scan"]
     assert (laser.angle_min, laser.angle_max) == (pytest.approx(0.3), pytest.approx(0.1))
     assert laser.angle_increment == pytest.approx(-0.2)
-
-
-def test_a_scan_without_a_ray_is_a_scan_without_a_range() -> None:
-    (laser,) = samples_of(Society(), Scan(cycle(), 0, 0, 0, 0.1, 5.0, b""))["/scan"]
-    assert not laser.ranges
 
 
 @pytest.mark.parametrize(
@@ -425,13 +415,6 @@ def test_several_robots_share_the_map_and_nothing_else() -> None:
         ("lab/robot_1/base_link", "lab/robot_1/sonar_0"),
     }
     assert society.goals.topic == "/lab/robot_1/goal_pose"
-
-
-@pytest.mark.parametrize(
-    ("name", "ros"), [("robot1", "robot1"), ("a-b.c", "a_b_c"), ("1st/2nd", "_1st/_2nd")]
-)
-def test_namespaces_are_valid_in_ros(name: str, ros: str) -> None:
-    assert ros_namespace(name) == ros
 
 
 # Channels -----------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from armadico.mesh.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.mcp_answers import Society
 from armadico.watch.assistant.messages import AssistantRequest
-from tests.robot.observe.observed import Observed
+from tests.watch.observed import Observed
 
 
 @pytest.fixture(scope="module")

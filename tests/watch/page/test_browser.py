@@ -93,6 +93,7 @@ def arrived(browser: Browser, x: float, y: float) -> None:
     browser.until(f"{PARTS}.mission.state === 'reached' && {off} < 0.15")
 
 
+@pytest.mark.long
 def test_a_click_a_drag_a_wall_and_the_stop(page: Browser, stage: Served) -> None:
     page.drag(at(page, 3.4, 1.3))
     arrived(page, 3.4, 1.3)

@@ -62,13 +62,6 @@ def test_a_page_of_another_server_is_refused(
     assert refusal.status == 403
 
 
-def test_quoted_headers_are_short_and_printable() -> None:
-    refusal = HERE.refusal("\x1b[2J" + "x" * 1000, None)
-    assert refusal is not None
-    assert refusal.why.isprintable()
-    assert len(refusal.why) < 120
-
-
 def test_on_loopback_no_token_is_needed() -> None:
     assert HERE.admit(None) is None
 
@@ -94,22 +87,12 @@ def test_a_token_with_invalid_text_is_wrong(given: str) -> None:
     assert OPEN.admit(given) == OPEN.admit("wrong")
 
 
-def test_an_empty_address_is_refused() -> None:
-    with pytest.raises(GuardError, match=r"0\.0\.0\.0"):
-        Guard.of("", TOKEN, ("",))
-
-
 @pytest.mark.parametrize("address", ["0.0.0.0", "192.168.1.5", "::", "lab"])
 def test_another_address_than_loopback_needs_a_token(address: str) -> None:
     assert not is_loopback(address)
     with pytest.raises(GuardError, match="token"):
         Guard.of(address, None)
     assert Guard.of(address, TOKEN).token == TOKEN
-
-
-@pytest.mark.parametrize("address", ["127.0.0.1", "127.3.2.1", "::1", "localhost"])
-def test_loopback_needs_none(address: str) -> None:
-    assert Guard.of(address, None).token == ""
 
 
 @pytest.mark.parametrize(("token", "named"), [("short", "16"), ("", "16"), ("ü" * 20, "ASCII")])

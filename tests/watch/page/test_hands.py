@@ -11,7 +11,7 @@ from armadico.mobile.messages import Truth
 from armadico.watch.page.session import TURN_S
 from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
-from tests.core.framework.robots import body
+from tests.robot.robots import body
 from tests.watch.page.stage import Stage
 
 SEND_S = 0.1  # interval at which a page sends its stick

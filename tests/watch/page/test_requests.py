@@ -12,7 +12,6 @@ from armadico.observe.page_requests import (
     Goto,
     RequestError,
     Resume,
-    bits,
 )
 from armadico.watch.page.model import reader
 from armadico.watch.teleop.page import Hold
@@ -72,9 +71,3 @@ def test_valid_requests(data: dict[str, object], expected: Asked) -> None:
 def test_other_requests_are_refused(data: str | bytes) -> None:
     with pytest.raises(RequestError):
         READER.read(data)
-
-
-def test_a_number_of_more_than_63_bits_is_refused() -> None:
-    assert bits("9223372036854775807") == 2**63 - 1
-    with pytest.raises(RequestError, match="9223372036854775808"):
-        bits("9223372036854775808")

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from armadico.agents.fleet.commands.run import FleetRehearsal
 from armadico.agents.supervision.messages import HostShare, Kept, KeptState
 from armadico.config.hosts import Host, HostTable
 from armadico.config.scenarios import load_scenario
@@ -18,12 +17,10 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual_session import VirtualSession
 from armadico.mobile.map_graphs import message_of as graph_message
-from armadico.mobile.messages import Truth
 from armadico.runtime.latch import REST_M_S, REST_RAD_S
 from armadico.watch.page.model import Robot
-from armadico.watch.page.session import Session
 from armadico.watch.teleop.messages import Stick
-from tests.watch.page.stage import HOME, Shown, Stage
+from tests.watch.page.stage import HOME, Stage
 
 GOAL = (1.2, 0.0)
 
@@ -85,12 +82,6 @@ def test_the_default_heading_is_the_direction_to_the_goal(stage: Stage) -> None:
     x, y = (stage.parts["motion"][name] for name in "xy")
     (goal,) = stage.parts["mission"]["way"][-1:]
     assert abs(goal[2] - pi / 4) < 0.3, (x, y)
-
-
-def test_a_heading_is_reached(stage: Stage) -> None:
-    stage.answer(stage.request("page 1", "go", x=0.4, y=0.0, theta=-pi / 2))
-    stage.until(lambda: reached(stage))
-    assert abs(stage.parts["motion"]["theta"] + pi / 2) < 0.1
 
 
 def test_a_goal_in_a_wall_is_refused_by_the_planner() -> None:
@@ -217,29 +208,6 @@ def test_a_resume_cancels_an_unacknowledged_stop(stage: Stage) -> None:
 
 def test_a_robot_that_is_not_stopped_cannot_be_released(stage: Stage) -> None:
     assert not stage.answer(stage.request("page 1", "resume", press="0"))["ok"]
-
-
-# No effect on agents ------------------------------------------------------------------------------
-
-
-def path(*, watched: bool) -> list[tuple[float, float, float, float]]:
-    """The robot's poses; the page is killed in the middle."""
-    stage = Stage(seed=11)
-    steps: list[tuple[float, float, float, float]] = []
-    stage.mesh.watch(lambda _, p, t: steps.append((t, p.x, p.y, p.theta)), Truth)
-    if watched:
-        stage.session.on_connect("page 1")
-        stage.session.on_connect("page 2")
-    stage.run_for(2.0)
-    stage.client.goto(*GOAL)
-    stage.run_for(4.0)
-    stage.place.kill()
-    stage.mesh.run(14.0)
-    return steps
-
-
-def test_browsers_and_the_end_of_the_page_do_not_change_the_path() -> None:
-    assert path(watched=True) == path(watched=False)
 
 
 # Browsers -----------------------------------------------------------------------------------------
@@ -378,15 +346,6 @@ def test_why_it_stands_has_the_cause(stage: Stage) -> None:
     assert stage.parts["standing"]["cause"]["who"] == "robot"
 
 
-def test_unsupervised_agents_are_not_restarted(stage: Stage) -> None:
-    rows = {row["name"]: row for row in stage.parts["agents"]}
-    assert rows["goto"]["alive"]
-    assert not rows["goto"]["kept"]
-    answer = stage.answer(stage.request("page 1", "restart", agent="goto"))
-    assert not answer["ok"]
-    assert "goto" in answer["text"]
-
-
 def test_a_supervised_agent_is_restarted_by_its_hosts_wakeup_agent() -> None:
     scenario = replace(load_scenario("sc1"), goal=None)
     table = HostTable({"here": Host(agents=("robot", *scenario.agents))})
@@ -417,14 +376,6 @@ def test_a_share_under_another_instances_name_is_ignored(stage: Stage, name: str
         )
         assert not answer["ok"]
         assert agent in answer["text"]
-
-
-def test_missions_are_ordered_by_name_and_unknown_names_are_refused(stage: Stage) -> None:
-    answer = stage.answer(stage.request("page 1", "order", mission="elsewhere"))
-    assert not answer["ok"]
-    assert "'elsewhere'" in answer["text"]
-    answer = stage.answer(stage.request("page 1", "order", mission="surveillance"))
-    assert not answer["ok"]  # no agent plans missions here
 
 
 def test_without_capabilities_the_page_drives_and_stops(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -469,22 +420,6 @@ def test_a_parameter_of_an_agent_that_has_ended_is_not_set(stage: Stage) -> None
 
 
 # Several robots -----------------------------------------------------------------------------------
-
-
-def test_one_of_several_robots_is_stopped_alone() -> None:
-    fleet = FleetRehearsal(load_scenario("fleet"), Options(seed=3), 2, "f")
-    names = fleet.names
-    places = [VirtualSession(fleet.mesh, name) for name in names]
-    session, shown = Session({name: Robot(name) for name in names}, places), Shown()
-    session.browsers = shown
-    session.on_connect("page 1")
-    while fleet.mesh.now < 3.0:
-        session.turn()
-    assert set(shown.parts) == set(names)
-    session.on_message("page 1", json.dumps({"do": "stop", "id": 1, "robot": names[1]}))
-    while fleet.mesh.now < 5.0:
-        session.turn()
-    assert [shown.parts[name]["stop"]["held"] for name in names] == [False, True]
 
 
 def test_a_contender_for_two_resources_is_shown_with_its_bid_for_the_wheels() -> None:

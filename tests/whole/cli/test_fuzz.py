@@ -17,7 +17,7 @@ CASES = 20
 FUZZ = Path(__file__).with_name("fuzz.py")
 
 
-@pytest.mark.long(but=("1",))
+@pytest.mark.long
 @pytest.mark.parametrize("half", [0, 1])
 def test_whatever_is_typed_is_answered_in_words(tmp_path: Path, half: int) -> None:
     names = sorted(installed(COMMANDS))[half::2]

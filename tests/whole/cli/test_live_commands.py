@@ -125,14 +125,6 @@ def test_an_agent_whose_imports_start_threads_leaves_in_order(
     assert process.wait(SOON) == 0
 
 
-def test_without_a_robot_stop_and_resume_say_so(run: Run, router: ZenohMesh) -> None:
-    for command in ("stop", "resume"):
-        done = run(command, "--timeout", "0.3")
-        assert done.returncode == 1
-        assert "no robot answers" in done.stderr
-        assert "'cli-test'" in done.stderr
-
-
 def test_stop_stays_until_resume(run: Run, start: Start, robot: None) -> None:
     who(run, "robot")
     for command, says in (
@@ -344,6 +336,7 @@ def test_a_mission_that_is_refused_says_why(run: Run, start: Start, router: Zeno
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 def test_missions_of_a_society_that_is_up_are_shown_and_cancelled(
     run: Run, start: Start, router: ZenohMesh
 ) -> None:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
 from collections.abc import Sequence
-from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import pytest
 
-from armadico.cli.options import FailedError
 from armadico.config.hosts import load_hosts
 from armadico.core.discovery import COMMANDS, find
 from armadico.core.judgement import Answer
@@ -72,12 +68,6 @@ def test_the_network_has_no_way_out_and_holds_the_addresses(described: dict[str,
     assert mesh["ipam"]["config"] == [{"subnet": "10.77.0.0/24"}]
     outside = {name: {*of["networks"]} - {"mesh"} for name, of in described["services"].items()}
     assert outside == {name: set() for name in HOSTS} | {DESK: {"door"}}
-
-
-def test_one_image_serves_all(described: dict[str, Any]) -> None:
-    services = described["services"]
-    assert {service["image"] for service in services.values()} == {compose.IMAGE}
-    assert [name for name, service in services.items() if "build" in service] == ["robot"]
 
 
 def test_what_the_demo_starts_in_a_container_is_in_the_image() -> None:
@@ -140,39 +130,6 @@ def test_hosts_start_and_stop_as_services_and_nothing_is_left(folder: Path) -> N
     assert any("healthy" in line for line in printed)
 
 
-def test_the_pages_link_is_the_published_port_and_says_whether_it_answers(folder: Path) -> None:
-    class Answers(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_error(401)
-
-        def log_message(self, *_: object) -> None: ...
-
-    printed: list[str] = []
-    with HTTPServer(("127.0.0.1", 0), Answers) as server:
-        address = f"127.0.0.1:{server.server_port}"
-        Thread(target=server.serve_forever, daemon=True).start()
-        Engine(folder, prints=address)
-        with ComposeHosts("sc4", printed.append):
-            pass
-        server.shutdown()
-    with ComposeHosts("sc4", printed.append):
-        pass
-    answering, dead = (line for line in printed if line.startswith("page: "))
-    assert re.fullmatch(rf"page: http://{address}/#token=\S{{32}}", answering)
-    assert "not reachable from this one" in dead
-
-
-@pytest.mark.parametrize(("verb", "until"), [("build", ["build"]), ("up", ["build", "up"])])
-def test_what_does_not_come_up_is_taken_down_and_its_words_are_passed_on(
-    verb: str, until: list[str], folder: Path
-) -> None:
-    engine = Engine(folder, failing=f"'compose {verb}'")
-    with pytest.raises(FailedError, match=rf"(?s)compose {verb}.* ended with 1.*out of order"):
-        ComposeHosts("sc4", lambda _: None).__enter__()
-    assert verbs(engine) == ["down", *until, "down"]
-    assert not any("--quiet" in words for words in engine.calls), "it would hide the cause"
-
-
 def test_ctrl_c_in_the_middle_takes_everything_down(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -190,45 +147,6 @@ def test_ctrl_c_in_the_middle_takes_everything_down(
         for number, handler in before.items():
             signal.signal(number, handler)
     assert verbs(engine)[-1] == "down"
-
-
-@pytest.mark.parametrize(
-    ("failing", "reason"),
-    [("version", "no engine answers: out of order"), ("'compose version'", "no Compose v2")],
-)
-def test_without_an_engine_the_error_names_the_alternative(
-    failing: str, reason: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    Engine(folder, failing)
-    assert compose.main([]) == 1
-    printed = capsys.readouterr().err
-    assert reason in printed
-    assert "make run" in printed
-
-
-def test_a_missing_docker_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert compose.main(["sc4"]) == 1
-    assert "the command docker is missing" in capsys.readouterr().err
-
-
-def test_the_scenario_and_other_peoples_files_reach_compose(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (folder / "docker").write_text(f'#!/bin/sh\necho "$SCENARIO $COMPOSE_FILE" >{folder}/seen\n')
-    (folder / "docker").chmod(0o755)
-
-    monkeypatch.delenv("COMPOSE_FILE", raising=False)
-
-    def seen() -> Sequence[str]:
-        ComposeHosts("house", lambda _: None).start("lab1")
-        return (folder / "seen").read_text().split()
-
-    assert seen() == ["house", str(FILE)]
-    monkeypatch.setenv("COMPOSE_FILE", "mine.yaml")
-    assert seen() == ["house", "mine.yaml"]
 
 
 # The sequence, on hosts that are a script ---------------------------------------------------------
@@ -314,28 +232,6 @@ def test_the_host_that_drives_is_killed_and_comes_back_and_why_is_printed() -> N
     assert said[-2:] == ["4 exchanges", "1.0 to 5.0 s  goto on lab1 drives"]
     back = "lab1 is back; gothrough stays on lab2; relocate stays on lab2; monitor stays on lab2"
     assert said[-3] == back
-
-
-@pytest.mark.usefixtures("at_once")
-@pytest.mark.parametrize(
-    ("changes", "answer", "reason"),
-    [
-        ({"run": (0, "sc4: reached\n")}, Answer.UNKNOWN, "no host was killed"),
-        ({"why": (1, "")}, Answer.UNKNOWN, "does not show who drove"),
-        ({"run": (1, ", goto drives\nlost\n")}, Answer.NO, "exit code 1"),
-    ],
-)
-def test_a_demo_that_shows_no_failover_does_not_pass(
-    changes: dict[str, tuple[int, str]], answer: Answer, reason: str
-) -> None:
-    judgement = demo(script(**changes), "sc4", lambda _: None)
-    assert (judgement.answer, reason in judgement.reason) == (answer, True), judgement
-
-
-def test_a_host_that_had_no_time_to_come_back_is_no_failover() -> None:
-    judgement = demo(script(), "sc4", lambda _: None)
-    assert judgement.answer is Answer.NO
-    assert "lab1 is not back" in judgement.reason
 
 
 LATE = why((GOTO, "lab1", 1.0, 5.0), (TWIN, "lab2", 13.0, 30.0))

@@ -47,24 +47,6 @@ def test_more_than_one_host_of_the_demo_can_drive_and_has_a_monitor() -> None:
     assert all("monitor" in table.hosts[name].agents for name in drivers)
 
 
-@pytest.mark.skipif(shutil.which("make") is None, reason="no make here")
-def test_the_commands_that_make_run_prints_work_in_that_shell(tmp_path: Path) -> None:
-    make = ["make", "--no-print-directory", "-C", str(ROOT), "next", f"VENV={sys.prefix}"]
-    output = subprocess.run(make, capture_output=True, text=True, check=True).stdout
-    typed = "\n".join(line for line in output.splitlines() if line.startswith("  "))
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert "$(BIN)/armadico run sc4\n\t@$(MAKE) --no-print-directory next\n" in makefile
-    assert "$(PIP) install --require-hashes -r requirements/run.txt" in makefile, "shows progress"
-    shell = ["bash", "-euc", f"{typed}\ncommand -v armadico"]
-    bare = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
-    done = subprocess.run(
-        shell, cwd=tmp_path, env=bare, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "sc4: reached" in done.stdout
-    assert done.stdout.rstrip().endswith(f"{sys.prefix}/bin/armadico")
-
-
 def test_the_image_is_given_every_package_and_all_that_it_copies() -> None:
     ignore = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     given = {line[1:] for line in ignore if line.startswith("!")}

@@ -39,12 +39,7 @@ def shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Shell]:
         yield made
 
 
-def test_the_page_is_python_and_all_of_it_is_run() -> None:
-    assert {block.language for block in SHOWN} == {"python"}
-    assert not [block for block in SHOWN if block.note]
-    assert 0 < len(GUESTS) < len(SHOWN)
-
-
+@pytest.mark.long
 def test_the_runs_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names = execute([block for block in SHOWN if block not in GUESTS])

@@ -8,15 +8,20 @@ import pytest
 
 from armadico.config.scenarios import load_scenario
 from armadico.core.config_errors import ConfigError
-from tests.whole.docs.blocks import NOTES, Block, blocks, blocks_of, files
+from tests.whole.docs.blocks import NOTES, Block, blocks, files
 from tests.whole.docs.shell import Shell
 
 COMMANDS = [block for block in blocks() if block.is_commands]
-ALONE = [block for block in COMMANDS if not block.note]
+LONG = ("docs/fleet.md", "docs/lasers.md", "docs/maps.md", "docs/slam.md")
+ALONE = [
+    pytest.param(block, marks=[pytest.mark.long] if block.document in LONG else [], id=str(block))
+    for block in COMMANDS
+    if not block.note
+]
 BRIEF = 'scenario = "surveillance"\nsteps = [{ do = "take-photo" }]\n'
 
 
-@pytest.mark.parametrize("block", ALONE, ids=str)
+@pytest.mark.parametrize("block", ALONE)
 def test_a_block_of_commands_works_as_it_stands(block: Block, tmp_path: Path) -> None:
     with Shell(tmp_path, "docs-test") as shell:
         shell.write(files(block.document))
@@ -31,16 +36,6 @@ def test_whatever_is_not_run_has_a_reason() -> None:
     assert not unknown
     silent = [str(block) for block in blocks() if block.note and not block.value.strip()]
     assert not silent
-
-
-def test_commands_are_found_with_and_without_a_language() -> None:
-    found = blocks_of(
-        "```sh\na\n```\n\n```\narmadico ps\n```\n\n```\narmadico/  a folder\n```\n\n"
-        "<!-- not run: x -->\n```sh\nb\n```"
-    )
-    assert [block.is_commands for block in found] == [True, True, False, True]
-    assert [block.note for block in found] == ["", "", "", "not run"]
-    assert [block.line for block in found] == [1, 5, 9, 14]
 
 
 def test_the_tutorials_scenario_is_a_scenario(tmp_path: Path) -> None:

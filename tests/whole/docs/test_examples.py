@@ -49,14 +49,6 @@ def run(name: str, folder: Path, **more: str) -> str:
     return done.stdout
 
 
-def test_every_example_is_run_short_and_named_where_people_look() -> None:
-    assert {path.name for path in EXAMPLES.glob("*.py")} == {*SAYS, GUEST}
-    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    for name in (*SAYS, GUEST):
-        assert len((EXAMPLES / name).read_text(encoding="utf-8").splitlines()) < 40
-        assert f"(../examples/{name})" in page
-
-
 @pytest.mark.long(but=("three_lines.py",))
 @pytest.mark.parametrize("name", SAYS)
 def test_an_example_under_a_virtual_clock(name: str, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 import armadico
 from armadico_tools.diagrams import FOLDER, diagrams, drawing
+from tests.once import Once
 from tests.whole.docs.blocks import ROOT
 
 pytest.importorskip("mkdocs")
@@ -22,19 +23,27 @@ from armadico_tools.site import page_of, reference
 LOADS = re.compile(r"<(?:script|img|iframe|source|link)\b[^>]*?(?:src|href)=\"?([^\"\s>]+)")
 
 
+pytestmark = pytest.mark.long
+
+
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("site") / "site"
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
-        cwd=ROOT,
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return folder
+def site(tmp_path_factory: pytest.TempPathFactory, once: Once) -> Path:
+    """The folder of the site, built once for all workers."""
+
+    def built() -> str:
+        folder = tmp_path_factory.mktemp("site") / "site"
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
+            cwd=ROOT,
+            env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return str(folder)
+
+    return Path(once("site", built))
 
 
 def test_every_document_is_a_page(site: Path) -> None:

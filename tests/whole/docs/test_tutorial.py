@@ -134,6 +134,7 @@ def test_the_test_that_the_tutorial_prints_passes(installed: Shell) -> None:
     assert "1 passed" in do(installed, "test")
 
 
+@pytest.mark.long
 @pytest.mark.live
 def test_the_tutorial_from_a_society_by_hand_to_an_agent_that_joins_it(shell: Shell) -> None:
     with watching(shell) as watcher:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import subprocess
 import sys
@@ -12,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from armadico.launch.processes import Process
-from tests.whole.house.tree import FOLDERS, PARTS, ROOT, modules, package_files, sources, tree
+from tests.whole.house.tree import FOLDERS, ROOT, package_files, sources
 
 EVIL = "raise SystemExit('what lies in the current folder was imported')\n"
 HOSTILE = ("armadico/__init__.py", "json.py", "selectors.py", "socket.py", "cbor2.py")
@@ -37,13 +36,6 @@ def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("part", PARTS)
-def test_a_part_is_a_package_by_a_relative_link(part: str) -> None:
-    link = ROOT / "armadico" / part
-    assert link.is_symlink()
-    assert link.readlink().as_posix() == f"../{part}"
-
-
 def test_every_source_is_in_the_package_once() -> None:
     found = Counter(path for _, path in package_files() if path.suffix == ".py")
     there = {path for folder in FOLDERS for path in sources(folder)}
@@ -64,21 +56,6 @@ def test_a_bare_checkout_imports_as_it_is_installed() -> None:
         "armadico.agents.driving.goto",
         str(ROOT / "armadico/agents/driving/goto.py"),
     ]
-
-
-@pytest.mark.long
-def test_no_process_is_started_that_looks_into_the_current_folder_first() -> None:
-    loose = [
-        f"{module}:{node.lineno}"
-        for module, path in modules().items()
-        for node in ast.walk(tree(path))
-        if isinstance(node, ast.List | ast.Tuple)
-        for here, after in zip(node.elts, node.elts[1:], strict=False)
-        if isinstance(here, ast.Attribute)  # to write each of them out would take seconds
-        and ast.unparse(here) == "sys.executable"
-        and ast.unparse(after) != "'-P'"
-    ]
-    assert not loose
 
 
 @pytest.mark.usefixtures("hostile")

@@ -21,7 +21,6 @@ from tests.whole.house.tree import (
     JUNK,
     LABORATORY,
     ROOT,
-    modules,
     package_files,
     project,
     sources,
@@ -80,6 +79,7 @@ def built(copy: Path, what: str, folder: str = ".") -> Path:
     return archive
 
 
+@pytest.mark.long
 def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_path: Path) -> None:
     copy = checkout(tmp_path, (*FOLDERS, *BESIDES), (*LEAST, *TEXTS))
     with tarfile.open(built(copy, "--sdist")) as archive:
@@ -95,18 +95,20 @@ def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_pa
     assert not {name for name, _ in package_files() if name.startswith("armadico/")} - inside
 
 
-@pytest.mark.long(but=("armadico_tools",))
+@pytest.mark.long(but=("armadico",))
 def test_the_wheel_is_the_tree(wheel: set[str], package: str) -> None:
     """So no experiment is in the product's."""
     inside = {name for name in wheel if ".dist-info/" not in name}
     assert inside == {name for name, _ in package_files() if Path(name).parts[0] == package}
 
 
+@pytest.mark.long(but=("armadico",))
 def test_the_wheel_has_the_licence_and_the_type_marker(wheel: set[str], package: str) -> None:
     assert any(name.endswith(".dist-info/licenses/LICENSE") for name in wheel)
     assert f"{package}/py.typed" in wheel
 
 
+@pytest.mark.long(but=("armadico",))
 def test_it_takes_one_name_among_other_peoples_packages(wheel: set[str], package: str) -> None:
     assert {Path(name).parts[0].partition("-")[0] for name in wheel} == {package}
 
@@ -129,10 +131,9 @@ def test_what_the_laboratory_needs_besides_is_locked() -> None:
     assert {d for d in needed if not d.startswith("armadico")} == {*lines[1:]}
 
 
-@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
-def test_every_entry_point_can_be_loaded_and_says_what_it_is_for(entry: Found) -> None:
-    assert entry.load() if ":" in entry.value else import_module(entry.module)
-    assert entry.summary
+def test_every_entry_point_can_be_loaded() -> None:
+    for entry in ENTRIES:
+        assert entry.load() if ":" in entry.value else import_module(entry.module), entry
 
 
 def test_every_agent_goes_by_the_name_of_its_entry_point() -> None:
@@ -141,13 +142,3 @@ def test_every_agent_goes_by_the_name_of_its_entry_point() -> None:
         kind = Found(name, value, "armadico").load()
         assert issubclass(kind, Agent)
         assert kind.name == name
-
-
-def test_every_agent_and_command_has_an_entry_point() -> None:
-    announced = {value.partition(":")[0] for _, _, value in POINTS}
-    helpers = ("options", "parsing", "beside", "latch", "agent", "pool", "measures")
-    driving = ("run_options", "progress", "log_file")
-    not_commands = {f"armadico.cli.{name}" for name in (*helpers, *driving)}
-    rooms = ("armadico.cli.", "armadico_tools.commands.")
-    there = {name for name in modules() if name.count(".") == 2 and name.startswith(rooms)}
-    assert not there - announced - not_commands

@@ -91,17 +91,3 @@ def sources(folder: str, pattern: str = "*.py") -> Iterator[Path]:
     for path in root.rglob(pattern):
         if not JUNK & set(path.relative_to(root).parts):
             yield path
-
-
-def python_files() -> list[Path]:
-    """Every Python file that is ours, tests too."""
-    folders = [*FOLDERS, "tests"]
-    return sorted(path for folder in folders for path in sources(folder))
-
-
-def text_files() -> list[Path]:
-    """Every text file that is ours."""
-    suffixes = {".py", ".md", ".toml", ".txt", ".map", ".in", ".yml", ".yaml", ".service", ".sh"}
-    folders = [*FOLDERS, "tests", "examples", "docs", "deploy", "requirements", ".github"]
-    found = [p for folder in folders for p in sources(folder, "*") if p.suffix in suffixes]
-    return sorted([*found, *(p for p in ROOT.iterdir() if p.is_file() and p.suffix in suffixes)])

@@ -17,7 +17,7 @@ from armadico.cli.options import UNKNOWN
 from armadico.launch.client import Client
 from tests.programs import Start, call, starter
 from tests.robot.hosts.conftest import wait_for_line
-from tests.whole.live.society import SOON, mesh_of
+from tests.robot.society import SOON, mesh_of
 from tests.whole.live.test_run import all_gone, children
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
@@ -83,6 +83,7 @@ def told(process: subprocess.Popen[str], what: str) -> None:
         said += line
 
 
+@pytest.mark.long
 def test_two_robots_do_two_tasks_and_leave_nothing_and_a_second_fleet_is_refused(
     run: Start, tmp_path: Path
 ) -> None:

@@ -9,8 +9,8 @@ import pytest
 import armadico
 from armadico import Pose, RobotState
 from armadico.config.scenarios import Scenario
+from tests.robot.society import SOON
 from tests.whole.live.conftest import NAMESPACE, Start
-from tests.whole.live.society import SOON
 
 pytestmark = pytest.mark.live
 

@@ -9,8 +9,8 @@ import pytest
 
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.society import Member
+from tests.robot.society import Society, ballots_never_go_down
 from tests.whole.live.conftest import Start
-from tests.whole.live.society import Society, ballots_never_go_down
 
 pytestmark = pytest.mark.live
 
@@ -73,6 +73,7 @@ def test_when_the_holder_hangs_another_drives_on_and_the_old_one_comes_back_in_v
     ballots_never_go_down(society.acks)
 
 
+@pytest.mark.long
 def test_when_avoid_is_killed_while_it_holds_nothing_is_touched(start: Start) -> None:
     society = start(ideal(load_scenario("sc3")))
     society.until(lambda: society.holder.startswith("avoid"), "avoid holds the wheels")

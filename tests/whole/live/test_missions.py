@@ -16,7 +16,7 @@ from armadico.agents.missions.messages import Alarm, Board, BoardMission, Missio
 from armadico.core.messages import Message
 from armadico.watch.recordings import rows
 from tests.programs import Start, call, starter
-from tests.whole.live.society import SOON, Observer
+from tests.robot.society import SOON, Observer
 
 pytestmark = pytest.mark.live
 

@@ -13,12 +13,13 @@ pytest.importorskip("mcap")
 from armadico.watch.recordings import Past
 from armadico.watch.replay import replayed
 from tests.programs import Start
-from tests.whole.live.society import SOON, Observer
+from tests.robot.society import SOON, Observer
 from tests.whole.live.test_run import run  # noqa: F401 - a fixture
 
 pytestmark = pytest.mark.live
 
 
+@pytest.mark.long
 def test_all_decisions_of_all_agents_are_equal(
     run: Start,  # noqa: F811
     observer: Observer,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tests.programs import call
+from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
-from tests.whole.live.society import ballots_never_go_down
 
 pytestmark = pytest.mark.live
 

@@ -253,7 +253,12 @@ def scenario_of(cell: Cell) -> Scenario:
 
 def options_of(cell: Cell) -> Options:
     """The cell as options of the command line."""
-    return Options(0, cell.controller, cell.exchange, cell.parameters, cell.without)
+    return Options(
+        controller=cell.controller,
+        exchange=cell.exchange,
+        parameters=cell.parameters,
+        without=cell.without,
+    )
 
 
 def conditions_of(cell: Cell) -> Conditions:

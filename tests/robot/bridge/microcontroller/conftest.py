@@ -18,7 +18,7 @@ from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.status import Status, decode_status
 from armadico.bridge.simulator.microcontroller import Microcontroller
 from armadico.bridge.simulator.traps import KIND, Trap
-from tests.ros2.kit import PROFILE, Wheels
+from tests.robot.bridge.kit import PROFILE, Wheels
 
 
 class Bench:

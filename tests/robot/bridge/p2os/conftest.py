@@ -7,7 +7,7 @@ import pytest
 from armadico.bridge.p2os.profile import P2osRobot
 from armadico.bridge.p2os.session import Event, Session
 from armadico.bridge.simulator.microcontroller import Microcontroller
-from tests.ros2.kit import PROFILE, Wheels
+from tests.robot.bridge.kit import PROFILE, Wheels
 
 
 class Link:

@@ -19,7 +19,7 @@ from armadico.observe.findings import Demand, Finding, Sort
 from armadico.observe.standing import standing
 from armadico.observe.view import View
 from armadico.watch.why import Chronicle
-from tests.robot.observe.observed import Observed
+from tests.watch.observed import Observed
 
 
 def test_a_moving_robot_has_no_cause_and_a_robot_without_a_goal_has_that_cause() -> None:
@@ -98,22 +98,6 @@ def test_if_no_agent_is_alive_the_hosts_of_the_table_are_named() -> None:
     assert without_table is not None
     assert (without_table.sort, without_table.who) == (cause.sort, cause.who)
     assert "--host" not in without_table.todo
-
-
-def test_no_sentence_is_repeated_and_the_cause_comes_last() -> None:
-    society = Observed().drive()
-    society.mesh.node("sonar").hang()
-    found = society.let_pass(3.0).standing
-    assert found.cause is not None
-    assert found.sentences[-1] == found.cause.what
-    assert len(set(found.sentences)) == len(found.sentences)
-
-
-def test_installed_agents_are_found_by_key() -> None:
-    assert providers("encoder/pose") == ("encoder",)
-    assert providers("sonar/obstacles") == ("sonar",)
-    assert providers("resource/wheels/ack") == ("robot",)
-    assert providers("no/such/key") == ()
 
 
 def test_a_society_that_has_ended_or_is_out_of_reach_has_no_agent_as_its_cause() -> None:

@@ -35,7 +35,7 @@ def rehearsal(name: str | Scenario, robot: str = JACKAL, seed: int = 1) -> Rehea
     return Rehearsal(prepared(ideal(scenario), options, profile=robot), options)
 
 
-@pytest.mark.long(but=("sc4-jackal",))
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "robot"), [("sc4", JACKAL), ("rooms-a", BURGER)])
 def test_scenarios_are_driven_by_a_laser_and_nothing_is_touched(name: str, robot: str) -> None:
     result = rehearsal(name, robot).run()

@@ -25,7 +25,7 @@ from armadico.watch.commands import top
 from armadico.watch.commands import why as why_command
 from armadico.watch.page.model import Robot
 from armadico.watch.teleop.messages import TeleopStatus
-from tests.robot.observe.observed import Observed
+from tests.watch.observed import Observed
 
 BASE = ("robot", "encoder", "sonar")
 LAB = ("goto", "avoid", "interface", "path-planning")

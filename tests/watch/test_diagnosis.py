@@ -9,7 +9,7 @@ from armadico.observe.diagnosis import diagnose, settled
 from armadico.observe.findings import Demand, Sort, judgement, short, summary, those
 from armadico.observe.view import View
 from armadico.watch.why import Chronicle
-from tests.robot.observe.broken import BREAKAGES, DEMAND, shown, whole
+from tests.watch.broken import BREAKAGES, DEMAND, shown, whole
 
 WITHIN_S = 5.0
 

@@ -33,7 +33,7 @@ SECOND = 1_000_000_000
 @pytest.mark.timeout(300)  # a whole mission, and four workers share two cores
 def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
     path = tmp_path / "mission.mcap"
-    said = surveillance(once).said
+    said = surveillance(once, "ideal").said
     recording = Recording(path)
     for now, key, message in said:
         recording.add(Received("robot1", key, encode(message), round(now * SECOND)))

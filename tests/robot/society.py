@@ -40,7 +40,7 @@ from armadico.mobile.messages import Pose, Truth
 from armadico.observe.view import View
 from armadico_tools.faults.serial_tap import Tap
 from armadico_tools.testbed import joining_onlooker, onlooker
-from tests.whole.live.speeds import moves
+from tests.robot.speeds import moves
 
 SOON = 40.0
 """s; a deadline, not an expectation."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 from pathlib import Path
 from typing import Any
@@ -187,30 +186,6 @@ def test_entries_before_an_invalid_one_are_read(entry: list[Any]) -> None:
     with pytest.raises(ValueError, match="entry"):
         next(entries)
     assert journal.began <= journal.offset  # computed without it
-
-
-def test_outputs_after_outputs_are_an_error() -> None:
-    outputs = [j.TAKE, j.NOTHING, None]
-    entries = read(*pieces(head(), [j.BEGIN, 1.0], outputs, outputs)).entries()
-    with pytest.raises(ValueError, match=str(j.TAKE)):
-        list(entries)
-
-
-def test_an_incomplete_last_frame_is_a_fault() -> None:
-    one, two = pieces(head(), [j.BEGIN, 1.0])
-    journal = read(one, JournalPiece("goto-1", 1, two.data[:-1]))
-    assert journal.fault
-    assert [entry[0] for entry in journal.entries()] == [j.START]
-
-
-def test_a_journal_in_memory_has_places_and_not_contents(recording: Path) -> None:
-    found = Past(recording, pytest.fail).journals()
-    places = sum(len(pickle.dumps(journal.frames)) for journal in found)
-    held = sum(len(frame) for journal in found for _, frame in journal.frames)
-    assert held <= sum(journal.frames.size for journal in found)
-    assert places < held / 5
-    (goto,) = [journal for journal in found if journal.name == "goto"]
-    assert [*pickle.loads(pickle.dumps(goto)).entries()] == [*goto.entries()]
 
 
 def test_a_recording_that_changes_while_it_is_read_is_an_error(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from math import inf, radians, tau
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -33,13 +32,6 @@ def test_it_stops_before_what_its_rays_may_miss(rays: int) -> None:
     v = gaps.v_max
     assert v * 0.2 + v * v / (2.0 * decel) <= max(free, 0.0) + 1e-9 or v == SLOWEST_M_S
     assert bool(gaps.reason) is (v < profile.limits.v_max)
-
-
-@pytest.mark.parametrize("name", ["jackal", "turtlebot3-burger", "turtlebot4", "create3"])
-def test_no_shipped_laser_is_limited(name: str) -> None:
-    gaps = Gaps(load_profile(name))
-    assert gaps.v_max > load_profile(name).limits.v_max
-    assert not gaps.reason
 
 
 def test_fewer_rays_are_slower_and_8_and_16_are_reported() -> None:
