@@ -446,9 +446,9 @@ class Interface(Agent):
 
     def on_pose(self, pose: Pose) -> None:
         """Follow the trajectory; publish the progress and the arrival."""
-        discard_output, self._pose_at = self.now - self._pose_at, self.now
-        if discard_output > UNHEARD_S:
-            self._mission.nearing = self._mission.nearing.without(discard_output, self.now)
+        gap_s, self._pose_at = self.now - self._pose_at, self.now
+        if gap_s > UNHEARD_S:
+            self._mission.nearing = self._mission.nearing.without(gap_s, self.now)
         self._check_placed(pose)
         if self._stage is not Stage.DRIVING:
             return

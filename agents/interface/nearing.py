@@ -52,11 +52,9 @@ class Nearing:
         """Restart the timers of the present path for another one."""
         return replace(self, nearest=inf, nearest_at=now, across_since=None)
 
-    def without(self, discard_output: float, now: float) -> Nearing:
+    def without(self, gap_s: float, now: float) -> Nearing:
         """Exclude a gap without poses from the timers."""
-        nearest_at, best_at = (
-            min(at + discard_output, now) for at in (self.nearest_at, self.best_at)
-        )
+        nearest_at, best_at = (min(at + gap_s, now) for at in (self.nearest_at, self.best_at))
         return replace(self, nearest_at=nearest_at, best_at=best_at, across_since=None)
 
 

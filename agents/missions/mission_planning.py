@@ -237,7 +237,7 @@ class MissionPlanning(DeliberativeAgent):
         if not active:
             self._halt = None
         elif self._unwanted and status.exploration == self._unwanted:
-            self._halt_exploring()  # it was paused for charging, and has resumed
+            self._halt_exploring(self._unwanted)  # it was paused for charging, and has resumed
         wants = self._wanted
         if not isinstance(wants, Exploring) or not wants.order:
             return
@@ -478,8 +478,7 @@ class MissionPlanning(DeliberativeAgent):
         """Replace the current request by another, or by none."""
         before = self._wanted
         if isinstance(before, Exploring) and before.order and before.reach is Reach.UNDER_WAY:
-            self._unwanted = before.order
-            self._halt_exploring()
+            self._halt_exploring(before.order)
         request: Request | None = None if key is None else key[2]
         if isinstance(request, Drive) or (
             isinstance(request, Stand) and self.errand.stage is not Stage.DRIVING
@@ -502,8 +501,7 @@ class MissionPlanning(DeliberativeAgent):
         wants = self._wanted
         if wants is None or wants.key != key:
             if reply is not None and not refusal and isinstance(key[2], Explore):
-                self._unwanted = reply.mission
-                self._halt_exploring()  # it was cancelled while it began
+                self._halt_exploring(reply.mission)  # it was cancelled while it began
         elif reply is None or refusal:
             wants.refuse(refusal, self.now, self.p.again_s, self.p.patience_s)
         else:
@@ -511,8 +509,9 @@ class MissionPlanning(DeliberativeAgent):
             if isinstance(wants, Exploring):
                 wants.order, wants.ordered_at, wants.received_at = reply.mission, self.now, self.now
 
-    def _halt_exploring(self) -> None:
+    def _halt_exploring(self, exploration: int) -> None:
         """Have an exploration end: the explore agent fails it if another agent drives the robot."""
+        self._unwanted = exploration
         at = self._beliefs().at
         if at is not None and self._halt is None:
             way = Way(self.rng.getrandbits(63), (at,), Point(at.x, at.y), planned=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import hypot
+from dataclasses import dataclass, field
+from math import hypot, inf
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -15,8 +16,15 @@ from armadico.agents.slam.loop_closure import LoopParameters
 from armadico.agents.slam.moved import map_moved
 from armadico.agents.slam.poses import Floats, compose, relative, wrapped
 from armadico.agents.slam.scan_matching import Indices, MatcherParameters, PointCloud
-from armadico.agents.slam.slam import UNKNOWN, Slam, SlamParameters, Update, matched_points
+from armadico.agents.slam.slam import (
+    UNKNOWN,
+    Slam,
+    SlamParameters,
+    Update,
+    matched_points,
+)
 from armadico.agents.slam.slices import Sliced, finished
+from armadico.agents.slam.states import Moved
 from armadico.config import graph_file, grid_map
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
 from armadico.config.graph_parts import Incoming, Outgoing
@@ -105,6 +113,53 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     resume: str = ""  # .yaml of a saved map with its graph; empty: start with an unknown map
 
 
+@dataclass
+class Picture:
+    """The map as it is published; made anew when it is drawn anew."""
+
+    mapper: Mapper
+    map_id: int
+    part: int = 0  # of the graph, that it shows
+    drawn_at: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # poses of its key scans
+    revision: int = 0  # 0: not begun
+    change: MapMoved | None = None  # to publish with the revision
+    published_at: float = -inf
+
+    def revise(self, revision: int) -> None:
+        """Publish with another revision that the map itself has not moved."""
+        self.revision, self.change = revision, MapMoved(revision)
+
+
+@dataclass
+class Origin:
+    """Where the odometry begins in the world."""
+
+    pose: Floats | None = None  # None: not known
+    covariance: Floats = field(default_factory=lambda: np.zeros(COVARIANCE))  # as the map began
+    odometry: Floats | None = None  # the newest
+    epoch: int | None = None  # of that
+
+
+@dataclass
+class Newest:
+    """The newest scan; made anew when a map is loaded."""
+
+    number: int | None = None
+    update: Update | None = None  # of the newest one that was used
+    matched: bool = False
+    weak: int = 0  # newest scans that fitted badly
+    standing: int = 0  # scans that were drawn from the present place
+
+
+@dataclass
+class Reported:
+    """What was logged of a map."""
+
+    carried: int = 0
+    relocations: int = 0
+    uncertain: bool = False
+
+
 class SlamAgent(Agent):
     """Estimates the pose and makes the map at the same time, in place of localization and mapping.
 
@@ -131,27 +186,14 @@ class SlamAgent(Agent):
                 " ambiguous to map by"
             )
         self._slam = Slam(_parameters(self.p))
-        self._map = new_mapper()
-        self._part = 0  # of the graph, that the map is of
+        self._picture = Picture(new_mapper(), self.rng.getrandbits(63))
         self._drawn: list[DrawnScan] = []
-        self._standing = 0  # scans that were drawn from the present place
-        self._drawn_at: Floats = np.zeros((0, 3))  # the poses of the key scans that the map is of
         self._work: Sliced[None] | None = None  # under way, in slices
-        self._matched = False  # whether the newest scan was matched
-        self._revision = 0  # of the map; 0: not begun
-        self._map_id = self.rng.getrandbits(63)
-        self._map_change: MapMoved | None = None  # to publish with the revision
-        self._start: Floats | None = None  # the odometry's origin in the world, at the beginning
-        self._start_covariance: Floats = np.zeros(COVARIANCE)  # of the robot's pose at that time
-        self._odometry: Floats | None = None
-        self._epoch: int | None = None
-        self._number: int | None = None  # of the newest scan
-        self._weak = 0  # newest scans that fitted badly
-        self._update: Update | None = None
-        self._published_at = self._graph_at = float("-inf")
-        self._shown: MapGraph | None = None  # as published
+        self._origin = Origin()
+        self._newest = Newest()
+        self._reported = Reported()
         self._warned: set[str] = set()
-        self._carried, self._relocations, self._uncertain = 0, 0, False  # as reported
+        self._shown: tuple[MapGraph | None, float] = None, -inf  # as published, and when
         self._outgoing = Outgoing()
         self._incoming = Incoming()
         if self.p.resume:
@@ -166,15 +208,14 @@ class SlamAgent(Agent):
 
     def on_pose(self, pose: Pose) -> None:
         """Begin at the first pose."""
-        state = self.latest(RobotState)
-        if self._start is None and state is not None and state.cycle == pose.cycle:
+        state, origin = self.latest(RobotState), self._origin
+        if origin.pose is None and state is not None and state.cycle == pose.cycle:
             here, odometry = np.array([pose.x, pose.y, pose.theta]), _odometry(state)
-            self._start = compose(here, relative(odometry, np.zeros(3)))
-            self._revision = pose.revision + 1  # another slam agent may have made a map before
-            self._map_change = MapMoved(self._revision)
-            if len(pose.covariance) == COVARIANCE and not len(self._slam.poses):
+            origin.pose = compose(here, relative(odometry, np.zeros(3)))
+            self._picture.revise(pose.revision + 1)  # another slam agent may have made a map before
+            if len(pose.covariance) == COVARIANCE and not len(self._slam.map):
                 # It was corrected, so there was another map.
-                self._start_covariance = np.array(pose.covariance)
+                origin.covariance = np.array(pose.covariance)
                 self.log(
                     f"a new map begins, at a pose that is known to +-{pose.deviation:.2f} m; what"
                     " was mapped before is lost",
@@ -187,13 +228,14 @@ class SlamAgent(Agent):
 
     def on_robot_state(self, state: RobotState) -> None:
         """Continue with an odometry that begins anew; take the scan of this cycle if it came."""
-        odometry, before = _odometry(state), self._odometry
-        if before is not None and self._start is not None and state.cycle.epoch != self._epoch:
+        odometry, origin = _odometry(state), self._origin
+        before = origin.odometry
+        if before is not None and origin.pose is not None and state.cycle.epoch != origin.epoch:
             was, now = before.tolist(), odometry.tolist()
             if was_reset((was[0], was[1], was[2]), (now[0], now[1], now[2])):
-                here = compose(self._start, before)
-                self._start = compose(here, relative(odometry, np.zeros(3)))
-        self._odometry, self._epoch = odometry, state.cycle.epoch
+                here = compose(origin.pose, before)
+                origin.pose = compose(here, relative(odometry, np.zeros(3)))
+        origin.odometry, origin.epoch = odometry, state.cycle.epoch
         self._match(self.latest(Scan))
 
     def on_scan(self, scan: Scan) -> None:
@@ -227,13 +269,13 @@ class SlamAgent(Agent):
 
     def _match(self, scan: Scan | None) -> None:
         """Take a cycle's scan once its odometry is there too, in either order."""
-        state = self.latest(RobotState)
-        if scan is None or state is None or scan.cycle != state.cycle or self._start is None:
+        state, start = self.latest(RobotState), self._origin.pose
+        if scan is None or state is None or scan.cycle != state.cycle or start is None:
             return
-        odometry = compose(self._start, _odometry(state))
-        self._matched = False
-        if scan.number != self._number:
-            self._number = scan.number
+        odometry = compose(start, _odometry(state))
+        self._newest.matched = False
+        if scan.number != self._newest.number:
+            self._newest.number = scan.number
             self._place(scan, odometry)
         self._go_on()
         self._publish(scan, odometry)
@@ -244,24 +286,20 @@ class SlamAgent(Agent):
             ranges, bearings = ranges_of(scan), bearings_of(scan)
         except ValueError:  # its bytes are no ranges
             return
-        update = self._slam.add(
-            self.now,
-            odometry,
-            ranges,
-            bearings,
-            origin=(scan.x, scan.y),
-            mapping=self.p.mapping,
-        )
+        slam, newest = self._slam, self._newest
+        mapping, origin = self.p.mapping, (scan.x, scan.y)
+        update = slam.add(self.now, odometry, ranges, bearings, origin=origin, mapping=mapping)
         if update is None:
             return
-        self._update, self._matched = update, update.matched
+        newest.update, newest.matched = update, update.matched
         if update.matched:
-            good = update.inliers >= self._slam.parameters.match_weak
-            self._weak = 0 if good else self._weak + 1
+            good = update.inliers >= slam.parameters.match_weak
+            newest.weak = 0 if good else newest.weak + 1
             self._report()
         self._forget()
         if update.key:
-            self._drawn_at = np.vstack([self._drawn_at[: len(self._slam.poses) - 1], update.pose])
+            before = self._picture.drawn_at[: len(slam.map) - 1]
+            self._picture.drawn_at = np.vstack([before, update.pose])
             self._keep(update.pose, scan, is_key=True)
         elif self.p.mapping and self._worth(update.pose):
             if len(self._drawn) >= self.p.drawn_scans:
@@ -271,84 +309,87 @@ class SlamAgent(Agent):
 
     def _keep(self, pose: Floats, scan: Scan, *, is_key: bool) -> None:
         """Keep a scan, and draw it if it is of the map."""
-        slam, key = self._slam, len(self._slam.poses) - 1
-        offset = relative(slam.poses[key], pose)
+        slam, key = self._slam, len(self._slam.map) - 1
+        offset = relative(slam.map.poses[key], pose)
         drawn = DrawnScan(key, offset, _without_dropouts(scan), is_key)
         self._drawn.append(drawn)
         if slam.lost:  # on a map that takes no more scans
             return
-        if slam.part[key] != self._part:
+        if slam.map.part[key] != self._picture.part:
             self._begin_part()
             return
-        self._draw(self._map, drawn, slam.poses)
-        if self._map.full:
+        self._draw(self._picture.mapper, drawn, slam.map.poses)
+        if self._picture.mapper.full:
             self._warn("the map has reached its largest size: what is beyond is omitted")
 
     def _worth(self, pose: Floats) -> bool:
         """Whether a scan is taken far enough from the newest one drawn, or at rest."""
         if not self._drawn:
             return True
-        step = relative(self._at(self._drawn[-1], self._slam.poses), pose)
+        step = relative(self._at(self._drawn[-1], self._slam.map.poses), pose)
         metres, turned = hypot(step[0], step[1]), abs(step[2])
         if metres >= self.p.drawn_distance or turned >= self.p.drawn_heading:
-            self._standing = 0
+            self._newest.standing = 0
             return True
         if max(metres, turned) > STANDING:
             return False
-        self._standing += 1
-        return self._standing < STANDING_SCANS
+        self._newest.standing += 1
+        return self._newest.standing < STANDING_SCANS
 
     def _publish(self, scan: Scan, odometry: Floats) -> None:
         """Publish where the odometry's origin lies, and the map now and then."""
-        if self._update is None or self._start is None or self._odometry is None:
+        origin, newest, picture = self._origin, self._newest, self._picture
+        if newest.update is None or origin.odometry is None:
             return
         pose = self._slam.pose_at(odometry)
-        at = compose(pose, relative(self._odometry, np.zeros(3)))
+        at = compose(pose, relative(origin.odometry, np.zeros(3)))
         lost = self._slam.lost
-        c = np.linalg.inv(UNKNOWN) if lost else self._update.near_covariance
-        upper = self._start_covariance + c[np.triu_indices(3)]
+        c = np.linalg.inv(UNKNOWN) if lost else newest.update.near_covariance
+        upper = origin.covariance + c[np.triu_indices(3)]
         sure = UNJOINED if not self._slam.located else 1.0
         x, y, theta = at.tolist()
-        if self._map_change is not None:
-            self.publish(self._map_change)
-            self._map_change = None
+        if picture.change is not None:
+            self.publish(picture.change)
+            picture.change = None
         self.publish(
             Correction(
                 scan.cycle,
                 *(x, y, theta),
                 covariance=tuple(np.clip(upper, -WIDEST, WIDEST).tolist()),
-                confidence=0.0 if lost or self._weak >= self.p.weak_scans else sure,
-                revision=self._revision,
+                confidence=0.0 if lost or newest.weak >= self.p.weak_scans else sure,
+                revision=picture.revision,
             )
         )
-        if self.now - self._published_at >= self.p.every_s:
-            self._published_at = self.now
+        if self.now - picture.published_at >= self.p.every_s:
+            picture.published_at = self.now
             self.publish(self._grid())
             self._publish_graph()
 
     def _publish_graph(self) -> None:
         """Publish the graph for observers, if it has changed or was published long ago."""
-        slam, mine = self._slam, self._slam.part == self._part  # of the map as it is published
+        scans, picture = self._slam.map, self._picture
+        mine = scans.part == picture.part  # of the map as it is published
         number = np.cumsum(mine) - 1
-        pairs = [(loop.start, loop.end) for loop in slam.loops]
+        pairs = [(loop.start, loop.end) for loop in scans.loops]
         loops = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         on = mine[loops].all(axis=1)
         graph = map_graphs.message_of(
-            self._revision,
-            slam.poses[mine],
+            picture.revision,
+            scans.poses[mine],
             number[loops[on]],
-            slam.switched_off[on],
+            scans.switched_off[on],
             self._doubts,
         )
-        if graph != self._shown or self.now - self._graph_at >= REPEATED_S:
-            self._shown, self._graph_at = graph, self.now
+        shown, at = self._shown
+        if graph != shown or self.now - at >= REPEATED_S:
+            self._shown = graph, self.now
             self.publish(graph)
 
     # Beside the cycles ----------------------------------------------------------------------------
 
     def _go_on(self) -> None:
         """Do a slice of what takes longer than a cycle."""
-        left = MATCH_WORK if self._matched else CYCLE_WORK
+        left = MATCH_WORK if self._newest.matched else CYCLE_WORK
         while left > 0:
             if self._work is None:
                 self._work = self._beside()
@@ -366,28 +407,30 @@ class SlamAgent(Agent):
 
     def _closing(self) -> Sliced[None]:
         """Search loops of the newest key scan; optimise and draw the map anew if they move it."""
-        poses = yield from self._slam.closing_loops()
-        if poses is None:
+        moved = yield from self._slam.closing_loops()
+        if moved is None:
             return
-        slam, (of, part) = self._slam, self._slam.joining
-        if part == self._part and (slam.lost or not self._moved(poses)):
+        slam, scans, picture = self._slam, self._slam.map, self._picture
+        of, part = moved.parts(int(scans.part[-1]))
+        if part == picture.part and (slam.lost or not self._moved(moved.poses)):
             if slam.lost:  # the pose moves, the map does not
-                self._revision += 1
-                self._map_change = MapMoved(self._revision)
-            slam.adopt(poses)
-            self._forget()
+                picture.revise(picture.revision + 1)
+            self._adopt(moved)
             self._report()
             return
         mapper = new_mapper()
         for one in self._drawn:  # with those that are added meanwhile
-            if slam.part[one.key] in of:
-                self._draw(mapper, one, self._later(poses))
+            if scans.part[one.key] in of:
+                self._draw(mapper, one, scans.later(moved.poses))
                 yield DRAW_WORK * _metres(one.scan)
-        shown = np.flatnonzero(slam.part == self._part)
-        slam.adopt(poses)
-        self._forget()
+        shown = np.flatnonzero(scans.part == self._picture.part)
+        self._adopt(moved)
         self._begin(mapper, part, shown)
         self._report()
+
+    def _adopt(self, moved: Moved) -> None:
+        self._slam.adopt(moved)
+        self._forget()
 
     def _begin(self, mapper: Mapper, part: int, shown: Indices | None = None) -> None:
         """Go on with another picture of the map, which is published at once.
@@ -397,26 +440,25 @@ class SlamAgent(Agent):
             part: Of the graph that it shows.
             shown: The key scans of the picture before, which have moved.
         """
-        before, after = self._drawn_at, self._slam.poses
+        old, after = self._picture, self._slam.map.poses
         shown = np.zeros(0, dtype=np.intp) if shown is None else shown
-        kept = shown[shown < min(len(before), len(after))]
-        self._revision += 1
-        self._map_change = map_moved(self._revision, before[kept], after[kept])
-        self._map, self._part, self._drawn_at = mapper, part, after.copy()
-        self._published_at = float("-inf")
+        kept = shown[shown < min(len(old.drawn_at), len(after))]
+        revision = old.revision + 1
+        change = map_moved(revision, old.drawn_at[kept], after[kept])
+        self._picture = Picture(mapper, old.map_id, part, after.copy(), revision, change)
 
     def _begin_part(self) -> None:
         """Draw only the part of the map that has begun: its place on the rest is unknown."""
-        slam, mapper = self._slam, new_mapper()
-        part = int(slam.part[-1])
+        scans, mapper = self._slam.map, new_mapper()
+        part = int(scans.part[-1])
         for one in self._drawn:
-            if slam.part[one.key] == part:
-                self._draw(mapper, one, slam.poses)
+            if scans.part[one.key] == part:
+                self._draw(mapper, one, scans.poses)
         self._begin(mapper, part)
 
     def _forget(self) -> None:
         """Drop the scans of key scans that are no longer kept."""
-        while self._drawn and self._drawn[-1].key >= len(self._slam.poses):
+        while self._drawn and self._drawn[-1].key >= len(self._slam.map):
             self._drawn.pop()
 
     # Saving and loading ---------------------------------------------------------------------------
@@ -439,30 +481,26 @@ class SlamAgent(Agent):
                 self._draw(mapper, one, graph.poses, graph.body)
                 yield DRAW_WORK * _metres(one.scan)
         slam.restore(graph, clouds)
-        self._slam, self._drawn, self._update = slam, list(graph.scans), None
-        self._standing = self._weak = self._carried = self._relocations = 0
-        self._uncertain = False
-        self._map_id, self._start_covariance = self.rng.getrandbits(63), np.zeros(COVARIANCE)
+        self._slam, self._drawn = slam, list(graph.scans)
+        self._newest, self._reported = Newest(self._newest.number), Reported()
+        self._picture.map_id = self.rng.getrandbits(63)
+        self._origin.covariance = np.zeros(COVARIANCE)
         self._begin(mapper, 0)
         self.log(f"map of {len(clouds)} key scans: the robot's place on it is sought")
 
-    def _later(self, poses: Floats) -> Floats:
-        """The poses of all key scans once these are adopted."""
-        old, count = self._slam.poses, len(poses)
-        step = relative(old[count - 1], old[count:])
-        return np.vstack([poses, compose(poses[-1], step)])
-
     def _moved(self, poses: Floats) -> bool:
         """Whether the map has to be drawn anew: a key scan is off by half a cell."""
-        count = min(len(poses), len(self._drawn_at))
-        off = poses[:count] - self._drawn_at[:count]
+        drawn_at = self._picture.drawn_at
+        count = min(len(poses), len(drawn_at))
+        off = poses[:count] - drawn_at[:count]
         far = np.hypot(off[:, 0], off[:, 1]) > MOVED_M
         return bool((far | (np.abs(wrapped(off[:, 2])) > MOVED_RAD)).any())
 
     # The map --------------------------------------------------------------------------------------
 
     def _grid(self) -> OccupancyGrid:
-        return grid_map.message_of(self._map.cells(), self._revision, self._map_id)
+        shown = self._picture
+        return grid_map.message_of(shown.mapper.cells(), shown.revision, shown.map_id)
 
     @property
     def _footprint(self) -> Footprint | None:
@@ -482,20 +520,21 @@ class SlamAgent(Agent):
     def _doubts(self) -> str:
         """Why the map may be wrong; empty while too little is known."""
         slam = self._slam
-        return slam.uncertain if slam.carried or slam.settled >= SETTLED else ""
+        settled = np.count_nonzero(slam.map.present) >= SETTLED
+        return slam.uncertain if slam.evidence.carried or settled else ""
 
     def _report(self) -> None:
         """Log once if the map may be wrong."""
-        slam = self._slam
-        if slam.relocations > self._relocations:
-            self._relocations, self._uncertain = slam.relocations, False
+        slam, evidence, reported = self._slam, self._slam.evidence, self._reported
+        if evidence.relocations > reported.relocations:
+            reported.relocations, reported.uncertain = evidence.relocations, False
             x, y, _ = slam.matched_pose.tolist()
             self.log(f"the robot's place on the map is found: ({x:.2f}, {y:.2f})")
-        if len(slam.carried) > self._carried:
-            self._carried, self._uncertain = len(slam.carried), True
+        if len(evidence.carried) > reported.carried:
+            reported.carried, reported.uncertain = len(evidence.carried), True
             self.log("the robot was carried: a new part of the map begins", WARNING)
-        elif (doubts := self._doubts) and not self._uncertain:
-            self._uncertain = True
+        elif (doubts := self._doubts) and not reported.uncertain:
+            reported.uncertain = True
             self.log(f"the map may be wrong: {doubts}", WARNING)
 
     def _warn(self, text: str) -> None:

@@ -17,14 +17,15 @@ error of each key scan's place is accumulated from the first one along the sures
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from heapq import heappop, heappush
 from math import hypot
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.pose_graph import Edge
 from armadico.agents.slam.poses import (
     Floats,
@@ -50,8 +51,7 @@ ACROSS_M: Final = 0.75
 """Cells beside each other within so much across the wall count once in its length."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ConsistencyParameters:
+class ConsistencyParameters(Struct, frozen=True, kw_only=True):
     """What counts as a contradiction.
 
     Chosen on intel, intel-dense, seattle, edmonton, acapulco, freiburg-079 and parts of two more
@@ -59,20 +59,20 @@ class ConsistencyParameters:
     rad/m without their loops have one of 3.25 m at least, and a folded log of corridors of 11 m.
     """
 
-    cell: float = 0.25  # m
-    reach: float = 12.0  # m, of rays that count
-    before: float = 0.5  # m of a ray at the scanner that are not used
-    beyond: float = 1.5  # m that a ray must go on behind a wall
-    steep: float = 0.5  # sine of the angle between ray and wall, at least
-    scans: int = 3  # of a visit, that agree
-    visit_way: float = 8.0  # m of way that separate two visits
-    linked: float = 1.0  # m between cells of one place
-    length: float = 3.0  # m of wall, from which a place is doubtful
+    cell: Positive = 0.25  # m
+    reach: Positive = 12.0  # m, of rays that count
+    before: Positive = 0.5  # m of a ray at the scanner that are not used
+    beyond: Positive = 1.5  # m that a ray must go on behind a wall
+    steep: Positive = 0.5  # sine of the angle between ray and wall, at least
+    scans: Count = 3  # of a visit, that agree
+    visit_way: Positive = 8.0  # m of way that separate two visits
+    linked: Positive = 1.0  # m between cells of one place
+    length: Positive = 3.0  # m of wall, from which a place is doubtful
     # A place of the graph is doubtful if it is known less well than this, m, over such a way, m.
     # Weak matches make the deviation 5 to 20 times too large where scans are 1 m apart (acapulco:
     # 9 m over 157 m, of a map that is right to 0.2 m). The folded corridors have 40 m over 947 m.
-    deviation: float = 3.0
-    chain: float = 200.0
+    deviation: Positive = 3.0
+    chain: Positive = 200.0
 
 
 class Contradiction(NamedTuple):

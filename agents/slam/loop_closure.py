@@ -12,13 +12,14 @@ kernel of the pose graph switches it off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from math import hypot
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
+from msgspec import Struct
 
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.poses import (
     Floats,
     compose,
@@ -47,30 +48,29 @@ ICP_WORK: Final = 350
 """Work of a point that is moved towards its line, in all rounds."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LoopParameters:
+class LoopParameters(Struct, frozen=True, kw_only=True):
     """Names as in slam_toolbox where it has the parameter."""
 
-    loop_search_minimum_distance: float = 1.5  # m, the radius of a pose that is known well
-    loop_search_deviations: float = 3.0  # standard deviations that are added to it
-    loop_search_share: float = 0.02  # of the way since the last loop, that is added at least
-    loop_search_maximum_distance: float = 5.0  # m
-    loop_search_angle: float = 0.6  # rad, and less for a pose that is known well:
-    loop_search_angle_sure: float = 0.35
-    loop_minimum_way: float = 8.0  # m between the two visits (loop_match_minimum_chain_size)
-    loop_chain: int = 6  # scans of the old visit before and after the nearest,
-    loop_chain_way: float = 6.0  # and no farther along the way, m
-    loop_scans: int = 4  # of the present visit
-    loop_places: int = 2  # that are tried for each scan
-    loop_match_minimum_response_fine: float = 0.45
-    loop_minimum_inliers: float = 0.5
-    loop_maximum_spread: float = 0.6  # m, to a rival
-    loop_minimum_information: float = 50.0  # smallest eigenvalue: fails in a bare corridor
-    loop_support: int = 3  # that agree, for a loop that moves the pose by more than
-    loop_near: float = 0.25  # m or
-    loop_near_angle: float = 0.06  # rad
-    loop_support_way: float = 1.0  # m that those must span,
-    loop_memory: float = 12.0  # and within which they must come
+    loop_search_minimum_distance: Positive = 1.5  # m, the radius of a pose that is known well
+    loop_search_deviations: Positive = 3.0  # standard deviations that are added to it
+    loop_search_share: Positive = 0.02  # of the way since the last loop, that is added at least
+    loop_search_maximum_distance: Positive = 5.0  # m
+    loop_search_angle: Positive = 0.6  # rad, and less for a pose that is known well:
+    loop_search_angle_sure: Positive = 0.35
+    loop_minimum_way: Positive = 8.0  # m between the two visits (loop_match_minimum_chain_size)
+    loop_chain: Count = 6  # scans of the old visit before and after the nearest,
+    loop_chain_way: Positive = 6.0  # and no farther along the way, m
+    loop_scans: Count = 4  # of the present visit
+    loop_places: Count = 2  # that are tried for each scan
+    loop_match_minimum_response_fine: Positive = 0.45
+    loop_minimum_inliers: Positive = 0.5
+    loop_maximum_spread: Positive = 0.6  # m, to a rival
+    loop_minimum_information: Positive = 50.0  # smallest eigenvalue: fails in a bare corridor
+    loop_support: Count = 3  # that agree, for a loop that moves the pose by more than
+    loop_near: Positive = 0.25  # m or
+    loop_near_angle: Positive = 0.06  # rad
+    loop_support_way: Positive = 1.0  # m that those must span,
+    loop_memory: Positive = 12.0  # and within which they must come
 
 
 class Loop(NamedTuple):
@@ -241,6 +241,10 @@ def _agree(track: Trajectory, a: Loop, b: Loop) -> bool:
     """Whether the circle over two loops and the ways between them closes."""
     there = compose(a.pose, relative(track.poses[a.end], track.poses[b.end]))
     here = compose(relative(track.poses[a.start], track.poses[b.start]), b.pose)
-    off = relative(there, here)
-    tolerance = 0.2 + 0.02 * abs(track.way[a.end] - track.way[b.end])
-    return hypot(off[0], off[1]) < tolerance and abs(float(off[2])) < 0.05
+    return agree(there, here, track.way[a.end] - track.way[b.end], 0.05)
+
+
+def agree(one: Floats, other: Floats, way: float, angle: float) -> bool:
+    """Whether two poses are one, within an angle (rad) and what the odometry errs over a way, m."""
+    off = relative(one, other)
+    return hypot(off[0], off[1]) < 0.2 + 0.02 * abs(way) and abs(float(off[2])) < angle

@@ -7,12 +7,13 @@ forgetting, the random one as a factor on the standard deviations that are assum
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import hypot
 from typing import Final
 
 import numpy as np
+from msgspec import Struct
 
+from armadico.agents.slam.parameters import Positive
 from armadico.agents.slam.poses import Floats, wrapped
 from armadico.agents.slam.scan_matching import Prior
 
@@ -27,21 +28,20 @@ CLEAR: Final = 4.0
 """A larger squared error, in standard deviations, is a wrong match and teaches nothing."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class OdometryParameters:
+class OdometryParameters(Struct, frozen=True, kw_only=True):
     """Standard deviations of a step, and how they are adapted."""
 
-    translation_noise: float = 0.05  # m, of any step,
-    translation_from_translation: float = 0.25  # of the way,
-    translation_from_rotation: float = 0.05  # m/rad
-    rotation_noise: float = 0.03  # rad,
-    rotation_from_rotation: float = 0.25  # of the turn,
-    rotation_from_translation: float = 0.08  # rad/m
+    translation_noise: Positive = 0.05  # m, of any step,
+    translation_from_translation: Positive = 0.25  # of the way,
+    translation_from_rotation: Positive = 0.05  # m/rad
+    rotation_noise: Positive = 0.03  # rad,
+    rotation_from_rotation: Positive = 0.25  # of the turn,
+    rotation_from_translation: Positive = 0.08  # rad/m
     adapt: bool = True
-    memory: float = 40.0  # steps that the estimate goes back
-    least_factor: float = 0.3  # of the standard deviations
-    most_factor: float = 1.0
-    margin: float = 1.5  # on the measured deviation
+    memory: Positive = 40.0  # steps that the estimate goes back
+    least_factor: Positive = 0.3  # of the standard deviations
+    most_factor: Positive = 1.0
+    margin: Positive = 1.5  # on the measured deviation
 
 
 class OdometryModel:

@@ -18,8 +18,10 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.poses import Floats, relative, wrapped
 from armadico.agents.slam.slices import Sliced, finished
 
@@ -60,16 +62,15 @@ class Kernel(Enum):
         return np.minimum(1.0, 2.0 * scale / (scale + chi2)) ** 2
 
 
-@dataclass(frozen=True, kw_only=True)
-class GraphParameters:
+class GraphParameters(Struct, frozen=True, kw_only=True):
     """How a graph is optimised."""
 
     loss: Kernel = Kernel.DCS  # ceres_loss_function
-    loss_scale: float = 5.0  # in squared standard deviations
-    rounds: int = 20  # max_num_iterations
-    damping: float = 1e-6
-    step: float = 1e-4  # a smaller step ends it, m and rad
-    gain: float = 1e-5  # a smaller relative gain ends it
+    loss_scale: Positive = 5.0  # in squared standard deviations
+    rounds: Count = 20  # max_num_iterations
+    damping: Positive = 1e-6
+    step: Positive = 1e-4  # a smaller step ends it, m and rad
+    gain: Positive = 1e-5  # a smaller relative gain ends it
 
 
 class Edge(NamedTuple):

@@ -11,14 +11,15 @@ One search is not trusted. Several must agree with each other while the robot dr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import hypot, pi
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.agents.slam.loop_closure import FIELD_WORK, ICP_WORK
+from armadico.agents.slam.loop_closure import FIELD_WORK, ICP_WORK, agree
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.poses import (
     Floats,
     compose,
@@ -39,7 +40,6 @@ from armadico.agents.slam.scan_matching import (
     in_world,
     point_to_line,
     seen_through,
-    split,
     voxel_filtered,
 )
 from armadico.agents.slam.slices import Sliced
@@ -57,31 +57,30 @@ MOST_CELLS: Final = 1500
 """Cells along a side of the field, at most: larger maps get larger cells."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RelocationParameters:
+class RelocationParameters(Struct, frozen=True, kw_only=True):
     """Of the search and of what is accepted."""
 
-    resolution: float = 0.1  # m, of the coarse field
-    smear_deviation: float = 0.15  # m
-    smear_radius: float = 0.4  # m
-    depth: int = 5  # of branch and bound
-    angle_resolution: float = 0.025  # rad
-    scans: int = 12  # newest key scans that are matched together,
-    way: float = 6.0  # m; they go back at most so far
-    points: int = 250  # that are scored
-    distance: float = 3.0  # m; the robot is sought so near to a place where it has been
-    minimum_score: float = 0.45  # on the coarse field
-    similar: float = 0.8  # places with this share of the best score are compared
-    places: int = 8  # that are compared, at most
-    apart: float = 0.6  # m or
-    apart_angle: float = 0.4  # rad between two places
-    near_scans: int = 30  # key scans that a place is judged by
-    minimum_inliers: float = 0.6
-    maximum_through: float = 0.1
-    minimum_information: float = 50.0  # smallest eigenvalue: fails in a bare corridor
-    rival: float = 0.85  # share of the best place's quality; a worse place is no rival
-    support: int = 3  # searches that agree,
-    support_way: float = 1.0  # over so many m; a turn of 1 rad counts as 0.5 m
+    resolution: Positive = 0.1  # m, of the coarse field
+    smear_deviation: Positive = 0.15  # m
+    smear_radius: Positive = 0.4  # m
+    depth: Count = 5  # of branch and bound
+    angle_resolution: Positive = 0.025  # rad
+    scans: Count = 12  # newest key scans that are matched together,
+    way: Positive = 6.0  # m; they go back at most so far
+    points: Count = 250  # that are scored
+    distance: Positive = 3.0  # m; the robot is sought so near to a place where it has been
+    minimum_score: Positive = 0.45  # on the coarse field
+    similar: Positive = 0.8  # places with this share of the best score are compared
+    places: Count = 8  # that are compared, at most
+    apart: Positive = 0.6  # m or
+    apart_angle: Positive = 0.4  # rad between two places
+    near_scans: Count = 30  # key scans that a place is judged by
+    minimum_inliers: Positive = 0.6
+    maximum_through: Positive = 0.1
+    minimum_information: Positive = 50.0  # smallest eigenvalue: fails in a bare corridor
+    rival: Positive = 0.85  # share of the best place's quality; a worse place is no rival
+    support: Count = 3  # searches that agree,
+    support_way: Positive = 1.0  # over so many m; a turn of 1 rad counts as 0.5 m
 
 
 class Recognised(NamedTuple):
@@ -174,11 +173,7 @@ class WholeMap:
         middle = field.size // 2
         centre = field.corner + (middle + 0.5) * field.resolution
         headings = np.arange(-pi, pi, p.angle_resolution)
-        cells = np.stack(
-            [field.cells(transformed(np.array([*centre, h]), points)) for h in headings]
-        )
-
-        tree = Tree(field, self.levels, cells)
+        tree = Tree(field, self.levels, points, centre, headings)
 
         def possible(height: int, at: Indices) -> Indices:
             allowed = self.allowed[height]
@@ -187,21 +182,12 @@ class WholeMap:
 
         step = 1 << p.depth
         offsets = np.arange(-(middle // step) * step, field.size - middle, step)
-        grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
-        nodes = possible(p.depth, np.stack([axis.ravel() for axis in grid]))
-        scores = yield from tree.score(p.depth, nodes)
-        best = yield from tree.dive(nodes, scores, p.depth)
-        bound = max(p.minimum_score, p.similar * best)
-        for height in range(p.depth - 1, -1, -1):
-            nodes = nodes[:, scores >= bound]
-            if nodes.shape[1] > MOST_NODES // 4:
-                return None
-            nodes = possible(height, split(nodes, height))
-            if not nodes.shape[1]:
-                return []
-            scores = yield from tree.score(height, nodes)
-        kept = scores >= bound
-        nodes, scores = nodes[:, kept], scores[kept]
+        best = yield from tree.search(
+            offsets, p.minimum_score, p.similar, possible, MOST_NODES // 4
+        )
+        if best is None:
+            return None
+        nodes, scores = best
         found: list[tuple[Floats, float]] = []
         left = np.argsort(-scores, kind="stable")
         while len(left) and len(found) <= p.places:
@@ -327,9 +313,7 @@ class Relocator:
 
 def _agree(a: tuple[Recognised, Floats, float], b: tuple[Recognised, Floats, float]) -> bool:
     """Whether two places lie to each other on the map as in the robot's part."""
-    off = relative(relative(a[0].pose, b[0].pose), relative(a[1], b[1]))
-    tolerance = 0.2 + 0.02 * abs(a[2] - b[2])
-    return hypot(off[0], off[1]) < tolerance and abs(float(off[2])) < 0.08
+    return agree(relative(a[0].pose, b[0].pose), relative(a[1], b[1]), a[2] - b[2], 0.08)
 
 
 def _dilated(cells: NDArray[np.bool_], by: int, axis: int) -> NDArray[np.bool_]:

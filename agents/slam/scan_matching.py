@@ -8,14 +8,16 @@ nearest points and returns its information (Censi, 2008).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cache
 from math import ceil
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
+from armadico.agents.slam.parameters import Count, Positive
 from armadico.agents.slam.poses import Floats, transformed, turned, wrapped
 from armadico.agents.slam.slices import Sliced
 
@@ -41,24 +43,25 @@ LEVEL_WORK: Final = 1
 """Work of a cell of a level of the pyramid, in look-ups (`slices`)."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class MatcherParameters:
+class MatcherParameters(Struct, frozen=True, kw_only=True):
     """Names as in slam_toolbox, else as in Cartographer, where these have the parameter."""
 
-    resolution: float = 0.05  # m, of the likelihood field
-    smear_deviation: float = 0.10  # m (correlation_search_space_smear_deviation)
-    smear_radius: float = 0.3  # m; farther from a point the field is zero
-    voxel_filter_size: float = 0.1  # m; one point per cell is scored
-    voxel_filter_points: int = 200  # points that are scored, at most
-    coarse_angle_resolution: float = 0.02  # rad
-    fine_angle_resolution: float = 0.02 / 3
-    variance_penalty: float = 0.02  # of the score, for one squared standard deviation of the guess
-    branch_and_bound_depth: int = 4
-    ambiguity_share: float = 0.93  # poses with this share of the best score are alternatives
-    range_deviation: float = 0.03  # m, of a point from its line
-    inlier_distance: float = 0.1  # m; a point so near to a line fits
-    correlation: float = 10.0  # rays are not independent: this many count as one
-    rounds: int = 8
+    resolution: Positive = 0.05  # m, of the likelihood field
+    smear_deviation: Positive = 0.10  # m (correlation_search_space_smear_deviation)
+    smear_radius: Positive = 0.3  # m; farther from a point the field is zero
+    voxel_filter_size: Positive = 0.1  # m; one point per cell is scored
+    voxel_filter_points: Count = 200  # points that are scored, at most
+    coarse_angle_resolution: Positive = 0.02  # rad
+    fine_angle_resolution: Positive = 0.02 / 3
+    variance_penalty: Positive = (
+        0.02  # of the score, for one squared standard deviation of the guess
+    )
+    branch_and_bound_depth: Count = 4
+    ambiguity_share: Positive = 0.93  # poses with this share of the best score are alternatives
+    range_deviation: Positive = 0.03  # m, of a point from its line
+    inlier_distance: Positive = 0.1  # m; a point so near to a line fits
+    correlation: Positive = 10.0  # rays are not independent: this many count as one
+    rounds: Count = 8
 
 
 class PointCloud(NamedTuple):
@@ -433,26 +436,13 @@ def branch_and_bound(
     levels = yield from field.pyramid(depth)
     turns = int(window.half_angle / p.coarse_angle_resolution)
     headings = guess[2] + np.arange(-turns, turns + 1) * p.coarse_angle_resolution
-    cells = np.stack(
-        [field.cells(transformed(np.array([*guess[:2], h]), points)) for h in headings]
-    )
-    tree = Tree(field, levels, cells)
+    tree = Tree(field, levels, points, guess, headings)
     reach = int(window.half / cell)
     offsets = np.arange(-reach, reach + 1, 1 << depth)
-    grid = np.meshgrid(np.arange(len(headings)), offsets, offsets, indexing="ij")
-    nodes = np.stack([axis.ravel() for axis in grid])  # (3, c): heading, column, row
-    scores = yield from tree.score(depth, nodes)
-    bound = max(min_score, p.ambiguity_share * (yield from tree.dive(nodes, scores, depth)))
-    for height in range(depth - 1, -1, -1):
-        nodes = nodes[:, scores >= bound]
-        if not nodes.shape[1]:
-            return None
-        nodes = split(nodes, height)
-        scores = yield from tree.score(height, nodes)
-    kept = scores >= bound
-    if not kept.any():
+    found = yield from tree.search(offsets, min_score, p.ambiguity_share)
+    if found is None or not len(found[1]):
         return None
-    nodes, scores = nodes[:, kept], scores[kept]
+    nodes, scores = found
     best = int(np.argmax(scores))
     heading, column, row = nodes[:, best]
     spread = float(np.hypot(nodes[1] - column, nodes[2] - row).max()) * cell
@@ -468,13 +458,56 @@ def split(nodes: Indices, height: int) -> Indices:
 
 
 class Tree:
-    """Scores nodes: the mean of a level of the pyramid at a scan's cells, turned and shifted."""
+    """Branch and bound over nodes (3, c): heading, and shift by columns and rows.
 
-    def __init__(self, field: LikelihoodField, levels: list[Field], cells: Indices) -> None:
-        """Prepare for the cells (h, n, 2) of n points at each of h headings."""
+    A node's score is the mean of a level of the pyramid at a scan's cells, turned and shifted.
+    """
+
+    def __init__(
+        self,
+        field: LikelihoodField,
+        levels: list[Field],
+        points: Floats,
+        middle: Floats,
+        headings: Floats,
+    ) -> None:
+        """Prepare for points (n, 2) that are turned at a place by each heading, rad."""
+        places = [np.array([middle[0], middle[1], heading]) for heading in headings]
+        cells = np.stack([field.cells(transformed(place, points)) for place in places])
         self._size, self._levels, self._cells = field.size, levels, cells
         self._flat = (cells[:, :, 1] * field.size + cells[:, :, 0]).astype(np.int32)
         self._low, self._high = cells.min(axis=(0, 1)), cells.max(axis=(0, 1))
+
+    def search(
+        self,
+        offsets: Indices,
+        least: float,
+        share: float,
+        possible: Callable[[int, Indices], Indices] = lambda _, nodes: nodes,
+        most: int | None = None,
+    ) -> Sliced[tuple[Indices, Floats] | None]:
+        """The nodes of single cells with a score near the best one, and these; None: too many.
+
+        Args:
+            offsets: Columns and rows of the nodes to begin with, which are squares.
+            least: Of the score.
+            share: Of the best score that is near it.
+            possible: Which nodes of a level are considered.
+            most: Nodes that are split at once; None: all.
+        """
+        depth = len(self._levels) - 1
+        grid = np.meshgrid(np.arange(len(self._cells)), offsets, offsets, indexing="ij")
+        nodes = possible(depth, np.stack([axis.ravel() for axis in grid]))
+        scores = yield from self.score(depth, nodes)
+        bound = max(least, share * (yield from self.dive(nodes, scores, depth)))
+        for height in range(depth - 1, -1, -1):
+            nodes = nodes[:, scores >= bound]
+            if most is not None and nodes.shape[1] > most:
+                return None
+            nodes = possible(height, split(nodes, height))
+            scores = yield from self.score(height, nodes)
+        kept = scores >= bound
+        return nodes[:, kept], scores[kept]
 
     def score(self, height: int, nodes: Indices) -> Sliced[Floats]:
         """(c,) the scores of nodes of a level."""

@@ -29,12 +29,17 @@ def known_fields(kind: type, path: Sequence[str | int]) -> list[str]:
 
 
 def choices(kind: type, path: Sequence[str | int]) -> list[str]:
-    """The values of the `Literal` field at a path within `kind`."""
+    """The values of the `Literal` or `Enum` field at a path within `kind`."""
     node = _shape(kind)
     for step in path:
         node = _below(node, step)
-    literals = [option for option in _options(node) if isinstance(option, inspect.LiteralType)]
-    return [str(value) for literal in literals for value in literal.values]
+    found: list[Any] = []
+    for option in _options(node):
+        if isinstance(option, inspect.LiteralType):
+            found += option.values
+        elif isinstance(option, inspect.EnumType):
+            found += [each.value for each in option.cls]
+    return [str(value) for value in found]
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, wraps
+from functools import cached_property, update_wrapper
 from inspect import Parameter, Signature, signature
 from io import BytesIO
 from math import inf
@@ -130,20 +130,20 @@ def _keywords(
     """Give a function the fields of `Call` as keyword arguments, for type checkers as well."""
 
     def decorate(run: Callable[[Given, Call], Run]) -> Callable[Concatenate[Given, P], Run]:
-        @wraps(run)
         def called(scenario: Given, *args: P.args, **options: P.kwargs) -> Run:
             return run(scenario, made(*args, **options))
 
+        update_wrapper(called, run)
         first = Parameter("scenario", Parameter.POSITIONAL_OR_KEYWORD, annotation=Given)
         fields = signature(made).parameters.values()
         called.__signature__ = Signature((first, *fields))  # type: ignore[attr-defined]
-        return called
+        return called  # type: ignore[return-value] # `scenario` can also be a keyword
 
     return decorate
 
 
 @_keywords(Call)
-def run(scenario: Given, call: Call) -> Run:  # noqa: D417 - the fields of Call
+def run(scenario: Given, call: Call) -> Run:
     """Drive one scenario from start to goal, as `armadico run` does, without output.
 
         done = armadico.run("sc4", virtual=True, seed=7)
@@ -158,8 +158,10 @@ def run(scenario: Given, call: Call) -> Run:  # noqa: D417 - the fields of Call
     A goal that is not reached is not an error: `measures.reached` is False. It is None if nobody
     knows, as on a real robot. `measures.judgement` is yes, no or unknown, with the reason.
 
-    Args:
-        scenario: A shipped scenario's name, a TOML file, or a `Scenario`.
+    `scenario` is a shipped scenario's name, a TOML file, or a `Scenario`. The fields of `Call` are
+    keyword arguments:
+
+    Options:
         virtual: Under a virtual clock, or as processes.
         seed: Seed of random numbers; by default the scenario's.
         start: Start pose (x, y, theta) in m, m, rad; by default the scenario's.
@@ -201,7 +203,9 @@ def run(scenario: Given, call: Call) -> Run:  # noqa: D417 - the fields of Call
         raise ValueError("robot, namespace and connect are for live runs; leave out virtual=True")
     if call.joins and not call.virtual:
         raise ValueError("joins is for virtual runs; processes are found by their entry points")
-    _check_types(call)
+    _check_types(
+        **{name: getattr(call, name) for name in ("seed", "limit", "start", "goal", "joins")}
+    )
     display = _display() if call.show else None
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     options = Options.of(call, given.seed if call.seed is None else call.seed)
@@ -227,11 +231,10 @@ def run(scenario: Given, call: Call) -> Run:  # noqa: D417 - the fields of Call
     return _shown(Run.of(chosen, live.watch, warnings), display)
 
 
-def _check_types(call: Call) -> None:
+def _check_types(
+    *, seed: object, limit: object, start: object, goal: object, joins: object
+) -> None:
     """Raises TypeError or ValueError that names the argument, its value and what is right."""
-    seed: object = call.seed
-    limit: object = call.limit
-    joins: object = call.joins
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral)):
         raise TypeError(f"seed={seed!r}: expected an integer, such as 7")
     if isinstance(seed, Integral) and not 0 <= int(seed) < SEEDS:
@@ -241,7 +244,7 @@ def _check_types(call: Call) -> None:
             raise TypeError(f"limit={limit!r}: expected a number of seconds, such as 60")
         if not 0.0 < limit < inf:
             raise ValueError(f"limit={limit!r}: expected more than 0 seconds, and finite")
-    for name, pose in (("start", call.start), ("goal", call.goal)):
+    for name, pose in (("start", start), ("goal", goal)):
         if pose is None:
             continue
         parts = () if isinstance(pose, str) or not isinstance(pose, Iterable) else tuple(pose)

@@ -17,7 +17,6 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import PROTOCOL, Card, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S, Kind, service_at, service_of
-from armadico.mobile.behaviour import LOST_M
 from armadico.observe.findings import (
     NOTHING,
     UP,
@@ -27,7 +26,7 @@ from armadico.observe.findings import (
     fine,
     open_question,
 )
-from armadico.observe.standing import standing
+from armadico.observe.standing import lost, standing, starts
 from armadico.observe.view import WINDOW_S, View, agent_of
 
 SKEW_S: Final = 2.0
@@ -172,8 +171,7 @@ def _nobody(case: _Case) -> Iterator[Finding]:
     if case.age_s < SEEN_S:
         yield _young(Sort.ABSENT, "", case)
     elif case.demand.hosts or case.view.gone:
-        starts = [f"`armadico up --host {host}`" for host in case.demand.hosts]
-        todo = f"{' and '.join(starts)} starts them" if starts else UP
+        todo = "; ".join(map(starts, case.demand.hosts)) or UP
         yield Finding(Sort.ABSENT, "", "No agent is alive.", todo)
     else:
         yield open_question(Sort.ABSENT, "", "No agent is alive, so nothing can be checked.", UP)
@@ -196,13 +194,12 @@ def _hosts(case: _Case) -> Iterator[Finding]:
     """Hosts by the network: the agents that are alive and answer there."""
     for host in case.hosts:
         wanted = case.demand.hosts.get(host.name, ())
-        starts = f"`armadico up --host {host.name}`, run there with its host table, starts them"
         switched = f"check that {host.name} is switched on, not paused, and connected"
         if host.lacks and not host.agents:
             away = sorted(case.view.names & set(wanted))
             what = f"No agent on {host.name} is alive; it should run {', '.join(wanted)}"
             what += f" ({', '.join(away)} runs elsewhere)." if away else "."
-            finding = Finding(Sort.HOST, host.name, what, f"{switched}; {starts}")
+            finding = Finding(Sort.HOST, host.name, what, f"{switched}; {starts(host.name)}")
             yield finding if case.age_s >= SEEN_S else _young(Sort.HOST, host.name, case)
         elif len(host.silent) == len(host.agents) > 1:
             what = f"No agent on {host.name} answers ({', '.join(host.agents)}): it is paused,"
@@ -395,10 +392,8 @@ def _pose(case: _Case) -> Iterator[Finding]:
     if not pose.covariance:
         todo = "an agent that localizes on a map makes it known"
         yield fine(Sort.POSE, "", "The pose is from odometry alone; its error grows.", todo)
-    elif pose.deviation > LOST_M:
-        todo = "wait until an agent has localized it; check that it is within the map"
-        what = f"The robot is lost: {case.view.pose_text(case.now)}."
-        yield Finding(Sort.LOST, "", what, todo)
+    elif (where := lost(case.view, case.now)) is not None:
+        yield where
     else:
         yield fine(Sort.POSE, "", f"The pose is known: {case.view.pose_text(case.now)}.")
 

@@ -219,8 +219,8 @@ class _Chain:
         bid = view.bid(driver, WHEELS.name)
         if any(abs(each) > RESTS for each in wanted):
             return self._held_up(name)
-        if self._is_lost():
-            return self._lost()
+        if (where := self._lost()) is not None:
+            return where
         if (stood := self.now - (view.rests_since or self.now)) < STARTS_S:
             what = f"{name} drives; the robot has stood for only {stood:.1f} s."
             return self.end(Sort.STARTING, name, what)
@@ -284,8 +284,9 @@ class _Chain:
             return cause(Sort.UNSOUND, name, f"{name}: {bid.reason}", todo)
         if not (key := bid.lacks):
             return None
-        if key == service_of(Pose).key and self._is_lost() and not self.silent(key):
-            return self._lost()
+        known = key == service_of(Pose).key and not self.silent(key)
+        if known and (where := self._lost()) is not None:
+            return where
         return self._just_received(key, instance) or self.lacking(key, instance)
 
     def _just_received(self, key: str, instance: str) -> Finding | None:
@@ -374,14 +375,12 @@ class _Chain:
                 return f"{card.name} declares {differing[0]}, {owner.name} {differing[1]}."
         return ""
 
-    def _is_lost(self) -> bool:
-        pose = self.view.pose
-        return pose is not None and pose.deviation > LOST_M
-
-    def _lost(self) -> Finding:
-        where = self.view.pose_text(self.now)
-        todo = "wait until an agent has localized it; check that it is within the map"
-        return self.end(Sort.LOST, "", f"The robot is lost: {where}.", todo)
+    def _lost(self) -> Finding | None:
+        found = lost(self.view, self.now)
+        if found is not None:
+            self.add(found.what)
+            self._ends[found] = found.what
+        return found
 
     # From a missing input to its provider --------------------------------------------------------
 
@@ -461,14 +460,14 @@ class _Chain:
             wanted = [name for name in agents if able is None or name in able]
             if wanted and host not in there and not self.view.names & set(wanted):
                 what = f"{host} should run {', '.join(wanted)}, but no agent on {host} is alive."
-                return self.end(Sort.HOST, host, what, f"{_reachable(host)}; {_starts(host)}")
+                return self.end(Sort.HOST, host, what, f"{_reachable(host)}; {starts(host)}")
         return None
 
     def _start_all(self) -> str:
         """What to do if no agent is alive."""
         if not self._table:
             return "`armadico up` starts a whole society"
-        return "; ".join(_starts(host) for host, agents in self._table.items() if agents)
+        return "; ".join(starts(host) for host, agents in self._table.items() if agents)
 
     def _provided(self, instance: str, key: str) -> bool:
         card = self.view.cards.get(instance)
@@ -486,7 +485,7 @@ class _Chain:
         if host and not there and len(away) > 1 and hosts > 1:
             what = f"No agent on {host} has been alive for {ago:.1f} s: {', '.join(away)}."
             todo = _reachable(host)
-            todo += f"; {_starts(host)}" if host in self._table else ""
+            todo += f"; {starts(host)}" if host in self._table else ""
             return self.end(Sort.HOST, host, what, todo)
         names = sorted({agent_of(i) for i in gone})
         at = f" (host {host})" if host else ""
@@ -583,9 +582,18 @@ class _Chain:
 _ORDER: Final = tuple(Sort)
 
 
+def lost(view: View, now: float) -> Finding | None:
+    """That the pose is too uncertain to drive; None if it is not, or not known."""
+    if view.pose is None or view.pose.deviation <= LOST_M:
+        return None
+    todo = "wait until an agent has localized it; check that it is within the map"
+    return Finding(Sort.LOST, "", f"The robot is lost: {view.pose_text(now)}.", todo)
+
+
+def starts(host: str) -> str:
+    """How the agents of a host are started."""
+    return f"`armadico up --host {host}`, run on {host} with its host table, starts its agents"
+
+
 def _reachable(host: str) -> str:
     return f"check that {host} is switched on and connected to the network"
-
-
-def _starts(host: str) -> str:
-    return f"`armadico up --host {host}`, run on {host} with its host table, starts its agents"

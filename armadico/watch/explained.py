@@ -26,8 +26,8 @@ class Bidding(Struct, frozen=True):
     agent: str
     instance: str
     host: str
-    cycle: int | None  # that its bid answers; none: it was not queried in time
-    utility: float | None  # none: it has no bid, for the reason
+    cycle: int | None = None  # that its bid answers; none: it was not queried in time
+    utility: float | None = None  # none: it has no bid, for the reason
     critical: bool = False
     wanted: tuple[float, ...] = ()  # empty for an action without numbers
     reason: str = ""
@@ -38,17 +38,17 @@ class Contest(Struct, frozen=True):
     """One resource at one moment: its holder, the action, and the other contenders' bids."""
 
     resource: str
-    holder: str  # the instance that claims it; empty: none
-    term: int | None
-    utility: float | None
-    critical: bool
-    wanted: tuple[float, ...]
-    commanded: tuple[float, ...]
-    loser: str  # the previous holder, during an exchange; else empty
-    obeyed: str  # the instance that its owner obeys; empty: none
-    measured: tuple[float, ...]
-    refused: tuple[str, ...]  # commands that the owner refused recently
-    bids: tuple[Bidding, ...]
+    holder: str = ""  # the instance that claims it; empty: none
+    term: int | None = None
+    utility: float | None = None
+    critical: bool = False
+    wanted: tuple[float, ...] = ()
+    commanded: tuple[float, ...] = ()
+    loser: str = ""  # the previous holder, during an exchange; else empty
+    obeyed: str = ""  # the instance that its owner obeys; empty: none
+    measured: tuple[float, ...] = ()
+    refused: tuple[str, ...] = ()  # commands that the owner refused recently
+    bids: tuple[Bidding, ...] = ()
 
 
 class Moment(Struct, frozen=True):

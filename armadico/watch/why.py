@@ -378,21 +378,23 @@ class Chronicle:
     def _contest(self, name: str) -> Contest:
         view, now = self.view, self.now
         claim, ack = view.claim(name, now), view.acks.get(name)
-        obeyed = view.driver(name, now) or ""
-        blended = claim is not None and claim.commanded != claim.wanted
-        return Contest(
-            resource=name,
-            holder="" if claim is None else claim.ballot.instance,
-            term=None if claim is None else claim.ballot.term,
-            utility=None if claim is None else claim.utility,
-            critical=claim is not None and claim.critical,
-            wanted=() if claim is None else _numbers(claim.wanted),
-            commanded=() if claim is None else _numbers(claim.commanded),
-            loser=self._loser(name, claim) if blended and claim is not None else "",
-            obeyed=obeyed,
+        found = Contest(
+            name,
+            obeyed=view.driver(name, now) or "",
             measured=() if ack is None else _numbers(ack.measured),
             refused=tuple(self._refused(name)),
-            bids=(),
+        )
+        if claim is None:
+            return found
+        return replace(
+            found,
+            holder=claim.ballot.instance,
+            term=claim.ballot.term,
+            utility=claim.utility,
+            critical=claim.critical,
+            wanted=_numbers(claim.wanted),
+            commanded=_numbers(claim.commanded),
+            loser=self._loser(name, claim) if claim.commanded != claim.wanted else "",
         )
 
     def _loser(self, name: str, claim: Claim) -> str:
@@ -438,23 +440,18 @@ class Chronicle:
     def _biddings(self, name: str, cycle: Cycle | None, of: _Snapshot) -> tuple[Bidding, ...]:
         found = []
         for instance, host in of.contenders.get(name, ()):
-            record = self._record(instance, name, cycle, of.t)
-            inputs = () if record is None else tuple(_inputs(record, of.newest, cycle))
-            found.append(
-                Bidding(agent_of(instance), instance, host, None, None)
-                if record is None
-                else Bidding(
-                    agent_of(instance),
-                    instance,
-                    host,
-                    record.cycle.number,
-                    record.utility,
-                    record.critical,
-                    _numbers(record.wanted),
-                    record.reason,
-                    inputs,
+            bid = Bidding(agent_of(instance), instance, host)
+            if (record := self._record(instance, name, cycle, of.t)) is not None:
+                bid = replace(
+                    bid,
+                    cycle=record.cycle.number,
+                    utility=record.utility,
+                    critical=record.critical,
+                    wanted=_numbers(record.wanted),
+                    reason=record.reason,
+                    inputs=tuple(_inputs(record, of.newest, cycle)),
                 )
-            )
+            found.append(bid)
         return tuple(found)
 
     def _record(self, instance: str, name: str, cycle: Cycle | None, t: float) -> BidRecord | None:

@@ -19,6 +19,7 @@ from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.agents.slam.scan_matching import PointCloud, point_cloud
 from armadico.agents.slam.slam import Slam, SlamParameters
 from armadico.agents.slam.slices import finished
+from armadico.agents.slam.states import Mode, Moved, Proof
 from armadico.config.grid_map import FREE, Cells
 from tests.slam.worlds import BEARINGS, cast
 
@@ -150,14 +151,10 @@ def folded() -> Slam:
     slam, scans = Slam(), [*driven(corridor()), *driven(corridor(), ACROSS)]
     information = np.diag([1e4, 1e4, 1e4])
     for number, (pose, cloud) in enumerate(scans):
-        slam.poses = np.vstack([slam.poses, pose])
-        slam.clouds.append(cloud)
-        slam.way.append(0.5 * number + (30.0 if number >= 44 else 0.0))
-        slam.numbers.append(number)
-        slam.part = np.append(slam.part, 0)
+        slam.map.add(pose, 30.5 if number == 44 else 0.5, cloud, number, 0)
         if number:
-            step = relative(slam.poses[number - 1], pose)
-            slam.graph.add(Edge(number - 1, number, step, information))
+            step = relative(slam.map.poses[number - 1], pose)
+            slam.map.graph.add(Edge(number - 1, number, step, information))
     slam.finish()
     return slam
 
@@ -184,17 +181,17 @@ def test_a_doubtful_place_beyond_the_grid_is_on_the_picture() -> None:
 
 def test_while_driving_a_map_is_checked_as_it_grows_and_after_each_optimisation() -> None:
     slam = folded()
-    slam.contradictions, slam._checked = [], (0, 0)
+    slam.evidence.contradictions, slam.evidence.checked = [], (0, 0)
     finished(slam.checking())
-    assert slam.contradictions
-    checked = slam._checked
+    assert slam.evidence.contradictions
+    checked = slam.evidence.checked
     finished(slam.checking())  # nothing is new
-    assert slam._checked == checked
-    poses = slam.poses.copy()
+    assert slam.evidence.checked == checked
+    poses = slam.map.poses.copy()
     poses[44:, 0] += 40.0  # a loop has shown where the second corridor is
-    slam.adopt(poses)
+    slam.adopt(Moved(poses))
     finished(slam.checking())
-    assert not slam.contradictions
+    assert not slam.evidence.contradictions
 
 
 # Of a place that was found on the map -------------------------------------------------------------
@@ -209,20 +206,16 @@ def proved(before: Sequence[Floats]) -> Slam:
     `before` has the walls that stood in the hall in each scan of the map.
     """
     slam = Slam(SlamParameters(do_loop_closing=False))
-    slam._at = np.zeros(3)  # the robot's place on the map is known
+    slam.mode = Mode.MAPPING  # the robot's place on the map is known
+    slam.evidence.proof = Proof(len(before), len(before) + 3)
     information = np.diag([1e4, 1e4, 1e4])
     for number, walls in enumerate([*before, *[HALL] * 3]):
         pose = np.array([4.0 + 0.4 * (number % 30), 4.0, 0.0])
         cloud = point_cloud(cast(walls, pose), BEARINGS, max_range=20.0)
-        slam.poses = np.vstack([slam.poses, pose])
-        slam.clouds.append(cloud)
-        slam.way.append(0.4 * number)
-        slam.numbers.append(number)
-        slam.part = np.append(slam.part, 0)
+        slam.map.add(pose, 0.4, cloud, number, 0)
         if number:
-            slam.graph.add(Edge(number - 1, number, np.array([0.4, 0.0, 0.0]), information))
+            slam.map.graph.add(Edge(number - 1, number, np.array([0.4, 0.0, 0.0]), information))
         if number >= len(before):
-            slam._proof = len(before), number + 1
             slam.close_loops()
     return slam
 
@@ -234,8 +227,8 @@ def test_people_who_were_there_when_the_map_was_made_do_not_contradict_a_place_o
         x, y = rng.uniform((1.0, 5.0), (19.0, 11.0), (30, 2)).T
         return np.vstack([HALL, np.column_stack([x, y, x + 0.4, y])])
 
-    assert not proved([crowd() for _ in range(30)]).contradicted
+    assert not proved([crowd() for _ in range(30)]).evidence.contradicted
 
 
 def test_a_wall_that_is_looked_through_contradicts_a_place() -> None:
-    assert proved([np.vstack([HALL, SCREEN])] * 30).contradicted
+    assert proved([np.vstack([HALL, SCREEN])] * 30).evidence.contradicted

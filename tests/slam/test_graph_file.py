@@ -85,17 +85,17 @@ def test_what_is_read_is_what_was_saved_and_small() -> None:
     again = graph_file.decode(saved_file(), "a.graph.npz")
     assert graph_file.encode(again) == saved_file() == graph_file.encode(saved_graph())
     slam = mapped_by().agent._slam
-    assert np.array_equal(again.poses, slam.poses)
-    assert len(again.ends) == len(slam.graph.edges)
-    assert np.array_equal(again.ends[again.loops, 1], [loop.end for loop in slam.loops])
+    assert np.array_equal(again.poses, slam.map.poses)
+    assert len(again.ends) == len(slam.map.graph.edges)
+    assert np.array_equal(again.ends[again.loops, 1], [loop.end for loop in slam.map.loops])
     kept, drawn = mapped_by().agent._drawn[5].scan, again.scans[5].scan
     off = np.abs(ranges_of(kept) - ranges_of(drawn))
     assert np.nanmax(off) <= 0.0025 + 1e-9
-    assert len(saved_file()) < 1000 * len(slam.poses)
+    assert len(saved_file()) < 1000 * len(slam.map.poses)
 
 
 def test_the_map_is_drawn_of_it() -> None:
-    cells, own = saved_graph().drawn(), mapped_by().agent._map.cells()
+    cells, own = saved_graph().drawn(), mapped_by().agent._picture.mapper.cells()
     assert cells.area(FREE) == pytest.approx(own.area(FREE), rel=0.03)
     assert cells.area(OCCUPIED) == pytest.approx(own.area(OCCUPIED), rel=0.1)
 
@@ -158,13 +158,13 @@ def test_a_graph_that_changes_while_it_is_read_is_read_anew() -> None:
     agent = driven(40).agent
     first = asked(agent, MapGraphRequest())
     assert isinstance(first, MapGraphPart)
-    agent._slam.poses = agent._slam.poses + 1e-3
+    agent._slam.map.poses = agent._slam.map.poses + 1e-3
     second = asked(agent, MapGraphRequest())
     assert isinstance(second, MapGraphPart)
     late = asked(agent, MapGraphRequest(1, first.digest))
     assert isinstance(late, MapGraphPart)
     assert first.digest != second.digest == late.digest
-    assert graph_file.decode(graph_of(agent), "it").poses[0, 0] == agent._slam.poses[0, 0]
+    assert graph_file.decode(graph_of(agent), "it").poses[0, 0] == agent._slam.map.poses[0, 0]
 
 
 def test_before_the_first_scan_there_is_no_graph() -> None:
@@ -195,8 +195,8 @@ def test_a_running_agent_continues_a_loaded_map(mapping: bool) -> None:
     assert robot.agent._slam.located
     assert np.hypot(*(place(last, odometry[-1]) - path[-1])[:2]) < 0.1
     count = len(saved_graph().poses)
-    assert (len(robot.agent._slam.poses) > count) is mapping
-    assert len(robot.agent._slam.poses) >= count
+    assert (len(robot.agent._slam.map.poses) > count) is mapping
+    assert len(robot.agent._slam.map.poses) >= count
     grid = asked(robot.agent, MapRequest())
     assert isinstance(grid, OccupancyGrid)
     cells = grid_map.cells_of(grid)
@@ -207,7 +207,7 @@ def test_a_running_agent_continues_a_loaded_map(mapping: bool) -> None:
 
 def test_parts_that_do_not_fit_are_refused_and_the_map_stays() -> None:
     robot = driven(30)
-    poses = robot.agent._slam.poses
+    poses = robot.agent._slam.map.poses
     data = b"x" * 70_000
     first, second = graph_parts.parts_of(data)
     for request, says in (
@@ -221,4 +221,4 @@ def test_parts_that_do_not_fit_are_refused_and_the_map_stays() -> None:
         assert says in reply.refusal
     assert asked(robot.agent, first) == MapLoadReply()
     robot.cycle(PATH[30], own_odometry(PATH[:31])[30])
-    assert np.array_equal(robot.agent._slam.poses[:5], poses[:5])
+    assert np.array_equal(robot.agent._slam.map.poses[:5], poses[:5])

@@ -32,7 +32,7 @@ def test_it_prints_a_table_and_says_what_it_assumed(
     said = capsys.readouterr()
     assert "reported lost" in said.out
     assert "wrong and sure" in said.out
-    assert "--noise" in said.err
+    assert "--drift" in said.err
 
 
 def test_json_is_one_object_and_the_same_again(

@@ -61,7 +61,7 @@ def test_the_map_has_the_walls_and_the_floor(log: Log) -> None:
 
 def test_parts_of_a_log(log: Log) -> None:
     def of(name: str) -> list[int]:
-        return localizing.part(log, name)
+        return log.part(name)
 
     every = list(range(len(log)))
     assert of("all") == every

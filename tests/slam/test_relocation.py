@@ -9,6 +9,7 @@ import pytest
 
 from armadico.agents.slam.poses import Floats, compose, relative
 from armadico.agents.slam.slam import Slam
+from armadico.agents.slam.slices import finished
 from tests.slam.worlds import BEARINGS, cast, drifted, drive, mapped, ring, square, twins
 
 PATH = square()
@@ -25,7 +26,7 @@ THERE = drive([(33.0, -4.0), (42.0, -4.0)])
 def kept(slam: Slam) -> Slam:
     """Another SLAM that continues a map."""
     again = Slam(slam.parameters)
-    again.restore(slam.saved([]), slam.clouds)
+    again.restore(slam.saved([]), slam.map.clouds)
     return again
 
 
@@ -58,9 +59,9 @@ def test_a_robot_that_continues_a_map_is_found_on_it_though_its_odometry_begins_
     assert again.parts == 1
     assert not again.uncertain
     assert np.hypot(*(poses[-1] - path[-1])[:2]) < 0.1
-    stays = again.poses[: len(slam.poses), :2] - slam.poses[:, :2]
+    stays = again.map.poses[: len(slam.map.poses), :2] - slam.map.poses[:, :2]
     assert np.abs(stays).max() < 0.05
-    assert len(again.poses) > len(slam.poses) + 20
+    assert len(again.map.poses) > len(slam.map.poses) + 20
 
 
 @pytest.mark.long
@@ -71,9 +72,9 @@ def test_a_robot_that_is_not_on_the_map_stays_a_part_of_its_own() -> None:
     assert not again.located
     assert again.parts == 2
     assert "2 parts" in again.uncertain
-    assert not again.loops[len(slam.loops) :]
-    assert np.array_equal(again.poses[: len(slam.poses)], slam.poses)
-    assert np.count_nonzero(again.present) == len(again.poses) - len(slam.poses)
+    assert not again.map.loops[len(slam.map.loops) :]
+    assert np.array_equal(again.map.poses[: len(slam.map.poses)], slam.map.poses)
+    assert np.count_nonzero(again.map.present) == len(again.map.poses) - len(slam.map.poses)
 
 
 @pytest.mark.long
@@ -83,13 +84,13 @@ def test_a_robot_that_is_carried_joins_the_old_part_again() -> None:
     then = drive([(44.0, 1.0), (44.0, -5.0), (35.0, -5.0)])
     slam = Slam()
     taken(slam, first, first)
-    assert not slam.carried
+    assert not slam.evidence.carried
     carried = compose(first[-1], relative(then[0], then))
     poses = taken(slam, then, carried, 100.0)
-    assert len(slam.carried) == 1
+    assert len(slam.evidence.carried) == 1
     assert slam.located
     assert slam.parts == 1
-    assert slam.relocations == 1
+    assert slam.evidence.relocations == 1
     assert not slam.uncertain
     assert np.hypot(*(poses[-1] - then[-1])[:2]) < 0.1
 
@@ -97,23 +98,23 @@ def test_a_robot_that_is_carried_joins_the_old_part_again() -> None:
 @pytest.mark.long
 def test_a_fixed_map_stays_and_a_robot_that_is_lost_on_it_is_found() -> None:
     slam, _ = mapped(ring(), PATH[:75], PATH[:75])
-    again, count = kept(slam), len(slam.poses)
+    again, count = kept(slam), len(slam.map.poses)
     path = PATH[95:130]
     odometry = relative(path[0], drifted(path, 0.05, 3))
     taken(again, path, odometry, mapping=False)
     assert again.located
-    assert len(again.poses) == count
+    assert len(again.map.poses) == count
     more = PATH[130:]
     moved = compose(odometry[-1], relative(path[-1], more))
     poses = taken(again, more, moved, 100.0, mapping=False)
     assert np.hypot(*(poses - more)[:, :2].T).max() < 0.1
-    assert len(again.poses) == len(again.clouds) == len(again.part) == count
-    assert again.poses.tobytes() == slam.poses.tobytes()
+    assert len(again.map.poses) == len(again.map.clouds) == len(again.map.part) == count
+    assert again.map.poses.tobytes() == slam.map.poses.tobytes()
     # From here on it maps again, on the same map.
     taken(again, PATH[:20], compose(moved[-1], relative(more[-1], PATH[:20])), 200.0)
-    assert len(again.poses) > count
+    assert len(again.map.poses) > count
     assert again.parts == 1
-    assert np.hypot(*(again.poses[-1] - PATH[19])[:2]) < 0.1
+    assert np.hypot(*(again.map.poses[-1] - PATH[19])[:2]) < 0.1
 
 
 @pytest.mark.long
@@ -123,7 +124,7 @@ def test_a_robot_that_does_not_find_itself_on_a_fixed_map_takes_bounded_memory()
     turn = np.array([[42.0, -4.0, 0.5 * k] for k in range(110)])
     taken(again, turn, turn, mapping=False)
     assert not again.located
-    assert len(again.poses) <= len(slam.poses) + 101
+    assert len(again.map.poses) <= len(slam.map.poses) + 101
 
 
 @pytest.mark.long
@@ -166,3 +167,23 @@ def test_a_lost_robot_that_maps_again_begins_a_part_where_it_stands() -> None:
     taken(again, here[:1], 0.0 * here[:1], 100.0, mapping=True)
     assert not again.lost
     assert again.parts == 2
+
+
+@pytest.mark.parametrize("dropped", [False, True])
+def test_a_place_that_is_found_after_its_scans_were_dropped_changes_nothing(
+    dropped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slam, _ = mapped(ring(), PATH[:75], PATH[:75])
+    again, moved, path = kept(slam), None, PATH[95:130]
+    for number, pose in enumerate(path):
+        here = relative(path[0], pose)
+        again.add(0.1 * number, here, cast(ring(), pose), BEARINGS, mapping=False)
+        if moved is not None:
+            break
+        moved = finished(again.closing_loops())
+        if dropped and moved is not None:  # it gives up before the found place is adopted
+            monkeypatch.setattr("armadico.agents.slam.slam.LOST_SCANS", 1)
+    assert moved is not None
+    again.adopt(moved)
+    assert again.located is not dropped
+    assert again.map.poses[: len(slam.map)].tobytes() == slam.map.poses.tobytes()

@@ -32,19 +32,19 @@ def test_a_drift_of_metres_becomes_centimetres() -> None:
     assert np.hypot(*(odometry - PATH)[:, :2].T).max() > 1.0
     slam, updates = mapped(ring(), PATH, odometry)
     assert off(slam, PATH).max() < 0.1
-    assert len(slam.loops) > 20
+    assert len(slam.map.loops) > 20
     assert not false_loops(slam, PATH)
-    assert slam.revision >= 1
+    assert slam.map.revision >= 1
     assert not slam.uncertain
-    assert updates[-1].revision <= slam.revision
+    assert updates[-1].revision <= slam.map.revision
 
 
 def test_loops_do_it() -> None:
     path = PATH[:100]
     parameters = SlamParameters(do_loop_closing=False)
     alone, _ = mapped(ring(), path, drifted(path, 0.1, 2), parameters)
-    assert not alone.loops
-    assert alone.revision == 0
+    assert not alone.map.loops
+    assert alone.map.revision == 0
 
 
 def test_the_covariance_grows_with_the_way_and_shrinks_at_a_loop() -> None:
@@ -74,8 +74,8 @@ def test_false_loops_to_a_twin_are_switched_off_and_without_a_kernel_they_fold_t
     assert not [weight for weight in false if weight > 0.5]
     assert off(slam, TWINS).max() < 0.3
     assert "contradict" in slam.uncertain
-    slam.graph.parameters = GraphParameters(loss=Kernel.NONE)
-    slam.poses = slam.graph.optimise(slam.poses)
+    slam.map.graph.parameters = GraphParameters(loss=Kernel.NONE)
+    slam.map.poses = slam.map.graph.optimise(slam.map.poses)
     assert off(slam, TWINS).max() > 0.8
 
 
@@ -89,7 +89,7 @@ def test_scans_that_cannot_be_used_are_left_out() -> None:
     assert first.key
     assert slam.add(2.0, pose, ranges, BEARINGS) is None  # time does not go on,
     assert slam.add(1.5, pose, ranges, BEARINGS) is None  # or goes back
-    assert slam.rejected == 4
+    assert slam.evidence.rejected == 4
     there = slam.add(1e9, pose, ranges, BEARINGS)  # a jump forward is no harm
     assert there is not None
     assert not there.key
@@ -105,7 +105,7 @@ def test_nan_among_the_ranges_and_a_scanner_upside_down_give_the_same_map() -> N
         slam.add(0.1 * number, odometry[number], ranges, BEARINGS, number=number)
         turned.add(0.1 * number, odometry[number], ranges[::-1], BEARINGS[::-1], number=number)
     assert off(slam, path).max() < 0.08
-    assert np.abs(slam.poses - turned.poses).max() < 0.02
+    assert np.abs(slam.map.poses - turned.map.poses).max() < 0.02
 
 
 def test_a_scanner_that_is_not_in_the_middle() -> None:
@@ -127,14 +127,14 @@ def test_a_robot_that_is_carried_to_another_room_is_noticed() -> None:
         slam.add(0.1 * number, odometry[number], cast(walls, pose), BEARINGS, number=number)
         slam.close_loops()
         if number == len(path) - 1:
-            assert not slam.carried
-    assert len(slam.carried) == 1
+            assert not slam.evidence.carried
+    assert len(slam.evidence.carried) == 1
     assert "carried" in slam.uncertain
-    assert not slam.loops
+    assert not slam.map.loops
     # The new room has its own walls, as they are to each other.
-    there = slam.carried[0]
-    found = relative(slam.poses[there], slam.poses[-1])
-    truth = relative(carried[slam.numbers[there] - len(path)], carried[-1])
+    there = slam.evidence.carried[0]
+    found = relative(slam.map.poses[there], slam.map.poses[-1])
+    truth = relative(carried[slam.map.numbers[there] - len(path)], carried[-1])
     assert np.abs(found - truth).max() < 0.15
 
 
@@ -155,8 +155,8 @@ def test_a_robot_that_is_carried_to_a_place_with_nearer_walls_is_noticed() -> No
     for number, pose in enumerate([*path, *carried]):
         slam.add(0.1 * number, odometry[number], cast(walls, pose), BEARINGS, number=number)
         if number == len(path) - 1:
-            assert not slam.carried
-    assert slam.carried == [len(path)]
+            assert not slam.evidence.carried
+    assert slam.evidence.carried == [len(path)]
 
 
 def test_people_and_moved_furniture_do_not_count_as_another_place() -> None:
@@ -170,7 +170,7 @@ def test_people_and_moved_furniture_do_not_count_as_another_place() -> None:
                 near = rng.uniform(0.6, 1.5)
                 ranges[np.abs(BEARINGS - bearing) < 0.2 / near] = near
         slam.add(0.1 * number, path[number], ranges, BEARINGS, number=number)
-    assert not slam.carried
+    assert not slam.evidence.carried
     assert off(slam, path).max() < 0.2
 
 
@@ -178,12 +178,12 @@ def test_of_a_dense_scanner_only_some_rays_are_matched() -> None:
     dense = np.linspace(-2.3, 2.3, 1081)
     slam = Slam()
     slam.add(0.0, PATH[0], cast(ring(), PATH[0], dense), dense)
-    assert 300 < len(slam.clouds[0].points) < 400
+    assert 300 < len(slam.map.clouds[0].points) < 400
 
 
 def test_the_memory_is_bounded() -> None:
     slam, _ = mapped(ring(), PATH[:60], PATH[:60], SlamParameters(maximum_key_scans=20))
-    assert len(slam.poses) == len(slam.clouds) == 20
+    assert len(slam.map.poses) == len(slam.map.clouds) == 20
     assert slam.full
 
 
@@ -205,7 +205,7 @@ def test_a_jump_of_the_odometry_is_no_motion() -> None:
         compose(odometry[60], np.array([4.0, -3.0, 0.4])), relative(odometry[60], odometry[60:])
     )
     slam, _ = mapped(ring(), PATH, odometry)
-    assert len(slam.leaps) == 1
+    assert len(slam.evidence.leaps) == 1
     assert off(slam, PATH).max() < 0.1
     assert slam.parts == 1
     assert not slam.uncertain

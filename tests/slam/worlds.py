@@ -133,15 +133,15 @@ def mapped(
 
 def off(slam: Slam, path: Floats) -> NDArray[np.float64]:
     """How far each key pose is from the truth, m; the first one is where it is."""
-    there = path[np.array(slam.numbers)]
-    return np.asarray(np.hypot(*(slam.poses - there)[:, :2].T))
+    there = path[np.array(slam.map.numbers)]
+    return np.asarray(np.hypot(*(slam.map.poses - there)[:, :2].T))
 
 
 def false_loops(slam: Slam, path: Floats) -> list[float]:
     """The weights of the loops that are more than 0.5 m from the truth."""
-    numbers = np.array(slam.numbers)
+    numbers = np.array(slam.map.numbers)
     found = []
-    for loop, weight in zip(slam.loops, slam.loop_weights, strict=True):
+    for loop, weight in zip(slam.map.loops, slam.map.loop_weights, strict=True):
         truth = relative(path[numbers[loop.start]], path[numbers[loop.end]])
         if hypot(*(truth - loop.pose)[:2]) > 0.5:
             found.append(float(weight))

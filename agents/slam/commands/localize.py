@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from armadico.agents.slam.commands import log_file
 from armadico.cli import options
 from armadico.cli.options import UsageError
-from armadico.cli.parsing import FILE, POSE, Command, Must, argument, between, flag, option, several
+from armadico.cli.parsing import POSE, Command, Must, flag, option, several
 
 if TYPE_CHECKING:
     from armadico.agents.slam.logs.localizing import Chosen, Summary, Track
@@ -27,7 +26,6 @@ PROFILE: Final = "jackal"
 reach are the log's."""
 
 TIME: Final = Must(isfinite, "expected seconds of the log")
-REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
 
 EVENTS: Final = 12
 """Most events that are printed."""
@@ -43,8 +41,7 @@ EXAMPLES: Final = """\
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    log: Path = argument("the log", metavar="LOG", must=FILE)
+class Options(log_file.LogOptions):
     world: str | None = option(
         "the map (default: the one that a recording names, else one made from the log)",
         metavar="MAP",
@@ -54,9 +51,6 @@ class Options:
         choices=log_file.PARTS,
     )
     save_map: Path | None = option("save that map as .yaml or .map", metavar="FILE")
-    over: str = option(
-        "use this part of the log (default: all)", default="all", choices=log_file.PARTS
-    )
     begin: float | None = option(
         "begin at this time (default: the first reading)", "--from", metavar="S", must=TIME
     )
@@ -70,13 +64,6 @@ class Options:
         must=POSE,
     )
     anywhere: bool = flag("start with an unknown pose", either="start")
-    seed: int = option("seed of random numbers (default: 0)", default=0, metavar="N")
-    noise: float | None = option(
-        "add errors to the odometry, as a share of distances and turns (default: 0;"
-        f" {log_file.ERRORS:g} if the odometry is a corrected path)",
-        metavar="SHARE",
-        must=between(0, 1),
-    )
     profile: str | None = option(
         f"the robot (default: the one that a recording names, else {PROFILE}); the scanner's"
         " angles are the log's",
@@ -89,42 +76,16 @@ class Options:
     sets: tuple[str, ...] = several(
         "set a parameter of that agent; may be repeated", "--set", metavar="KEY=VALUE"
     )
-    reach: float | None = option(
-        "the scanner's longest range (default: the log's)", metavar="M", must=REACH
-    )
-    corrected: bool | None = flag(
-        "treat the poses of a CARMEN log as corrected (default: if its name has .gfs or corrected,"
-        " or if they differ from the odometry)",
-        default=None,
-    )
-    namespace: str | None = option(
-        "the robot, if the recording has several (default: the only one)", metavar="NS"
-    )
-    period: float | None = log_file.period()
     picture: Path | None = option("draw the paths on the map, and the error", metavar="FILE.png")
-    json: bool = flag("print one JSON object")
 
 
 def run(args: Options) -> int:
     _check(args)
-    import msgspec
-
     from armadico.agents.slam.logs import localizing
     from armadico.cli.pool import progress
 
-    report = options.reporter("armadico localize")
-    log = log_file.read(
-        args.log,
-        reach=args.reach,
-        corrected=args.corrected,
-        namespace=args.namespace,
-        period=args.period,
-    )
-    log, noise = log_file.with_errors(log, args.noise, args.seed)
-    for note in log.notes:
-        report(f"note: {note}")
-    if noise and args.noise is None:
-        report(f"note: the odometry is a corrected path; errors of {noise:g} are added (--noise)")
+    say = options.reporter("armadico localize")
+    log, noise = log_file.opened(args, say)
     chosen = _chosen(args, log)
     with TemporaryDirectory(prefix="armadico-") as folder:
         world, named = _world(args, log, Path(folder) / "map.yaml")
@@ -136,15 +97,20 @@ def run(args: Options) -> int:
         found = localizing.summary(track)
         if args.picture is not None:
             _draw(args.picture, log, world, track, found)
-            report(f"picture: {args.picture}")
+            say(f"picture: {args.picture}")
     judged = localizing.judgement(log, found)
-    if args.json:
-        about = _about(args, log, noise, named, chosen, found)
-        print(json.dumps({"judgement": msgspec.to_builtins(judged), **about}))
-    else:
-        _show(log, noise, named, found)
-    log_file.conclude(judged, "the robot was localized, and never wrong and sure", report)
-    return judged.exit_code
+    more: dict[str, Any] = {
+        "noise": noise,
+        "map": named,
+        "agent": chosen.agent,
+        "sets": chosen.sets,
+        "profile": chosen.profile,
+        "anywhere": chosen.anywhere,
+    }
+    log_file.report(args, log, judged, found, _rows(found), noise, f"; map {named}", **more)
+    if not args.json:
+        _show_events(found)
+    return log_file.conclude(judged, "the robot was localized, and never wrong and sure", say)
 
 
 def _check(args: Options) -> None:
@@ -221,7 +187,7 @@ def _chosen(args: Options, log: Log) -> Chosen:
     name, sets = _agent(args)
     begin = float("-inf") if args.begin is None else args.begin
     end = float("inf") if args.end is None else args.end
-    every = localizing.part(log, args.over)
+    every = log.part(args.over)
     readings = [i for i in every if begin <= log.time(i) <= end]
     if not readings:
         last = log.time(len(log) - 1)
@@ -244,53 +210,8 @@ def _chosen(args: Options, log: Log) -> Chosen:
 # Results ------------------------------------------------------------------------------------------
 
 
-def _about(
-    args: Options,
-    log: Log,
-    noise: float,
-    named: str,
-    chosen: Chosen,
-    found: Summary,
-) -> dict[str, Any]:
-    import msgspec
-
-    from armadico.observe.conditions import software
-
-    return {
-        "log": str(args.log),
-        "notes": log.notes,
-        "readings_used": log.used,
-        "readings_given": log.given,
-        "real_odometry": log.real,
-        "noise": noise,
-        "map": named,
-        "over": args.over,
-        "agent": chosen.agent,
-        "sets": chosen.sets,
-        "profile": chosen.profile,
-        "anywhere": chosen.anywhere,
-        "seed": chosen.seed,
-        **msgspec.to_builtins(found),
-        "software": msgspec.to_builtins(software()),
-    }
-
-
-def _show(log: Log, noise: float, named: str, found: Summary) -> None:
-    """Print a row for each measure, then when the robot was lost and found."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    odometry = "real odometry" if log.real else "a corrected path"
-    added = f", errors of {noise:g} added" if noise else ""
-    table = Table(show_header=False, padding=(0, 1))
-    table.title = escape(options.shown(f"{log.name}: {odometry}{added}; map {named}"))
-    table.add_column()
-    table.add_column(justify="right")
-    table.add_row(log_file.USED, f"{log.used}  {log.given}")
-    for name, value in _rows(found):
-        table.add_row(name, value)
-    Console().print(table)
+def _show_events(found: Summary) -> None:
+    """Print when the robot was lost and found."""
     for event in found.events[:EVENTS]:
         off = "" if event.off_m is None else f", {event.off_m:.2f} m off"
         print(f"{event.t:8.1f} s  {event.event} at ({event.x:.2f}, {event.y:.2f}){off}")
@@ -302,17 +223,16 @@ def _rows(found: Summary) -> Iterator[tuple[str, str]]:
     yield "readings, seconds, metres", f"{found.scans}  {found.seconds:.0f}  {found.metres:.0f}"
     if found.error_median_m is not None:
         three = (found.error_median_m, found.error_95_m, found.error_most_m)
-        yield "error: median, 95 %, most, m", "  ".join(f"{value or 0.0:.3f}" for value in three)
+        yield "error: median, 95 %, most, m", log_file.each(three, 3)
         two = (found.heading_median_deg, found.heading_95_deg)
-        yield "heading: median, 95 %, degrees", "  ".join(f"{value or 0.0:.2f}" for value in two)
+        yield "heading: median, 95 %, degrees", log_file.each(two, 2)
         yield "error over 0.3 m", _percent(found.off_share)
         way = f"{found.off_longest_s or 0.0:.0f} s, {found.off_longest_m or 0.0:.0f} m"
         yield "  longest", way
         yield "wrong and sure", _percent(found.wrong_sure_share)
         yield "  longest", f"{found.wrong_sure_longest_s or 0.0:.0f} s"
         two = (found.published_median_m, found.published_95_m)
-        both = "  ".join(f"{value or 0.0:.3f}" for value in two)
-        yield "published pose, error: median, 95 %, m", both
+        yield "published pose, error: median, 95 %, m", log_file.each(two, 3)
         yield "odometry alone, error: most, m", f"{found.odometry_most_m or 0.0:.1f}"
     else:
         yield "error", "the log has no reference"
@@ -323,7 +243,7 @@ def _rows(found: Summary) -> Iterator[tuple[str, str]]:
     if found.deviation_median_m is not None:
         yield "deviation while not lost: median, m", f"{found.deviation_median_m:.3f}"
     spent = (found.scan_median_ms, found.scan_95_ms, found.most_ms)
-    yield "processor: median, 95 %, most, ms", "  ".join(f"{value:.1f}" for value in spent)
+    yield "processor: median, 95 %, most, ms", log_file.each(spent, 1)
 
 
 def _percent(share: float | None) -> str:
@@ -360,7 +280,7 @@ main: Final = Command(
     Options,
     run,
     "Run the localization agent over a log and compare its pose with the log's reference. A log"
-    " is an .npz file, a CARMEN log (also .gz) or a recording of `armadico record`. The same"
-    " log, options and seed give the same numbers.",
+    " is an .npz file, a CARMEN log (also .gz), a recording of `armadico record` or a ROS bag. The"
+    " same log, options and seed give the same numbers.",
     EXAMPLES,
 )

@@ -1,69 +1,180 @@
-"""What the commands that read logs share: the log, and errors of its odometry (not a command)."""
+"""What the commands that run over a log share: its options, the log, the report."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.cli import options
-from armadico.cli.parsing import between, option
+from armadico.cli.options import UsageError
+from armadico.cli.parsing import Must, argument, between, flag, option
 from armadico.core.judgement import Judgement
 
 if TYPE_CHECKING:
     from armadico.agents.slam.logs.logs import Log
 
 PARTS: Final = ("all", "even", "odd", "first", "second")
-"""Selections of a log's readings, as in `slam.logs.localizing`, which loads more slowly."""
+"""Selections of a log's readings. The halves are in time, cut at the middle reading."""
 
 ERRORS: Final = 0.05
 """Share of ways and turns by which the odometry errs, if a log's odometry is a corrected path."""
 
+THERE: Final = Must(Path.exists, "no such file or folder")
+REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
 
-USED: Final = "readings used, in the file"
 
+@dataclass(frozen=True, kw_only=True)
+class LogOptions:
+    """The log, how it is read, and the form of the report."""
 
-def period() -> Any:
-    """The option for logs without useful times."""
-    return option(
+    log: Path = argument("the log: .npz, CARMEN, recording, or ROS bag", metavar="LOG", must=THERE)
+    over: str = option("use this part of the log (default: all)", default="all", choices=PARTS)
+    drift: float | None = option(
+        "add errors to the odometry, as a share of ways and turns (default: 0;"
+        f" {ERRORS:g} where the odometry is a corrected path)",
+        "--drift",
+        "--noise",
+        metavar="SHARE",
+        must=between(0, 1),
+    )
+    seed: int = option("seed of random numbers (default: 0)", default=0, metavar="N")
+    reach: float | None = option(
+        "the scanner's longest range (default: the log's)", metavar="M", must=REACH
+    )
+    period: float | None = option(
         "the interval of scans whose times are of no use (default: by the odometry, as if the robot"
         " moved at 0.5 m/s)",
         metavar="S",
         must=between(0.001, 3600),
     )
+    corrected: bool | None = flag(
+        "treat the poses of a CARMEN log as corrected (default: if its name has .gfs or corrected,"
+        " or if they differ from the odometry)",
+        default=None,
+    )
+    namespace: str | None = option(
+        "the robot, if the recording has several (default: the only one)", metavar="NS"
+    )
+    scan: str | None = option(
+        "the topic of a bag with the scans (default: the only LaserScan)", metavar="TOPIC"
+    )
+    odom: str | None = option(
+        "the topic of a bag with the odometry (default: the only Odometry, else the transform from"
+        " odom)",
+        metavar="TOPIC",
+    )
+    json: bool = flag("print one JSON object on stdout")
 
 
-def conclude(judged: Judgement, passed: str, say: Callable[[str], None]) -> None:
-    """Print what a command concludes: the answer, the reason, the cure."""
-    if judged.passed:
-        say(f"yes: {passed}")
-        return
-    say(str(judged))
-    if judged.cure:
-        say(f"-> {judged.cure}")
+def opened(args: LogOptions, say: Callable[[str], None]) -> tuple[Log, float]:
+    """The log with errors added to its odometry, and their share; its notes are printed.
 
-
-def read(
-    path: Path,
-    *,
-    reach: float | None,
-    corrected: bool | None,
-    namespace: str | None,
-    period: float | None = None,
-) -> Log:
-    """Return a log of any format of `slam.logs.logs`. Raises LogError, FailedError."""
+    Raises LogError, FailedError, UsageError.
+    """
     from armadico.agents.slam.logs import logs
 
-    with path.open("rb") as file:
-        if file.read(len(logs.MCAP)) == logs.MCAP:
-            options.need("mcap", "record")
-    return logs.read(path, reach=reach, corrected=corrected, namespace=namespace, period=period)
-
-
-def with_errors(log: Log, share: float | None, seed: int) -> tuple[Log, float]:
-    """The log with errors added to its odometry, and their share; None: the default of the log."""
-    from armadico.agents.slam.logs import logs
-
+    log, share = _read(args), args.drift
     if share is None:
         share = 0.0 if log.real else ERRORS
-    return (logs.with_errors(log, share, seed) if share else log), share
+    log = logs.with_errors(log, share, args.seed) if share else log
+    for note in log.notes:
+        say(f"note: {note}")
+    if share and args.drift is None:
+        say(f"note: the odometry is a corrected path; errors of {share:g} are added, see --drift")
+    return log, share
+
+
+def _read(args: LogOptions) -> Log:
+    from armadico.agents.slam.logs import bags, logs
+
+    if bags.is_bag(args.log):
+        options.need("rosbags", "bags")
+        topics = {"scan": args.scan, "odom": args.odom}
+        return bags.read(args.log, **topics, reach=args.reach, period=args.period)
+    if args.scan is not None or args.odom is not None:
+        raise UsageError(f"--scan, --odom: {args.log} is not a ROS bag")
+    if not args.log.is_file():
+        raise UsageError(f"{args.log}: expected a file, or a folder with a ROS 2 bag")
+    with args.log.open("rb") as file:
+        if file.read(len(logs.MCAP)) == logs.MCAP:
+            options.need("mcap", "record")
+    return logs.read(
+        args.log,
+        corrected=args.corrected,
+        namespace=args.namespace,
+        reach=args.reach,
+        period=args.period,
+    )
+
+
+def report(
+    args: LogOptions,
+    log: Log,
+    judged: Judgement,
+    figures: Any,
+    rows: Iterable[tuple[str, str]],
+    share: float,
+    of: str = "",
+    **more: Any,
+) -> None:
+    """Print a row for each measure, or one JSON object.
+
+    Args:
+        args: Of the command.
+        log: The log.
+        judged: The conclusion.
+        figures: The measures, for JSON.
+        rows: The measures, for people.
+        share: Of the errors that were added to the odometry.
+        of: What else the title names.
+        more: What else the JSON object has.
+    """
+    if args.json:
+        import msgspec
+
+        from armadico.observe.conditions import software
+
+        about = {
+            "log": str(args.log),
+            "judgement": judged,
+            "notes": log.notes,
+            "readings_used": log.used,
+            "readings_given": log.given,
+            "real_odometry": log.real,
+            "seed": args.seed,
+            "over": args.over,
+            **msgspec.to_builtins(figures),
+            **more,
+            "software": software(),
+        }
+        print(json.dumps(msgspec.to_builtins(about)))
+        return
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    odometry = "real odometry" if log.real else "a corrected path"
+    added = f", errors of {share:g} added" if share else ""
+    table = Table(show_header=False, padding=(0, 1))
+    table.title = escape(options.shown(f"{log.name}: {odometry}{added}{of}"))
+    table.add_column()
+    table.add_column(justify="right")
+    for row in (("readings used, in the file", f"{log.used}  {log.given}"), *rows):
+        table.add_row(*row)
+    Console().print(table)
+
+
+def each(values: Iterable[float | None], digits: int) -> str:
+    """Several numbers of a row."""
+    return "  ".join(f"{value or 0.0:.{digits}f}" for value in values)
+
+
+def conclude(judged: Judgement, passed: str, say: Callable[[str], None]) -> int:
+    """Print what a command concludes: the answer, the reason, the cure; the exit code."""
+    say(f"yes: {passed}" if judged.passed else str(judged))
+    if judged.cure and not judged.passed:
+        say(f"-> {judged.cure}")
+    return judged.exit_code

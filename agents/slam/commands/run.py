@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import atan2, cos, degrees, sin
@@ -14,16 +14,15 @@ from typing import Final
 import numpy as np
 from msgspec import Struct
 
-from armadico.agents.slam.logs import localizing
-from armadico.agents.slam.logs.logs import Log, LogError, Readings
+from armadico.agents.slam.logs.logs import Log, LogError
 from armadico.agents.slam.poses import Floats, compose, relative, wrapped
 from armadico.agents.slam.slam import Slam, SlamParameters
 from armadico.config.graph_file import DrawnScan, SavedGraph
 from armadico.config.grid_map import Cells
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.core.messages import Cycle
-from armadico.mobile.geometry import STOOD, Pose2
-from armadico.mobile.messages import Scan, Sonar
+from armadico.mobile.geometry import STOOD
+from armadico.mobile.messages import Scan
 from armadico.mobile.scans import bearings_of, ranges_of
 
 FALSE_M: Final = 0.5
@@ -107,26 +106,6 @@ class Mapped:
     spent: Floats  # (n,) processor time, s
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Some of the readings of a log."""
-
-    readings: Readings
-    of: Sequence[int]
-
-    def kind(self, index: int) -> type[Scan | Sonar]:
-        return self.readings.kind(self.of[index])
-
-    def message(self, index: int, cycle: Cycle, since: Pose2, number: int) -> Scan | Sonar:
-        return self.readings.message(self.of[index], cycle, since, number)
-
-
-def over(log: Log, part: str) -> Log:
-    """A log with one of `localizing.PARTS` of its readings."""
-    chosen = localizing.part(log, part)
-    return replace(log, rows=log.rows[chosen], readings=_Part(log.readings, chosen))
-
-
 def mapped(
     log: Log,
     parameters: SlamParameters,
@@ -158,7 +137,7 @@ def mapped(
             online[i] = slam.pose_at(here)
         step()
     slam.finish()
-    if not slam.numbers:
+    if not slam.map.numbers:
         raise LogError(f"{log.name}: no scan can be used: expected scans of a laser with 20 ranges")
     times = np.array([log.time(i) for i in range(count)])
     return Mapped(slam, online, _path(log, slam), times, spent)
@@ -173,16 +152,16 @@ def _scan(log: Log, reading: int) -> Scan:
 
 def _path(log: Log, slam: Slam) -> Floats:
     """The pose of every reading: by odometry from key scan to key scan, which share the error."""
-    odometry = log.odometry[log.rows]
+    scans, odometry = slam.map, log.odometry[log.rows]
     found = np.empty((len(odometry), 3))
-    first = slam.numbers[0]
-    found[:first] = compose(slam.poses[0], relative(odometry[first], odometry[:first]))
-    ends = [*slam.numbers, len(odometry)]
+    first = scans.numbers[0]
+    found[:first] = compose(scans.poses[0], relative(odometry[first], odometry[:first]))
+    ends = [*scans.numbers, len(odometry)]
     for key, (begin, end) in enumerate(pairwise(ends)):
-        found[begin:end] = compose(slam.poses[key], relative(odometry[begin], odometry[begin:end]))
-        if key + 1 < len(slam.poses):
-            last = compose(slam.poses[key], relative(odometry[begin], odometry[end]))
-            off = relative(last, slam.poses[key + 1])
+        found[begin:end] = compose(scans.poses[key], relative(odometry[begin], odometry[begin:end]))
+        if key + 1 < len(scans):
+            last = compose(scans.poses[key], relative(odometry[begin], odometry[end]))
+            off = relative(last, scans.poses[key + 1])
             share = (np.arange(end - begin) / (end - begin))[:, None]
             found[begin:end] = compose(found[begin:end], share * off)
     return found
@@ -192,7 +171,7 @@ def graph_of(log: Log, slam: Slam) -> SavedGraph:
     """The map with its key scans, to draw it or to go on with it."""
     scans = [
         DrawnScan(key, np.zeros(3), _scan(log, number), is_key=True)
-        for key, number in enumerate(slam.numbers)
+        for key, number in enumerate(slam.map.numbers)
     ]
     return slam.saved(scans)
 
@@ -219,56 +198,51 @@ def outside(cells: Cells, graph: SavedGraph) -> int:
 def figures(log: Log, found: Mapped) -> Figures:
     """Measure a run; against the reference, if the log has one."""
     slam, known = found.slam, log.known
+    scans, evidence = slam.map, slam.evidence
     reference = log.reference[log.rows]
     scored = known & ~np.isnan(found.online[:, 0])
-    errors: dict[str, float | None] = dict.fromkeys(
-        ("rmse", "most", "p95", "heading", "online", "odometry")
-    )
+    names = ("error_rmse_m", "error_95_m", "error_most_m", "heading_median_deg")
+    errors: dict[str, float | None] = dict.fromkeys((*names, "online_rmse_m", "odometry_rmse_m"))
     if np.count_nonzero(scored) > 1:
         there = reference[scored]
         fitted = aligned(found.path[scored], there)
         off = np.hypot(*(fitted - there)[:, :2].T)
         turned = np.abs(wrapped(fitted[:, 2] - there[:, 2]))
         errors = {
-            "rmse": _rmse(fitted, there),
-            "p95": float(np.quantile(off, 0.95)),
-            "most": float(off.max()),
-            "heading": degrees(float(np.median(turned))),
-            "online": _rmse(aligned(found.online[scored], there), there),
-            "odometry": _rmse(aligned(log.odometry[log.rows][scored], there), there),
+            "error_rmse_m": _rmse(fitted, there),
+            "error_95_m": float(np.quantile(off, 0.95)),
+            "error_most_m": float(off.max()),
+            "heading_median_deg": degrees(float(np.median(turned))),
+            "online_rmse_m": _rmse(aligned(found.online[scored], there), there),
+            "odometry_rmse_m": _rmse(aligned(log.odometry[log.rows][scored], there), there),
         }
     false, false_on = _false_loops(slam, reference)
-    spent, worst = 1000.0 * found.spent, slam.deviation
+    spent, worst = 1000.0 * found.spent, evidence.deviation
     return Figures(
         scans=len(log),
-        key_scans=len(slam.poses),
+        key_scans=len(scans),
         seconds=float(found.times[-1] - found.times[0]),
-        metres=slam.way[-1],
-        error_rmse_m=errors["rmse"],
-        error_95_m=errors["p95"],
-        error_most_m=errors["most"],
-        heading_median_deg=errors["heading"],
-        online_rmse_m=errors["online"],
-        odometry_rmse_m=errors["odometry"],
-        loops=len(slam.loops),
-        loops_off=slam.loops_off,
+        metres=scans.way[-1],
+        **errors,
+        loops=len(scans.loops),
+        loops_off=scans.loops_off,
         loops_false=false,
         loops_false_on=false_on,
         refused={reason.value: count for reason, count in slam.closer.refused.items()},
-        weak=slam.weak,
-        carried=len(slam.carried),
-        rejected=slam.rejected,
-        revisions=slam.revision,
+        weak=evidence.weak,
+        carried=len(evidence.carried),
+        rejected=evidence.rejected,
+        revisions=scans.revision,
         uncertain=slam.uncertain,
         scan_median_ms=float(np.median(spent)),
         scan_95_ms=float(np.quantile(spent, 0.95)),
         scan_most_ms=float(spent.max()),
         total_s=float(found.spent.sum()),
         digest=zlib.crc32(found.path.tobytes()),
-        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in slam.contradictions),
+        contradictions=tuple(Doubtful(c.x, c.y, c.length) for c in evidence.contradictions),
         deviation_m=worst.metres if worst else None,
         deviation_chain_m=worst.chain if worst else None,
-        odometry_jumps=len(slam.leaps),
+        odometry_jumps=len(evidence.leaps),
     )
 
 
@@ -303,8 +277,9 @@ def on_reference(log: Log, found: Mapped) -> Mapped:
     """The same with map and path moved as a whole onto the reference, which the log must have."""
     known = log.known
     shift = _alignment(found.path[known], log.reference[log.rows][known])
-    found.slam.poses = compose(shift, found.slam.poses)
-    found.slam.contradictions = [one.moved(shift) for one in found.slam.contradictions]
+    scans, evidence = found.slam.map, found.slam.evidence
+    scans.poses = compose(shift, scans.poses)
+    evidence.contradictions = [one.moved(shift) for one in evidence.contradictions]
     return replace(found, path=compose(shift, found.path), online=compose(shift, found.online))
 
 
@@ -370,18 +345,19 @@ def _rmse(path: Floats, reference: Floats) -> float:
 
 def _false_loops(slam: Slam, reference: Floats) -> tuple[int | None, int | None]:
     """How many loops contradict the reference, and how many of these are on."""
-    if not slam.loops:
+    scans = slam.map
+    if not scans.loops:
         return 0, 0
-    numbers = np.array(slam.numbers)
-    starts = reference[numbers[[loop.start for loop in slam.loops]]]
-    ends = reference[numbers[[loop.end for loop in slam.loops]]]
-    off = relative(relative(starts, ends), np.array([loop.pose for loop in slam.loops]))
+    numbers = np.array(scans.numbers)
+    starts = reference[numbers[[loop.start for loop in scans.loops]]]
+    ends = reference[numbers[[loop.end for loop in scans.loops]]]
+    off = relative(relative(starts, ends), np.array([loop.pose for loop in scans.loops]))
     known = ~np.isnan(off[:, 0])
     if not known.any():
         return None, None
     with np.errstate(invalid="ignore"):
         false = (np.hypot(off[:, 0], off[:, 1]) > FALSE_M) | (np.abs(off[:, 2]) > FALSE_RAD)
-    on = slam.loop_weights > ON
+    on = scans.loop_weights > ON
     return int(np.count_nonzero(false)), int(np.count_nonzero(false & on))
 
 

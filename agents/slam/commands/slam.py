@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
-from enum import Enum
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from armadico.agents.slam.commands import log_file
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import FILE, Command, Must, argument, between, flag, option, several
-from armadico.core.errors import advice
+from armadico.cli.parsing import FILE, Command, flag, option, several
 
 if TYPE_CHECKING:
     from armadico.agents.slam.commands.run import Figures, Mapped, Relations
     from armadico.agents.slam.logs.logs import Log
-    from armadico.agents.slam.slam import SlamParameters
-    from armadico.core.judgement import Judgement
 
-
-THERE: Final = Must(Path.exists, "no such file or folder")
-REACH: Final = Must(lambda reach: 0.0 < reach <= 100.0, "more than 0, at most 100")
 
 EXAMPLES: Final = """\
   armadico slam office.log.gz -o office.yaml                 a CARMEN log
@@ -36,8 +28,6 @@ EXAMPLES: Final = """\
   armadico slam intel.npz --over first --align -o half.yaml  to localize the other half on it
 """
 
-MOST: Final = 1e6  # of a parameter that is a number
-
 RELATED: Final = (
     "Only relations whose both times are times of scans are used. Published figures are of all"
     " relations: they cannot be compared with these."
@@ -45,8 +35,7 @@ RELATED: Final = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    log: Path = argument("the log: .npz, CARMEN, recording, or ROS bag", metavar="LOG", must=THERE)
+class Options(log_file.LogOptions):
     output: Path | None = option(
         "write the map: .yaml (with .pgm, and .graph.npz to go on with it) or .map; the path goes"
         " to FILE with .tum (default: write nothing)",
@@ -55,16 +44,6 @@ class Options:
         metavar="FILE",
     )
     picture: Path | None = option("draw the map, the path and the loops", metavar="FILE.png")
-    drift: float | None = option(
-        "add errors to the odometry, as a share of ways and turns (default: 0;"
-        f" {log_file.ERRORS:g} where the odometry is a corrected path)",
-        metavar="SHARE",
-        must=between(0, 1),
-    )
-    seed: int = option("seed of these errors (default: 0)", default=0, metavar="N")
-    over: str = option(
-        "use this part of the log (default: all)", default="all", choices=log_file.PARTS
-    )
     align: bool = flag("write map and path in the frame of the log's reference, moved as a whole")
     relations: Path | None = option(
         "measure the path on the relative poses of a file: t1 t2 x y z roll pitch yaw",
@@ -77,40 +56,20 @@ class Options:
         "--set",
         metavar="KEY=VALUE",
     )
-    reach: float | None = option(
-        "the scanner's longest range (default: the log's)", metavar="M", must=REACH
-    )
-    corrected: bool | None = flag(
-        "the poses of a CARMEN log are corrected (default: as for armadico localize)",
-        default=None,
-    )
-    namespace: str | None = option("the robot, of a recording of several", metavar="NS")
-    period: float | None = log_file.period()
-    scan: str | None = option(
-        "the topic of a bag with the scans (default: the only LaserScan)", metavar="TOPIC"
-    )
-    odom: str | None = option(
-        "the topic of a bag with the odometry (default: the only Odometry, else the transform from"
-        " odom)",
-        metavar="TOPIC",
-    )
-    json: bool = flag("print one JSON object on stdout")
 
 
 def run(args: Options) -> int:
     """Make the map; 0 if nothing speaks against it, 1 if it is wrong, 3 if it may be."""
-    parameters = _parameters(args)
-    _check(args)
     from armadico.agents.slam.commands import run as runs
+    from armadico.agents.slam.slam import SlamParameters
     from armadico.cli.pool import progress
+    from armadico.config.loading import set_values
 
+    parameters = set_values(SlamParameters(do_loop_closing=not args.no_loops), args.sets)
+    _check(args)
     say = options.reporter("armadico slam")
-    log, drift = _log(args)
-    for note in log.notes:
-        say(f"note: {note}")
-    if drift and args.drift is None:
-        say(f"note: the odometry is a corrected path; errors of {drift:g} are added, see --drift")
-    log = runs.over(log, args.over)
+    log, drift = log_file.opened(args, say)
+    log = log.only(log.part(args.over))
     if args.align and not log.known.any():
         raise UsageError(f"--align: {args.log} has no reference")
     given = None if args.relations is None else runs.read_relations(args.relations)
@@ -122,18 +81,24 @@ def run(args: Options) -> int:
     written, outside = _write(args, log, found)
     figures = runs.figures(log, found)
     judged = runs.judgement(log, figures, outside)
-    if args.json:
-        print(json.dumps(_about(args, log, drift, figures, related, judged)))
-    else:
-        _show(log, drift, figures, related)
+    rows = [*_rows(figures), *(() if related is None else _related(related))]
+    more: dict[str, Any] = {
+        "drift": drift,
+        "sets": args.sets,
+        "relations": related,
+        "memory_most_mib": _memory_mib(),
+    }
+    log_file.report(args, log, judged, figures, rows, drift, **more)
+    if related is not None and not args.json:
+        print(RELATED)
     for line in written:
         say(line)
     if related is not None and not related.used:
         say(f"{args.relations}: none of its times are times of scans: is it of this log?")
-    log_file.conclude(judged, "the map is right, as far as the log shows", say)
+    code = log_file.conclude(judged, "the map is right, as far as the log shows", say)
     if figures.uncertain and figures.uncertain not in judged.reason:  # what is wrong outweighs it
         say(f"the map may be wrong: {figures.uncertain}")
-    return judged.exit_code
+    return code
 
 
 def _check(args: Options) -> None:
@@ -142,79 +107,6 @@ def _check(args: Options) -> None:
         options.check_map(args.output)
     if args.picture is not None and not args.picture.resolve().parent.is_dir():
         raise FailedError(f"cannot write {args.picture}: there is no such folder")
-
-
-def _log(args: Options) -> tuple[Log, float]:
-    """The log, and the errors that were added to it. Raises LogError, FailedError, UsageError."""
-    from armadico.agents.slam.logs import bags
-
-    if bags.is_bag(args.log):
-        options.need("rosbags", "bags")
-        topics = {"scan": args.scan, "odom": args.odom}
-        log = bags.read(args.log, **topics, reach=args.reach, period=args.period)
-    elif args.scan is not None or args.odom is not None:
-        raise UsageError(f"--scan, --odom: {args.log} is not a ROS bag")
-    else:
-        if not args.log.is_file():
-            raise UsageError(f"{args.log}: expected a file, or a folder with a ROS 2 bag")
-        log = log_file.read(
-            args.log,
-            reach=args.reach,
-            corrected=args.corrected,
-            namespace=args.namespace,
-            period=args.period,
-        )
-    return log_file.with_errors(log, args.drift, args.seed)
-
-
-def _parameters(args: Options) -> SlamParameters:
-    """Raises UsageError for what is no parameter or no value of it."""
-    from armadico.agents.slam.slam import SlamParameters
-
-    parameters = SlamParameters(do_loop_closing=not args.no_loops)
-    for given in args.sets:
-        key, equals, value = given.partition("=")
-        if not equals:
-            raise UsageError(f"--set {given}: expected KEY=VALUE")
-        parameters = _with(parameters, key.split("."), value, key)
-    return parameters
-
-
-def _with(parameters: Any, names: list[str], value: str, key: str) -> Any:
-    """The parameters with one of them replaced; of a group its name comes first."""
-    known = [one.name for one in fields(parameters)]
-    if names[0] not in known:
-        raise UsageError(f"--set {key}: no such parameter; {advice(names[0], known)}")
-    old = getattr(parameters, names[0])
-    if is_dataclass(old) != (len(names) > 1):
-        raise UsageError(f"--set {key}: expected GROUP.NAME, such as matcher.resolution")
-    if len(names) > 1:
-        return replace(parameters, **{names[0]: _with(old, names[1:], value, key)})
-    try:
-        new = _valued(old, value)
-    except ValueError:
-        raise UsageError(f"--set {key}={value}: expected {_expected(old)}") from None
-    return replace(parameters, **{names[0]: new})
-
-
-def _expected(old: Any) -> str:
-    """What `_valued` accepts in place of a value."""
-    if isinstance(old, Enum):
-        return ", ".join(one.value for one in old.__class__)
-    kind = type(old).__name__
-    return kind if isinstance(old, bool) else f"{kind}, more than 0 and less than {MOST:g}"
-
-
-def _valued(old: Any, value: str) -> Any:
-    """A text as the type of the value that it replaces. Raises ValueError."""
-    if isinstance(old, bool):
-        if value not in ("true", "false"):
-            raise ValueError(value)
-        return value == "true"
-    new = type(old)(value)
-    if isinstance(new, int | float) and not 0 < new < MOST:
-        raise ValueError(value)
-    return new
 
 
 def _write(args: Options, log: Log, found: Mapped) -> tuple[list[str], int]:
@@ -259,64 +151,11 @@ def _memory_mib() -> float:
     return getrusage(RUSAGE_SELF).ru_maxrss / 1024.0  # Linux counts in KiB
 
 
-def _about(
-    args: Options,
-    log: Log,
-    drift: float,
-    figures: Figures,
-    related: Relations | None,
-    judged: Judgement,
-) -> dict[str, Any]:
-    import msgspec
-
-    from armadico.observe.conditions import software
-
-    return {
-        "log": str(args.log),
-        "judgement": msgspec.to_builtins(judged),
-        "notes": log.notes,
-        "readings_used": log.used,
-        "readings_given": log.given,
-        "real_odometry": log.real,
-        "drift": drift,
-        "seed": args.seed,
-        "sets": args.sets,
-        "over": args.over,
-        **msgspec.to_builtins(figures),
-        "relations": msgspec.to_builtins(related),
-        "memory_most_mib": _memory_mib(),
-        "software": msgspec.to_builtins(software()),
-    }
-
-
-def _show(log: Log, drift: float, figures: Figures, related: Relations | None) -> None:
-    """Print a row for each measure."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    odometry = "real odometry" if log.real else "a corrected path"
-    added = f", errors of {drift:g} added" if drift else ""
-    table = Table(show_header=False, padding=(0, 1))
-    table.title = escape(options.shown(f"{log.name}: {odometry}{added}"))
-    table.add_column()
-    table.add_column(justify="right")
-    table.add_row(log_file.USED, f"{log.used}  {log.given}")
-    for name, value in _rows(figures):
-        table.add_row(name, value)
-    if related is not None:
-        for name, value in _related(related):
-            table.add_row(name, value)
-    Console().print(table)
-    if related is not None:
-        print(RELATED)
-
-
 def _related(r: Relations) -> Iterator[tuple[str, str]]:
     yield "relations used, given", f"{r.used}  {r.given}"
     if r.used:
         three = (r.error_mean_m, r.error_deviation_m, r.error_most_m)
-        yield "  error: mean, deviation, most, m", "  ".join(f"{v or 0.0:.3f}" for v in three)
+        yield "  error: mean, deviation, most, m", log_file.each(three, 3)
         yield "  heading: mean, degrees", f"{r.heading_mean_deg or 0.0:.2f}"
 
 
@@ -328,7 +167,7 @@ def _rows(figures: Figures) -> Iterator[tuple[str, str]]:
         yield "error", "the log has no reference"
     else:
         three = (f.error_rmse_m, f.error_95_m, f.error_most_m)
-        yield "error: rmse, 95 %, most, m", "  ".join(f"{value or 0.0:.3f}" for value in three)
+        yield "error: rmse, 95 %, most, m", log_file.each(three, 3)
         yield "heading: median, degrees", f"{f.heading_median_deg or 0.0:.2f}"
         yield "error at the time: rmse, m", f"{f.online_rmse_m or 0.0:.3f}"
         yield "odometry alone: rmse, m", f"{f.odometry_rmse_m or 0.0:.2f}"
@@ -349,7 +188,7 @@ def _rows(figures: Figures) -> Iterator[tuple[str, str]]:
     if f.rejected:
         yield "scans that could not be used", f"{f.rejected}"
     spent = (f.scan_median_ms, f.scan_95_ms, f.scan_most_ms)
-    yield "processor: median, 95 %, most, ms", "  ".join(f"{value:.1f}" for value in spent)
+    yield "processor: median, 95 %, most, ms", log_file.each(spent, 1)
     faster = f.seconds / f.total_s if f.total_s else 0.0
     yield "processor: total, s", f"{f.total_s:.1f}  ({faster:.0f} times faster than the log)"
     yield "memory: most, MiB", f"{_memory_mib():.0f}"

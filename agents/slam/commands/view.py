@@ -31,7 +31,9 @@ def picture(cells: Cells, slam: Slam) -> Image.Image:
     grid = Image.fromarray(shades)
     corner = np.array([cells.x, cells.y])
     # The grid has a largest size; the path and doubtful places may be beyond it.
-    places = np.vstack([slam.poses[:, :2], *(place.cells for place in slam.contradictions)])
+    places = np.vstack(
+        [slam.map.poses[:, :2], *(place.cells for place in slam.evidence.contradictions)]
+    )
     end = corner + cells.cell_m * np.array(grid.size)
     every = np.vstack([places, corner, end])
     west, south = every.min(axis=0).tolist()
@@ -46,14 +48,14 @@ def picture(cells: Cells, slam: Slam) -> Image.Image:
     def spot(x: float, y: float) -> tuple[float, float]:
         return (x - west) * scale, height - (y - south) * scale
 
-    spots = [spot(x, y) for x, y, _ in slam.poses.tolist()]
+    spots = [spot(x, y) for x, y, _ in slam.map.poses.tolist()]
     draw = ImageDraw.Draw(image)
     if len(spots) > 1:
         draw.line(spots, fill=PATH, width=2)
-    for loop, off in zip(slam.loops, slam.switched_off, strict=True):
+    for loop, off in zip(slam.map.loops, slam.map.switched_off, strict=True):
         ends = [spots[loop.start], spots[loop.end]]
         draw.line(ends, fill=OFF if off else LOOP, width=1)
-    for place in slam.contradictions:
+    for place in slam.evidence.contradictions:
         for x, y in (spot(*cell) for cell in place.cells.tolist()):
             draw.rectangle((x - 2, y - 2, x + 2, y + 2), fill=DOUBT)
         x, y = spot(place.x, place.y)

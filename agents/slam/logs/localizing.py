@@ -36,9 +36,6 @@ from armadico.mobile.messages import Correction, OccupancyGrid, Pose, Scan
 
 Floats = NDArray[np.float64]
 
-# Selections of a log's readings. The halves are in time, cut at the middle reading.
-PARTS: Final = ("all", "even", "odd", "first", "second")
-
 CYCLE_S: Final = 0.1
 BEFORE_S: Final = 0.3  # duration of odometry before the first reading
 
@@ -56,20 +53,6 @@ VOLTS: Final = 12.0
 ANYWHERE: Final = "anywhere"
 
 
-def part(log: Log, name: str, readings: Sequence[int] | None = None) -> list[int]:
-    """The readings of one of `PARTS`, out of `readings` or of all; even and odd count in those."""
-    every = list(range(len(log))) if readings is None else readings
-    half = log.time(len(log) // 2)
-    match name:
-        case "first":
-            return [i for i in every if log.time(i) < half]
-        case "second":
-            return [i for i in every if log.time(i) >= half]
-        case "even" | "odd":
-            return list(every[(name == "odd") :: 2])
-    return list(every)
-
-
 def correctors() -> tuple[str, ...]:
     """The installed agents that correct the pose on a map that they are given."""
     mappers = providers(service_of(OccupancyGrid).key)
@@ -78,7 +61,7 @@ def correctors() -> tuple[str, ...]:
 
 def mapping(log: Log, name: str) -> list[int]:
     """The readings for a map: those of a part that have a reference pose."""
-    return part(log, name, [int(i) for i in np.flatnonzero(log.known)])
+    return log.part(name, [int(i) for i in np.flatnonzero(log.known)])
 
 
 def mapped(
@@ -88,7 +71,7 @@ def mapped(
 
     Args:
         log: The log.
-        name: One of `PARTS`, of the readings with a reference pose.
+        name: Of the part (`Log.part`), of the readings with a reference pose.
         profile: Of the robot: the cones of its sonars.
         step: Called for each reading.
 

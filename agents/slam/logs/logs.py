@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armadico.agents.slam.logs.cut_npz import fields_of
+from armadico.agents.slam.parameters import LEAP_M, LEAP_M_S
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import RECORDINGS
 from armadico.core.installed import loaded
@@ -52,9 +53,6 @@ FARTHEST: Final = 1e6  # a pose beyond this is invalid, m and rad
 JUMP_S: Final = 60.0  # a longer gap between two rows means that the clock was set forward
 LATE: Final = 10  # this many rows with earlier times mean that the clock was set back
 STEP_S: Final = 1.0  # replaces the gap at a jump; odometry is also valid this far outside its times
-
-# Between two rows the odometry has jumped if it moves farther and faster than this.
-LEAP_M, LEAP_M_S = 3.0, 10.0
 
 # Without useful times a robot is assumed to move and turn as fast as this in its usual step.
 USUAL_M_S, USUAL_RAD_S = 0.5, 0.5
@@ -89,6 +87,9 @@ class Readings(Protocol):
             number: Of the scan.
         """
 
+    def only(self, which: Sequence[int]) -> Readings:
+        """Some of them, in order."""
+
 
 @dataclass(frozen=True)
 class Scans:
@@ -107,6 +108,9 @@ class Scans:
         seen = self.ranges[index] * self.scale
         limits = (LEAST_M, self.reach)
         return message_of(cycle, seen, self.angles, limits, self.mount, since=since, number=number)
+
+    def only(self, which: Sequence[int]) -> Scans:
+        return replace(self, ranges=self.ranges[which])
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,9 @@ class Recorded:
             x, y, bearing = compose(since, (echo.x, echo.y, echo.bearing))
             echoes.append(msgspec.structs.replace(echo, x=x, y=y, bearing=bearing))
         return msgspec.structs.replace(message, cycle=cycle, echoes=tuple(echoes))
+
+    def only(self, which: Sequence[int]) -> Recorded:
+        return Recorded(tuple(self.messages[index] for index in which))
 
 
 @dataclass(frozen=True)
@@ -177,6 +184,26 @@ class Log:
         """The reference pose of a reading, None where unknown."""
         x, y, theta = self.reference[self.rows[reading]].tolist()
         return None if isnan(x) else (x, y, theta)
+
+    def part(self, name: str, readings: Sequence[int] | None = None) -> list[int]:
+        """The readings of a part: `all`, `even`, `odd`, or a half in time, `first` or `second`.
+
+        Out of `readings` or of all; even and odd count in those.
+        """
+        every = list(range(len(self))) if readings is None else readings
+        half = self.time(len(self) // 2)
+        match name:
+            case "first":
+                return [i for i in every if self.time(i) < half]
+            case "second":
+                return [i for i in every if self.time(i) >= half]
+            case "even" | "odd":
+                return list(every[(name == "odd") :: 2])
+        return list(every)
+
+    def only(self, readings: Sequence[int]) -> Log:
+        """The log with some of its readings."""
+        return replace(self, rows=self.rows[readings], readings=self.readings.only(readings))
 
     def odometry_at(self, t: float) -> Pose2:
         """The odometry at any time, interpolated between two rows."""

@@ -7,17 +7,13 @@ from typing import Any, ClassVar
 
 import pytest
 
-from armadico.core import messages as m
 from armadico.core.agent import Agent, Question
-from armadico.core.mailbox import EVENTS
-from armadico.core.messages import Log, Message, Stop
+from armadico.core.messages import Message
 from armadico.core.services import Kind, Service, register
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import LIVELINESS, VirtualMesh
 from armadico.mesh.virtual_network import Link
 from armadico.mobile.messages import (
-    MissionReply,
-    MissionRequest,
     MissionState,
     MissionStatus,
     Plan,
@@ -131,14 +127,6 @@ def test_messages_of_one_process_arrive_in_order_and_none_is_lost() -> None:
     assert counted == [str(n) for n in range(1, len(counted) + 1)]
 
 
-def test_order_holds_when_a_burst_takes_longer_than_its_gaps() -> None:
-    mesh, listener = listening()
-    for number in range(200):
-        mesh.publish(Word(str(number)))
-    mesh.run(1.0)
-    assert [text for _, text in listener.seen] == [str(n) for n in range(200)]
-
-
 def test_a_later_message_never_overtakes_on_a_link_that_was_slow() -> None:
     link = Link(VirtualMesh(3).stream("a link"))
     link.faults = LinkFaults(delay=0.5)
@@ -192,20 +180,6 @@ def test_a_publisher_does_not_receive_its_message_but_its_twin_does() -> None:
     ]
 
 
-def test_a_publication_is_decoded_once_and_shared() -> None:
-    mesh, listener = listening()
-    other = Listener(mesh.identity("other"))
-    other.name = "other"  # type: ignore[misc]
-    mesh.add(other, admit=False)
-    messages = status(4)
-    mesh.publish(messages)
-    mesh.run(0.1)
-    taken = listener.latest(MissionStatus)
-    assert taken == messages
-    assert taken is not messages
-    assert taken is other.latest(MissionStatus)
-
-
 def test_watchers_get_every_message_at_once_and_publish_nothing() -> None:
     mesh, _ = listening(Talker)
     shown: list[tuple[str, Any]] = []
@@ -230,24 +204,6 @@ def test_after_a_hang_events_come_in_order_and_of_a_state_only_the_latest() -> N
     node.resume()
     assert [what for _, what in listener.seen] == [3, "event 1", "event 2", "event 3"]
     assert {now for now, _ in listener.seen} == {mesh.now}
-
-
-def test_dropped_deliveries_are_logged_as_by_a_process() -> None:
-    mesh, listener = listening()
-    lines: list[str] = []
-    mesh.watch(lambda _key, log, _now: lines.append(log.text), Log)
-    mesh.run(0.1)
-    node = mesh.node("listener")
-    node.hang()
-    for number in range(EVENTS + 3):
-        mesh.publish(Word(str(number)))
-    mesh.run(mesh.now + 0.5)
-    assert lines == []
-    node.resume()
-    assert [what for _, what in listener.seen] == [str(n) for n in range(3, EVENTS + 3)]
-    (line,) = lines
-    assert line.endswith(": rejected or dropped: 3 x too busy: dropped on word/{instance}")
-    assert not node.mailbox.dropped
 
 
 def test_a_hanging_process_gets_only_the_final_tokens_afterwards() -> None:
@@ -295,15 +251,6 @@ def test_a_killed_process_publishes_nothing_more_and_its_token_disappears() -> N
     assert [node.name for node in mesh.nodes if node.alive] == ["listener"]
 
 
-def test_a_killed_process_receives_nothing_more() -> None:
-    mesh, listener = listening(Talker)
-    mesh.run(1.0)
-    mesh.node("listener").kill()
-    counted = len(listener.seen)
-    mesh.run(2.0)
-    assert len(listener.seen) == counted
-
-
 def test_a_new_instance_and_the_present_ones_receive_each_others_tokens() -> None:
     mesh, first = listening(Talker)
     mesh.run(1.0)
@@ -329,22 +276,6 @@ def test_a_cut_is_one_way_and_heals() -> None:
     assert max(gaps) > 0.9
     assert sum(gap > 0.1 for gap in gaps) == 1
     assert max(b - a for (a, _), (b, _) in pairwise(other.seen)) < 0.1
-
-
-def test_a_lossy_link_loses_its_share() -> None:
-    mesh, listener = listening(Talker)
-    mesh.link("talker", "listener").faults = LinkFaults(loss=0.3)
-    mesh.run(20.0)
-    assert len(listener.seen) == pytest.approx(0.7 * 2000, rel=0.1)
-
-
-def test_a_slow_link_takes_that_much_longer() -> None:
-    mesh, listener = listening(Talker)
-    mesh.link("talker", "listener").faults = LinkFaults(delay=0.25)
-    mesh.run(1.0)
-    first, text = listener.seen[0]
-    assert text == "1"
-    assert first == pytest.approx(0.01 + 0.25, abs=0.01)
 
 
 # Queries -----------------------------------------------------------------------------------------
@@ -398,23 +329,7 @@ def test_one_that_hangs_or_died_does_not_answer_and_of_two_answers_the_first_cou
     assert len(got) == 1
 
 
-def test_a_message_that_could_not_travel_is_not_delivered_either() -> None:
-    mesh, _ = listening()
-    shown: list[Message] = []
-    mesh.watch(lambda _key, message, _now: shown.append(message), Stop)
-    mesh.publish(Stop(-1, True, "a guest", 1))
-    mesh.run(0.1)
-    assert shown == []
-
-
 # Joining ------------------------------------------------------------------------------------------
-
-
-class Only(Listener):
-    """One that must be alone."""
-
-    name = "only"
-    alone = True
 
 
 def test_a_joining_agent_observes_first_and_then_gets_the_tokens() -> None:
@@ -430,66 +345,4 @@ def test_a_joining_agent_observes_first_and_then_gets_the_tokens() -> None:
     assert [what for _, what in first.tokens] == ["+listener"]
 
 
-def test_a_second_one_that_must_be_alone_is_refused_and_never_seen() -> None:
-    mesh, listener = listening(Only)
-    mesh.run(1.0)
-    mesh.node("only").agent.tenure = 100
-    second = mesh.add(Only(mesh.identity("only", 1)))
-    mesh.run(3.0)
-    assert not second.alive
-    assert "another only agent is alive already" in second.driver.refusal
-    assert [what for _, what in listener.tokens] == ["+only"]
-
-
-def test_one_that_waits_for_the_card_of_one_that_hangs_does_not_stop_the_clock() -> None:
-    mesh, _ = listening(Only)
-    mesh.run(1.0)
-    mesh.node("only").hang()
-    second = mesh.add(Only(mesh.identity("only", 1)))
-    before = mesh.events
-    mesh.run(6.0)
-    assert mesh.events - before < 200
-    assert second.driver.started, "the lease of the first has run out"
-
-
-def test_of_many_that_begin_at_once_one_stays() -> None:
-    mesh, _ = listening()
-    nodes = [mesh.add(Only(mesh.identity("only", start))) for start in range(5)]
-    mesh.run(10.0)
-    assert sum(node.alive and node.driver.started for node in nodes) == 1
-
-
 # What cannot be sent ------------------------------------------------------------------------------
-
-
-class Numb(Agent):
-    """Publishes, queries and replies messages that cannot be decoded."""
-
-    name = "numb"
-    answers: ClassVar[tuple[type[Message], ...]] = (MissionRequest,)
-
-    def on_start(self) -> None:
-        self.replies: list[Any] = []
-        nowhere = Waypoint(float("nan"), 0, 0)
-        self.publish(MissionStatus(1, MissionState.DRIVING, float("nan")))
-        self.query(PlanRequest(nowhere, nowhere), self.replies.append)
-
-    def on_mission_request(self, question: Question) -> Message:
-        return MissionReply(-1)
-
-
-def test_messages_that_cannot_be_sent_are_logged() -> None:
-    mesh, listener = listening(Numb)
-    lines: list[str] = []
-    mesh.watch(lambda key, message, now: lines.append(message.text), m.Log)  # type: ignore[attr-defined]
-    mesh.run(3.0)
-    (messages,) = lines
-    assert "1 x on mission/status: MissionStatus cannot be sent" in messages
-    mesh.run(10.0)
-    mesh.query(MissionRequest(Waypoint(1.0, 0.0, 0.0)), lambda reply: None)
-    mesh.run(20.0)
-    _, messages = lines
-    assert "1 x on path/plan: PlanRequest cannot be sent" in messages
-    assert "on mission/request: MissionReply cannot be sent" in messages
-    assert mesh.node("numb").agent.replies == [None]  # type: ignore[attr-defined]
-    assert [what for _, what in listener.seen] == []

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from armadico.core import messages as m
 from armadico.core.agent import Agent
 from armadico.core.resources import WHEELS
-from armadico.launch.client import Client
 from armadico.mesh.presence import GRACE_S
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import LEASE, LIVELINESS, RECONNECT, Node, VirtualMesh
@@ -217,19 +216,6 @@ def test_an_agent_that_hangs_while_the_router_restarts_finds_it_afterwards() -> 
     assert world["avoid"].gone() == ["robot"], "it was back in time"
 
 
-def test_a_second_robot_agent_is_the_router_once_the_first_is_gone() -> None:
-    world = World("goto", "avoid")
-    first = world.nodes["robot"]
-    world.start("robot")
-    world.run(1.0)
-    first.kill()
-    world.run(BACK)
-    since = world.run(0.1)
-    world.run(0.1)
-    assert world["goto"].received("avoid", since)
-    assert world["robot"].received("avoid", since)
-
-
 # A router that hangs ------------------------------------------------------------------------------
 
 
@@ -318,65 +304,9 @@ def test_an_agent_that_is_cut_from_the_router_for_the_lease_is_cut_off_and_comes
     assert avoid.received("goto", since)
 
 
-def test_a_cut_without_a_lease_is_not_reported_and_holds_for_all_that_passes_the_router() -> None:
-    world = World("goto", "avoid")
-    cut = world.mesh.now
-    world.mesh.cut(["goto"], ["robot"])
-    world.run(5.0)
-    since = cut + SOON
-    assert world["robot"].received("goto", since) == world["avoid"].received("goto", since) == []
-    assert world["goto"].received("avoid", since)
-    assert world["goto"].received("robot", since)
-    world.mesh.heal(["goto"], ["robot"])
-    world.run(SOON)
-    assert world["avoid"].received("goto", world.mesh.now - SOON)
-    assert all(agent.routers == agent.gone() == [] for agent in (*world.others, world["robot"]))
-
-
-def test_agents_that_are_cut_from_the_router_do_not_reach_each_other_either() -> None:
-    world = World("goto", "avoid", "sonar")
-    away, here = ["goto", "avoid"], ["robot", "sonar"]
-    world.mesh.cut(away, here, lease=True)
-    world.mesh.cut(here, away, lease=True)
-    world.run(4.0)
-    since = world.mesh.now - 2.0
-    assert world["robot"].received("sonar", since)
-    for name in ("robot", "sonar", "avoid"):
-        assert world["goto"].received(name, since) == []
-    assert world["goto"].gone() == world["avoid"].gone() == []
-    assert sorted(world["sonar"].gone()) == ["avoid", "goto"]
-    world.mesh.heal(away, here)
-    world.mesh.heal(here, away)
-    world.run(BACK)
-    since = world.run(0.1)
-    world.run(GRACE_S)
-    assert world["goto"].gone() == world["avoid"].gone() == []
-    for one, other in itertools.permutations(world.nodes, 2):
-        assert world[one].received(other, since)
-
-
 # Guests -------------------------------------------------------------------------------------------
 
 POSE = Pose(m.Cycle(1, 2), 1.0, -2.0, 0.5)
-
-
-def test_a_guest_knows_that_it_is_cut_off_and_keeps_the_agents_that_it_knew() -> None:
-    world = World("goto")
-    guest = VirtualSession(world.mesh)
-    client, news = Client(guest), []
-    guest.watch_router(news.append)
-    client.settle()
-    known = set(client.alive)
-    assert {name for name, _ in known} == {"robot", "goto"}
-    world.nodes["robot"].kill()
-    client.wait_for(lambda: False, 2.0)
-    assert not guest.reachable
-    assert client.alive == known
-    world.start("robot")
-    client.wait_for(lambda: False, BACK + GRACE_S + SOON)
-    assert news == [True, False, True]
-    assert {name for name, _ in client.alive} == {"robot", "goto"}
-    assert len(client.alive - known) == 1, "the new robot agent"
 
 
 # Fleets -------------------------------------------------------------------------------------------
@@ -419,45 +349,6 @@ def test_robots_of_a_fleet_share_its_keys_and_no_others() -> None:
     fleet = Fleet()
     assert fleet.crosses("fleet/pose", "encoder/pose") == ["fleet/pose"]
     assert fleet.crosses("fleet/pose", "encoder/pose", by="lab/r2") == ["fleet/pose"]
-
-
-@pytest.mark.parametrize("down", ["lab/r1", "lab/r2"])
-def test_without_either_robots_router_nothing_crosses_and_afterwards_it_does(down: str) -> None:
-    fleet = Fleet()
-    fleet.robots[down].kill()
-    fleet.mesh.run(2.0)
-    for by in fleet.guests:
-        assert fleet.crosses("fleet/pose", by=by) == []
-        assert fleet.guests[by].reachable != (by == down)
-    fleet.start(down)
-    fleet.mesh.run(fleet.mesh.now + BACK)
-    for by in fleet.guests:
-        assert fleet.crosses("fleet/pose", by=by) == ["fleet/pose"]
-
-
-@pytest.mark.parametrize("hung", ["lab/r1", "lab/r2"])
-def test_what_crosses_waits_in_a_router_that_hangs_and_is_lost_after_the_lease(hung: str) -> None:
-    fleet = Fleet()
-    fleet.robots[hung].hang()
-    assert fleet.crosses("fleet/first", "fleet/second") == []
-    fleet.robots[hung].resume()
-    assert fleet.crosses("fleet/third") == ["fleet/first", "fleet/second", "fleet/third"]
-    fleet.robots[hung].hang()
-    fleet.mesh.run(fleet.mesh.now + 2 * LEASE)
-    assert fleet.crosses("fleet/lost") == []
-    fleet.robots[hung].resume()
-    fleet.mesh.run(fleet.mesh.now + BACK)
-    assert fleet.crosses("fleet/pose") == ["fleet/pose"]
-
-
-def test_a_cut_between_two_robots_parts_the_fleet_and_neither_society() -> None:
-    fleet = Fleet()
-    fleet.mesh.cut(["lab/r1/robot"], ["lab/r2/robot"])
-    assert fleet.crosses("fleet/pose") == []
-    assert fleet.crosses("fleet/pose", by="lab/r2") == ["fleet/pose"]
-    assert all(guest.reachable for guest in fleet.guests.values())
-    fleet.mesh.heal(["lab/r1/robot"], ["lab/r2/robot"])
-    assert fleet.crosses("fleet/pose") == ["fleet/pose"]
 
 
 # Any faults ---------------------------------------------------------------------------------------

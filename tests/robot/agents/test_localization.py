@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
+from functools import cache
 from math import cos, hypot, pi, radians, sin, sqrt
 from pathlib import Path
 
@@ -449,9 +451,9 @@ LINES
 """
 
 
-@pytest.fixture
-def world(tmp_path: Path) -> str:
-    path = tmp_path / "room.map"
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("world") / "room.map"
     lines = "\n".join(" ".join(str(round(1000 * v)) for v in wall) for wall in WALLS)
     path.write_text(MAP + lines + "\n", encoding="utf-8")
     return str(path)
@@ -496,6 +498,19 @@ class Robot:
         self.agent.outbox.clear()
         self.published += published
         return [message for message in published if isinstance(message, Correction)]
+
+
+@cache
+def _settled(world: str, seed: int, confirm: Confirmation) -> Robot:
+    robot = Robot(Parameters(world=world, confirm=confirm), seed)
+    for pose, motion in drive(START, 200):
+        robot.at(pose, motion, pose)
+    return robot
+
+
+def settled(world: str, seed: int = 3, confirm: Confirmation = SONARS) -> Robot:
+    """A robot that has driven for 20 s, and knows where it is."""
+    return deepcopy(_settled(world, seed, confirm))
 
 
 def placed(correction: Correction, odometry: Pose2) -> Pose2:
@@ -606,9 +621,7 @@ def test_it_is_searched_for_in_named_rooms_and_elsewhere_only_if_it_began_there(
 
 
 def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
-    robot = Robot(Parameters(world=world))
-    for pose, motion in drive(START, 200):
-        robot.at(pose, motion, pose)
+    robot = settled(world)
     confidences = [
         robot.at(pose, motion, (0.0, 0.0, 0.0))[0].confidence
         for pose, motion in drive((1.0, 1.5, 2.0), 100)
@@ -620,9 +633,7 @@ def test_a_robot_that_was_carried_away_is_lost(world: str) -> None:
 
 
 def test_it_is_found_where_it_was_carried_to(world: str) -> None:
-    robot = Robot(Parameters(world=world))
-    for pose, motion in drive(START, 150):
-        robot.at(pose, motion, pose)
+    robot = settled(world)
     for pose, motion in drive((1.0, 1.5, 2.0), 250):
         (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
     x, y, _ = placed(correction, robot.odometry)
@@ -677,9 +688,7 @@ def test_a_person_before_half_of_the_sonars_does_not_make_it_lost(world: str) ->
 
 
 def test_readings_that_fit_badly_slow_the_robot_down_before_it_is_lost(world: str) -> None:
-    robot = Robot(Parameters(world=world), seed=4)  # of eight, six are lost at the same look
-    for pose, motion in drive(START, 200):
-        robot.at(pose, motion, pose)
+    robot = settled(world, seed=4)  # of eight, six are lost at the same look
     deviations = []
     for pose, motion in drive((1.0, 1.5, 2.0), 100):
         (correction,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
@@ -701,9 +710,7 @@ def doubting(
     confirm: Confirmation = SONARS,
 ) -> Robot:
     """Kidnapped; each search finds the next of these alternatives, the last one again and again."""
-    robot, left = Robot(Parameters(world=world, confirm=confirm)), list(others)
-    for pose, motion in drive(START, 200):
-        robot.at(pose, motion, pose)
+    robot, left = settled(world, confirm=confirm), list(others)
 
     def alternative(*_: object) -> Alternative | None:
         return left.pop(0) if len(left) > 1 else left[0]

@@ -141,6 +141,20 @@ def test_it_turns_once_and_then_drives_on() -> None:
     assert (v > 0.1, w) == (True, 0.0)
 
 
+def test_lost_again_it_begins_anew() -> None:
+    made = lost(give_up_s=5.0)
+    made.holding()
+    for _ in range(60):
+        made.cycle()
+    assert "5 s" in made.bid.reason
+    made.off_m = 0.1
+    for _ in range(15):
+        made.cycle()
+    made.off_m = 2.0 * LOST_M
+    made.cycle()
+    assert made.bid.reason == "lost: look around"
+
+
 def test_where_it_cannot_drive_on_it_turns_to_the_freer_side() -> None:
     made = lost()
     made.holding()

@@ -121,7 +121,11 @@ def test_an_addition_can_refuse_and_its_failure_costs_no_measures(toy: Path) -> 
     assert failed.returncode == 1
     assert "armadico: the lamp is full" in failed.stderr
     assert json.loads(failed.stdout)["reached"] is True
-    fleet = run(toy, "run", "fleet", *words[2:3], "--lamp", "red")
+
+
+def test_an_addition_says_which_runs_it_is_for(toy: Path) -> None:
+    pytest.importorskip("armadico.agents.fleet")
+    fleet = run(toy, "run", "fleet", "--virtual", "--lamp", "red")
     assert "--lamp is for the run of one robot" in fleet.stderr
 
 

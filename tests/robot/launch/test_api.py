@@ -105,21 +105,26 @@ def test_poses_are_in_metres_and_radians() -> None:
     assert done.path[-1, 2] == pytest.approx(-pi / 2, abs=0.1)
 
 
-def test_another_robot_and_without_somebody(tmp_path: Path) -> None:
+def test_another_robot_and_without_somebody() -> None:
     done = armadico.run("sc1", virtual=True, profile="amigobot", without=["gothrough"])
     assert done.scenario.robot == "amigobot"
     assert "gothrough" not in done.measures.shares
+
+
+def test_what_cannot_draw_leaves_no_empty_folder(sc4: Run, tmp_path: Path) -> None:
+    pytest.importorskip("armadico.watch")
     with pytest.MonkeyPatch.context() as patched:
         patched.setitem(sys.modules, "matplotlib", None)
         with pytest.raises(ImportError):
-            done.plot(tmp_path / "new" / "picture.png")
+            sc4.plot(tmp_path / "new" / "picture.png")
     assert not (tmp_path / "new").exists(), "no empty folder where nothing draws"
-    picture = done.plot(tmp_path / "new" / "picture.png")
+    picture = sc4.plot(tmp_path / "new" / "picture.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.long
 def test_a_run_is_drawn_without_a_word_to_pyplot(sc4: Run, tmp_path: Path) -> None:
+    pytest.importorskip("armadico.watch")
     plt = pytest.importorskip("matplotlib.pyplot")
     mpl = pytest.importorskip("matplotlib")
     before = mpl.get_backend()

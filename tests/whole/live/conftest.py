@@ -12,8 +12,9 @@ import pytest
 
 from armadico.config.scenarios import Scenario
 from armadico.mesh.sockets import RUNTIME_VARIABLE
-from tests.robot.society import LINE, Observer, Society, launcher_of, mesh_of, observers_mesh
+from tests.robot.society import Observer, mesh_of
 from tests.runtime_folder import fresh_folder
+from tests.whole.live.society import LINE, Society, launcher_of, observers_mesh
 
 NAMESPACE = f"live-test-{os.getpid()}"
 

@@ -9,8 +9,9 @@ import pytest
 
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.launch.society import Member
-from tests.robot.society import Society, ballots_never_go_down
+from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
+from tests.whole.live.society import Society
 
 pytestmark = pytest.mark.live
 

@@ -11,8 +11,8 @@ import pytest
 
 from armadico.bridge.p2os.commands import Cmd
 from tests.robot.society import ballots_never_go_down
-from tests.robot.speeds import moves, statuses_until_stop
 from tests.whole.live.conftest import Start
+from tests.whole.live.speeds import moves, statuses_until_stop
 from tests.whole.live.test_kills import MOST_STATUSES
 
 pytestmark = pytest.mark.live

@@ -27,9 +27,10 @@ from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
 from armadico_tools.faults.serial_tap import Tap
 from tests.programs import Start, starter
-from tests.robot.society import LINE, SOON, Observer, Society, joining_observer, mesh_of
-from tests.robot.speeds import moves
+from tests.robot.society import SOON, Observer, mesh_of
 from tests.whole.live.conftest import NAMESPACE
+from tests.whole.live.society import LINE, Society, joining_observer
+from tests.whole.live.speeds import moves
 
 pytestmark = pytest.mark.live
 

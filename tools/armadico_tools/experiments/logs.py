@@ -162,7 +162,7 @@ def explain(task: Task) -> Explained:
     """The share of a log's scans that its map explains, at the reference poses."""
     log, path = logs.read(Path(task.log)), make((task.map_of, task.part, task.folder))
     name = Path(task.log).stem
-    chosen = [i for i in localizing.part(log, task.over) if log.where(i) is not None]
+    chosen = [i for i in log.part(task.over) if log.where(i) is not None]
     if not chosen or not path:
         return Explained(name, task.part, task.over, 0.0)
     plain = LikelihoodFilter(grid_map.read(path), np.random.default_rng(0))
@@ -187,7 +187,7 @@ def _localize(task: Task) -> Summary:
     path = make((task.map_of, task.part, task.folder))
     if not path:
         localizing.mapped(logs.read(Path(task.map_of)), task.part, load_profile(PROFILE))
-    readings = localizing.part(log, task.over)
+    readings = log.part(task.over)
     if task.by == PLAIN:
         cells = grid_map.read(path)
         return localizing.summary(filtered(log, cells, readings, task.seed, time.process_time))
