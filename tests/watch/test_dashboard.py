@@ -34,8 +34,8 @@ from armadico.watch.dashboard.global_map import PATH_POINTS
 from armadico.watch.dashboard.scene import Scene
 from armadico.watch.dashboard.server import close, keep
 from armadico.watch.dashboard.virtual_run import Rehearsed
-from armadico_tools.dashboard_picture import photograph
 from tests.robot.robots import described
+from tests.watch.dashboard_picture import photograph
 from tests.watch.kept import (
     AVOID,
     GOTO,

@@ -20,7 +20,7 @@ from armadico.watch.recorder import Recording
 from armadico.watch.recordings import HERE, kinds, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.recording import check, observations
-from armadico_tools.recordings import LIVE
+from tests.laboratory.recorded import LIVE
 from tests.missions.test_surveillance import FINAL, ORIGINAL, surveillance
 from tests.once import Once
 
@@ -63,7 +63,7 @@ def test_a_mission_is_read_back_as_it_was(tmp_path: Path, once: Once) -> None:
 
 @pytest.mark.long
 def test_ten_minutes_of_real_processes_kept_every_promise() -> None:
-    """`armadico up surveillance`, recorded live, and read back (`armadico_tools.recordings`)."""
+    """`armadico up surveillance`, recorded live, and read back (`tests.laboratory.recorded`)."""
     read = [*rows(LIVE, pytest.fail)]
     who = Counter(row.fields["name"] for row in read if row.schema == HERE)
     assert read[-1].t - read[0].t > 595 * SECOND

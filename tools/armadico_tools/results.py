@@ -13,14 +13,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from inspect import getfile
-from io import StringIO
 from pathlib import Path
 from typing import Any, Generic, TextIO, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Struct
-
-from armadico.config.writing import write_files
 
 R = TypeVar("R", bound=Struct)
 T = TypeVar("T")
@@ -60,13 +57,6 @@ class Rows(Generic[R]):
                 write_csv(self.path, self._kind.__struct_fields__, ())
             with self.path.open("a", newline="", encoding="utf-8") as file:
                 csv.writer(file, lineterminator="\n").writerows(map(_cells, rows))
-
-    def rewrite(self, rows: Iterable[R]) -> None:
-        """Replace all rows; an interruption leaves the old or the new ones."""
-        text = StringIO(newline="")
-        _write(text, self._kind.__struct_fields__, map(_cells, rows))
-        with self._alone():
-            write_files({self.path: text.getvalue().encode()})
 
     @contextmanager
     def _alone(self) -> Iterator[None]:

@@ -1,6 +1,6 @@
 """Every agent decides what it decided in the recording that is shipped.
 
-A difference that is meant: `python -m armadico_tools.recordings`, and the commit says what is
+A difference that is meant: `python -m tests.laboratory.recorded`, and the commit says what is
 decided otherwise, and why.
 """
 
@@ -14,7 +14,7 @@ pytest.importorskip("mcap")
 
 from armadico.watch.recordings import Past
 from armadico.watch.replay import Outcome, replayed
-from armadico_tools.recordings import SHIPPED, make
+from tests.laboratory.recorded import SHIPPED, make
 
 
 def replay(path: Path) -> list[Outcome]:

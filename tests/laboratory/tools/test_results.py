@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -47,8 +46,6 @@ def test_rows_are_read_as_they_were_added(tmp_path: Path) -> None:
     for row in ROWS:
         rows.add(row)
     assert rows.read() == Rows(rows.path, Row).read() == ROWS
-    rows.rewrite(reversed(ROWS))
-    assert rows.read() == ROWS[::-1]
 
 
 @pytest.mark.parametrize("rest", ["d,", '"d', "d,4,1,", "d,four,0,\n"])
@@ -80,19 +77,6 @@ def test_a_row_that_another_process_is_writing_is_not_taken_for_cut_off(
         with pytest.raises(BlockingIOError):
             rows.add(ROWS[0])
         file.write("2,0,\n")
-    assert rows.read() == ROWS
-
-
-def test_what_replaces_a_file_is_on_the_disk_before_it_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done: list[str] = []
-    replace, fsync = Path.replace, os.fsync
-    monkeypatch.setattr(os, "fsync", lambda fd: (done.append("fsync"), fsync(fd)))
-    monkeypatch.setattr(Path, "replace", lambda *a: (done.append("replace"), replace(*a)))
-    rows = Rows(tmp_path / "rows.csv", Row)
-    rows.rewrite(ROWS)
-    assert done == ["fsync", "replace", "fsync"]
     assert rows.read() == ROWS
 
 

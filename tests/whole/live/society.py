@@ -16,9 +16,10 @@ from armadico.launch.society import Member, Options
 from armadico.mesh.base import Mesh
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 from armadico.mesh.zenoh import ZenohMesh
-from armadico_tools.faults.serial_tap import Tap, moves
+from armadico_tools.faults.serial_tap import Tap
 from armadico_tools.testbed import joining_onlooker, onlooker
 from tests.robot.society import SOON, Observer
+from tests.whole.live.speeds import moves
 
 LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.5, 0.0, 0.0)))
 """8 m straight on, nothing in the way: goto alone has anything to do."""

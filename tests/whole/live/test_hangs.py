@@ -10,9 +10,9 @@ from signal import SIGCONT, SIGSTOP
 import pytest
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico_tools.faults.serial_tap import moves, statuses_until_stop
 from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
+from tests.whole.live.speeds import moves, statuses_until_stop
 from tests.whole.live.test_kills import MOST_STATUSES
 
 pytestmark = pytest.mark.live

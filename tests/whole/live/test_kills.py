@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import replace
 
-from armadico_tools.faults.serial_tap import statuses_until_stop
 from tests.robot.society import ballots_never_go_down
 from tests.whole.live.conftest import Start
 from tests.whole.live.society import LINE
+from tests.whole.live.speeds import statuses_until_stop
 
 pytestmark = pytest.mark.live
 

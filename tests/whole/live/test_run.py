@@ -25,11 +25,12 @@ from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.observe.measures import Result, RunWatch
 from armadico.runtime.errors import RunFailedError
-from armadico_tools.faults.serial_tap import Tap, moves
+from armadico_tools.faults.serial_tap import Tap
 from tests.programs import Start, starter
 from tests.robot.society import SOON, Observer, mesh_of
 from tests.whole.live.conftest import NAMESPACE
 from tests.whole.live.society import LINE, Society, joining_observer
+from tests.whole.live.speeds import moves
 
 pytestmark = pytest.mark.live
 

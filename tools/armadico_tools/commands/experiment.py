@@ -14,7 +14,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, Must, argument, at_least, flag, group, option
 from armadico.core.errors import no_such
 from armadico_tools.command_options import Series
-from armadico_tools.experiments import CELLS, MODULES, RUNS, TITLES, Barn, titles
+from armadico_tools.experiments import CELLS, MODULES, RUNS, Barn, titles
 
 if TYPE_CHECKING:
     from armadico_tools.experiments.runner import Experiment
@@ -96,9 +96,9 @@ def _found(name: str) -> tuple[str, Experiment]:
         return cells.read(CELLS.get(name, Path(name)))
     if name not in MODULES:
         raise UsageError(no_such("experiment", name, titles()))
-    module, _, attribute = MODULES[name].partition(":")
-    found = getattr(import_module(f"armadico_tools.experiments.{module}"), attribute)
-    return TITLES[name], found
+    title, where = MODULES[name]
+    module, _, attribute = where.partition(":")
+    return title, getattr(import_module(f"armadico_tools.experiments.{module}"), attribute)
 
 
 def _run(name: str, args: Options) -> dict[str, object]:

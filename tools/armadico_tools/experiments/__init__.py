@@ -14,23 +14,29 @@ from typing import Final
 from armadico.cli.parsing import Must, option, several
 
 MODULES: Final = {
-    "random-rooms": "foreign_worlds:RANDOM_ROOMS",
-    "floors": "foreign_worlds:FLOORS",
-    "other-maps": "foreign_worlds:OTHER_MAPS",
-    "barn": "barn:BARN",
-    "exploration": "exploration:EXPLORATION",
-    "logs": "logs:LOGS",
+    "random-rooms": (
+        "Random rooms: generated floor plans with furniture",
+        "foreign_worlds:RANDOM_ROOMS",
+    ),
+    "floors": (
+        "Floors: generated floor plans with people, real sensors",
+        "foreign_worlds:FLOORS",
+    ),
+    "other-maps": (
+        "Maps of other formats: goals between free places",
+        "foreign_worlds:OTHER_MAPS",
+    ),
+    "barn": ("The BARN challenge: fields of cylinders, no map", "barn:BARN"),
+    "exploration": (
+        "Explorations by SLAM: shipped worlds and floor plans, real sensors",
+        "exploration:EXPLORATION",
+    ),
+    "logs": (
+        "Logs of real robots: the localization agent beside a plain filter",
+        "logs:LOGS",
+    ),
 }
-"""Where each `Experiment` is, in this package; a module is imported only to run it."""
-
-TITLES: Final = {
-    "random-rooms": "Random rooms: generated floor plans with furniture",
-    "floors": "Floors: generated floor plans with people, real sensors",
-    "other-maps": "Maps of other formats: goals between free places",
-    "barn": "The BARN challenge: fields of cylinders, no map",
-    "exploration": "Explorations by SLAM: shipped worlds and floor plans, real sensors",
-    "logs": "Logs of real robots: the localization agent beside a plain filter",
-}
+"""The title of each, and where its `Experiment` is; a module is imported only to run it."""
 
 CELLS: Final = {path.stem: path for path in sorted(Path(__file__).parent.glob("cells/*.toml"))}
 
@@ -42,7 +48,7 @@ FIRST_SEED: Final = 1000
 def titles() -> dict[str, str]:
     """The titles of all experiments, by name."""
     read = {name: tomllib.loads(path.read_text("utf-8"))["title"] for name, path in CELLS.items()}
-    return read | TITLES
+    return read | {name: title for name, (title, _) in MODULES.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Pictures of a recording by the native viewer, without a window; for docs and tests.
 
-`python -m armadico_tools.dashboard_picture RUN.rrd OUT.png [SECONDS [WIDTH HEIGHT]]`
+`python -m tests.watch.dashboard_picture RUN.rrd OUT.png [SECONDS [WIDTH HEIGHT]]`
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def main(arguments: list[str]) -> None:
         sys.exit(f"no picture of {recording}: {error}")
     with Image.open(io.BytesIO(taken.png)) as image:  # optimized, a third of the bytes
         image.convert("RGB").save(out, format="PNG", optimize=True)
-    print(f"{out}: {', '.join(sorted(taken.views))}; errors: {taken.errors or 'none'}")
+    sys.stdout.write(f"{out}: {', '.join(sorted(taken.views))}; {taken.errors or 'no errors'}\n")
 
 
 if __name__ == "__main__":

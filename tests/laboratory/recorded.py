@@ -1,4 +1,4 @@
-"""Write the recordings that tests read: `python -m armadico_tools.recordings`.
+"""Write the recordings that tests read: `python -m tests.laboratory.recorded`.
 
 Without options it writes `tests/recordings/sc4.mcap`, after an intended change of decisions; the
 commit states the change and its reason. In this drive avoid, gothrough and goto share two doors,
@@ -10,7 +10,7 @@ without large messages that no test reads.
     armadico up surveillance &
     armadico record ten.mcap --duration 600 &
     armadico mission run surveillance --attach && armadico mission run rounds --attach
-    python -m armadico_tools.recordings --live ten.mcap
+    python -m tests.laboratory.recorded --live ten.mcap
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from armadico.watch.recorder import PROFILE, McapFile
 from armadico.watch.recordings import Row, kinds, rows
 from armadico.watch.virtual_recording import Recorded
 
-SHIPPED: Final = Path(__file__).resolve().parents[2] / "tests" / "recordings" / "sc4.mcap"
+SHIPPED: Final = Path(__file__).resolve().parents[1] / "recordings" / "sc4.mcap"
 LIVE: Final = SHIPPED.with_name("surveillance.mcap")
 
 LEFT_OUT: Final = (JournalPiece, BidRecord, LocalMap, Obstacles, Particles, Sonar, Correction)
@@ -91,7 +91,7 @@ def run(args: Words) -> int:
     return 0
 
 
-PROGRAM: Final = "python -m armadico_tools.recordings"
+PROGRAM: Final = "python -m tests.laboratory.recorded"
 main = Command(PROGRAM, Words, run, str(__doc__), f"  {PROGRAM} --live ten.mcap\n")
 
 if __name__ == "__main__":
