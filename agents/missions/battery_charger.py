@@ -20,7 +20,6 @@ from armadico.agents.methods.utility import (
 )
 from armadico.agents.missions.errands import DeliberativeAgent, PlanDesk
 from armadico.agents.missions.messages import (
-    BatteryAlarm,
     ChargeRequest,
     ChargeState,
     ChargeStatus,
@@ -39,6 +38,7 @@ from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.driven import Stage
 from armadico.mobile.geometry import compose, relative
 from armadico.mobile.messages import (
+    BatteryAlarm,
     BatteryLevel,
     MissionReply,
     MissionStatus,

@@ -21,7 +21,6 @@ from armadico.core.messages import (
     Share,
     Text,
     TomlValue,
-    Volts,
 )
 from armadico.core.services import event, latch, query, state
 from armadico.mobile.errand import Errands, Order, Progress, StepDone
@@ -77,14 +76,6 @@ class ExploreStatus(Errands, frozen=True):
                 f" {self.places} places driven to, {self.given_up} of them not reached",
             ),
         )
-
-
-class BatteryAlarm(Message, frozen=True):
-    """The battery must be charged soon; published again for each tenth of a volt lost."""
-
-    cycle: Cycle
-    volts: Volts  # at rest
-    share: Share
 
 
 class EnergyRequest(Message, frozen=True):
@@ -384,7 +375,6 @@ class Subplan(Message, frozen=True):
 
 query(ExploreRequest, "explore/request", MissionReply, "explore and map a rectangle")
 state(ExploreStatus, "explore/status", 1, None, "the progress of the exploration")
-event(BatteryAlarm, "battery/alarm", "the battery must be charged soon")
 query(EnergyRequest, "battery/enough", EnergyReply, "does the energy suffice?")
 state(ChargeStatus, "battery/charging", 1, 3, "the charger's state; 10 Hz in the dock")
 query(ChargeRequest, "battery/charge", MissionReply, "charge the battery")

@@ -546,6 +546,14 @@ class BatteryLevel(Message, frozen=True):
     charging: bool = False
 
 
+class BatteryAlarm(Message, frozen=True):
+    """The battery must be charged soon; published again for each tenth of a volt lost."""
+
+    cycle: Cycle
+    volts: Volts  # at rest
+    share: Share
+
+
 class Truth(Message, frozen=True):
     """The simulator's ground truth, for observers: agents may not subscribe to it.
 
@@ -588,5 +596,6 @@ query(MissionRequest, "mission/request", MissionReply, "go to a goal")
 state(MissionStatus, "mission/status", 1, None, "the mission's progress; 5 Hz under way")
 share("fleet")
 state(FleetPose, "fleet/{robot}/pose", 5, None, "a robot, for the others to avoid")
+event(BatteryAlarm, "battery/alarm", "the battery must be charged soon")
 state(BatteryLevel, "battery/level", 0.2, None, "the battery; more often towards 10 V")
 state(Truth, "sim/truth", 10, None, "the simulated robot's true pose", watchers_only=True)

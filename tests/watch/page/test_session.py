@@ -295,9 +295,7 @@ def test_a_flood_does_not_use_up_another_browsers_queries(stage: Stage) -> None:
     stage.mesh.node("interface").kill()  # so that no query is answered
     for _ in range(100):
         stage.request("flood", "go", x=1.0, y=1.0)
-    order = stage.request("page 1", "order", mission="nowhere")
     goal = stage.request("page 1", "go", x=1.0, y=1.0)
-    assert "'nowhere'" in stage.answer(order)["text"]
     flooded = {each["text"] for each in stage.shown.answers if each["browser"] == "flood"}
     assert stage.answer(goal)["text"] not in flooded, "it timed out, and was not refused"
 

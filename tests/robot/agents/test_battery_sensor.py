@@ -9,14 +9,13 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.methods.energy import motor_power
-from armadico.agents.missions.battery_sensor import BatterySensor, Parameters
-from armadico.agents.missions.messages import BatteryAlarm
+from armadico.agents.perception.battery_sensor import BatterySensor, Parameters
 from armadico.bridge.simulator.battery import Battery
 from armadico.config.profile import load_profile
 from armadico.core.agent import Identity
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import Log, Message
-from armadico.mobile.messages import BatteryLevel
+from armadico.mobile.messages import BatteryAlarm, BatteryLevel
 from armadico.testing import Alone
 
 PROFILE = load_profile("pioneer-2dx")

@@ -7,13 +7,12 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from armadico.agents.missions.battery import Gauge
-from armadico.agents.missions.messages import BatteryAlarm
+from armadico.agents.perception.battery import Gauge
 from armadico.config.profile import load_profile
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent
 from armadico.core.messages import Cycle, Message, RobotState
-from armadico.mobile.messages import BatteryLevel
+from armadico.mobile.messages import BatteryAlarm, BatteryLevel
 
 Seconds = Annotated[float, Meta(gt=0, le=3600)]
 
