@@ -6,7 +6,6 @@ import pytest
 
 from armadico.bridge.ros2.frames import Seen, Wanted
 from armadico.bridge.ros2.graph import ODOMETRY, Endpoint, judge, resolve
-from armadico.bridge.ros2.samples import Address
 
 TWIST, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 SCAN = "sensor_msgs/msg/LaserScan"
@@ -37,27 +36,12 @@ def test_other_drivers_are_named() -> None:
     )
 
 
-def test_no_node_is_missed_before_discovery_has_settled() -> None:
-    assert seen([ODOM, CMD], [], settled=False) == Seen()
-
-
 def test_an_empty_domain() -> None:
     notes = seen([ODOM], []).notes
     assert notes == (
         "no robot publishes /odom (nav_msgs/msg/Odometry) in domain 0; no other node is present:"
         " is it on, in this network, and in this domain?",
     )
-
-
-def test_the_hint_about_a_simulated_robot_is_for_the_network_only() -> None:
-    for address, expected in ((Address("", 7), True), (Address("", 7, "lo"), False)):
-        found = judge([ODOM], "", address.where, [], True, address.lonely)
-        assert ("?interface=lo" in found.notes[0]) is expected
-        assert address.where in found.notes[0]
-
-
-def test_where_there_is_no_robot_nothing_else_is_missed() -> None:
-    assert len(seen([ODOM, Wanted("scan", SCAN), CMD], []).notes) == 1
 
 
 def test_what_is_there_instead() -> None:
@@ -67,23 +51,6 @@ def test_what_is_there_instead() -> None:
     assert note.endswith("there is /talker with /chatter (std_msgs/msg/String)")
     (note,) = seen([ODOM], [log]).notes
     assert note.endswith("there is /talker with no topics")
-
-
-def test_a_robot_in_another_namespace() -> None:
-    (note,) = seen([ODOM], [Endpoint("/tb1/odom", ODOMETRY, "/tb1/base", True)]).notes
-    assert note.endswith("there is odometry on /tb1/odom: is that its namespace?")
-
-
-def test_a_robot_of_another_make() -> None:
-    (note,) = seen([ODOM], [Endpoint("/platform/odom/filtered", ODOMETRY, "/base", True)]).notes
-    assert note.endswith("filtered: is it another make, with another profile?")
-
-
-def test_much_else_is_cut_short() -> None:
-    others = [Endpoint(f"/t{n:02}", SCAN, f"/n{n}", True) for n in range(50)]
-    (note,) = seen([ODOM], others).notes
-    assert "and 42 more" in note
-    assert len(note) <= 500
 
 
 def test_another_type_is_named_both_ways() -> None:

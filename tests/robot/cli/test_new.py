@@ -11,6 +11,7 @@ from zipfile import ZipFile
 
 import pytest
 
+from armadico import cli
 from armadico.cli.new import KINDS, package
 from armadico.cli.options import UsageError
 from tests.programs import Done, call
@@ -89,17 +90,22 @@ def test_what_is_written_is_installed_found_by_its_name_and_passes_its_own_test(
         assert refused.startswith(f"--set {setting}: "), refused
 
 
+@pytest.mark.parametrize(("what", "name"), OTHERS.items())
+def test_a_new_robot_resource_or_task_is_written_in_good_style(
+    tmp_path: Path, what: str, name: str
+) -> None:
+    assert cli.main(["new", what, name, "--into", str(tmp_path)]) == 0
+    style = ("--isolated", "--line-length=100")
+    python(tmp_path, "-m", "ruff", "check", *style, "--select=E,F,I,N,W", ".")
+    python(tmp_path, "-m", "ruff", "format", *style, "--check", ".")
+
+
 @pytest.mark.long
 def test_a_new_robot_resource_and_task_are_installed_and_keep_their_contracts(
     tmp_path: Path,
 ) -> None:
     for what, name in OTHERS.items():
-        done = call("new", what, name, "--into", str(tmp_path))
-        assert done.returncode == 0, done.stderr
-    lint = ("-m", "ruff", "--isolated", "--line-length=100")
-    checked = ("check", "--isolated", "--select=E,F,I,N,W", "--line-length=100", ".")
-    python(tmp_path, *lint[:2], *checked)
-    python(tmp_path, *lint[:2], "format", "--isolated", "--check", "--line-length=100", ".")
+        assert cli.main(["new", what, name, "--into", str(tmp_path)]) == 0
     folders = [f"./{name}" for name in OTHERS.values()]
     quietly = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--target", "site")
     python(tmp_path, "-m", "pip", "install", *quietly, *folders)

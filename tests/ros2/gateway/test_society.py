@@ -11,7 +11,6 @@ from msgspec.structs import replace
 from pycdr2 import IdlStruct
 
 from armadico.bridge.ros2 import cdr, types
-from armadico.bridge.ros2.gateway.health import MOST
 from armadico.bridge.ros2.gateway.society import Society
 from armadico.config.grid_map import Cells, message_of
 from armadico.config.worlds import World
@@ -25,7 +24,6 @@ from armadico.mobile.messages import (
     LocalMap,
     MissionState,
     MissionStatus,
-    OccupancyGrid,
     Pose,
     Scan,
     Sonar,
@@ -99,11 +97,6 @@ def test_map_to_base_link_is_the_pose() -> None:
     )
 
 
-def test_a_pose_of_an_unknown_cycle_moves_no_frame() -> None:
-    society = Society()
-    assert "/tf" not in samples_of(society, Pose(cycle(9), 4.0, -3.0, 2.0))
-
-
 def test_a_pose_may_arrive_before_or_after_its_state() -> None:
     early, late = Society(), Society()
     pose = Pose(cycle(9), 4.0, -3.0, 2.0)
@@ -168,17 +161,6 @@ def test_all_sonars_are_in_the_newest_static_transforms() -> None:
         found = samples_of(society, Sonar(cycle(), 5.0, (echo,)))
     assert len(transforms(found["/tf_static"])) == 4
     assert found["/sonar"][0].header.frame_id == "sonar_30"
-
-
-def test_the_numbers_of_sonars_and_resources_are_limited() -> None:
-    society = Society()
-    for number in range(2 * MOST):
-        samples_of(society, Sonar(cycle(), 5.0, (Echo(0.0, 0.0, 1e-3 * number, 1.0),)))
-        samples_of(society, m.Ack(f"made-up-{number}", cycle()))
-    found = samples_of(society, Sonar(cycle(), 5.0, (Echo(0.0, 0.0, 0.0, 1.0), Echo(1, 1, 1, 1.0))))
-    assert len(found["/sonar"]) == 1
-    (diagnostics,) = samples_of(society, state(), at=NOW + 9 * SECOND)["/diagnostics"]
-    assert len(diagnostics.status) == MOST + 1
 
 
 def test_a_scan_is_a_laser_scan_at_the_lasers_place() -> None:
@@ -273,12 +255,6 @@ def test_the_local_map_is_a_square_around_the_robot() -> None:
     assert np.count_nonzero(known == -1) == 1599
 
 
-def test_a_large_local_map_has_larger_cells() -> None:
-    (grid,) = samples_of(Society(), LocalMap(cycle(), 18, 10, 100.0, ()))["/local_map"]
-    assert grid.info.width <= 256
-    assert grid.info.width * grid.info.resolution == pytest.approx(200.0)
-
-
 def test_the_map_is_published_if_it_has_changed() -> None:
     states = np.array([[0, 1, 2], [2, 2, 1]], dtype=np.uint8)
     grid = message_of(Cells(-1.0, 0.5, 0.05, states))
@@ -298,11 +274,6 @@ def test_a_map_of_another_revision_waits_for_a_pose_on_it() -> None:
     said = samples_of(society, state(8), Pose(cycle(8), 5.0, 3.0, 0.0, revision=2))
     assert len(said["/map"]) == 1
     assert "/map" not in samples_of(society, grid, state(9))
-
-
-def test_a_malformed_grid_is_ignored() -> None:
-    lies = OccupancyGrid(0, 0, 0.05, 60_000, 60_000, b"not deflated")
-    assert "/map" not in samples_of(Society(), lies)
 
 
 def test_a_graph_is_markers_and_a_doubtful_map_a_warning() -> None:
