@@ -15,7 +15,7 @@ methods are here.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from armadico.core import messages as m
 from armadico.core import names, parameters
@@ -116,8 +116,8 @@ class Agent(Individual):
 
     def each_fresh(self, base: type[M]) -> list[M]:
         """Return the fresh messages of all subscribed kinds that derive from a base."""
-        fresh = self.kernel.fresh
-        return [message for kind in derived(base) if (message := fresh(kind)) is not None]
+        found = map(self.kernel.fresh, derived(base))
+        return [cast("M", message) for message in found if message is not None]
 
     def query(
         self,

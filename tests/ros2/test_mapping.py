@@ -33,6 +33,6 @@ def test_with_a_laser_its_scans_make_the_map_and_sonars_none() -> None:
         agent.kernel.receive(Sonar(cycle, 5.0, (Echo(0.0, 0.0, 1.57, 1.0),)), 0.1 * number)
         agent.kernel.receive(scan((0.0, 2.0), cycle=cycle), 0.1 * number)
     agent.kernel.receive(replace(scan(cycle=cycle), packed=b"abc"), 0.6)
-    cells = cells_of(agent.on_map_request(Question(1, MapRequest())))
+    cells = cells_of(agent.on_map_request(MapRequest(), Question(1)))
     assert cells.at(3.02, 0.02) == OCCUPIED
     assert cells.at(1.0, 1.0) == UNKNOWN
