@@ -116,8 +116,8 @@ class Agent(Individual):
 
     def each_fresh(self, base: type[M]) -> list[M]:
         """Return the fresh messages of all subscribed kinds that derive from a base."""
-        kinds = cast("tuple[type[M], ...]", derived(base))
-        return [message for kind in kinds if (message := self.kernel.fresh(kind)) is not None]
+        found = map(self.kernel.fresh, derived(base))
+        return [cast("M", message) for message in found if message is not None]
 
     def query(
         self,
