@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import copysign, inf, radians
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -152,7 +152,7 @@ class Robot(DeviceAgent):
     launched_with = ("port", "profile", "v_max", "simulator")
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.address = self.p.port
         self.profile = load_profile(self.p.profile)
@@ -557,7 +557,7 @@ class Robot(DeviceAgent):
 
     # The wheels ----------------------------------------------------------------------------------
 
-    def obey(self, resource: Resource, action: Any) -> None:  # noqa: ARG002 - it owns one
+    def obey(self, resource: Resource, action: tuple[float, float]) -> None:  # noqa: ARG002 - it owns one
         """Send the speeds, m/s and rad/s; above the limit slower, on the same arc.
 
         `beyond` refuses what no such robot can do. An agent that does not know a scenario's limit
@@ -584,7 +584,7 @@ class Robot(DeviceAgent):
     def measure(self, resource: Resource) -> tuple[float, float]:  # noqa: ARG002 - it owns one
         return self._orders.measured
 
-    def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
+    def beyond(self, resource: Resource, action: tuple[float, float]) -> str:  # noqa: ARG002 - it owns one
         """The refusal of speeds beyond the profile's limits."""
         limits, (v, w) = self.profile.limits, action
         if abs(v) <= limits.v_max + ROUNDING and abs(w) <= limits.w_max + ROUNDING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, copysign, cos, hypot, inf, pi, radians, sin
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 from armadico.agents.driving.free_heading import open_heading
 from armadico.agents.driving.thesis_avoid import NonNegative, Positive, ZoneParameters, literal
@@ -101,7 +101,7 @@ class Avoid(Behaviour):
     }
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._side = 0.0  # +1 left, -1 right: latched while it passes the same obstacle
         self._side_at: tuple[float, float] = (0.0, 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, hypot, inf, radians
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -75,7 +75,7 @@ class Goto(Behaviour):
     }
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         brisk = self.p.controller == "brisk"
         self._driver = Driver(self.p.brisk) if brisk else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -84,7 +84,7 @@ class PathPlanning(Agent):
     launched_with = ("world", "profile", "v_max", "unseen")
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._world = None if self.p.world is None else load_world(self.p.world)
         if self._world is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from math import inf
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -126,7 +126,7 @@ class Fleet(Agent):
     launched_with = ("namespace",)
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
         self.key_names = {"robot": self.robot}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from math import dist, hypot, inf
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -115,7 +115,7 @@ class GiveWay(Behaviour):
     needs_goal: ClassVar[bool] = False  # a way that waits is one, too: it looks for itself
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.robot = self.p.namespace.rpartition("/")[2]
         self.key_names = {"robot": self.robot}

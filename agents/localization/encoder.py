@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import hypot
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -72,7 +72,7 @@ class Encoder(Agent):
     launched_with = ("x", "y", "theta")
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._id = self.rng.getrandbits(63)
         self._counter, self._by = 0, self._id  # of the origin

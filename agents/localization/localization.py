@@ -9,7 +9,7 @@ from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
 from math import radians
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -248,7 +248,7 @@ class Localization(Agent):
     launched_with = ("world", "profile", "start_m", "start_rad")
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         world, profile = load_world(self.p.world), load_profile(self.p.profile)
         check_extent(world, CELL_M)

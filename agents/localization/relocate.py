@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from math import atan2, cos, hypot, inf, radians, sin, tau
-from typing import Annotated, Any, ClassVar, Final, NamedTuple
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 from msgspec import Meta
 
@@ -196,7 +196,7 @@ class Relocate(Behaviour):
     seeks = True
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._recovery = Recovery(-inf, -inf, Stall())
         self._side = 1.0  # of turns on the spot: 1 left, -1 right

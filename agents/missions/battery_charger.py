@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from math import hypot, inf
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -182,7 +182,7 @@ class BatteryCharger(DeliberativeAgent):
     changeable: ClassVar = {"reserve": "", "idle_below": "", "urgent": "", "ready": ""}
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._docks: Mapping[str, Place] = load_world(self.p.world).docks
         self._battery = load_profile(self.p.profile).battery
@@ -259,7 +259,7 @@ class BatteryCharger(DeliberativeAgent):
 
     # Bids ----------------------------------------------------------------------------------------
 
-    def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
+    def bid_for(self, resource: Resource, message: object) -> Bid | None:  # noqa: ARG002
         """Bid for a plan, and then to be driven by it; a docked robot's trajectory is kept."""
         utility, critical = self.utility, self._critical
         if resource is PLANNER:

@@ -13,9 +13,9 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from math import cos, sin
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from armadico.core.agent import Agent, Identity
+from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.exchange import Bid
 from armadico.core.messages import Message, Point
 from armadico.core.resources import Resource
@@ -289,7 +289,7 @@ class DeliberativeAgent(Agent, hooks=()):
     receives: ClassVar[tuple[type[Message], ...]] = (Pose, Trajectory, Planned, MissionStatus)
     competes_for = (PLANNER, TRAJECTORY)
 
-    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.errand = Errand(self.rng)
 

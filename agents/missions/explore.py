@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from math import inf, pi
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -168,7 +168,7 @@ class Explore(Agent):
     changeable: ClassVar = {"stuck_s": "s", "tries": "", "charged": ""}
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         body = load_profile(self.p.profile).body
         self._tries = [Margins(r) for r in (body.circle_m + TURNING_M, *radii(body))]

@@ -148,7 +148,7 @@ class MissionPlanning(DeliberativeAgent):
     launched_with = ("world", "profile")
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._places = Places(load_world(self.p.world), load_profile(self.p.profile).body)
         self._missions = Missions(self._places)
@@ -302,7 +302,7 @@ class MissionPlanning(DeliberativeAgent):
 
     # Bids -----------------------------------------------------------------------------------------
 
-    def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
+    def bid_for(self, resource: Resource, message: object) -> Bid | None:  # noqa: ARG002
         """Bid by the mission's priority; for the trajectory once the energy is cleared."""
         active = self._missions.active
         if resource is TRAJECTORY and self._halt is not None and not self.errand.under_way:

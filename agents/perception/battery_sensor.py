@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import floor, inf
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -45,7 +45,7 @@ class BatterySensor(Agent):
     launched_with = ("profile", "capacity_ah")
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         profile = load_profile(self.p.profile)
         self._battery = profile.battery

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from armadico.agents.methods.near import RayResult
 from armadico.agents.methods.settings import ScanSettings
@@ -40,7 +40,7 @@ class LaserAgent(Perception):
     parameters = Parameters
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         p: Parameters = Parameters() if parameters is None else parameters
         self._map = ScanMap(p.map)
         super().__init__(identity, p, self._map)

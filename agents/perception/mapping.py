@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from math import radians
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -43,7 +43,7 @@ class Mapping(Agent):
     changeable: ClassVar = {"every_s": "s"}
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         profile = load_profile(self.p.profile)
         self._has_laser = profile.laser is not None

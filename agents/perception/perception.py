@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from math import copysign, hypot, inf
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -72,7 +72,7 @@ class Perception(Agent):
     launched_with = ("world", "namespace")
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any, seen: Near) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None, seen: Near) -> None:
         super().__init__(identity, parameters)
         self._seen = seen
         world = None if self.p.world is None else load_world(self.p.world)

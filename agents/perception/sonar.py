@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from math import atan2, cos, radians, sin
 from operator import and_
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -60,7 +60,7 @@ class SonarAgent(Perception):
     parameters = Parameters
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         p: Parameters = Parameters() if parameters is None else parameters
         self._map = local_map.LocalMap(p.map)
         super().__init__(identity, p, self._map)

@@ -188,7 +188,7 @@ class Monitor(Agent):
     parameters = Parameters
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._known: dict[str, _Known] = {}
         self._shares: dict[str, tuple[HostShare, float]] = {}  # by wakeup agent; received at

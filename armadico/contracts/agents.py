@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Never, cast
 
 from armadico.config.loading import set_values
 from armadico.config.scenarios import load_scenario
@@ -335,7 +335,7 @@ class ResourceContract(Contract):
         owner.kernel.start(0.0)
         wild = tuple(1e6 * scale for scale in self.resource.scale)
         return whether(
-            bool(owner.beyond(self.resource, wild)),
+            bool(owner.beyond(self.resource, cast("Never", wild))),
             f"{wild} is accepted",
             "return from `beyond` which limit an action exceeds",
         )

@@ -15,7 +15,7 @@ methods are here.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Never, TypeVar, cast
 
 from armadico.core import messages as m
 from armadico.core import names, parameters
@@ -54,7 +54,11 @@ class Agent(Individual):
     """
 
     def __init_subclass__(
-        cls, *, overrides: tuple[str, ...] = (), hooks: tuple[str, ...] | None = None, **rest: Any
+        cls,
+        *,
+        overrides: tuple[str, ...] = (),
+        hooks: tuple[str, ...] | None = None,
+        **rest: object,
     ) -> None:
         """Refuse a class that takes a name of the framework, with TypeError.
 
@@ -69,7 +73,7 @@ class Agent(Individual):
         if hooks is not None:
             names.take(cls, hooks)
 
-    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.kernel = Kernel(self)
 
@@ -122,7 +126,7 @@ class Agent(Individual):
     def query(
         self,
         request: Message,
-        then: Callable[[Any], None],
+        then: Callable[[Never], None],  # it names the type of the service's reply, or None
         timeout: float = 2.0,
         instance: str = "",
     ) -> None:
@@ -136,7 +140,7 @@ class Agent(Individual):
         self.kernel.query(key, request, service.reply, then, timeout)
 
     def query_card(
-        self, name: str, instance: str, then: Callable[[Any], None], timeout: float = 1.0
+        self, name: str, instance: str, then: Callable[[m.Card | None], None], timeout: float = 1.0
     ) -> None:
         """Query an instance's card; `then` gets it, or None after the timeout (s)."""
         key = CARD.key_for(name=name, instance=instance)

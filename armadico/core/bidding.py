@@ -112,7 +112,7 @@ class Bidding:
             record = m.BidRecord(cycle, name, None, False, (), why, inputs, lacks, unsound)
         else:
             record = m.BidRecord(
-                cycle, name, bid.utility, bid.critical, bid.action, bid.reason, inputs
+                cycle, name, bid.utility, bid.critical, bid.packed, bid.reason, inputs
             )
         desk.bids.append(record)
         return bid

@@ -447,7 +447,7 @@ class Contender:
         tenure.commanded = action
         return [
             Command(name, cycle, tenure.ballot, action),
-            Claim(name, tenure.ballot, cycle, bid.utility, bid.critical, bid.action, action),
+            Claim(name, tenure.ballot, cycle, bid.utility, bid.critical, bid.packed, action),
         ]
 
     def _release(self) -> list[Message]:

@@ -7,12 +7,12 @@ winner's alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol, cast
 
 from armadico.core.fuzzy import Gaussian, Linear, Rule, Shoulder, Sugeno
-from armadico.core.messages import Action
+from armadico.core.messages import Action, Message
 from armadico.core.resources import Resource
 
 # A utility up to this counts as 0. The weights of (3.10) are divided by their sum: with very small
@@ -32,10 +32,15 @@ class Bid:
     """
 
     utility: float
-    action: Any  # an `Action` once packed (`Resource.pack`)
+    action: Iterable[float] | Message
     critical: bool = False
     within: float | None = None
     reason: str = ""
+
+    @property
+    def packed(self) -> Action:
+        """The action as it is sent: of a bid that is checked (`Resource.pack`)."""
+        return cast("Action", self.action)
 
 
 class Handover(Protocol):
@@ -54,8 +59,7 @@ class Exchange(Protocol):
 
 class _AtOnce:
     def action(self, t: int, bid: Bid) -> Action:  # noqa: ARG002
-        wanted: Action = bid.action
-        return wanted
+        return bid.packed
 
 
 AT_ONCE: Handover = _AtOnce()
@@ -86,7 +90,7 @@ class Blend:
     def action(self, t: int, bid: Bid) -> Action:
         """Return the blended action; the winner's alone from t_f on, or with a utility of 0."""
         # By 3.10 a utility of 0 would bring back the loser's action, which is cycles old.
-        wanted: Action = bid.action
+        wanted = bid.packed
         if t >= self.window or bid.utility <= NOTHING or isinstance(wanted, bytes):
             return wanted
         delta_l = self.loser_utility * (self.window - t) / self.window
@@ -118,9 +122,10 @@ class SmoothExchange:
         self, resource: Resource, loser: Action, loser_utility: float, bid: Bid, period: float
     ) -> Handover:
         """Begin with equation 3.13; messages, and a window below one cycle, are not blended."""
-        if isinstance(loser, bytes) or isinstance(bid.action, bytes) or not resource.scale:
+        wanted = bid.packed
+        if isinstance(loser, bytes) or isinstance(wanted, bytes) or not resource.scale:
             return AT_ONCE
-        sizes = zip(bid.action, loser, resource.scale, strict=True)
+        sizes = zip(wanted, loser, resource.scale, strict=True)
         window = min(fuzzy_window(max(abs(w - o) / s for w, o, s in sizes)), LONGEST)
         if bid.within is not None:
             window = min(window, bid.within / period)

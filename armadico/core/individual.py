@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar, Never
 
 from armadico.core import messages as m
 from armadico.core.exchange import Bid
@@ -28,7 +28,10 @@ class Identity:
 
 
 class Individual:
-    """The declarations of an agent, and the hooks that its kernel calls."""
+    """The declarations of an agent, and the hooks that its kernel calls.
+
+    An argument of type `Never` is the subclass's to name: its own message, action or parameters.
+    """
 
     name: ClassVar[str] = ""
     reacts_to: ClassVar[type[Message] | Mapping[Resource, type[Message]] | None] = None
@@ -55,7 +58,7 @@ class Individual:
     """Outlines that a picture draws around the robot: speed in m/s to distance from the footprint
     in m."""
 
-    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: Identity, parameters: Parameters | None = None) -> None:
         self.identity = identity
         self.instance = identity.instance
         self.rng = identity.rng
@@ -64,7 +67,7 @@ class Individual:
     why: str = ""
     lacks: str = ""
 
-    def bid(self, message: Any) -> Bid | None:  # noqa: ARG002
+    def bid(self, message: Never) -> Bid | None:  # noqa: ARG002
         """The goal method: return the agent's bid, or None for no bid.
 
         Called once per cycle with the message that the agent reacts to. All needs are fresh and the
@@ -73,11 +76,11 @@ class Individual:
         """
         return None
 
-    def bid_for(self, resource: Resource, message: Any) -> Bid | None:  # noqa: ARG002
+    def bid_for(self, resource: Resource, message: Never) -> Bid | None:  # noqa: ARG002
         """Return the bid for a resource, in an agent that competes for several."""
         return self.bid(message)
 
-    def obey(self, resource: Resource, action: Any) -> None:
+    def obey(self, resource: Resource, action: Never) -> None:
         """The owner's method: execute an action (numbers or a message, as the resource has)."""
 
     def rest(self, resource: Resource) -> None:
@@ -87,7 +90,7 @@ class Individual:
         """Return what an owned resource does now, in the order of its parameters."""
         return resource.neutral
 
-    def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002
+    def beyond(self, resource: Resource, action: Never) -> str:  # noqa: ARG002
         """Return which owner's limit an action of the right shape exceeds; "" if none."""
         return ""
 
@@ -101,7 +104,7 @@ class Individual:
     def on_wakeup(self) -> None:
         """Called at the time given to `wake_at`."""
 
-    def on_parameters(self, before: Any) -> None:
+    def on_parameters(self, before: Never) -> None:
         """Called when some of `changeable` were changed; `p` is new, `before` is the old value.
 
         An agent computes derived values again here. It raises ValueError before that to reject the
@@ -114,7 +117,7 @@ class Individual:
     def on_disappeared(self, name: str, instance: str) -> None:
         """Called when an instance's liveliness token disappears."""
 
-    def on_message(self, message: Any) -> None:
+    def on_message(self, message: Message) -> None:
         """Called with each received message that counts, after its handler.
 
         Of several publishers it is called with each one's message, the handler with the combined

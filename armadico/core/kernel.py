@@ -194,13 +194,15 @@ class Kernel(Desk):
         self.now = now
         kind = type(message)
         route = self._routes.get(kind) or _Route(service=service_of(kind))
-        received, gathering = message, route.gathering
+        received: Any = message  # a gathering names its type
+        gathering = route.gathering
         if gathering is not None:
             if not (
-                gathering.counts(message) and self._newer(message, gathering.newest(message), route)
+                gathering.counts(received)
+                and self._newer(message, gathering.newest(received), route)
             ):
                 return
-            gathered = gathering.update(message)
+            gathered = gathering.update(received)
             if gathered is None:
                 self.agent.on_message(received)
                 return

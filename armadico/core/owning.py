@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 from armadico.core import messages as m
 from armadico.core.coordination import Owner, Verdict
@@ -47,16 +48,17 @@ class Owning:
     def on_command(self, command: m.Command, now: float) -> None:
         """Obey a command, or refuse it."""
         owner, resource, agent = self.owner, self.resource, self._agent
+        unpack: Callable[[m.Action], Any] = resource.unpack  # the agent's hooks name its type
         if agent.unavailable(resource):
             owner.refusals[Verdict.UNAVAILABLE] += 1
             return
         action, fault = command.action, ""
         if action is not None:
-            fault = resource.fault(action) or agent.beyond(resource, resource.unpack(action))
+            fault = resource.fault(action) or agent.beyond(resource, unpack(action))
         stopped = resource.stops and self._desk.stopped is not None
         verdict = owner.judge(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.OBEYED and action is not None:
-            agent.obey(resource, resource.unpack(action))
+            agent.obey(resource, unpack(action))
         elif verdict is Verdict.RELEASED:
             self.rest()
         elif verdict is Verdict.OUT_OF_RANGE:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, Final
+from typing import Final
 
 from armadico.core.installed import load_all
 from armadico.core.messages import LARGEST, Action, Message, MessageError, decode, encode
@@ -96,14 +96,14 @@ class Resource:
         """Return the owner's command timeout, s, at a cycle of `period` s."""
         return max(LEAST_SILENCE_S, 3 * period) if self.silence_s is None else self.silence_s
 
-    def pack(self, action: Any) -> Action:
+    def pack(self, action: Iterable[float] | Message) -> Action:
         """Return a bid's action as it is sent. Raises ValueError if it is not of this resource."""
         if self.message is not None:
             if type(action) is not self.message:
                 raise ValueError(f"{self.name} takes a {self.message.__name__}, not {action!r}")
             return encode(action)
         try:
-            if isinstance(action, str | bytes):
+            if isinstance(action, str | bytes | Message):
                 raise TypeError
             numbers = tuple(map(float, action))
         except (TypeError, ValueError):
@@ -113,7 +113,7 @@ class Resource:
             raise ValueError(fault)
         return numbers
 
-    def unpack(self, action: Action) -> Any:
+    def unpack(self, action: Action) -> Action | Message | None:
         """Return the numbers or the message of an action without a `fault`."""
         if self.message is None:
             return action

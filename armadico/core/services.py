@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from math import inf
-from typing import Any, Final, Protocol
+from typing import Final, Never, Protocol
 
 from armadico.core import messages as m
 from armadico.core.cycles import PERIOD
@@ -40,13 +40,13 @@ class Gathering(Protocol):
     def describe(self, description: m.Description) -> None:
         """Set the expected publishers by the robot's description."""
 
-    def counts(self, message: Any) -> bool:
+    def counts(self, message: Never) -> bool:
         """Return whether the message's publisher is expected."""
 
-    def newest(self, message: Any) -> m.Message | None:
+    def newest(self, message: Never) -> m.Message | None:
         """Return the newest message of this message's publisher."""
 
-    def update(self, message: Any) -> m.Message | None:
+    def update(self, message: Never) -> m.Message | None:
         """Add a newer message; return the combined one, or None if a publisher is missing."""
 
     def missing(self, fresh: Callable[[m.Cycle], bool]) -> str:

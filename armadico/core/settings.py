@@ -6,7 +6,7 @@ agent stores it and a restarted or second instance adopts it.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from armadico.core import changeable
 from armadico.core import messages as m
@@ -59,7 +59,7 @@ class Settings:
     def _apply(self, change: tuple[m.Setting, ...], by: str) -> None:
         """Change parameters and publish it. Raises ValueError; nothing is changed then."""
         agent, desk = self._agent, self._desk
-        before = agent.p
+        before: Any = agent.p  # the agent's hook names its type
         agent.p = changeable.changed(before, agent.changeable, change)
         try:
             agent.on_parameters(before)

@@ -16,7 +16,7 @@ from armadico.config.hosts import HostTable
 from armadico.config.loading import load_parameters
 from armadico.config.profile import load_kind, load_profile
 from armadico.config.scenarios import Scenario
-from armadico.core.agent import Agent, DeviceAgent
+from armadico.core.agent import Agent, DeviceAgent, Parameters
 from armadico.core.discovery import MACHINES, agent_class, find, owners
 from armadico.core.messages import Log, Message
 from armadico.core.resources import WHEELS
@@ -138,7 +138,7 @@ class Rehearsal(RobotRun):
     def add(
         self,
         kind: type[Agent],
-        parameters: object = None,
+        parameters: Parameters | None = None,
         start: int | None = None,
         *,
         host: str = "virtual",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from msgspec import structs
 
@@ -12,7 +12,7 @@ from armadico.core import agent
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, Point, RobotState
-from armadico.core.parameters import Safety
+from armadico.core.parameters import Parameters, Safety
 from armadico.core.resources import WHEELS
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import ByHand, Leading, Pose, Trajectory
@@ -73,7 +73,7 @@ class Behaviour(Agent, hooks=("propose",)):
     )
     competes_for = (WHEELS,)
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.route = Route()
         self._waits = False
@@ -170,7 +170,7 @@ class Behaviour(Agent, hooks=("propose",)):
     def on_body(self) -> None:
         """Called when the robot's description or the parameters have changed."""
 
-    def on_parameters(self, before: Any) -> None:  # noqa: ARG002
+    def on_parameters(self, before: object) -> None:  # noqa: ARG002
         if self._body is not None:
             self.on_body()
 
@@ -209,7 +209,7 @@ class Behaviour(Agent, hooks=("propose",)):
         self._waits = trajectory.waits
         self.on_mission()
 
-    def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - either starts the turn
+    def bid(self, message: object) -> Bid | None:  # noqa: ARG002 - either starts the turn
         """Advance on the route and propose; the bid is limited while a person drives by hand."""
         bid = self._proposed()
         if not driven_by(self) or bid is None or bid.critical or bid.utility <= BY_HAND:

@@ -29,9 +29,10 @@ class MergingExchange:
         period: float,  # noqa: ARG002
     ) -> Handover:
         """Begin; a path that does not begin on the rest of the loser's is driven immediately."""
-        if not (isinstance(loser, bytes) and loser and isinstance(bid.action, bytes)):
+        wanted = bid.packed
+        if not (isinstance(loser, bytes) and loser and isinstance(wanted, bytes)):
             return AT_ONCE
-        before, way = resource.unpack(loser), resource.unpack(bid.action)
+        before, way = resource.unpack(loser), resource.unpack(wanted)
         if not (isinstance(before, Way) and isinstance(way, Way)):
             return AT_ONCE
         driven = Route(before.waypoints, before.start, before.leg)
@@ -45,7 +46,7 @@ class MergingExchange:
             leg=0,
             unseen=tuple(dict.fromkeys((*before.unseen, *way.unseen)))[:WAYPOINTS],
         )
-        return _Merged(bid.action, encode(joined))
+        return _Merged(wanted, encode(joined))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +57,7 @@ class _Merged:
     joined: bytes
 
     def action(self, t: int, bid: Bid) -> Action:  # noqa: ARG002
-        wanted: Action = bid.action
-        return self.joined if wanted == self.wanted else wanted
+        return self.joined if bid.packed == self.wanted else bid.packed
 
 
 EXCHANGES["merging"] = MergingExchange()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import atan2, degrees, hypot, radians
-from typing import Final, TypeVar
+from typing import Final, TypeVar, cast
 
 from armadico.core.agent import Agent, Question
 from armadico.core.coordination import DRAW
@@ -114,7 +114,7 @@ class Alone:
         """The last commanded speeds, m/s and rad/s; zeros after a release."""
         sent = commands(self.published)
         action = sent[-1].action if sent else None
-        return (0.0, 0.0) if action is None else WHEELS.unpack(action)
+        return cast("tuple[float, float]", action or WHEELS.neutral)
 
     def give(self, *messages: Message) -> list[Message]:
         """Deliver messages in order; return what the agent publishes."""

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import msgspec
 
-from armadico.core.agent import Agent, Identity
+from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import PERIOD, CycleCounter
 from armadico.core.exchange import Bid
-from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState, Stop
+from armadico.core.messages import (
+    Ack,
+    Action,
+    Claim,
+    Command,
+    Description,
+    Message,
+    RobotState,
+    Stop,
+)
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import Node, VirtualMesh
 
@@ -29,7 +38,7 @@ class ResourceOwner(Agent):
         rests: The times when a resource was brought to rest, s.
     """
 
-    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.does = {resource.name: resource.neutral for resource in self.owns}
         self.obeyed: list[tuple[float, Command]] = []
@@ -41,8 +50,10 @@ class ResourceOwner(Agent):
     def _keep_verdicts(self, owner: Owner) -> None:
         judge = owner.judge
 
-        def judged(command: Command, now: float, **about: Any) -> Verdict:
-            verdict = judge(command, now, **about)
+        def judged(
+            command: Command, now: float, *, stopped: bool = False, fault: str = ""
+        ) -> Verdict:
+            verdict = judge(command, now, stopped=stopped, fault=fault)
             self.judged(command, verdict)
             return verdict
 
@@ -55,14 +66,14 @@ class ResourceOwner(Agent):
         elif verdict is not Verdict.RELEASED:
             self.refused.append((self.now, command, verdict))
 
-    def obey(self, resource: Resource, action: Any) -> None:
+    def obey(self, resource: Resource, action: tuple[float, ...]) -> None:
         self.does[resource.name] = action
 
     def rest(self, resource: Resource) -> None:
         self.does[resource.name] = resource.neutral
         self.rests.append(self.now)
 
-    def measure(self, resource: Resource) -> Any:
+    def measure(self, resource: Resource) -> Action:
         return self.does[resource.name]
 
 
@@ -77,7 +88,7 @@ class RobotOwner(ResourceOwner):
     fastest: ClassVar[float] = 2.0
     """Faster commands are rejected, m/s."""
 
-    def __init__(self, identity: Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self.counter = CycleCounter(self.rng.getrandbits(63), PERIOD)
 
@@ -96,7 +107,7 @@ class RobotOwner(ResourceOwner):
         if self.describes is not None and cycle.number % 10 == 1:
             self.publish(self.describes)
 
-    def beyond(self, resource: Resource, action: Any) -> str:  # noqa: ARG002 - it owns one
+    def beyond(self, resource: Resource, action: tuple[float, ...]) -> str:  # noqa: ARG002 - it owns one
         return "" if abs(action[0]) < self.fastest else "too fast"
 
 
@@ -106,20 +117,20 @@ class Bidder(Agent):
     reacts_to = Ack
     needs = (RobotState,)
     competes_for = (WHEELS,)
-    utility: ClassVar[Any] = None
+    utility: ClassVar[Utility]
     action: ClassVar[tuple[float, float]] = (0.5, 0.0)
     critical: ClassVar[bool] = False
     every: ClassVar[int] = 1
     """It bids in every `every`-th cycle."""
 
-    def bid(self, message: Any) -> Bid | None:
+    def bid(self, message: Ack) -> Bid | None:
         if message.cycle.number % self.every:
             return None
         utility = type(self).utility(self.now)
         return None if utility is None else Bid(utility, self.action, self.critical)
 
 
-def bidder(name: str, utility: Utility | float, **attributes: Any) -> type[Bidder]:
+def bidder(name: str, utility: Utility | float, **attributes: object) -> type[Bidder]:
     """Return a class that bids a utility, fixed or by the time; attributes as in `Bidder`."""
     function = utility if callable(utility) else lambda _now: utility
     return type(
