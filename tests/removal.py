@@ -2,11 +2,11 @@
 
     python -m tests.removal               all of them, one after the other
     python -m tests.removal slam fleet    these
-    python -m tests.removal all core      without the five; the core alone
+    python -m tests.removal all core      without any of them; the core alone
 
 A package is its folder, its tests and its entry points, and nothing else is touched. The tests of
-the core and the robot run with all five taken out at once: they cannot tell one missing package
-from another. With one taken out the tests of the other four run. `tests/whole` and the laboratory
+the core and the robot run with all of them taken out at once: they cannot tell one missing package
+from another. With one taken out the tests of the others run. `tests/whole` and the laboratory
 stand above all packages and are taken out, too.
 """
 
@@ -36,6 +36,7 @@ FOLDERS: Final = {
     "fleet": "agents/fleet",
     "ros2": "bridge/ros2",
     "watch": "armadico/watch",
+    "contracts": "armadico/contracts",
 }
 """The packages that may go, and their folders."""
 

@@ -31,6 +31,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import CARD, Kind, rows_of, service_of
 from armadico.core.unseen import Rule
+from armadico.launch.latch import Latching
 from armadico.mesh.base import Mesh
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import (
@@ -49,7 +50,6 @@ from armadico.runtime.errors import (
     StopError,
 )
 from armadico.runtime.inbox import Inbox
-from armadico.runtime.latch import Latching
 
 M = TypeVar("M", bound=Message)
 T = TypeVar("T")

@@ -22,8 +22,8 @@ import msgspec
 
 from armadico.core.discovery import owners
 from armadico.core.resources import WHEELS
+from armadico.launch.programs import LAUNCHER, Program, end, finish
 from armadico.runtime.errors import RunFailedError
-from armadico.runtime.programs import LAUNCHER, Program, end, finish
 
 if TYPE_CHECKING:
     import psutil

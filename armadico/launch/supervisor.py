@@ -33,11 +33,11 @@ from armadico.core.discovery import agent_class, owners
 from armadico.core.resources import WHEELS
 from armadico.core.restart_policy import Budget
 from armadico.launch.processes import SIMULATOR, Process, ProcessTable, ending
+from armadico.launch.programs import LEAVE_S
 from armadico.launch.society import Member, processes
 from armadico.observe.journals import head
 from armadico.runtime.errors import RunFailedError
 from armadico.runtime.process import AgentHost, identity
-from armadico.runtime.programs import LEAVE_S
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario

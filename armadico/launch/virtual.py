@@ -32,9 +32,9 @@ from armadico.launch.society import (
     share,
     spare,
 )
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.virtual import Device, Node, VirtualMesh, address
 from armadico.mesh.virtual_network import Clock
-from armadico.mesh.virtual_session import VirtualSession
 from armadico.observe.measures import Result, RunWatch, watched
 from armadico.runtime.blame import attributed
 

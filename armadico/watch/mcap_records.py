@@ -70,7 +70,10 @@ def _parsed(opcode: int, body: bytes) -> list[McapRecord]:
     """A record, or those in a chunk; empty for kinds that are not used."""
     data = ReadDataStream(BytesIO(body))
     if opcode == Opcode.CHUNK:
-        return breakup_chunk(Chunk.read(data), validate_crc=True)
+        chunk = Chunk.read(data)
+        if chunk.uncompressed_size > LARGEST:  # it would take that much memory
+            raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes")
+        return breakup_chunk(chunk, validate_crc=True)
     if opcode == Opcode.MESSAGE:
         return [Message.read(data, len(body))]
     return [_READ[opcode](data)] if opcode in _READ else []

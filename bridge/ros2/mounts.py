@@ -11,8 +11,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from armadico.bridge.notices import Notices
 from armadico.bridge.ros2.geometry import norm2
+from armadico.bridge.ros2.notices import Notices
 from armadico.bridge.ros2.profile import Ros2
 from armadico.bridge.ros2.types import TFMessage, Transform
 from armadico.mobile.geometry import Pose2

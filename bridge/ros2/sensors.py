@@ -6,12 +6,12 @@ All readings are reported with the odometry of their cycle, and count as of its 
 from __future__ import annotations
 
 from armadico.bridge.counting import Counts
-from armadico.bridge.notices import COMPLAIN_S, Notices
 from armadico.bridge.ros2 import types
 from armadico.bridge.ros2.cdr import decode
 from armadico.bridge.ros2.described import odometry_differs, scan_differs
 from armadico.bridge.ros2.hazards import Hazards
 from armadico.bridge.ros2.mounts import Mount, Mounting
+from armadico.bridge.ros2.notices import COMPLAIN_S, Notices
 from armadico.bridge.ros2.odometry import Measured
 from armadico.bridge.ros2.profile import Ros2Robot
 from armadico.bridge.ros2.rangers import Rangers

@@ -13,7 +13,7 @@ from armadico.config.scenarios import Scenario
 from armadico.core.judgement import Answer
 from armadico.core.messages import Stop
 from armadico.launch.society import Options
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.runtime.errors import MissionRefusedError, RunFailedError
 from tests.fleet.band import Band
 

@@ -33,7 +33,7 @@ from armadico.core.messages import LARGEST_PAYLOAD, Cycle, Message, encode
 from armadico.launch import client
 from armadico.launch.attached import AttachedRun
 from armadico.launch.society import Options
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mobile.driven import Stage
 from armadico.mobile.messages import (
     MissionReply,

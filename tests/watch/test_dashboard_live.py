@@ -27,10 +27,10 @@ from armadico.launch.client import Client
 from armadico.mesh.topology import topology
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.mobile.messages import OccupancyGrid
-from armadico.observe.screen import has_screen
 from armadico.watch.commands import dashboard as command
 from armadico.watch.commands.dashboard_option import Dashboard
 from armadico.watch.dashboard import viewer
+from armadico.watch.screen import has_screen
 from tests.programs import starter
 from tests.watch.kept import GOTO, NAMESPACE, Kept, ack, ballot, cycle, state
 

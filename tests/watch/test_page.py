@@ -14,10 +14,10 @@ import pytest
 
 from armadico.cli import main as armadico
 from armadico.cli.additions import Start
-from armadico.cli.beside import Helpers
 from armadico.cli.options import Mesh
 from armadico.config.scenarios import load_scenario
 from armadico.mesh.ports import free_port
+from armadico.watch.beside import Helpers
 from armadico.watch.commands.page import TOKEN_VARIABLE
 from armadico.watch.commands.page_option import OfRun
 from tests.programs import starter

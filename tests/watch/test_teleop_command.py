@@ -17,7 +17,7 @@ from armadico.config.scenarios import Scenario, ideal
 from armadico.core.messages import Cycle, RobotState
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mobile.messages import Truth
 from armadico.watch.teleop import command as teleop
 from armadico.watch.teleop.command import AGAIN_S, FIRST_S, Hand, Keys, Order

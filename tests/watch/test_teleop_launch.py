@@ -12,7 +12,7 @@ from armadico.config.scenarios import Scenario, ideal, load_scenario
 from armadico.core.messages import Ack, RobotState, decode
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mobile.messages import MissionStatus, Truth
 from armadico.observe.view import driver
 from armadico.watch.teleop.messages import Stick, TeleopStatus

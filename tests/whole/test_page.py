@@ -9,7 +9,7 @@ import pytest
 from armadico.agents.fleet.commands.run import FleetRehearsal
 from armadico.config.scenarios import load_scenario
 from armadico.launch.society import Options
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.page.model import Robot
 from armadico.watch.page.session import Session
 from tests.watch.page.stage import Shown, Stage

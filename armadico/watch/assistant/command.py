@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from armadico.cli import options
-from armadico.cli.beside import Helpers
 from armadico.cli.parsing import Command, group, option
+from armadico.watch.beside import Helpers
 
 ASSISTANT: Final = "assistant"  # the agent, as installed
 

@@ -14,9 +14,9 @@ import msgspec
 
 from armadico.core.messages import MessageError, RobotState, checked
 from armadico.launch.client import Client
+from armadico.launch.latch import rests
 from armadico.observe.watching import QUERY_S, Watcher, show
 from armadico.runtime.errors import SocietyError
-from armadico.runtime.latch import rests
 from armadico.watch.assistant.mcp_answers import Society
 from armadico.watch.assistant.mcp_lines import LONGEST, Call, Lines, answer
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest

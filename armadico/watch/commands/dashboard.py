@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.beside import STARTING
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, flag, group, option
-from armadico.observe.screen import has_screen
+from armadico.watch.beside import STARTING
+from armadico.watch.screen import has_screen
 
 if TYPE_CHECKING:
     from armadico.config.worlds import World

@@ -47,7 +47,7 @@ class Dashboard(Addition):
             with kept(start.on, start.world, start.of_run(self.rrd)):
                 yield
         elif self.dashboard or self.wait:
-            from armadico.cli.beside import served
+            from armadico.watch.beside import served
 
             with served(start, "dashboard", "--port=0", "--web-port=0") as process:
                 if self.wait:

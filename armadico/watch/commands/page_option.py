@@ -40,7 +40,7 @@ class OfRun(Addition):
         if not self.page:
             yield
             return
-        from armadico.cli.beside import served
+        from armadico.watch.beside import served
 
         with served(start, "page", "--port=0"):
             yield
@@ -89,7 +89,7 @@ class OfSociety(Addition):
         if not self.page and self.page_port is None and self.page_bind is None:
             yield
             return
-        from armadico.cli.beside import served
+        from armadico.watch.beside import served
 
         words = [f"--port={self.page_port or 0}"]
         words += [] if self.page_bind is None else [f"--bind={self.page_bind}"]

@@ -83,7 +83,7 @@ def recorder(start: Start, path: Path) -> Iterator[None]:
     The map is the scenario's, unless the robot has no map. Raises FailedError.
     """
     from armadico.launch.processes import START_S, Process
-    from armadico.runtime.programs import end
+    from armadico.launch.programs import end
 
     options.need("mcap", "record")
     if path.exists():

@@ -18,9 +18,9 @@ from urllib.parse import urlencode
 
 import rerun_cli
 
+from armadico.launch.programs import Program, end
 from armadico.mesh.ports import LOOPBACK, free_port
-from armadico.observe.screen import has_screen
-from armadico.runtime.programs import Program, end
+from armadico.watch.screen import has_screen
 
 VIEWER_MEMORY: Final = "1GB"  # of a native viewer; beyond it the oldest data are dropped
 

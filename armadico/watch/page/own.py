@@ -19,11 +19,11 @@ from armadico.core.messages import (
 )
 from armadico.core.services import service_of
 from armadico.launch.client import PLANNING_S, PRESS_S, STOP_S, heading_to
+from armadico.launch.latch import Latching
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
 from armadico.observe.page_part import Desk, Part
 from armadico.observe.page_requests import Goto, Halt, RequestError, Resume, Start, Tune, bits
 from armadico.observe.view import agent_of
-from armadico.runtime.latch import Latching
 
 
 class Goals(Part):

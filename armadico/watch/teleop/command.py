@@ -20,9 +20,9 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.beside import Helpers
 from armadico.cli.parsing import Command, flag, group
 from armadico.runtime.errors import SocietyError
+from armadico.watch.beside import Helpers
 
 if TYPE_CHECKING:
     from armadico.core.messages import Cycle, RobotState

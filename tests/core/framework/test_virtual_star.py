@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from armadico.core import messages as m
 from armadico.core.agent import Agent
 from armadico.core.resources import WHEELS
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.presence import GRACE_S
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import LEASE, LIVELINESS, RECONNECT, Node, VirtualMesh
-from armadico.mesh.virtual_session import VirtualSession
 from armadico.mobile.messages import Plan, Pose
 
 from .test_virtual_mesh import Asker, Listener, Planner, Word, status

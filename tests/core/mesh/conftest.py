@@ -15,10 +15,10 @@ import pytest
 from armadico.core.agent import Agent, Identity
 from armadico.core.driver import Driver
 from armadico.launch.client import Client
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.base import Mesh
 from armadico.mesh.topology import topology
 from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_session import VirtualSession
 from armadico.mesh.zenoh import ZenohMesh
 from armadico.runtime.process import AgentHost, identity
 from tests.programs import starter

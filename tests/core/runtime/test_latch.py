@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from armadico.core.hands import Hand
 from armadico.core.latched import Memory
 from armadico.core.messages import JUMP, LARGEST_COUNT, Cycle, RobotState, Stop, checked
-from armadico.runtime.latch import HELD_S, SILENT_S, Latching
+from armadico.launch.latch import HELD_S, SILENT_S, Latching
 
 BY = "armadico stop"
 PRESS = 77

@@ -10,7 +10,7 @@ import pytest
 
 from armadico.core.messages import Claim, Command, Message, Stop, decode, next_count
 from armadico.core.services import service_of
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.messages import AssistantRecord, AssistantReply, AssistantRequest
 from armadico.watch.assistant.tools import TOOLS

@@ -16,8 +16,8 @@ from armadico.cli import options
 from armadico.config.loading import set_values
 from armadico.config.parameters import load_set, save
 from armadico.core.config_errors import ConfigError
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_session import VirtualSession
 
 
 class Crowd:

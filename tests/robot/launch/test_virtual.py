@@ -31,7 +31,7 @@ from armadico.launch.attached import AttachedRun
 from armadico.launch.client import Client
 from armadico.launch.society import Options, members
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mobile.messages import MissionState, MissionStatus, Trajectory, Truth
 from armadico.observe.measures import RunWatch
 from armadico.observe.view import driver

@@ -27,8 +27,8 @@ from armadico.core.messages import (
 from armadico.core.outgoing import Publish
 from armadico.core.resources import WHEELS
 from armadico.launch.client import Client
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.virtual import VirtualMesh
-from armadico.mesh.virtual_session import VirtualSession
 from armadico.mobile.messages import Plan, PlanRequest, Pose, Waypoint
 from armadico.runtime.process import AgentHost
 from tests.core.mesh.conftest import SOON, Crowd

@@ -14,7 +14,7 @@ from armadico.bridge.ros2.gateway.society import Society
 from armadico.config.scenarios import load_scenario
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.observe.translators import Sample
 
 

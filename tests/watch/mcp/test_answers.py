@@ -9,7 +9,7 @@ import pytest
 from armadico.config.worlds import load_world
 from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.core.services import service_of
-from armadico.mesh.virtual_session import VirtualSession
+from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
 from armadico.watch.assistant.mcp_answers import Society
 from armadico.watch.assistant.messages import AssistantRequest

@@ -17,8 +17,8 @@ from armadico.core.discovery import agent_class
 from armadico.launch.client import Client
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
+from armadico.launch.virtual_session import VirtualSession
 from armadico.mesh.ports import LOOPBACK
-from armadico.mesh.virtual_session import VirtualSession
 from armadico.watch.page.guard import Guard
 from armadico.watch.page.model import Robot
 from armadico.watch.page.server import Server

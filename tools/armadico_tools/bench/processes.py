@@ -22,9 +22,9 @@ from armadico.config.scenarios import load_scenario, with_sensors
 from armadico.core.services import TOKEN
 from armadico.launch.local import Launcher
 from armadico.launch.processes import SIMULATOR, command_line
+from armadico.launch.programs import end
 from armadico.launch.society import Options
 from armadico.mesh import sockets
-from armadico.runtime.programs import end
 from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.testbed import Place
 

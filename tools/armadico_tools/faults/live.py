@@ -24,13 +24,13 @@ from armadico.core.messages import Ask, BidHistory, Command, Message, decode
 from armadico.core.messages import MessageError as UnreadableError
 from armadico.core.services import BIDS, service_of
 from armadico.launch.processes import agent_words, simulator_words
+from armadico.launch.programs import end
 from armadico.launch.society import Member, Options, members, mission
 from armadico.mesh.link_faults import LinkFaults
 from armadico.mesh.ports import free_port
 from armadico.mobile.messages import MissionRequest, Waypoint
 from armadico.observe.view import agent_of
 from armadico.observe.watching import kind_at
-from armadico.runtime.programs import end
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.injector import Injector
 from armadico_tools.faults.observations import Bids, Came, Left, Observation, Passed, Published

@@ -29,7 +29,7 @@ from armadico.cli.parsing import Command, argument
 from armadico.config.hosts import load_hosts
 from armadico.config.scenarios import load_scenario
 from armadico.core.judgement import Judgement, all_of, no, unknown, yes
-from armadico.runtime.programs import end
+from armadico.launch.programs import end
 from armadico_tools.testbed import TABLE
 
 FILE: Final = Path(__file__).resolve().parents[3] / "deploy" / "compose.yaml"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from armadico.cli.additions import Start
     from armadico.cli.options import Mesh
     from armadico.launch.processes import Process
-    from armadico.runtime.programs import Program
+    from armadico.launch.programs import Program
 
 STARTING: Final = "--starting"
 """The robot agent is still starting, so its absence is not reported."""
@@ -33,7 +33,7 @@ def served(start: Start, command: str, *words: str) -> Iterator[Program]:
     FailedError if it does not start; the reason is on stderr.
     """
     from armadico.launch.processes import command_line
-    from armadico.runtime.programs import Program, end
+    from armadico.launch.programs import Program, end
 
     argv = [command, STARTING, *words, *start.mesh.endpoints().words]
     argv += [] if start.world is None else [f"--world={start.world}"]
