@@ -20,9 +20,9 @@ from armadico.core.services import service_of
 from armadico.mobile.messages import BatteryLevel, Correction, Truth
 from armadico.observe.diagnosis import diagnose
 from armadico.observe.findings import Demand, Finding, Sort, short, summary
-from armadico.watch.assistant.mcp_answers import Society
 from armadico.watch.commands import top
 from armadico.watch.commands import why as why_command
+from armadico.watch.mcp.answers import Society
 from armadico.watch.page.model import Robot
 from armadico.watch.teleop.messages import TeleopStatus
 from tests.watch.observed import Observed

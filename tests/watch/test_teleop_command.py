@@ -19,8 +19,8 @@ from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.virtual_session import VirtualSession
 from armadico.mobile.messages import Truth
-from armadico.watch.teleop import command as teleop
-from armadico.watch.teleop.command import AGAIN_S, FIRST_S, Hand, Keys, Order
+from armadico.watch.commands import teleop
+from armadico.watch.commands.teleop import AGAIN_S, FIRST_S, Hand, Keys, Order
 from armadico.watch.teleop.messages import Stick
 from armadico.watch.teleop.teleop import Teleop
 from tests.driven import Driven

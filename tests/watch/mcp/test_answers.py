@@ -11,8 +11,8 @@ from armadico.core.messages import Cycle, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.launch.virtual_session import VirtualSession
 from armadico.watch.assistant.assistant import Assistant
-from armadico.watch.assistant.mcp_answers import Society
 from armadico.watch.assistant.messages import AssistantRequest
+from armadico.watch.mcp.answers import Society
 from tests.watch.observed import Observed
 
 

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.core.messages import MessageError, checked
-from armadico.watch.assistant.mcp_lines import LONGEST, STATELESS, VERSIONS, Call, Lines, answer
 from armadico.watch.assistant.messages import AssistantRequest
 from armadico.watch.assistant.tools import TOOLS
+from armadico.watch.mcp.lines import LONGEST, STATELESS, VERSIONS, Call, Lines, answer
 
 
 def request(**fields: object) -> bytes:

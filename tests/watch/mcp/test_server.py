@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from armadico.core.messages import Cycle, RobotState, Stop
-from armadico.watch.assistant.mcp_answers import Society
-from armadico.watch.assistant.mcp_lines import LONGEST, Lines
-from armadico.watch.assistant.mcp_server import WAITING, Server, lines_of
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
+from armadico.watch.mcp.answers import Society
+from armadico.watch.mcp.lines import LONGEST, Lines
+from armadico.watch.mcp.server import WAITING, Server, lines_of
 
 SOON = 30.0
 RESTS = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, Stop(1, True, "model", 5))
@@ -174,7 +174,7 @@ def test_a_too_long_line_is_cut(end: bytes) -> None:
 def test_a_process_that_exits_while_a_thread_reads_is_not_aborted() -> None:
     program = """if True:
         import queue, sys, threading
-        from armadico.watch.assistant.mcp_server import lines_of
+        from armadico.watch.mcp.server import lines_of
         found = queue.SimpleQueue()
         read = lambda: [*map(found.put, lines_of(sys.stdin.buffer))]
         threading.Thread(target=read, daemon=True).start()

@@ -17,10 +17,10 @@ from armadico.launch.client import Client
 from armadico.launch.latch import rests
 from armadico.observe.watching import QUERY_S, Watcher, show
 from armadico.runtime.errors import SocietyError
-from armadico.watch.assistant.mcp_answers import Society
-from armadico.watch.assistant.mcp_lines import LONGEST, Call, Lines, answer
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest
 from armadico.watch.assistant.tools import TOOLS, Last, Subject, Why
+from armadico.watch.mcp.answers import Society
+from armadico.watch.mcp.lines import LONGEST, Call, Lines, answer
 from armadico.watch.why import LATER_S
 
 WAITING: Final = 64  # calls in the queue; further calls are refused at once

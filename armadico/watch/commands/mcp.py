@@ -35,9 +35,9 @@ def run(args: Options) -> int:
     from armadico.core.discovery import MISSIONS, installed
     from armadico.launch.client import Client
     from armadico.observe.watching import Watcher
-    from armadico.watch.assistant.mcp_answers import Society
-    from armadico.watch.assistant.mcp_lines import Lines
-    from armadico.watch.assistant.mcp_server import Server
+    from armadico.watch.mcp.answers import Society
+    from armadico.watch.mcp.lines import Lines
+    from armadico.watch.mcp.server import Server
 
     missions = {n: load_mission(n).title for n in names("missions") if installed(MISSIONS)}
     options.end_as_by_ctrl_c()  # the helper leaves in order

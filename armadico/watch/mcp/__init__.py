@@ -1,0 +1,1 @@
+"""The server of the Model Context Protocol: a society for programs and language models."""
