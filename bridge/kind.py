@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from armadico.bridge.session import Session, Unfit
 from armadico.bridge.simulator.traps import KIND, Trap
@@ -122,9 +122,9 @@ class RobotKind(Generic[P]):
         return profile
 
 
-def kind_of(profile: RobotProfile) -> RobotKind[Any]:
+def kind_of(profile: P) -> RobotKind[P]:
     """The kind of a profile. Raises UnknownNameError, ImportError."""
-    kind: RobotKind[Any] = load_kind(profile.section)
+    kind: RobotKind[P] = load_kind(profile.section)
     return kind
 
 

@@ -201,21 +201,22 @@ def task_class(name: str) -> type[Task]:
     return load_installed(TASKS, name, Task)
 
 
-def arguments_of(step: Step) -> Any:
+def arguments_of(step: Step) -> Task.Arguments:
     """Return a step's arguments as its task declares them. Raises ConfigError."""
     return convert(_as_written(step), task_class(step.do).Arguments, step.do, "")
 
 
-def _as_written(step: Step) -> dict[str, Value]:
+def _as_written(step: Step) -> dict[str, object]:
     """Return a step's arguments with integers restored: messages have all numbers as floats."""
     return {name: _whole(value) for name, value in step.arguments}
 
 
-def _whole(value: Any) -> Any:
+def _whole(value: object) -> object:
     if isinstance(value, tuple):
         return tuple(map(_whole, value))
-    exact = isinstance(value, float) and value.is_integer() and abs(value) <= LARGEST_WHOLE
-    return int(value) if exact else value
+    if isinstance(value, float) and value.is_integer() and abs(value) <= LARGEST_WHOLE:
+        return int(value)
+    return value
 
 
 def bound(step: Step, to: Mapping[str, Value]) -> Step:
@@ -315,10 +316,10 @@ class _Reader:
                         (*key, "takes"), f"takes {each!r}: a reserved or invalid name"
                     )
 
-    def _steps(self, given: Sequence[Mapping[str, Any]], at: Key) -> tuple[Step, ...]:
+    def _steps(self, given: Sequence[Mapping[str, object]], at: Key) -> tuple[Step, ...]:
         return tuple(self._step(step, (*at, "steps", n)) for n, step in enumerate(given))
 
-    def _step(self, given: Mapping[str, Any], at: Key, *, within: bool = True) -> Step:
+    def _step(self, given: Mapping[str, object], at: Key, *, within: bool = True) -> Step:
         head = {key: value for key, value in given.items() if key in HEAD}
         if "do" not in head:
             known = advice(next(iter(given), ""), HEAD)
@@ -342,7 +343,7 @@ class _Reader:
             read.repeat,
         )
 
-    def _argument(self, key: str, value: Any, at: Key) -> tuple[str, Value]:
+    def _argument(self, key: str, value: object, at: Key) -> tuple[str, Value]:
         if isinstance(value, bool | str):
             return key, value
         try:

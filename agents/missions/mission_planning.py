@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import atan2, hypot
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 from msgspec.structs import replace
@@ -155,7 +155,7 @@ class MissionPlanning(DeliberativeAgent):
         self._withdrawn: deque[int] = deque(maxlen=WITHDRAWN_MOST)  # also before they arrive
         self._coordinator = Coordinator()
         self._alive: set[str] = set()  # instances
-        self._consulted: tuple[Any, ...] = ()  # the step of the last request to planner agents
+        self._consulted: tuple[object, ...] = ()  # the step of the last request to planner agents
         self._by = self.rng.getrandbits(63)
         self._alarms = Alarms(self._places.rooms)
         self._wanted: Wanted | None = None

@@ -11,7 +11,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from msgspec.structs import replace
 
@@ -181,7 +181,7 @@ class _Update:
     def _frame(self) -> Frame:
         return self._course.frames[-1]
 
-    def _set(self, **changes: Any) -> None:
+    def _set(self, **changes: object) -> None:
         self._course = _with_top(self._course, replace(self._frame, **changes))
 
     def _add_time(self, seconds: float) -> None:
@@ -423,6 +423,6 @@ def _tasks(mission: Mission, step: Step, left: list[int]) -> Iterator[PlanStep]:
         yield from _tasks(mission, bound(each, dict(step.arguments)), left)
 
 
-def _place(step: PlanStep) -> Any:
+def _place(step: PlanStep) -> object:
     """Return where a step moves to, or None."""
     return _values(step.told).get("to") if step.do == "move" else None

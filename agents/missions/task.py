@@ -124,7 +124,7 @@ class Failed(Struct, frozen=True):
 Verdict = Going | Done | Failed
 
 
-def misfit(verdict: Any) -> str:
+def misfit(verdict: object) -> str:
     """Return what is wrong with a result of `tick`; "" if nothing is."""
     match verdict:
         case Done(said=str(), event=None | Message()) | Failed(why=str()):
@@ -140,7 +140,7 @@ def misfit(verdict: Any) -> str:
     return "it must be a Going, Done or Failed"
 
 
-def _misfit_request(request: Any) -> str:
+def _misfit_request(request: object) -> str:
     """Return what is wrong with a request, by the messages that are sent for it."""
     try:
         match request:
@@ -178,8 +178,8 @@ class Task:
     places: ClassVar[tuple[str, ...]] = ()
     breaks_off: ClassVar[bool] = True
 
-    def __init__(self, arguments: Any) -> None:
-        self.arguments: Any = arguments
+    def __init__(self, arguments: Arguments) -> None:
+        self.arguments = arguments
 
     def tick(self, beliefs: Beliefs, progress: Progress) -> Verdict:
         """Return the current request, or the end."""

@@ -158,7 +158,7 @@ class Mapper:
         odds, xs, ys = window
         west, south, across = float(xs[0, 0]), float(ys[0, 0]), odds.shape[1]
 
-        def at(some_x: NDArray[Any], some_y: NDArray[Any]) -> NDArray[np.intp]:
+        def at(some_x: NDArray[np.float64], some_y: NDArray[np.float64]) -> NDArray[np.intp]:
             column = np.floor((some_x - west) / size + 0.5).astype(np.intp)
             cell: NDArray[np.intp] = np.floor((some_y - south) / size + 0.5).astype(np.intp)
             cell *= across

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import cos, sin
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def wrapped(angles: Any) -> Any:
+def wrapped(angles: Floats) -> Floats:
     """The same angles in [-pi, pi), rad."""
     return (angles + np.pi) % (2.0 * np.pi) - np.pi
 

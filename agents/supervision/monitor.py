@@ -23,10 +23,10 @@ it.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 from math import inf
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -678,7 +678,7 @@ class Monitor(Agent):
         self.publish(MonitorReport(self.instance, self._tenure, acts, missing, note))
 
 
-def _card_handler(monitor: Monitor, known: _Known) -> Any:
+def _card_handler(monitor: Monitor, known: _Known) -> Callable[[Card | None], None]:
     def on_card(card: Card | None) -> None:
         known.queried = False
         if card is not None and card.instance == known.instance:

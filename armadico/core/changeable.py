@@ -114,14 +114,14 @@ def _allowed(kind: type[Parameters], units: tuple[tuple[str, str], ...]) -> dict
 
 def _field(kind: type[Parameters], name: str) -> inspect.Type:
     """Return the type of a parameter. Raises KeyError if there is none of that name."""
-    node: Any = kind
+    node: object = kind
     for part in name.split("."):
         node = _types(node)[part]
     return _bare(inspect.type_info(node))
 
 
 @cache
-def _types(kind: Any) -> dict[str, Any]:
+def _types(kind: object) -> dict[str, object]:
     """Return the types of a struct's fields, by name; empty for another type."""
     if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
         return {}
@@ -168,12 +168,12 @@ def _value(values: Any, name: str) -> Any:
     return values
 
 
-def _put(values: Any, name: str, value: Any) -> None:
+def _put(values: Any, name: str, value: object) -> None:
     *tables, last = name.split(".")
     for part in tables:
         values = values[part]
     values[last] = value
 
 
-def _json(value: Any) -> str:
+def _json(value: object) -> str:
     return msgspec.json.encode(value).decode()

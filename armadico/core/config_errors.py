@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from armadico.core.errors import UnknownNameError, advice
 
@@ -66,7 +66,7 @@ class ConfigValueError(ConfigError):
     def __init__(
         self,
         key: str,
-        value: Any,
+        value: object,
         allowed: str,
         file: Path | str | None = None,
         line: int | None = None,

@@ -127,7 +127,7 @@ class Driver:
         self._out: list[Output] = []
         self._check_at: float | None = now  # when the admission is checked again
         self._announced = False
-        self._calls: OrderedDict[int, tuple[Any, str]] = OrderedDict()
+        self._calls: OrderedDict[int, tuple[object, str]] = OrderedDict()
         self._call_ids = 0
         self._cards: dict[int, str] = {}  # queried cards: the instance, by the query's id
         self._lines = float(LINES)
@@ -273,7 +273,7 @@ class Driver:
         """The keys of answered queries, with the type of each query."""
         return dict(self._served)
 
-    def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
+    def on_query(self, key: str, payload: bytes | Message, call: object, now: float) -> None:
         """Process a query. Its `Reply` with this `call` comes now, later or never."""
         own = self._pass(now)
         if key == self._card_key:
@@ -449,10 +449,9 @@ _ADDRESSED: Final = frozenset({Command, Claim, Ack})
 
 def misaddressed(key: str, message: Message) -> str:
     """Return why a message does not belong on its key; "" if it does."""
-    content: Any = message
     if type(message) is Command:
-        if key.rpartition("/")[2] != content.ballot.instance:
-            return f"a command with the ballot of {content.ballot.instance}"
-    elif type(message) in _ADDRESSED and key.split("/")[1] != content.resource:
-        return f"it is about {content.resource}"
+        if key.rpartition("/")[2] != message.ballot.instance:
+            return f"a command with the ballot of {message.ballot.instance}"
+    elif (type(message) is Claim or type(message) is Ack) and key.split("/")[1] != message.resource:
+        return f"it is about {message.resource}"
     return ""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from functools import cache
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import Distribution, EntryPoint, EntryPoints, entry_points
 from inspect import Parameter, isfunction, signature
 from typing import Any, Final
 
@@ -50,7 +50,7 @@ def package(point: EntryPoint) -> str:
 
 
 @cache  # `name` parses all metadata, 0.5 ms for each entry point
-def _name(distribution: Any) -> str:
+def _name(distribution: Distribution) -> str:
     return str(distribution.name)
 
 
@@ -78,7 +78,7 @@ def loaded(group: str, like: type | None = None) -> Iterator[tuple[EntryPoint, A
             yield point, found
 
 
-def made(group: str, *arguments: Any) -> list[Any]:
+def made(group: str, *arguments: object) -> list[Any]:
     """What each entry point of a group returns when it is called with these arguments."""
     found = []
     for point, make in loaded(group):

@@ -91,7 +91,7 @@ def outputs(items: list[Output]) -> bytes:
         return _ENCODER.encode([[*each[:1], repr(each[1:])] for each in plain])
 
 
-def _plain(item: Output) -> tuple[Any, ...]:
+def _plain(item: Output) -> tuple[object, ...]:
     if isinstance(item, Publish):
         return (PUBLISH, item.key, item.message)
     if isinstance(item, Write):
@@ -195,7 +195,7 @@ class Journalled(Driver):
         self._note((TOKEN, now, name, instance, alive))
         super().token(name, instance, alive, now)
 
-    def on_query(self, key: str, payload: bytes | Message, call: Any, now: float) -> None:
+    def on_query(self, key: str, payload: bytes | Message, call: object, now: float) -> None:
         """See `Driver`; a query for a lost piece is not an input of the agent."""
         if key == self._again_key:
             self._resend(key, payload, call)
@@ -260,7 +260,7 @@ class Journalled(Driver):
 
     # Inside --------------------------------------------------------------------------------------
 
-    def _note(self, entry: tuple[Any, ...]) -> None:
+    def _note(self, entry: tuple[object, ...]) -> None:
         self._entries.append(entry)
         self._drained = False
 
@@ -271,7 +271,7 @@ class Journalled(Driver):
         while self._kept_bytes > KEPT:
             self._kept_bytes -= len(self._kept.popleft().data)
 
-    def _resend(self, key: str, payload: bytes | Message, call: Any) -> None:
+    def _resend(self, key: str, payload: bytes | Message, call: object) -> None:
         try:
             request = decode(payload, JournalRequest) if isinstance(payload, bytes) else payload
         except MessageError:

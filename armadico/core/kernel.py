@@ -73,10 +73,10 @@ _STATE_KEY: Final = service_of(m.RobotState).key
 class _Route:
     """What is done with the messages of one kind."""
 
-    accepts: Callable[[Any], bool] | None = None  # None: by the cycle
+    accepts: Callable[..., bool] | None = None  # None: by the cycle
     service: Service | None = None  # None: of a resource
     gathering: Gathering | None = None  # of several publishers
-    handler: Callable[[Any], object] | None = None
+    handler: Callable[..., object] | None = None
     turns: tuple[Bidding, ...] = ()  # that it starts
 
 
@@ -101,7 +101,7 @@ class Kernel(Desk):
         self.alarm: float | None = None
         self._settings = Settings(self)
         self._queries = 0
-        self._replies: dict[int, Callable[[Any], None]] = {}  # of the queries under way
+        self._replies: dict[int, Callable[..., None]] = {}  # of the queries under way
         self._owning = {r.name: Owning(self, declare(r)) for r in agent.owns}
         self._bidding = {r.name: Bidding(self, declare(r)) for r in agent.competes_for}
         self._answerers = {kind: self._handler(kind) for kind in agent.answers}
@@ -110,7 +110,7 @@ class Kernel(Desk):
 
     def _make_routes(self) -> dict[type[Message], _Route]:
         """Return what is done with each kind of message."""
-        accepts: dict[type[Message], Callable[[Any], bool]] = {
+        accepts: dict[type[Message], Callable[..., bool]] = {
             m.RobotState: self._accept_state,
             m.Description: self._accept_description,
             m.Claim: self._accept_claim,
@@ -134,7 +134,7 @@ class Kernel(Desk):
             routes[m.Ack if by is None or own else by].turns += (bidding,)
         return routes
 
-    def _handler(self, kind: type[Message]) -> Callable[..., Any] | None:
+    def _handler(self, kind: type[Message]) -> Callable[..., Message | None] | None:
         snake = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
         return getattr(self.agent, f"on_{snake}", None)
 
@@ -145,7 +145,7 @@ class Kernel(Desk):
         key: str,
         request: Message,
         reply: type[Message],
-        then: Callable[[Any], None],
+        then: Callable[..., None],
         timeout: float,
     ) -> None:
         """Send a query on a key; `then` gets the reply, or None after the timeout (s)."""

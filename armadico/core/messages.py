@@ -118,7 +118,7 @@ def encoded(message: M) -> tuple[bytes, M]:
     return _encoded(message, plain), received
 
 
-def _encoded(message: Message, plain: Any) -> bytes:
+def _encoded(message: Message, plain: object) -> bytes:
     data = cbor2.dumps(plain)
     if len(data) > LARGEST_PAYLOAD:
         name, most = type(message).__name__, LARGEST_PAYLOAD
@@ -142,7 +142,7 @@ _PACKED: Final = msgspec.msgpack.Encoder()
 _DECODERS: Final[dict[type, msgspec.msgpack.Decoder[Any]]] = {}
 
 
-def _both(message: M) -> tuple[Any, M]:
+def _both(message: M) -> tuple[object, M]:
     """Return a message's plain values, and the message that is decoded from them."""
     try:
         plain = msgspec.to_builtins(message, builtin_types=(bytes,))
@@ -160,7 +160,7 @@ def decode(data: bytes, kind: type[M]) -> M:
         raise MessageError(f"not a {kind.__name__}: {error}") from None
 
 
-def plain_of(data: bytes) -> Any:
+def plain_of(data: bytes) -> object:
     """Return the plain values in a payload of any message. Raises `MessageError`."""
     if len(data) > LARGEST_PAYLOAD:
         raise MessageError(f"{len(data)} bytes, at most {LARGEST_PAYLOAD}")

@@ -23,7 +23,6 @@ from __future__ import annotations
 import heapq
 import random
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from armadico.core.agent import Agent, Identity
 from armadico.core.messages import Message
@@ -111,7 +110,7 @@ class VirtualMesh(Network):
         self._routes.clear()
         self.star.join(place)
 
-    def start(self, node: Node, _: Any = None) -> None:
+    def start(self, node: Node, _: object = None) -> None:
         """Begin a node's agent if it is linked to a router and has not begun."""
         if node.alive and not node.begun and (self.star.has_router(node) or not node.waits):
             self.liveliness.introduce(node)

@@ -6,9 +6,8 @@ import heapq
 import random
 from collections.abc import Callable
 from math import inf
-from typing import Any
 
-Step = Callable[[Any, Any], None]  # a scheduled call, with its two arguments
+Step = Callable[..., None]  # a scheduled call, with its two arguments
 
 
 class Scheduler:
@@ -25,7 +24,7 @@ class Scheduler:
         self.now = 0.0
         self.events = 0
         self._ties = ties
-        self._heap: list[tuple[float, int, Step, Any, Any]] = []
+        self._heap: list[tuple[float, int, Step, object, object]] = []
         self._sequence = 0
 
     def stream(self, name: str) -> random.Random:
@@ -44,7 +43,7 @@ class Scheduler:
         if until < inf:
             self.now = max(self.now, until)
 
-    def call_at(self, when: float, call: Step, a: Any = None, b: Any = None) -> None:
+    def call_at(self, when: float, call: Step, a: object = None, b: object = None) -> None:
         """Schedule a call at a time, s."""
         heapq.heappush(self._heap, (when, self._next(), call, a, b))
 

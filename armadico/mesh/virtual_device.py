@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from armadico.mesh.virtual_node import Node
 from armadico.mesh.virtual_place import DEVICE, Device, Network, address
@@ -47,7 +46,7 @@ class Ports:
                 self._from_device(port, port.device.advance(self._mesh.now))
                 port.device.receive(data, self._mesh.now)
 
-    def _device_due(self, port: Port, _: Any) -> None:
+    def _device_due(self, port: Port, _: object) -> None:
         device = port.device
         self._from_device(port, device.advance(self._mesh.now))
         self._mesh.call_at(max(device.due, self._mesh.now + 1e-6), self._device_due, port)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from typing import Final
 
 from armadico.mesh.virtual_network import Way
 from armadico.mesh.virtual_node import RETRY_S, Node
@@ -138,7 +138,7 @@ class Liveliness:
             for name, instance in place.tokens:
                 self.join(place, name, instance)
 
-    def _cut_for_long(self, way: Way, _: Any) -> None:
+    def _cut_for_long(self, way: Way, _: object) -> None:
         """Part two processes that are still cut; one that was cut again is parted early."""
         pair = frozenset(way)
         if not self._cuts[way] or pair in self._parted:
@@ -155,12 +155,12 @@ class Liveliness:
                 # Processes that are disconnected at this same time do not see each other go.
                 self._mesh.call_at(self._mesh.now + LIVELINESS, self._parted_from, place)
 
-    def _parted_from(self, place: Place, _: Any) -> None:
+    def _parted_from(self, place: Place, _: object) -> None:
         """Report a disconnected place to the places that are still linked to the router."""
         for other in self._mesh.others(place):
             self._missed(other, place)
 
-    def _reconnect(self, way: Way, _: Any) -> None:
+    def _reconnect(self, way: Way, _: object) -> None:
         pair = frozenset(way)
         if self._cuts[way] or self._cuts[way[1], way[0]] or pair not in self._parted:
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 from armadico.core.agent import Agent
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
@@ -124,7 +124,7 @@ class Node(Place):
 
     # Inputs --------------------------------------------------------------------------------------
 
-    def listeners(self) -> list[tuple[str, Step, Any]]:
+    def listeners(self) -> list[tuple[str, Step, object]]:
         return [(to.pattern, self._deliver, to) for to in self.driver.kernel.subscriptions]
 
     def _deliver(self, to: Subscription, what: tuple[str, Message | bytes]) -> None:
@@ -144,10 +144,10 @@ class Node(Place):
         if wanted is not None and (due is None or self.clock is not None or wanted < due):
             self._schedule_wakeup()
 
-    def queryables(self, pattern: str) -> list[Any]:
+    def queryables(self, pattern: str) -> list[str]:
         return [key for key in self.driver.queries if matches(pattern, key)]
 
-    def on_query(self, queryable: Any, what: tuple[str, Message, int]) -> None:
+    def on_query(self, queryable: str, what: tuple[str, Message, int]) -> None:
         _, request, number = what
         self._accept(
             lambda: self.driver.on_query(queryable, request, number, self.time),
@@ -165,7 +165,7 @@ class Node(Place):
         else:
             self.driver.router(there, self.time)
 
-    def received(self, data: bytes, _: Any) -> None:
+    def received(self, data: bytes, _: object) -> None:
         """Process bytes from the device."""
         self._accept(lambda: self.driver.received(data, self.time), "device")
 
@@ -212,7 +212,7 @@ class Node(Place):
             self.driver.report(dropped, self.time)
             self._send(self.driver.drain())
 
-    def _has_worked(self, out: list[Output], _: Any) -> None:
+    def _has_worked(self, out: list[Output], _: object) -> None:
         self._busy = False
         if self.hung:  # it continues later where it was
             self.mailbox.put("worked", lambda: self._send(out))
@@ -285,7 +285,7 @@ class Node(Place):
             self._wake_due = due
             self.mesh.call_at(max(due, self.mesh.now), self._wake, due)
 
-    def _wake(self, due: float, _: Any) -> None:
+    def _wake(self, due: float, _: object) -> None:
         if self._wake_due != due:
             return  # an earlier one replaced it
         self._wake_due = None

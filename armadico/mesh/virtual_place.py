@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf
 from random import Random
-from typing import Any, Final, Protocol
+from typing import Any, Final, Never, Protocol
 
 from armadico.core.agent import Agent
 from armadico.core.messages import Message
@@ -70,22 +70,22 @@ class Place:
             self._poll_at = due
             self.mesh.call_at(due, self._poll, due)
 
-    def _poll(self, due: float, _: Any) -> None:
+    def _poll(self, due: float, _: object) -> None:
         if due == self._poll_at:
             self._poll_at = inf
             if self.alive:
                 self.presence.poll(self.mesh.now)
                 self.schedule_poll()
 
-    def listeners(self) -> list[tuple[str, Step, Any]]:
+    def listeners(self) -> list[tuple[str, Step, object]]:
         """Return its subscriptions: the pattern, the call for a delivery, its first argument."""
         raise NotImplementedError
 
-    def queryables(self, pattern: str) -> list[Any]:
+    def queryables(self, pattern: str) -> Sequence[object]:
         """Return the first arguments of `on_query` for the keys of a pattern."""
         raise NotImplementedError
 
-    def on_query(self, queryable: Any, what: tuple[str, Message, int]) -> None:
+    def on_query(self, queryable: Never, what: tuple[str, Message, int]) -> None:
         """Process a query: its key, the request, and the query's number."""
         raise NotImplementedError
 
@@ -100,7 +100,7 @@ class Place:
     def unsent(self, key: str, why: str) -> None:
         """Process that a message could not be sent."""
 
-    def refuse(self, _: Any, what: tuple[str, Message]) -> None:
+    def refuse(self, _: object, what: tuple[str, Message]) -> None:
         """Reject a publication by a wildcard."""
 
     def announce(self, name: str, instance: str) -> None:
@@ -114,7 +114,7 @@ class Place:
         self.mesh.liveliness.killed(self)
 
 
-Route = tuple[Place, Step, Any]  # the receiver, the call for a delivery, its first argument
+Route = tuple[Place, Step, object]  # the receiver, the call for a delivery, its first argument
 
 
 class Network(Scheduler):
@@ -135,12 +135,12 @@ class Network(Scheduler):
     def __init__(self, seed: int, ties: Random | None) -> None:
         super().__init__(seed, ties)
         self.places: list[Place] = []
-        self.refused: Callable[[Any], None] | None = None
+        self.refused: Callable[..., None] | None = None
         self.head: Callable[[Agent], bytes] | None = None
         self._links: dict[Way, Link] = {}
         self._routes: dict[Way, list[Route]] = {}  # by namespace and key; made when needed
 
-    def start(self, node: Any, _: Any = None) -> None:
+    def start(self, node: Any, _: object = None) -> None:
         """Begin a node's agent if it is linked to a router and has not begun."""
         raise NotImplementedError
 
@@ -155,7 +155,9 @@ class Network(Scheduler):
         """Send to all except the publisher; return why it could not be received, or ""."""
         raise NotImplementedError
 
-    def later(self, source: Place | str, target: Place, call: Step, a: Any, b: Any = None) -> None:
+    def later(
+        self, source: Place | str, target: Place, call: Step, a: object, b: object = None
+    ) -> None:
         """Schedule a call for when it has passed the network, unless it is lost."""
         sender = source if isinstance(source, str) else source.address
         if not isinstance(source, str) and not self.star.passes(source, target, (call, a, b)):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from armadico.core.messages import Message, MessageError, checked
 from armadico.core.outgoing import SendQuery
@@ -95,7 +94,7 @@ class Queries:
         elif not query.waits:
             self._over(number, None)
 
-    def _over(self, number: int, _: Any) -> None:
+    def _over(self, number: int, _: object) -> None:
         query = self._waiting.pop(number, None)
         if query is not None:
             query.over()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
 from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual_clock import Step
@@ -26,7 +26,7 @@ class Star:
         self._reconnects = reconnect
         self._rng = mesh.stream("star")
         self._routers: dict[str, Node] = {}  # by namespace
-        self._held: dict[Node, list[tuple[Place, Place, tuple[Step, Any, Any]]]] = {}
+        self._held: dict[Node, list[tuple[Place, Place, tuple[Step, object, object]]]] = {}
         self._seeking: set[Place] = set()  # places that will try to link
 
     def router(self, namespace: str) -> Node | None:
@@ -67,7 +67,7 @@ class Star:
 
     # Passing messages ----------------------------------------------------------------------------
 
-    def passes(self, source: Place, target: Place, what: tuple[Step, Any, Any]) -> bool:
+    def passes(self, source: Place, target: Place, what: tuple[Step, object, object]) -> bool:
         """Return whether a delivery passes now; it waits if a router between the two hangs."""
         if not self.troubled:
             return True
@@ -106,7 +106,7 @@ class Star:
 
     # Losing and finding a router -----------------------------------------------------------------
 
-    def lose(self, router: Node, _: Any = None) -> None:
+    def lose(self, router: Node, _: object = None) -> None:
         """Disconnect all places of a router that is gone, or hangs for longer than the lease."""
         self.troubled = True
         self._held.pop(router, None)
@@ -169,7 +169,7 @@ class Star:
             at = self._mesh.now + self._rng.uniform(*self._reconnects)
             self._mesh.call_at(at, self._try, place)
 
-    def _try(self, place: Place, _: Any) -> None:
+    def _try(self, place: Place, _: object) -> None:
         self._seeking.discard(place)
         if self._works(self._routers[place.namespace]) and not place.hung:
             self.reach(place)  # else the router is woken, or replaced

@@ -57,7 +57,7 @@ PASSED_ON: Final = b"shared"  # marks another robot's publication, which is not 
 ROUTER: Final = "router/{id}"  # the liveliness token of a robot's router
 
 # Zenoh's settings in every process. Times in ms.
-SETTINGS: Final[dict[str, Any]] = {
+SETTINGS: Final[dict[str, object]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,  # otherwise opening waits for scouting, which is disabled
@@ -111,7 +111,7 @@ class Declared:
 
     publishers: dict[str, zenoh.Publisher] = field(default_factory=dict)
     tokens: dict[str, zenoh.LivelinessToken] = field(default_factory=dict)
-    kept: list[Any] = field(default_factory=list)
+    kept: list[object] = field(default_factory=list)
 
     def clear(self) -> None:
         self.kept.clear()
@@ -614,12 +614,12 @@ class ZenohMesh(Reader, Monotonic):
         where = self._rooted(key)
         return where, len(where) - len(key)
 
-    def _keep(self, declaration: Any) -> None:
+    def _keep(self, declaration: object) -> None:
         self._declared.kept.append(declaration)
 
     def _config(self, listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
         config = zenoh.Config()
-        own: dict[str, Any] = {
+        own: dict[str, object] = {
             "mode": "router" if self._where.router else "client",
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
@@ -703,7 +703,7 @@ def _close(session: zenoh.Session) -> None:
         logger.debug("a session is left behind: %s", error)
 
 
-def _direct(callback: Callable[[Any], None]) -> Any:
+def _direct(callback: Callable[..., None]) -> Any:
     """Return a callback on the receiving thread, which saves a hop to another one."""
     return zenoh.handlers.Callback(callback, indirect=False)
 

@@ -12,12 +12,11 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 from armadico.core.mailbox import EVENTS, Mailbox
 from armadico.mesh.base import Monotonic, Time
 
-Item = tuple[Callable[..., None], tuple[Any, ...]]  # a call on the agents' thread
+Item = tuple[Callable[..., None], tuple[object, ...]]  # a call on the agents' thread
 
 
 class Inbox:
@@ -37,7 +36,7 @@ class Inbox:
         self._work.acquire()
         self._back = False  # the agents' thread waits to work again
 
-    def put(self, key: str, call: Callable[..., None], *args: Any, keep: int = EVENTS) -> None:
+    def put(self, key: str, call: Callable[..., None], *args: object, keep: int = EVENTS) -> None:
         """Queue a call on a key; `keep` 1 keeps only the latest one."""
         self._arrived.append((key, (call, args), keep))
         # Checked again after each release: a thread that finds the guard held leaves its item.

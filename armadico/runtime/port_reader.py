@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 from urllib.parse import urlsplit
 
 from armadico.core.discovery import TRANSPORTS, installed
@@ -51,7 +51,7 @@ class Device:
         connect: Callable[[], Port],
         inbox: Inbox,
         clock: Callable[[], float],
-        at_once: Callable[[Callable[..., None], tuple[Any, ...]], object] | None = None,
+        at_once: Callable[[Callable[..., None], tuple[object, ...]], object] | None = None,
     ) -> None:
         """Prepare.
 

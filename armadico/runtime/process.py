@@ -28,7 +28,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn
 
 from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
@@ -218,7 +218,7 @@ class AgentHost:
     def _due(self) -> float | None:
         return min((at for d in self.drivers if (at := d.wakeup) is not None), default=None)
 
-    def _on_reception(self, call: Callable[..., None], args: tuple[Any, ...]) -> None:
+    def _on_reception(self, call: Callable[..., None], args: tuple[object, ...]) -> None:
         """Process a message on the reception thread, and leave that thread time to receive."""
         began = self._clock()
         sent = self._at_once(call, args)
@@ -228,7 +228,7 @@ class AgentHost:
         elif sent:
             self._calm_at = max(self._calm_at, now + SENDING_S)
 
-    def _at_once(self, call: Callable[..., None], args: tuple[Any, ...]) -> bool:
+    def _at_once(self, call: Callable[..., None], args: tuple[object, ...]) -> bool:
         """Call on a foreign thread, after `Inbox.at_once`; return whether anything was sent."""
         sent, due = False, None
         if self._failure is not None:  # an interrupted turn was the last one
@@ -247,7 +247,7 @@ class AgentHost:
             self.inbox.ring()
         return sent
 
-    def _timed(self, driver: Driver, step: Callable[..., None], *args: Any) -> None:
+    def _timed(self, driver: Driver, step: Callable[..., None], *args: object) -> None:
         """Call a driver's method, and report to the driver if it took longer than a cycle."""
         began = self._clock()
         step(*args, began)

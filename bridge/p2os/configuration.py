@@ -153,7 +153,7 @@ def decode_texts(data: bytes, count: int) -> tuple[str, ...]:
 def _read(data: bytes) -> Iterator[tuple[str, Any]]:
     """Yield the named fields that `data` contains."""
     for attribute, form, unit in FIELDS:
-        value: Any
+        value: str | float
         if form == "s":
             text, _, data = data.partition(b"\0")
             value = text.decode("ascii", "replace")

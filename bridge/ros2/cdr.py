@@ -175,7 +175,7 @@ def _referenced(kind: type[IdlStruct]) -> set[type[IdlStruct]]:
     return nested.union(*(_referenced(each) for each in nested))
 
 
-def _described(kind: type[IdlStruct]) -> dict[str, Any]:
+def _described(kind: type[IdlStruct]) -> dict[str, object]:
     fields = []
     for name, element, shape, capacity in _fields(kind):
         text, nested = 0, ""

@@ -30,7 +30,7 @@ CONNECT_MS: Final = 2000
 WAITING: Final = 1000
 """Most samples that wait to be read; the oldest are discarded."""
 
-_SETTINGS: Final[dict[str, Any]] = {
+_SETTINGS: Final[dict[str, object]] = {
     "scouting/multicast/enabled": False,
     "transport/shared_memory/enabled": False,
     "timestamping/enabled": True,  # advanced publishers need it to keep samples

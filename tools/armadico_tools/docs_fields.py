@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 from msgspec import inspect as types
@@ -71,7 +71,7 @@ def parameters_of(kind: type[msgspec.Struct]) -> Iterator[Field]:
     yield from _nested(kind, kind(), "")
 
 
-def _nested(kind: type[msgspec.Struct], default: Any, prefix: str) -> Iterator[Field]:
+def _nested(kind: type[msgspec.Struct], default: object, prefix: str) -> Iterator[Field]:
     comments: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):  # without `object`; a subclass may override
         if base.__module__.startswith("armadico."):
@@ -135,7 +135,7 @@ def _number(value: float) -> str:
     return POWERS.get(value, f"{value:g}")
 
 
-def _default(value: Any) -> str:
+def _default(value: object) -> str:
     """A default in the form of the wire."""
     if value is None:
         return "null"

@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -117,7 +117,7 @@ def _home(name: str) -> str:
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Complete the navigation: unlisted documents, the reference, and the project's pages."""
-    nav: list[Any] = list(config.nav or [])
+    nav: list[object] = list(config.nav or [])
     there = set(re.findall(r"[\w/-]+\.md", str(nav)))
     more = sorted({path.name for path in (ROOT / "docs").glob("*.md")} - there)
     if more:

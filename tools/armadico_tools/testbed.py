@@ -49,7 +49,7 @@ class Place:
         # A socket needs a short path, wherever other temporary files are.
         short = TemporaryDirectory(prefix="armadico-", dir="/tmp")
         self._sockets = Path(self._stack.enter_context(short))
-        self._processes: list[subprocess.Popen[Any]] = []
+        self._processes: list[subprocess.Popen[bytes]] = []
 
     def __enter__(self) -> Self:
         self._stack.enter_context(sockets_in(self._folder))
@@ -77,7 +77,7 @@ class Place:
         """The last lines of the output under a name."""
         return self._log(name).read_text(errors="replace").splitlines()[-lines:]
 
-    def inside(self, host: str, function: Callable[..., T], *args: Any) -> T:  # noqa: ARG002
+    def inside(self, host: str, function: Callable[..., T], *args: object) -> T:  # noqa: ARG002
         """Call a function in a host's network."""
         return function(*args)
 
@@ -191,7 +191,7 @@ class Namespaces(Place):
         plain = {k: v for k, v in os.environ.items() if not k.startswith("ARMADICO_")}
         return self.network.hosts[host].popen(program, env=plain | own, **options)
 
-    def inside(self, host: str, function: Callable[..., T], *args: Any) -> T:
+    def inside(self, host: str, function: Callable[..., T], *args: object) -> T:
         """Call a function in a host's network."""
         return self.network.hosts[host].inside(function, *args)
 

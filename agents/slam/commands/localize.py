@@ -9,7 +9,7 @@ from itertools import pairwise
 from math import isfinite, nan, radians
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.agents.slam.commands import log_file
 from armadico.cli import options
@@ -99,7 +99,7 @@ def run(args: Options) -> int:
             _draw(args.picture, log, world, track, found)
             say(f"picture: {args.picture}")
     judged = localizing.judgement(log, found)
-    more: dict[str, Any] = {
+    more: dict[str, object] = {
         "noise": noise,
         "map": named,
         "agent": chosen.agent,

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
@@ -114,11 +114,11 @@ def report(
     args: LogOptions,
     log: Log,
     judged: Judgement,
-    figures: Any,
+    figures: object,
     rows: Iterable[tuple[str, str]],
     share: float,
     of: str = "",
-    **more: Any,
+    **more: object,
 ) -> None:
     """Print a row for each measure, or one JSON object.
 

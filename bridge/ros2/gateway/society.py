@@ -16,7 +16,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from pycdr2 import IdlStruct
@@ -138,7 +138,7 @@ class Society:
         self._held: OccupancyGrid | None = None  # a map that no pose is on yet
         self._path: tuple[object, ...] | None = None
         self._health = Health(self._prefix)
-        self._receivers: dict[type[m.Message], Callable[[str, Any, int], Iterator[_Output]]] = {
+        self._receivers: dict[type[m.Message], Callable[..., Iterator[_Output]]] = {
             m.RobotState: self._on_state,
             Pose: self._on_pose,
             Sonar: self._on_sonar,

@@ -46,7 +46,7 @@ class Relay:
     def __init__(self, mesh: zenoh.Session, line: socket.socket | None = None) -> None:
         self._mesh = mesh
         self._line = line
-        self._held: list[Any] = []  # references that keep declarations alive
+        self._held: list[object] = []  # references that keep declarations alive
 
     def obey(self, rules: Sequence[str]) -> None:
         """Subscribe to each rule's key, and answer its samples from now on."""
@@ -91,7 +91,7 @@ def main() -> None:
     """Run the mode named by the arguments."""
     kind, listen, connect, *rest = sys.argv[1:]
     mesh = session(listen, connect)
-    held: Any = None
+    held: object = None
     if kind == "token":
         held = None if rest == ["-"] else mesh.liveliness().declare_token(rest[0])
     else:

@@ -54,10 +54,10 @@ def read(path: Path) -> tuple[str, Experiment]:
     return found.title, Experiment((driven(lambda _: cells),), report, found.note)
 
 
-def _name(change: Mapping[str, Any]) -> str:
+def _name(change: Mapping[str, object]) -> str:
     return str(change.get("name", change.get("scenario", "")))
 
 
-def _cell(row: Mapping[str, Any], arm: Mapping[str, Any], path: Path) -> Cell:
+def _cell(row: Mapping[str, object], arm: Mapping[str, object], path: Path) -> Cell:
     fields = {**row, **arm, "name": f"{_name(row)} {_name(arm)}"}
     return convert(fields, Cell, path, "")

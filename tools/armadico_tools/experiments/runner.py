@@ -183,7 +183,7 @@ class Context:
         self.file("table.md").write_text(f"{text.rstrip()}\n\n{made}\n", encoding="utf-8")
 
 
-def _cell(task: object) -> Cell | None:
+def _cell(task: Any) -> Cell | None:
     """The cell of a run; None for any other task."""
     return task[0] if isinstance(task, tuple) and isinstance(task[0], Cell) else None
 

@@ -21,7 +21,7 @@ The key relies on these properties:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from armadico.core.coordination import Contender, Owner, Rival
 from armadico.core.cycles import CycleClock
@@ -51,7 +51,7 @@ _OWNER: Final = frozenset(
     )
 )
 
-Key = tuple[Any, ...]
+Key = tuple[object, ...]
 
 
 def key(world: World) -> int:
@@ -212,7 +212,7 @@ class _Keyed:
             clock._steady,
         )
 
-    def _left(self, epoch: int, last: int) -> Any:
+    def _left(self, epoch: int, last: int) -> object:
         """Numbers of a past epoch matter only while an ack of it is under way."""
         under_way = [
             f.message.cycle.number
@@ -237,7 +237,7 @@ class _Keyed:
             tuple((name, vars(owner)[name]) for name in sorted(extra)) if extra else (),
         )
 
-    def _message(self, message: Any) -> Any:
+    def _message(self, message: object) -> object:
         if isinstance(message, Claim):
             at = _exactly(message.cycle, self.here)
             return ("claim", self._ballot(message.ballot), at, message.utility, message.critical)
@@ -268,13 +268,13 @@ class _Keyed:
             (_exactly(cycle, newest), bid.utility, bid.critical) for cycle, bid in bids.items()
         )
 
-    def _ballot(self, ballot: Ballot | None) -> Any:
+    def _ballot(self, ballot: Ballot | None) -> object:
         if ballot is None:
             return None
         return (self.terms[ballot.term], ballot.utility, ballot.critical, ballot.instance)
 
 
-def _ago(cycle: Cycle | None, newest: Cycle | None) -> Any:
+def _ago(cycle: Cycle | None, newest: Cycle | None) -> object:
     """Cycles before the newest; equal beyond `LONG`."""
     if cycle is None:
         return None
@@ -283,7 +283,7 @@ def _ago(cycle: Cycle | None, newest: Cycle | None) -> Any:
     return min(newest.number - cycle.number, LONG) + _FAR
 
 
-def _exactly(cycle: Cycle, newest: Cycle | None) -> Any:
+def _exactly(cycle: Cycle, newest: Cycle | None) -> object:
     if newest is None or cycle.epoch != newest.epoch:
         return (cycle.epoch, cycle.number)
     return newest.number - cycle.number + _FAR

@@ -407,7 +407,7 @@ class World:
     @staticmethod
     def _kept(waiting: list[Flight]) -> list[Flight]:
         """The mailbox after a hang: of states the latest, in the place of the first."""
-        kept: dict[Any, Flight] = {}
+        kept: dict[object, Flight] = {}
         for position, flight in enumerate(waiting):
             state = isinstance(flight.message, Ack | Cycle)
             kept[type(flight.message) if state else position] = flight
@@ -583,7 +583,7 @@ class World:
                         what = f"claim {side.name}>{other.name}"
                         self._send(what, side.index, other.index, message, 0, now)
 
-    def _to_owner(self, owner: Owner, message: Any, now: int) -> None:
+    def _to_owner(self, owner: Owner, message: object, now: int) -> None:
         if isinstance(message, Claim):
             if message.utility is None:
                 self._watch_release(owner, message)

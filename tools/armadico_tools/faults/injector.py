@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 from math import inf, nan
-from typing import Any, Final
+from typing import Final
 
 from armadico.bridge.simulator.sonar_schedule import Broken
 from armadico.core.exchange import Bid
@@ -60,12 +60,12 @@ class Injector(ABC):
     def now(self) -> float:
         """The time of the society, s."""
 
-    def begin(self, fault: Fault, _: Any = None) -> None:
+    def begin(self, fault: Fault, _: object = None) -> None:
         self._note(fault, began=True)
         self._on.append(fault)
         self.acts[fault.kind](fault, True)
 
-    def end(self, fault: Fault, _: Any = None) -> None:
+    def end(self, fault: Fault, _: object = None) -> None:
         self._on.remove(fault)
         self.acts[fault.kind](fault, False)
         self._note(fault, began=False)
@@ -134,11 +134,11 @@ class VirtualInjector(Injector):
         if node not in self._stranger.nodes:
             self._mesh.call_at(self._mesh.now + AGAIN_S, self._try_again, node.name)
 
-    def _try_again(self, name: str, _: Any) -> None:
+    def _try_again(self, name: str, _: object) -> None:
         if not self.alive(name):
             self._settle(name)
 
-    def begin(self, fault: Fault, _: Any = None) -> None:
+    def begin(self, fault: Fault, _: object = None) -> None:
         self._befallen[fault] = [node for name in fault.targets for node in self.alive(name)]
         super().begin(fault)
 
@@ -209,7 +209,7 @@ class VirtualInjector(Injector):
             if name in rest:
                 self._mesh.call_at(now + (2 * place + 1) * each, partial(self._restart, name, -1))
 
-    def _restart(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
+    def _restart(self, name: str, change: int, _a: object = None, _b: object = None) -> None:
         """Stop (1) or start (-1) an agent, reported as a crash."""
         if change > 0:
             self._show(Faulted(self._mesh.now, "crash", (name,), began=True))
@@ -217,7 +217,7 @@ class VirtualInjector(Injector):
         if change < 0:
             self._show(Faulted(self._mesh.now, "crash", (name,), began=False))
 
-    def _come_or_go(self, name: str, change: int, _a: Any = None, _b: Any = None) -> None:
+    def _come_or_go(self, name: str, change: int, _a: object = None, _b: object = None) -> None:
         self._down[name] += change
         self._settle(name)
 
@@ -269,7 +269,7 @@ class VirtualInjector(Injector):
             self._away.remove(fault)
             self._come_or_go(fault.targets[0], -1)
 
-    def _flip(self, fault: Fault, _: Any) -> None:
+    def _flip(self, fault: Fault, _: object) -> None:
         """Start it if it is away, else stop it."""
         if fault not in self._on:
             return

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import partial
 from math import cos, sin, tau
 from random import Random
-from typing import Any, Final
+from typing import Final
 
 import cbor2
 from msgspec.structs import replace
@@ -103,7 +103,7 @@ class Stranger:
         elif isinstance(message, Trajectory | Origin):
             self._latched[type(message)] = message
 
-    def _deliver(self, message: Message, _a: Any = None, _b: Any = None) -> None:
+    def _deliver(self, message: Message, _a: object = None, _b: object = None) -> None:
         for name in AGENTS:
             self._mesh.arrive(message, name, _key(message))
 
@@ -146,7 +146,7 @@ class Stranger:
             self._press = self._presses.getrandbits(63)
         self._publish(Stop(self._counter, stopped, INSTANCE, self._press))
 
-    def _publish(self, message: Message, _a: Any = None, _b: Any = None) -> None:
+    def _publish(self, message: Message, _a: object = None, _b: object = None) -> None:
         self._mesh.publish(message)
 
     # Messages ------------------------------------------------------------------------------------
@@ -198,7 +198,7 @@ class Stranger:
             at = self._mesh.now + within * index / FLOOD
             self._mesh.call_at(at, partial(self._flow, fault.amount), index)
 
-    def _flow(self, climbs: float, index: int, _: Any) -> None:
+    def _flow(self, climbs: float, index: int, _: object) -> None:
         if self._state is None:
             return
         cycle = self._state.cycle

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import hypot
 from random import Random
-from typing import Any, Final
+from typing import Final
 
 from msgspec import structs
 
@@ -238,7 +238,7 @@ class Workload:
 
     # Missions ------------------------------------------------------------------------------------
 
-    def _order(self, _a: Any = None, _b: Any = None) -> None:
+    def _order(self, _a: object = None, _b: object = None) -> None:
         """Send the robot on when it has arrived, or has no mission."""
         self.mesh.call_at(self.mesh.now + ORDER_S, self._order)
         late = self.mesh.now - self._mission_at > MISSION_S
@@ -272,11 +272,11 @@ def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
     return there, structs.replace(there, goal=back, waypoints=there.waypoints[::-1])
 
 
-def _before(agent: Any, name: str, then: Callable[..., None]) -> None:
+def _before(agent: object, name: str, then: Callable[..., None]) -> None:
     """Make a method of one instance call a function with its arguments first."""
     method = getattr(agent, name)
 
-    def tapped(*args: Any, **named: Any) -> Any:
+    def tapped(*args: object, **named: object) -> object:
         then(*args)
         return method(*args, **named)
 

@@ -67,7 +67,7 @@ class Host:
         self.name = name
         self.tap = -1
         self._thread = ThreadPoolExecutor(1, f"host-{name}")
-        self._processes: list[subprocess.Popen[Any]] = []
+        self._processes: list[subprocess.Popen[bytes]] = []
         try:
             self.tap = self.inside(_enter_new_namespace)
         except OSError:
@@ -80,7 +80,7 @@ class Host:
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def inside(self, function: Callable[..., T], *args: Any, **kwargs: Any) -> T:
+    def inside(self, function: Callable[..., T], *args: object, **kwargs: object) -> T:
         """Call a function in the host's network: sockets that it opens are the host's."""
         return self._thread.submit(function, *args, **kwargs).result()
 
