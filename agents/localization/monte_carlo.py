@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import exp, hypot, inf, log, sqrt
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from msgspec import Struct
@@ -178,7 +178,7 @@ class MonteCarlo:
         about = self.poses[self._drawn(self.settings.most)]
         self._begin_about(about, deviation_m, deviation_rad)
 
-    def _begin_about(self, poses: NDArray[Any], deviation_m: float, deviation_rad: float) -> None:
+    def _begin_about(self, poses: Poses, deviation_m: float, deviation_rad: float) -> None:
         spread = np.array([deviation_m, deviation_m, deviation_rad])
         off = self._rng.standard_normal(poses.shape) * spread
         self._begin((poses.astype(np.float64) + off).astype(np.float32))

@@ -128,12 +128,12 @@ class Mission(Struct, frozen=True):
 class _Head(Struct, frozen=True, forbid_unknown_fields=True):
     do: str
     when: When | None = None
-    otherwise: list[dict[str, Any]] = field(default_factory=list, name="else")
+    otherwise: list[dict[str, object]] = field(default_factory=list, name="else")
     timeout_s: Seconds | None = None
     repeat: Annotated[int, Meta(ge=1, le=1_000_000)] = 1
 
 
-Steps = Annotated[list[dict[str, Any]], Meta(min_length=1)]
+Steps = Annotated[list[dict[str, object]], Meta(min_length=1)]
 
 
 class _Procedure(Struct, frozen=True, forbid_unknown_fields=True):

@@ -295,7 +295,7 @@ def passing(kind: type[IdlStruct]) -> Any:
     """The same type for Cyclone, field by field, whose samples are the bytes that came."""
     made = _same(kind)
 
-    def of(payload: bytes) -> Any:
+    def of(payload: bytes) -> object:
         sample = made.__new__(made)
         sample.payload = payload
         return sample
@@ -318,7 +318,7 @@ def _same(kind: type[IdlStruct]) -> Any:
     )
 
 
-def _field(hint: Any) -> Any:
+def _field(hint: object) -> object:
     if isinstance(hint, type) and issubclass(hint, IdlStruct):
         return _same(hint)
     mark = get_args(hint)[1] if get_origin(hint) is Annotated else None

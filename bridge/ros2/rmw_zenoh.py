@@ -60,7 +60,7 @@ class ZenohWire:
         self._lock = threading.Lock()  # tokens come on Zenoh's thread
         self._tokens: set[str] = set()
         self._declared: list[Any] = []
-        self._publishers: dict[str, tuple[Any, bytes]] = {}
+        self._publishers: dict[str, tuple[zenoh.Publisher | ext.AdvancedPublisher, bytes]] = {}
         self._sequences: dict[str, int] = {}
         self._watcher = self._session.liveliness().declare_subscriber(
             f"{names.SPACE}/{domain}/**",
@@ -135,7 +135,7 @@ class ZenohWire:
             else:
                 self._tokens.discard(token)
 
-    def _publisher(self, key: str, want: Wanted) -> Any:
+    def _publisher(self, key: str, want: Wanted) -> zenoh.Publisher | ext.AdvancedPublisher:
         """A publisher; a latched one keeps its last samples for late subscribers."""
         settings: dict[str, Any] = {
             "encoding": zenoh.Encoding.APPLICATION_CDR,

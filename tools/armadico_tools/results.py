@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from hashlib import sha256
 from inspect import getfile
 from pathlib import Path
-from typing import Any, Generic, TextIO, TypeVar, get_type_hints
+from typing import Generic, TextIO, TypeVar, get_type_hints
 
 import msgspec
 from msgspec import Struct
@@ -90,7 +90,7 @@ class Kept(Generic[T]):
         self._code = sha256(name.encode() + Path(getfile(function)).read_bytes()).hexdigest()
         self._decoder: msgspec.json.Decoder[T] | None = None
         with suppress(TypeError):  # a type without JSON
-            kind: Any = get_type_hints(function)["return"]
+            kind: type[T] = get_type_hints(function)["return"]
             self._decoder = msgspec.json.Decoder(kind)
         self._rows = Rows(path, _Result)
         self._known = {row.key: row.found for row in self._rows.read()}

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.agents.slam.commands import log_file
 from armadico.cli import options
@@ -82,13 +82,13 @@ def run(args: Options) -> int:
     figures = runs.figures(log, found)
     judged = runs.judgement(log, figures, outside)
     rows = [*_rows(figures), *(() if related is None else _related(related))]
-    more: dict[str, Any] = {
-        "drift": drift,
-        "sets": args.sets,
-        "relations": related,
-        "memory_most_mib": _memory_mib(),
-    }
-    log_file.report(args, log, judged, figures, rows, drift, **more)
+    log_file.report(
+        *(args, log, judged, figures, rows, drift),
+        drift=drift,
+        sets=args.sets,
+        relations=related,
+        memory_most_mib=_memory_mib(),
+    )
     if related is not None and not args.json:
         print(RELATED)
     for line in written:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import ceil, degrees, hypot, nan, radians, sqrt
 from random import Random
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -430,7 +430,7 @@ def _errors(moments: Sequence[Moment], name: str) -> tuple[Floats, Floats]:
     """The error of a pose at each reading, m and degrees; NaN where unknown."""
     found: list[tuple[float, float]] = []
     for one in moments:
-        at: Any = getattr(one, name)
+        at: Pose2 | None = getattr(one, name)
         to = one.reference
         if at is None or to is None:
             found.append((nan, nan))

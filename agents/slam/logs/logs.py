@@ -126,8 +126,9 @@ class Recorded:
         message = self.messages[index]
         if isinstance(message, Scan):
             x, y, bearing = compose(since, (message.x, message.y, message.bearing))
-            fresh: dict[str, Any] = {"x": x, "y": y, "bearing": bearing, "number": number}
-            return msgspec.structs.replace(message, cycle=cycle, **fresh)
+            return msgspec.structs.replace(
+                message, cycle=cycle, x=x, y=y, bearing=bearing, number=number
+            )
         echoes = []
         for echo in message.echoes:
             x, y, bearing = compose(since, (echo.x, echo.y, echo.bearing))
@@ -502,8 +503,8 @@ def of_scans(
     `omitted` scans of the file are not among them; `assumed` is as in `Log`.
     """
     reference = np.full((len(times), 3), np.nan)
-    about: dict[str, Any] = {"period": period, "given": omitted, "assumed": assumed}
-    table = _Table(times, odometry, reference, notes, **about)
+    rows = (times, odometry, reference, notes)
+    table = _Table(*rows, period=period, given=omitted, assumed=assumed)
     kept = table.clean(path)
     return _scanned(path, table, ranges[kept], 1.0, angles, real=True, reach=reach, mount=mount)
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from msgspec import Meta, Struct
 
@@ -24,7 +24,7 @@ from armadico_tools.experiments.driving import Cell
 from armadico_tools.experiments.runner import Context, Experiment, driven
 from armadico_tools.experiments.tables import RULES, compare, failures
 
-Changes = Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
+Changes = Annotated[tuple[dict[str, object], ...], Meta(min_length=1)]
 
 
 class File(Struct, frozen=True, forbid_unknown_fields=True):

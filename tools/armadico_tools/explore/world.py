@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from math import ceil
+from random import Random
 from typing import Any, Final, TypeVar, cast
 
 from armadico.core.coordination import Contender, Owner, Rival, Tenure, Verdict, beats
@@ -162,7 +163,7 @@ class Side:
         self.down = 0
         clock = self._parts.clock(0.1)
         self.contender = self._parts.contender(
-            self._resource, self.instance, clock, EXCHANGES["abrupt"], cast("Any", DRAWS)
+            self._resource, self.instance, clock, EXCHANGES["abrupt"], cast("Random", DRAWS)
         )
         self.turned = self.used = None
         self.made = ()

@@ -82,7 +82,7 @@ class Hosts(Protocol):
     def stop(self, host: str) -> None:
         """Stop a host at once."""
 
-    def popen(self, host: str, argv: Sequence[str], **options: Any) -> subprocess.Popen[str]:
+    def popen(self, host: str, argv: Sequence[str], **options: object) -> subprocess.Popen[str]:
         """Run a command on a host or on `DESK`; its output is piped, as text."""
 
 

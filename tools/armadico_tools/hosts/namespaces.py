@@ -98,7 +98,7 @@ class Host:
 
     def popen(self, argv: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         """Start a process on this host; it ends with the host, or with this process."""
-        process: subprocess.Popen[Any] = self.inside(
+        process: subprocess.Popen[bytes] = self.inside(
             subprocess.Popen,
             bound(argv, signal.SIGKILL),
             **{"stdin": subprocess.DEVNULL, "start_new_session": True, **options},
