@@ -22,7 +22,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, Field, fields, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
@@ -190,7 +190,7 @@ def parser(program: str, description: str, examples: str) -> ArgumentParser:
 
 
 def together(
-    program: str, commands: Iterable[tuple[str, str, ArgumentParser | None]], complete: Any
+    program: str, commands: Iterable[tuple[str, str, ArgumentParser | None]], complete: object
 ) -> ArgumentParser:
     """One parser of several commands (name, summary, parser), for shell completion.
 
@@ -220,9 +220,9 @@ def _place(kind: type) -> str:
     return f"{kind.__module__}.{kind.__qualname__}."
 
 
-def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> None:
+def _declare(made: argparse._ActionsContainer, kind: type, place: str = "") -> None:
     """Add the options of a dataclass to a parser or a group; `place` is before their names."""
-    hints, alternatives = get_type_hints(kind), dict[str, Any]()
+    hints, alternatives = get_type_hints(kind), dict[str, argparse._MutuallyExclusiveGroup]()
     for each in fields(kind):
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, Group):
@@ -230,11 +230,11 @@ def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> No
             group = made.add_argument_group(declared.title) if titled else made
             _declare(group, declared.kind, place)
         elif isinstance(declared, Added):
-            groups: dict[str, Any] = {}
+            groups: dict[str, argparse._ArgumentGroup] = {}
             for other in declared.find(flags_of(kind)):
-                into = groups.get(other.title) or made.add_argument_group(other.title)
-                groups[other.title] = into
-                _declare(into, other, _place(other))
+                below = groups.get(other.title) or made.add_argument_group(other.title)
+                groups[other.title] = below
+                _declare(below, other, _place(other))
         elif isinstance(declared, Option):
             into = made
             if declared.either:
@@ -256,14 +256,14 @@ def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> No
                 into.add_argument(*flags, dest=place + each.name, **how, **_default(each))
 
 
-def _read(read: Callable[[str], Any], text: str) -> Any:
+def _read(read: Callable[[str], T], text: str) -> T:
     try:
         return read(text)
     except BadValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def _reading(hint: Any) -> dict[str, Any]:
+def _reading(hint: object) -> dict[str, Any]:
     """How argparse reads what is annotated so."""
     inner = get_args(hint)
     if get_origin(hint) is UnionType:
@@ -277,7 +277,7 @@ def _reading(hint: Any) -> dict[str, Any]:
     return {} if hint is str else {"type": hint}
 
 
-def _default(each: Any) -> dict[str, Any]:
+def _default(each: Field[object]) -> dict[str, Any]:
     """The default of a field for argparse, which copies a list and appends to it."""
     if each.default_factory is not MISSING:
         return {"default": each.default_factory()}
@@ -288,7 +288,7 @@ def _default(each: Any) -> dict[str, Any]:
 
 def _built(kind: type[T], found: argparse.Namespace, place: str = "") -> T:
     """The dataclass with the parsed values."""
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     for each in fields(kind):  # type: ignore[arg-type]
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, Group):
@@ -319,7 +319,7 @@ def _check(options: Any) -> None:
 
 def _turned(options: T) -> T:
     """The options in the units of their fields."""
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     for each in fields(options):  # type: ignore[arg-type]
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
         if isinstance(declared, Group):
@@ -329,11 +329,11 @@ def _turned(options: T) -> T:
     return replace(options, **values)  # type: ignore[type-var]
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, tuple):
         return " ".join(map(_shown, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _frozen(value: Any) -> Any:
+def _frozen(value: object) -> object:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value

@@ -341,7 +341,7 @@ def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     """(line, first, last) of every run of edges; `last` is where the next cell begins."""
     steps = np.diff(np.pad(edges, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     first, last = np.argwhere(steps == 1), np.argwhere(steps == -1)
-    both: list[Any] = list(zip(first.tolist(), last.tolist(), strict=True))
+    both: list[tuple[list[int], list[int]]] = list(zip(first.tolist(), last.tolist(), strict=True))
     return [(start[0], start[1], end[1]) for start, end in both]
 
 

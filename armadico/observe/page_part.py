@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, TypeVar
 
+from armadico.core.jsons import Json
 from armadico.core.messages import Message
 from armadico.core.services import service_of
 from armadico.observe.page_requests import Asked, RequestError, Start
 from armadico.observe.view import View
+
+R = TypeVar("R", bound=Message)
 
 ANSWER_S: Final = 10.0  # default timeout of a query
 UNDER_WAY: Final = 8  # pending queries of one browser for one robot
@@ -96,7 +99,7 @@ class Desk:
         browser: str,
         number: int,
         message: Message,
-        describe: Callable[[Any], str],
+        describe: Callable[[R], str],
         timeout: float = ANSWER_S,
         key: str = "",
     ) -> None:
@@ -144,7 +147,7 @@ class Part:
         return self.desk.view
 
     @property
-    def fixed(self) -> Mapping[str, Any]:
+    def fixed(self) -> Mapping[str, Json]:
         """Data sent to a browser once, when it connects."""
         return {}
 
@@ -170,5 +173,5 @@ class Part:
     def start(self, browser: str, request: Start, t: float) -> None:
         """Have one of these started."""
 
-    def show(self, parts: dict[str, Any], t: float) -> None:
+    def show(self, parts: dict[str, object], t: float) -> None:
         """Add data to show at t (s), or change them; values are for JSON."""

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from armadico.core.jsons import JsonObject
 from armadico.observe.translators import translator
 from armadico.observe.watching import json_schema
 from armadico.watch.recorder import McapFile
@@ -83,7 +84,7 @@ def _columns(schema: dict[str, Any], before: str = "") -> Iterator[str]:
             yield before + name
 
 
-def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(fields: JsonObject, before: str = "") -> Iterator[tuple[str, Any]]:
     for name, value in fields.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{before}{name}.")

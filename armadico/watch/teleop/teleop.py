@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -78,7 +78,7 @@ class Teleop(Behaviour):
     }
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: Any = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: object = None) -> None:
         super().__init__(identity, parameters)
         self._hand = ""  # the hand that has the stick
         self._stick: Stick | None = None  # its newest message, or the last hand's
@@ -111,7 +111,7 @@ class Teleop(Behaviour):
         if self._hand or hand or self.now - at >= REPORT_S:
             self._report(state)
 
-    def bid(self, message: Any) -> Bid | None:  # noqa: ARG002 - obstacles start the turn
+    def bid(self, message: object) -> Bid | None:  # noqa: ARG002 - obstacles start the turn
         """Bid the stick's speeds, as far as they are safe; without a hand, brake to rest."""
         self._check()
         holds = self.holds(WHEELS)
