@@ -29,6 +29,7 @@ from importlib.metadata import version as installed
 from pathlib import Path
 from types import UnionType
 from typing import (
+    TYPE_CHECKING,
     Any,
     Final,
     Generic,
@@ -66,6 +67,9 @@ from armadico.config.declared import (
 )
 from armadico.core.errors import nearest
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 __all__ = [
     "FILE",
     "PORT",
@@ -94,7 +98,7 @@ __all__ = [
 ]
 """What a command imports, with the declarations of `armadico.config.declared`."""
 
-T = TypeVar("T")
+T = TypeVar("T", bound="DataclassInstance")
 
 NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
 """A negative number: a value, not an option."""
@@ -256,7 +260,7 @@ def _declare(made: argparse._ActionsContainer, kind: type, place: str = "") -> N
                 into.add_argument(*flags, dest=place + each.name, **how, **_default(each))
 
 
-def _read(read: Callable[[str], T], text: str) -> T:
+def _read(read: Callable[[str], object], text: str) -> object:
     try:
         return read(text)
     except BadValueError as error:
@@ -289,7 +293,7 @@ def _default(each: Field[object]) -> dict[str, Any]:
 def _built(kind: type[T], found: argparse.Namespace, place: str = "") -> T:
     """The dataclass with the parsed values."""
     values: dict[str, object] = {}
-    for each in fields(kind):  # type: ignore[arg-type]
+    for each in fields(kind):
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, Group):
             values[each.name] = _built(declared.kind, found, place)
@@ -301,7 +305,7 @@ def _built(kind: type[T], found: argparse.Namespace, place: str = "") -> T:
     return kind(**values)
 
 
-def _check(options: Any) -> None:
+def _check(options: DataclassInstance) -> None:
     """Raises UsageError for a value that breaks its `Must`."""
     for each in fields(options):
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
@@ -320,13 +324,13 @@ def _check(options: Any) -> None:
 def _turned(options: T) -> T:
     """The options in the units of their fields."""
     values: dict[str, object] = {}
-    for each in fields(options):  # type: ignore[arg-type]
+    for each in fields(options):
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
         if isinstance(declared, Group):
             values[each.name] = _turned(value)
         if isinstance(declared, Option) and declared.turned is not None and value is not None:
             values[each.name] = declared.turned(value)
-    return replace(options, **values)  # type: ignore[type-var]
+    return replace(options, **values)
 
 
 def _shown(value: object) -> str:

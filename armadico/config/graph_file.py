@@ -241,11 +241,11 @@ def _arrays(data: bytes) -> dict[str, _Array]:
         raise ConfigError(f"damaged: {error}") from None
 
 
-def _checked(name: str, archive: Any) -> _Array:
+def _checked(name: str, archive: Mapping[str, _Array]) -> _Array:
     kind, columns = ARRAYS[name]
     if name not in archive:
         raise ConfigError(f"damaged: no array {name!r}")
-    found: _Array = archive[name]
+    found = archive[name]
     dimensions, width = (0 if columns == 0 else 2 if columns else 1), (columns,) if columns else ()
     if found.dtype != np.dtype(kind) or found.ndim != dimensions or found.shape[1:] != width:
         raise ConfigError(f"damaged: array {name!r} is {found.dtype} of {found.shape}")

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import cos, hypot, isfinite, pi, sin
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from warnings import catch_warnings
 
 import numpy as np
@@ -80,7 +80,7 @@ class Raster:
 class _Pixels:
     """The pixels of an image, top row first: black is 0, white is `most`."""
 
-    values: NDArray[Any]
+    values: NDArray[np.integer]
     most: int
     opaque: NDArray[np.bool_] | None = None  # None: all pixels are
 

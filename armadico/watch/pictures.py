@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import cycle, groupby, pairwise
 from math import cos, hypot, pi, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 from zlib import crc32
 
 from msgspec.structs import replace
@@ -127,8 +127,9 @@ def draw_localized(
         if len(points):
             xs, ys = zip(*(canvas.at(x, y) for x, y in points), strict=True)
             ink, width = (MAPPED, PARTICLE)[number % 2], (3.4, 1.6)[number % 2]
-            style: dict[str, Any] = {"color": ink, "linewidth": width, "zorder": 4 + number}
-            (canvas.legend[name],) = canvas.axes.plot(xs, ys, **style)
+            (canvas.legend[name],) = canvas.axes.plot(
+                xs, ys, color=ink, linewidth=width, zorder=4 + number
+            )
     axes = canvas.figure.add_axes((0.045, 0.115, 0.935, 0.13))
     axes.set_title("error, m, over s; shaded: reported lost", loc="left", fontsize=9.5, color=INK)
     axes.grid(color=FAINT)
@@ -234,10 +235,8 @@ class Canvas:
             xs, ys = zip(*(self.at(x, y) for x, y in points), strict=True)
             if holder not in style_of:
                 style_of[holder] = next(styles)
-            style: dict[str, Any] = {"color": colour(holder), "linestyle": style_of[holder]}
-            (line,) = self.axes.plot(
-                xs, ys, **style, linewidth=2.6, solid_capstyle="round", zorder=4
-            )
+            (line,) = self.axes.plot(xs, ys, color=colour(holder), linestyle=style_of[holder])
+            line.set(linewidth=2.6, solid_capstyle="round", zorder=4)
             self.legend.setdefault(holder or "no agent", line)
             drawn.append(line)
         return drawn

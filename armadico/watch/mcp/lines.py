@@ -88,7 +88,7 @@ class Call(Struct, frozen=True):
     id: int | str
     tool: str
     text: str
-    stamp: dict[str, Any] = {}  # further fields of the answer, by the version of the call
+    stamp: dict[str, object] = {}  # further fields of the answer, by the version of the call
 
 
 class Lines:
@@ -134,7 +134,10 @@ class Lines:
         if meta.version != STATELESS:
             supported = {"supported": [STATELESS], "requested": meta.version}
             return _error(number, BAD_VERSION, "unsupported protocol version", supported)
-        stamp = {"resultType": "complete", "_meta": {f"{_META}serverInfo": self._server}}
+        stamp: dict[str, object] = {
+            "resultType": "complete",
+            "_meta": {f"{_META}serverInfo": self._server},
+        }
         cached = {"ttlMs": CACHED_MS, "cacheScope": "public"}
         match method:
             case "server/discover":
@@ -198,7 +201,7 @@ def _tools() -> JsonObject:
     return {"tools": [_shown(tool) for tool in TOOLS.values()]}
 
 
-def _called(number: int | str, params: _Params, stamp: dict[str, Any]) -> Call:
+def _called(number: int | str, params: _Params, stamp: dict[str, object]) -> Call:
     given = bytes(params.arguments)
     return Call(number, params.name, "{}" if given == b"null" else _in_ascii(given), stamp)
 
