@@ -8,7 +8,7 @@ COMPILE = $(BIN)/pip-compile --quiet --generate-hashes --no-emit-options --allow
 PIP    := $(BIN)/python -m pip --disable-pip-version-check
 WORKERS ?= 4
 
-.PHONY: run next tools test test-long mutants lint docs demo demo-down lock clean
+.PHONY: run next tools test test-long test-removal mutants lint docs demo demo-down lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: requirements/run.txt pyproject.toml
@@ -48,6 +48,9 @@ test: $(VENV)/.dev  ## set up and run the tests
 test-long: $(VENV)/.dev  ## the long tests: more seeds, scenarios and orders of events
 	@$(BIN)/python -m tests.real_ros
 	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m long
+
+test-removal: $(VENV)/.dev  ## take each package out of a copy of the tree: the rest must drive and pass its tests
+	$(BIN)/python -m tests.removal -n $(WORKERS)
 
 mutants: $(VENV)/.dev results/mutants.sqlite  ## change what decides in one place at a time, for hours: tests must notice
 	$(BIN)/cosmic-ray exec tools/cosmic-ray.toml results/mutants.sqlite

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from msgspec import Struct
+
 from armadico.core.messages import Message
 
 DEBUG, INFO, WARNING, ERROR = 10, 20, 30, 40  # levels of log lines
 
 
-@dataclass(frozen=True, slots=True)
-class Publish:
+class Publish(Struct, frozen=True):  # made for each publication: a dataclass costs more
     key: str
     message: Message
 

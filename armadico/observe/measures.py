@@ -186,7 +186,7 @@ class Phase(Enum):
     LOST = "the run could not be watched until its end"
 
 
-OVER = {Phase.DONE, Phase.FAILED, Phase.REPLACED}
+OVER = (Phase.DONE, Phase.FAILED, Phase.REPLACED)  # no set: `done` is read after each event
 
 
 @dataclass

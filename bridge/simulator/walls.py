@@ -382,7 +382,7 @@ def _clearance_of(columns: Columns, pose: tuple[float, float, float], box: Box) 
     middle = (columns.middle - complex(pose[0], pose[1])) * np.exp(-1j * pose[2]) - box.ahead
     outside_x = np.maximum(np.abs(middle.real) - box.half_length, 0.0)
     outside_y = np.maximum(np.abs(middle.imag) - box.half_width, 0.0)
-    return max(float((np.hypot(outside_x, outside_y) - columns.radius).min()), 0.0)
+    return max(float(np.minimum.reduce(np.hypot(outside_x, outside_y) - columns.radius)), 0.0)
 
 
 def _crosses(start: Points, reach: Points, size: complex) -> bool:

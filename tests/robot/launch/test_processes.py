@@ -33,6 +33,8 @@ def test_one_that_hangs_when_its_launcher_is_killed_is_found(tmp_path: Path, tie
         assert launcher.stdout is not None
         orphan = psutil.Process(int(launcher.stdout.readline()))
         orphan.suspend()
+        while orphan.status() != psutil.STATUS_STOPPED:
+            os.sched_yield()  # until then it may be within exec, without words or environment
         launcher.send_signal(signal.SIGKILL)
     try:
         assert [(name, found.pid) for name, found in orphans(NAMESPACE)] == [("goto", orphan.pid)]

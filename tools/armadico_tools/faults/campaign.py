@@ -34,7 +34,7 @@ from armadico_tools.hosts.namespaces import lacking
 from armadico_tools.testbed import TABLE as HOSTS
 
 if TYPE_CHECKING:
-    from armadico_tools.commands.faults import Options
+    from armadico_tools.faults.options import Options
 
 SHRUNK: Final = 3
 """Most cases with a broken promise that are shrunk."""
