@@ -54,7 +54,7 @@ class Assistant(Agent):
     parameters = Parameters
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: object = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._tokens, self._filled_at = self.p.at_once, 0.0  # token bucket
         self._number = self._left_out = 0

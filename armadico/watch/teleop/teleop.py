@@ -78,7 +78,7 @@ class Teleop(Behaviour):
     }
     p: Parameters
 
-    def __init__(self, identity: agent.Identity, parameters: object = None) -> None:
+    def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
         super().__init__(identity, parameters)
         self._hand = ""  # the hand that has the stick
         self._stick: Stick | None = None  # its newest message, or the last hand's
