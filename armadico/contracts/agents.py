@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Never
 
 from armadico.config.loading import set_values
 from armadico.config.scenarios import load_scenario
@@ -379,7 +379,7 @@ class Seen:
         self.rests: list[str] = []
         seen = self
 
-        def obey(self: Agent, resource: Resource, action: object) -> None:
+        def obey(self: Agent, resource: Resource, action: Never) -> None:
             seen.obeyed.append(action)
             owner.obey(self, resource, action)
 

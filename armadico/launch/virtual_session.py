@@ -26,7 +26,7 @@ class VirtualSession(Place):
         super().__init__(mesh, namespace, name)
         self._reader = Reader()
         self.refused: Counter[str] = self._reader.refused
-        self._listeners: list[tuple[str, Step, Receiver]] = []
+        self._listeners: list[tuple[str, Step, object]] = []
         self._answers: list[tuple[str, Callable[[Call], None]]] = []
         self._changed: list[Callable[[str, str, bool], None]] = []
         self._router_changed: list[Callable[[bool], None]] = []
@@ -123,7 +123,7 @@ class VirtualSession(Place):
 
     # A place -------------------------------------------------------------------------------------
 
-    def listeners(self) -> list[tuple[str, Step, Receiver]]:
+    def listeners(self) -> list[tuple[str, Step, object]]:
         return self._listeners
 
     def _deliver(self, receiver: Receiver, what: tuple[str, Message | bytes]) -> None:

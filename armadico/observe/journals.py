@@ -67,7 +67,7 @@ _SHAPES: Final[Mapping[int, tuple[tuple[type, ...], ...]]] = {  # by number, typ
     TAKE: ((bytes,), (*_TIME, type(None))),
 }
 
-_OUTPUTS: Final = msgpack.Decoder(list[Annotated[list[Any], Meta(min_length=1)]])
+_OUTPUTS: Final = msgpack.Decoder(list[Annotated[list[object], Meta(min_length=1)]])
 
 
 class Head(Struct, frozen=True, kw_only=True):

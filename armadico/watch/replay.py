@@ -20,7 +20,7 @@ from msgspec import Struct, msgpack
 
 from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
-from armadico.core.agent import Agent, DeviceAgent, Identity
+from armadico.core.agent import Agent, DeviceAgent, Identity, Parameters
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class
 from armadico.core.driver import Driver
@@ -257,7 +257,7 @@ def _class(head: Head) -> type[Agent]:
         raise ReplayError(f"{error} (it was {head.kind})") from None
 
 
-def _parameters(head: Head, kind: type[Agent], sets: Sequence[str]) -> object:
+def _parameters(head: Head, kind: type[Agent], sets: Sequence[str]) -> Parameters:
     try:
         then = convert(head.parameters, kind.parameters, "its parameters then", "")
     except ConfigError as error:

@@ -11,7 +11,7 @@ from base64 import b64encode
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from functools import cache
-from typing import Final
+from typing import Final, Never, cast
 
 from armadico.config.worlds import Unseen, World
 from armadico.core.discovery import PAGE
@@ -119,7 +119,7 @@ class Robot:
 
     def request(self, browser: str, request: Asked, t: float) -> None:
         """Handle a browser's request. Raises RequestError."""
-        self._handlers[type(request)].request(browser, request, t)
+        self._handlers[type(request)].request(browser, cast("Never", request), t)
 
     def on_reply(self, number: int, reply: Message | None) -> None:
         """Process a query's reply; None is a timeout."""
