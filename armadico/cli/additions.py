@@ -24,7 +24,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from armadico.cli.options import BROKEN, WRONGLY_USED, Mesh
 from armadico.cli.parsing import Command, UsageError, flags_of, given
@@ -129,7 +129,7 @@ class Addition:
         """Use a finished run. An OSError is reported with the measures."""
 
 
-def added(command: str) -> Any:
+def added(command: str) -> tuple[Addition, ...]:
     """The field of what packages add to a command."""
     return declared(partial(_installed, command))
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import UsageError
@@ -18,7 +18,7 @@ from armadico.cli.parsing import Command, argument, flag, group, option, several
 from armadico.core.discovery import AGENTS, agent_class, installed, owners
 
 if TYPE_CHECKING:
-    from armadico.core.agent import Agent
+    from armadico.core.agent import Agent, Parameters
 
 EXAMPLES: Final = """\
   armadico-agent --list
@@ -134,7 +134,7 @@ def _head() -> Callable[[Agent], bytes]:
     return head
 
 
-def _parameters(kind: type[Agent], args: Options) -> Any:
+def _parameters(kind: type[Agent], args: Options) -> Parameters:
     """The parameters of one agent; with several agents each setting begins with an agent's name."""
     from armadico.config.loading import load_parameters
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, argument, flag, group
+from armadico.core.jsons import JsonObject
 
 if TYPE_CHECKING:
     from armadico.core.messages import Parameter, ParametersReply
@@ -53,7 +54,7 @@ def run(args: Options) -> int:
     return 0
 
 
-def plain(agent: str, instance: str, row: Parameter) -> dict[str, Any]:
+def plain(agent: str, instance: str, row: Parameter) -> JsonObject:
     """A parameter as a JSON object."""
     return {
         "agent": agent,
@@ -89,7 +90,7 @@ def shown(value: str) -> str:
     return "none" if value == "null" else options.shown(value)
 
 
-def _unknown(agent: str, name: str, replies: Mapping[Any, ParametersReply]) -> str:
+def _unknown(agent: str, name: str, replies: Mapping[tuple[str, str], ParametersReply]) -> str:
     from armadico.core.config_errors import advice
 
     known = {row.name for reply in replies.values() for row in reply.parameters}

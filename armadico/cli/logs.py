@@ -9,11 +9,12 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option
+from armadico.core.jsons import JsonObject
 
 if TYPE_CHECKING:
     from armadico.observe.watching import Received
@@ -81,7 +82,7 @@ def _show(args: Options, item: Received) -> None:
     if args.agent not in (None, agent_of(instance), instance):
         return
     if args.json:
-        found: dict[str, Any] = {"t": item.at / 1e9, "instance": instance}
+        found: JsonObject = {"t": item.at / 1e9, "instance": instance}
         print(json.dumps(found | {"level": message.level, "text": message.text}), flush=True)
         return
     clock = time.strftime("%H:%M:%S", time.localtime(item.at / 1e9))

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from armadico.cli.parsing import (
     PORT,
@@ -71,6 +71,7 @@ REPORT_S: Final = 1.5
 NAMESPACE_HELP: Final = f"the robot (default: ${NAMESPACE_VARIABLE}, or {DEFAULT_NAMESPACE})"
 
 M = TypeVar("M", bound="Mesh")
+S = TypeVar("S", bound=float | None)
 
 
 class FailedError(Exception):
@@ -249,13 +250,13 @@ def absent(mesh: ZenohMesh, waited: float, what: str) -> SocietyError | FailedEr
 # Options of several commands ----------------------------------------------------------------------
 
 
-def port_option(default: int) -> Any:
+def port_option(default: int) -> int:
     """The field of the port at which a command listens."""
     help_ = f"listen on this port; 0: a free port (default: {default})"
     return option(help_, default=default, metavar="P", must=PORT)
 
 
-def bind_option(clients: str) -> Any:
+def bind_option(clients: str) -> str:
     """The field of the address at which a command listens; `clients` may come from outside."""
     return option(
         f"listen on this address: {LOOPBACK} for this machine only, 0.0.0.0 for {clients}"
@@ -265,7 +266,7 @@ def bind_option(clients: str) -> Any:
     )
 
 
-def timeout_option(what: str, default: float | None = None) -> Any:
+def timeout_option(what: str, default: S = None) -> S:  # type: ignore[assignment]
     """The field of a timeout, s; None: no limit."""
     shown_default = "" if default is None else f" (default: {default:g} s)"
     return option(f"{what}{shown_default}", default=default, read=seconds, metavar="S")

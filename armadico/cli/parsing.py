@@ -22,13 +22,14 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, Field, fields, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from pathlib import Path
 from types import UnionType
 from typing import (
+    TYPE_CHECKING,
     Any,
     Final,
     Generic,
@@ -66,6 +67,9 @@ from armadico.config.declared import (
 )
 from armadico.core.errors import nearest
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 __all__ = [
     "FILE",
     "PORT",
@@ -94,7 +98,7 @@ __all__ = [
 ]
 """What a command imports, with the declarations of `armadico.config.declared`."""
 
-T = TypeVar("T")
+T = TypeVar("T", bound="DataclassInstance")
 
 NEGATIVE: Final = re.compile(r"-((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)$", re.IGNORECASE)
 """A negative number: a value, not an option."""
@@ -190,7 +194,7 @@ def parser(program: str, description: str, examples: str) -> ArgumentParser:
 
 
 def together(
-    program: str, commands: Iterable[tuple[str, str, ArgumentParser | None]], complete: Any
+    program: str, commands: Iterable[tuple[str, str, ArgumentParser | None]], complete: object
 ) -> ArgumentParser:
     """One parser of several commands (name, summary, parser), for shell completion.
 
@@ -220,9 +224,9 @@ def _place(kind: type) -> str:
     return f"{kind.__module__}.{kind.__qualname__}."
 
 
-def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> None:
+def _declare(made: argparse._ActionsContainer, kind: type, place: str = "") -> None:
     """Add the options of a dataclass to a parser or a group; `place` is before their names."""
-    hints, alternatives = get_type_hints(kind), dict[str, Any]()
+    hints, alternatives = get_type_hints(kind), dict[str, argparse._MutuallyExclusiveGroup]()
     for each in fields(kind):
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, Group):
@@ -230,11 +234,11 @@ def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> No
             group = made.add_argument_group(declared.title) if titled else made
             _declare(group, declared.kind, place)
         elif isinstance(declared, Added):
-            groups: dict[str, Any] = {}
+            groups: dict[str, argparse._ArgumentGroup] = {}
             for other in declared.find(flags_of(kind)):
-                into = groups.get(other.title) or made.add_argument_group(other.title)
-                groups[other.title] = into
-                _declare(into, other, _place(other))
+                below = groups.get(other.title) or made.add_argument_group(other.title)
+                groups[other.title] = below
+                _declare(below, other, _place(other))
         elif isinstance(declared, Option):
             into = made
             if declared.either:
@@ -256,14 +260,14 @@ def _declare(made: argparse._ActionsContainer, kind: Any, place: str = "") -> No
                 into.add_argument(*flags, dest=place + each.name, **how, **_default(each))
 
 
-def _read(read: Callable[[str], Any], text: str) -> Any:
+def _read(read: Callable[[str], object], text: str) -> object:
     try:
         return read(text)
     except BadValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def _reading(hint: Any) -> dict[str, Any]:
+def _reading(hint: object) -> dict[str, Any]:
     """How argparse reads what is annotated so."""
     inner = get_args(hint)
     if get_origin(hint) is UnionType:
@@ -277,7 +281,7 @@ def _reading(hint: Any) -> dict[str, Any]:
     return {} if hint is str else {"type": hint}
 
 
-def _default(each: Any) -> dict[str, Any]:
+def _default(each: Field[object]) -> dict[str, Any]:
     """The default of a field for argparse, which copies a list and appends to it."""
     if each.default_factory is not MISSING:
         return {"default": each.default_factory()}
@@ -288,8 +292,8 @@ def _default(each: Any) -> dict[str, Any]:
 
 def _built(kind: type[T], found: argparse.Namespace, place: str = "") -> T:
     """The dataclass with the parsed values."""
-    values: dict[str, Any] = {}
-    for each in fields(kind):  # type: ignore[arg-type]
+    values: dict[str, object] = {}
+    for each in fields(kind):
         declared = each.metadata.get(DECLARED)
         if isinstance(declared, Group):
             values[each.name] = _built(declared.kind, found, place)
@@ -301,7 +305,7 @@ def _built(kind: type[T], found: argparse.Namespace, place: str = "") -> T:
     return kind(**values)
 
 
-def _check(options: Any) -> None:
+def _check(options: DataclassInstance) -> None:
     """Raises UsageError for a value that breaks its `Must`."""
     for each in fields(options):
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
@@ -319,21 +323,21 @@ def _check(options: Any) -> None:
 
 def _turned(options: T) -> T:
     """The options in the units of their fields."""
-    values: dict[str, Any] = {}
-    for each in fields(options):  # type: ignore[arg-type]
+    values: dict[str, object] = {}
+    for each in fields(options):
         declared, value = each.metadata.get(DECLARED), getattr(options, each.name)
         if isinstance(declared, Group):
             values[each.name] = _turned(value)
         if isinstance(declared, Option) and declared.turned is not None and value is not None:
             values[each.name] = declared.turned(value)
-    return replace(options, **values)  # type: ignore[type-var]
+    return replace(options, **values)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, tuple):
         return " ".join(map(_shown, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _frozen(value: Any) -> Any:
+def _frozen(value: object) -> object:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value

@@ -8,11 +8,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
 from armadico.config.endpoints import Endpoints, endpoints, entry, table_of
+from armadico.core.jsons import JsonObject
 from armadico.core.judgement import Answer
 from armadico.observe.findings import Finding, short, summary
 
@@ -90,7 +91,7 @@ def run(args: Options) -> int:
 
 def _plain(
     view: View, hosts: Sequence[HostState], findings: Sequence[Finding], host: str | None
-) -> dict[str, Any]:
+) -> JsonObject:
     import msgspec
 
     from armadico.observe import described

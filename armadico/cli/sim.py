@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from armadico.bridge.simulator.server import Line
     from armadico.bridge.simulator.simulated import SimulatedRobot
     from armadico.config.moving import Moving
+    from armadico.config.profile import RobotProfile
     from armadico.config.scenarios import Battery, Scenario
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -349,7 +350,7 @@ def _line(args: Options, name: str, stack: ExitStack) -> tuple[Line, str]:
     return tcp, f"tcp://{args.bind}:{tcp.port}"
 
 
-def _network(args: Options) -> Network[Any]:
+def _network(args: Options) -> Network[RobotProfile]:
     """The network of robots of this kind. Raises UsageError if it has none."""
     from armadico.bridge.kind import kind_of
     from armadico.config.profile import load_profile

@@ -10,7 +10,12 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, fields
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T")  # the type of a field
 
 DECLARED: Final = "option"
 """The key of a field's declaration in its metadata."""
@@ -66,7 +71,7 @@ class Option(NamedTuple):
 
     flags: tuple[str, ...]
     keywords: dict[str, Any]
-    read: Callable[[str], Any] | None
+    read: Callable[[str], object] | None
     must: Must | None
     either: str
     positional: bool = False
@@ -89,14 +94,14 @@ class Added(NamedTuple):
 def option(
     help: str | None,  # noqa: A002 - as argparse calls it
     *flags: str,
-    default: Any = None,
-    factory: Callable[[], Any] | None = None,
-    read: Callable[[str], Any] | None = None,
+    default: T = None,  # type: ignore[assignment]  # the field's type if it is not given
+    factory: Callable[[], T] | None = None,
+    read: Callable[[str], object] | None = None,
     must: Must | None = None,
     either: str = "",
     turned: Callable[[Any], Any] | None = None,
-    **keywords: Any,
-) -> Any:
+    **keywords: object,
+) -> T:
     """A field that is an option.
 
     Args:
@@ -116,35 +121,36 @@ def option(
     return field(default=default, metadata={DECLARED: declared})
 
 
-def flag(help: str | None, *flags: str, **how: Any) -> Any:  # noqa: A002
+def flag(help: str | None, *flags: str, default: bool = False, **how: Any) -> bool:  # noqa: A002
     """A field that is a switch."""
-    return option(help, *flags, **{"default": False, **how})
+    return option(help, *flags, default=default, **how)
 
 
-def several(help: str, *flags: str, **how: Any) -> Any:  # noqa: A002
+def several(help: str, *flags: str, default: tuple[T, ...] = (), **how: Any) -> tuple[T, ...]:  # noqa: A002
     """A field that is an option which may be repeated."""
-    return option(help, *flags, **{"default": (), **how})
+    return option(help, *flags, default=default, **how)
 
 
 def argument(
     help: str,  # noqa: A002
     *,
-    read: Callable[[str], Any] | None = None,
+    read: Callable[[str], T] | None = None,
     must: Must | None = None,
     **keywords: Any,
-) -> Any:
+) -> T:
     """A field that is a positional argument; optional with `nargs="?"`."""
     default = {"default": keywords.pop("default", None)} if "nargs" in keywords else {}
     declared = Option((), {"help": help, **keywords}, read, must, "", positional=True)
-    return field(**default, metadata={DECLARED: declared})
+    made: T = field(**default, metadata={DECLARED: declared})
+    return made
 
 
-def group(kind: type, title: str = "") -> Any:
+def group(kind: type[T], title: str = "") -> T:
     """A field whose value is another dataclass of options, with a title in `--help`."""
     return field(default_factory=kind, metadata={DECLARED: Group(kind, title)})
 
 
-def added(find: Callable[[Collection[str]], Sequence[type[Any]]]) -> Any:
+def added(find: Callable[[Collection[str]], Sequence[type[T]]]) -> tuple[T, ...]:
     """A field for a tuple of other dataclasses of options, one of each class that `find` returns.
 
     `find` gets the flags that exist. For `--help` each class has the attributes `title` (of its
@@ -165,7 +171,7 @@ def flags_of(kind: type) -> list[str]:
     return found
 
 
-def given(options: Any) -> list[str]:
+def given(options: DataclassInstance) -> list[str]:
     """The flags of the options that do not have their default values."""
     declared = ((each, each.metadata.get(DECLARED)) for each in fields(options))
     return [

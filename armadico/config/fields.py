@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from typing import Any
 
 from msgspec import Struct, inspect
 
 Path = tuple[str | int, ...]
 
 
-def unknown_field(data: Any, value: Any, path: Path = ()) -> Path | None:
+def unknown_field(data: object, value: object, path: Path = ()) -> Path | None:
     """The path of the first key in `data` that the struct `value`, made from it, does not have."""
     return next(_unknown(data, value, path), None)
 
@@ -33,7 +32,7 @@ def choices(kind: type, path: Sequence[str | int]) -> list[str]:
     node = _shape(kind)
     for step in path:
         node = _below(node, step)
-    found: list[Any] = []
+    found: list[object] = []
     for option in _options(node):
         if isinstance(option, inspect.LiteralType):
             found += option.values
@@ -48,7 +47,7 @@ def _shape(kind: type) -> inspect.Type:
     return inspect.type_info(kind)
 
 
-def _unknown(data: Any, value: Any, path: Path) -> Iterator[Path]:
+def _unknown(data: object, value: object, path: Path) -> Iterator[Path]:
     if isinstance(value, Struct) and isinstance(data, dict):
         kind = type(value)
         names = dict(zip(kind.__struct_encode_fields__, kind.__struct_fields__, strict=True))

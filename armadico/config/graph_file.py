@@ -56,6 +56,8 @@ STEP_MM: Final = 5
 
 TRIANGLE: Final = np.triu_indices(3)
 
+_Array = NDArray[Any]  # of its type in `ARRAYS`
+
 ARRAYS: Final[Mapping[str, tuple[str, int | None]]] = {
     "version": ("<u4", 0),
     "poses": ("<f8", 3),
@@ -179,7 +181,7 @@ def _rounded(ranges: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return steps.astype("<u2")
 
 
-def _shaped(name: str, value: Any) -> NDArray[Any]:
+def _shaped(name: str, value: object) -> _Array:
     kind, columns = ARRAYS[name]
     found = np.asarray(value, dtype=kind)
     return found.reshape(-1, columns) if columns else found
@@ -218,7 +220,7 @@ def decode(data: bytes, file: Path | str) -> SavedGraph:
         raise error.at(file) from None
 
 
-def _arrays(data: bytes) -> dict[str, NDArray[Any]]:
+def _arrays(data: bytes) -> dict[str, _Array]:
     """Raises ConfigError for what is no such archive."""
     try:
         with zipfile.ZipFile(BytesIO(data)) as archive:
@@ -239,11 +241,11 @@ def _arrays(data: bytes) -> dict[str, NDArray[Any]]:
         raise ConfigError(f"damaged: {error}") from None
 
 
-def _checked(name: str, archive: Any) -> NDArray[Any]:
+def _checked(name: str, archive: Mapping[str, _Array]) -> _Array:
     kind, columns = ARRAYS[name]
     if name not in archive:
         raise ConfigError(f"damaged: no array {name!r}")
-    found: NDArray[Any] = archive[name]
+    found = archive[name]
     dimensions, width = (0 if columns == 0 else 2 if columns else 1), (columns,) if columns else ()
     if found.dtype != np.dtype(kind) or found.ndim != dimensions or found.shape[1:] != width:
         raise ConfigError(f"damaged: array {name!r} is {found.dtype} of {found.shape}")
@@ -252,7 +254,7 @@ def _checked(name: str, archive: Any) -> NDArray[Any]:
     return found
 
 
-def _graph(arrays: Mapping[str, NDArray[Any]]) -> SavedGraph:
+def _graph(arrays: Mapping[str, _Array]) -> SavedGraph:
     """Raises ConfigError for arrays that do not fit each other."""
     poses, ends = arrays["poses"], arrays["edge_ends"]
     count, edges = len(poses), len(ends)
@@ -292,7 +294,7 @@ def _graph(arrays: Mapping[str, NDArray[Any]]) -> SavedGraph:
     )
 
 
-def _scans(arrays: Mapping[str, NDArray[Any]], count: int) -> list[DrawnScan]:
+def _scans(arrays: Mapping[str, _Array], count: int) -> list[DrawnScan]:
     """The scans of a number of key scans. Raises ConfigError."""
     scan_of = arrays["scan_of"]
     scans = len(scan_of)

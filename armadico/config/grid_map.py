@@ -9,10 +9,10 @@ borders of the occupied cells.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import yaml
@@ -30,7 +30,7 @@ from armadico.config.worlds import Segment, World
 from armadico.config.writing import write_files, written_first
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import MAPPERS, find
-from armadico.mobile.messages import Echo, OccupancyGrid, Scan
+from armadico.mobile.messages import Echo, OccupancyGrid, Pose, Scan
 
 States = NDArray[np.uint8]
 
@@ -98,13 +98,13 @@ class Mapper(Protocol):
     def full(self) -> bool:
         """Whether readings were omitted because the map would be too large."""
 
-    def see(self, pose: Any, scan: Scan) -> None:
+    def see(self, pose: Pose, scan: Scan) -> None:
         """Add a scan of a robot at a pose in the world."""
 
-    def add(self, pose: Any, echo: Echo) -> None:
+    def add(self, pose: Pose, echo: Echo) -> None:
         """Add one ping of a sonar."""
 
-    def stand(self, pose: Any, corners: Any) -> None:
+    def stand(self, pose: Pose, corners: Sequence[tuple[float, float]]) -> None:
         """Add the footprint, by its corners in the robot's frame, as free."""
 
     def cells(self) -> Cells:

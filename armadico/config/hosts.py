@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from ipaddress import AddressValueError, IPv6Address
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import urlsplit
 from zlib import crc32
 
@@ -21,7 +21,7 @@ import msgspec
 from msgspec import Struct
 
 from armadico.config.lines import line_of
-from armadico.config.loading import document, parse_entries, read_text
+from armadico.config.loading import Document, document, parse_entries, read_text
 from armadico.config.scenarios import society
 from armadico.config.shipped import folder
 from armadico.core.config_errors import ConfigError, ConfigNameError, advice
@@ -145,7 +145,7 @@ def load_hosts(path: Path | str | None = None) -> HostTable:
     return table
 
 
-def _entries(text: str, file: Path) -> dict[str, Any]:
+def _entries(text: str, file: Path) -> Document:
     try:
         return document(text, file)
     except ConfigError as error:

@@ -38,7 +38,7 @@ T = TypeVar("T")
 LONGEST: Final = 64_000_000
 """Most bytes of a file; maps with many walls are the largest."""
 
-Document = dict[str, Any]
+Document = dict[str, object]
 
 WORDS = {
     "float": "a number",
@@ -70,7 +70,7 @@ def load_table(path: Path | str, kind: type[T]) -> dict[str, T]:
 
 
 def parse_entries(
-    entries: Mapping[str, Any], kind: type[T], file: Path | str, text: str
+    entries: Mapping[str, object], kind: type[T], file: Path | str, text: str
 ) -> dict[str, T]:
     """Entries of a file's `text` as `kind`s; the name "" is the whole file. Raises ConfigError."""
     return {
@@ -161,7 +161,7 @@ def _set_value(value: T, setting: str) -> T:
     raise first
 
 
-def _readings(text: str) -> list[Any]:
+def _readings(text: str) -> list[object]:
     """The possible meanings of a value on the command line, the likeliest first."""
     if text == "none":
         return [None, text]
@@ -171,7 +171,7 @@ def _readings(text: str) -> list[Any]:
         return [text]
 
 
-def _put(node: Document, keys: Sequence[str], value: Any) -> None:
+def _put(node: Document, keys: Sequence[str], value: object) -> None:
     for key in keys[:-1]:
         below = node.setdefault(key, {})
         if not isinstance(below, dict):
@@ -181,7 +181,7 @@ def _put(node: Document, keys: Sequence[str], value: Any) -> None:
 
 
 def convert(
-    data: Any, kind: type[T], file: Path | str, text: str, at: tuple[str | int, ...] = ()
+    data: object, kind: type[T], file: Path | str, text: str, at: tuple[str | int, ...] = ()
 ) -> T:
     """`data`, which is at the path `at` of a text, as a `kind`. Raises ConfigError."""
     try:
@@ -214,7 +214,7 @@ def _unknown(
     return ConfigNameError("key", key, known, file, line_of(text, at + path), message)
 
 
-def _steps(data: Any, kind: type, path: str) -> tuple[str | int, ...]:
+def _steps(data: object, kind: type, path: str) -> tuple[str | int, ...]:
     """The keys and indices of msgspec's path `.a.b[3]`.
 
     In a table with arbitrary keys msgspec reports `[...]`, so the key is searched.
@@ -228,7 +228,7 @@ def _steps(data: Any, kind: type, path: str) -> tuple[str | int, ...]:
     return steps
 
 
-def _wrong_key(data: Any, kind: type, at: tuple[str | int, ...], path: str) -> str:
+def _wrong_key(data: object, kind: type, at: tuple[str | int, ...], path: str) -> str:
     """The first key of the table at `at` whose value alone gives the same error path."""
     table = _value(data, at)
     for key, value in table.items():
@@ -241,7 +241,7 @@ def _wrong_key(data: Any, kind: type, at: tuple[str | int, ...], path: str) -> s
     return str(next(iter(table)))
 
 
-def _with(data: Any, at: Sequence[str | int], value: Any) -> Any:
+def _with(data: Any, at: Sequence[str | int], value: object) -> object:
     """`data` with another value at a path."""
     if not at:
         return value
@@ -251,7 +251,7 @@ def _with(data: Any, at: Sequence[str | int], value: Any) -> Any:
 
 
 def _explained(
-    value: Any, path: Sequence[str | int], what: str, known: Sequence[str]
+    value: object, path: Sequence[str | int], what: str, known: Sequence[str]
 ) -> ConfigError:
     """The error for what msgspec reports of a value at a path, which may be one of `known`."""
     key = _dotted(path)
@@ -279,7 +279,7 @@ def _value(data: Any, path: Sequence[str | int]) -> Any:
     return data
 
 
-def _quoted(value: Any) -> str:
+def _quoted(value: object) -> str:
     if isinstance(value, float):
         return str(value)  # JSON has no nan
     text = msgspec.json.encode(value, enc_hook=str).decode()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import yaml
 
@@ -37,7 +37,7 @@ def unseen_rule(path: Path | str) -> Rule:
     return DRIVE if all(allowed) else REFUSE  # Nav2's default is true
 
 
-def _values(node: Any, key: str) -> Iterator[Any]:
+def _values(node: object, key: str) -> Iterator[object]:
     """All values of a key, at any depth of the tables."""
     for name, value in node.items() if isinstance(node, dict) else ():
         if name == key:

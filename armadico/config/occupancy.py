@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import cos, hypot, isfinite, pi, sin
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from warnings import catch_warnings
 
 import numpy as np
@@ -80,7 +80,7 @@ class Raster:
 class _Pixels:
     """The pixels of an image, top row first: black is 0, white is `most`."""
 
-    values: NDArray[Any]
+    values: NDArray[np.integer]
     most: int
     opaque: NDArray[np.bool_] | None = None  # None: all pixels are
 
@@ -341,7 +341,7 @@ def _runs(edges: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     """(line, first, last) of every run of edges; `last` is where the next cell begins."""
     steps = np.diff(np.pad(edges, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     first, last = np.argwhere(steps == 1), np.argwhere(steps == -1)
-    both: list[Any] = list(zip(first.tolist(), last.tolist(), strict=True))
+    both: list[tuple[list[int], list[int]]] = list(zip(first.tolist(), last.tolist(), strict=True))
     return [(start[0], start[1], end[1]) for start, end in both]
 
 

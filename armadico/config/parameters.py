@@ -9,10 +9,10 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from armadico.config.lines import line_of
-from armadico.config.loading import document, read_text, set_values
+from armadico.config.loading import Document, document, read_text, set_values
 from armadico.config.shipped import find
 from armadico.config.writing import write_files
 from armadico.core.config_errors import ConfigError, ConfigNameError
@@ -70,9 +70,9 @@ def save(path: Path, agent: str, values: Mapping[str, bool | float | str | None]
         raise ConfigError(f"cannot be written: {what}", path) from None
 
 
-def _flat(table: dict[str, Any], at: str = "") -> dict[str, Any]:
+def _flat(table: Document, at: str = "") -> Document:
     """All values by dotted names."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     for key, value in table.items():
         found |= _flat(value, f"{at}{key}.") if isinstance(value, dict) else {f"{at}{key}": value}
     return found
@@ -94,7 +94,7 @@ def _write(lines: list[str], agent: str, name: str, value: bool | float | str | 
         lines[at + 1 : at + 1] = new
 
 
-def _check(agent: str, table: dict[str, Any], path: Path, text: str) -> None:
+def _check(agent: str, table: Document, path: Path, text: str) -> None:
     """Raises ConfigError for a value that the agent would reject."""
     try:
         parameters = agent_class(agent).parameters()
@@ -108,9 +108,7 @@ def _check(agent: str, table: dict[str, Any], path: Path, text: str) -> None:
             raise error.at(path, line_of(text, (agent, *place)), f"{agent}: ") from None
 
 
-def _settings(
-    table: dict[str, Any], at: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], str]]:
+def _settings(table: Document, at: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
     """(path, setting) of each value of an agent's table."""
     for key, value in table.items():
         if isinstance(value, dict):

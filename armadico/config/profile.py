@@ -415,7 +415,7 @@ def _read(text: str, path: Path) -> RobotProfile:
 
 
 def _of_no_kind(
-    table: Mapping[str, Any], sections: list[str], kinds: tuple[str, ...], path: Path, text: str
+    table: Mapping[str, object], sections: list[str], kinds: tuple[str, ...], path: Path, text: str
 ) -> ConfigError:
     """The error for a profile with no section of a kind of robot, or with several."""
     if sections:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import zlib
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +106,7 @@ def distances(mask: Mask, cell_m: float, most_m: float) -> Floats:
     ]
     near = np.minimum(np.minimum(index - before, after - index), 2 * reach)
     small = np.uint32 if reach > MOST_REACH else np.uint16
-    along: NDArray[Any] = (near * near).astype(small)
+    along: NDArray[np.unsignedinteger] = (near * near).astype(small)
     square = along.copy()
     for off in range(1, min(reach, rows - 1) + 1):
         np.minimum(square[off:], along[:-off] + small(off * off), out=square[off:])

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Never, cast
+from typing import ClassVar, Never, cast
 
 from armadico.config.loading import set_values
 from armadico.config.scenarios import load_scenario
@@ -21,6 +21,7 @@ from armadico.core import messages as m
 from armadico.core.agent import Agent, Identity
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import AGENTS, agent_class, installed
+from armadico.core.driver import Output
 from armadico.core.judgement import Judgement, all_of, no, unknown, whether, yes
 from armadico.core.outgoing import Publish, SendQuery
 from armadico.core.resources import Resource
@@ -236,7 +237,7 @@ class AgentContract(Contract):
         done.instances.append(node)
         send = node._send
 
-        def noted(out: list[Any]) -> None:
+        def noted(out: list[Output]) -> None:
             for item in out:
                 if isinstance(item, Publish):
                     done.sent.append((item.key, m.encode(item.message)))
@@ -286,7 +287,7 @@ class ResourceContract(Contract):
     """
 
     owner: ClassVar[type[Agent]] = Agent
-    action: ClassVar[Any] = None
+    action: ClassVar[object] = None
 
     @property
     def resource(self) -> Resource:
@@ -374,11 +375,11 @@ class Seen:
 
     def __init__(self, owner: type[Agent]) -> None:
         self.acks: list[m.Ack] = []
-        self.obeyed: list[Any] = []
+        self.obeyed: list[object] = []
         self.rests: list[str] = []
         seen = self
 
-        def obey(self: Agent, resource: Resource, action: Any) -> None:
+        def obey(self: Agent, resource: Resource, action: Never) -> None:
             seen.obeyed.append(action)
             owner.obey(self, resource, action)
 
@@ -388,6 +389,6 @@ class Seen:
 
         self.kind: type[Agent] = type(owner.__name__, (owner,), {"obey": obey, "rest": rest})
 
-    def note(self, ack: Any, resource: str) -> None:
-        if ack.resource == resource:
+    def note(self, ack: m.Message, resource: str) -> None:
+        if isinstance(ack, m.Ack) and ack.resource == resource:
             self.acks.append(ack)

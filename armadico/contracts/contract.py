@@ -15,7 +15,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from armadico.core.judgement import Judgement, no
 
@@ -25,7 +25,7 @@ class Contract:
 
     _tests: ClassVar[tuple[str, ...]] = ()
 
-    def __init_subclass__(cls, **rest: Any) -> None:
+    def __init_subclass__(cls, **rest: object) -> None:
         """Add a test for pytest for each check of the class."""
         super().__init_subclass__(**rest)
         for name, check in list(vars(cls).items()):

@@ -11,7 +11,7 @@ drives `sc1` with all agents.
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from math import cos, hypot, inf, isfinite, radians, remainder, sin, tau
@@ -143,7 +143,7 @@ class Bench:
         self.order, self._order_at = (v, w), self.now
         self.run(seconds)
 
-    def _note(self, events: Any) -> None:
+    def _note(self, events: Iterable[object]) -> None:
         self.events += events
 
     @property

@@ -11,7 +11,7 @@ from io import BytesIO
 from math import inf
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Concatenate, Final, NamedTuple, ParamSpec, TypeGuard
+from typing import TYPE_CHECKING, Concatenate, Final, NamedTuple, ParamSpec, TypeGuard
 
 from armadico.config.scenarios import Scenario, load_scenario
 from armadico.core.agent import Agent
@@ -275,7 +275,7 @@ def _drawing() -> Callable[..., None]:
     return draw
 
 
-def _display() -> Callable[..., Any]:
+def _display() -> Callable[..., object]:
     """IPython's function that displays below a cell; checked before the robot moves.
 
     Raises ValueError outside a notebook, and ImportError without matplotlib.
@@ -290,7 +290,7 @@ def _display() -> Callable[..., Any]:
     return display
 
 
-def _shown(run: Run, display: Callable[..., Any] | None) -> Run:
+def _shown(run: Run, display: Callable[..., object] | None) -> Run:
     if display is not None:
         drawn = BytesIO()
         _drawing()(run, drawn)

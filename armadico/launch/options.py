@@ -32,13 +32,13 @@ X_Y_DEG: Final[dict[str, Any]] = {"metavar": ("X", "Y", "DEG"), "must": POSE, "t
 """Of an option for a pose; in degrees on the command line, in rad in Python."""
 
 
-def set_option() -> Any:
+def set_option() -> tuple[str, ...]:
     """The field of the parameters that are set one by one."""
     help_ = "set one parameter of one agent; may be repeated"
     return several(help_, "--set", metavar="AGENT.KEY=VALUE")
 
 
-def unseen_option(default: str) -> Any:
+def unseen_option(default: str) -> Rule | None:
     """The field of the rule for paths through what nobody has seen; None: not given."""
     return option(
         "drive or refuse paths through what nobody has seen, where no other leads to the goal; or a"

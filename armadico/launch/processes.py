@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
@@ -282,7 +282,7 @@ def undisturbed() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def kill_trees(*popens: subprocess.Popen[Any]) -> None:
+def kill_trees(*popens: subprocess.Popen[str] | subprocess.Popen[bytes]) -> None:
     """SIGKILL processes and all their children, as by a power failure."""
     import psutil
 

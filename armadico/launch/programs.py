@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import BinaryIO, Final
 
 LEAVE_S: Final = 3.0  # how long a program may take to end before it is killed, s
 
@@ -94,7 +94,7 @@ def _appended(log: Path | None) -> BinaryIO:
 
 
 def end(
-    *popens: subprocess.Popen[Any],
+    *popens: subprocess.Popen[str] | subprocess.Popen[bytes],
     number: signal.Signals = signal.SIGTERM,
     within_s: float = LEAVE_S,
 ) -> None:
@@ -111,7 +111,7 @@ def end(
     finish(popens)
 
 
-def finish(popens: Sequence[subprocess.Popen[Any]]) -> None:
+def finish(popens: Sequence[subprocess.Popen[str] | subprocess.Popen[bytes]]) -> None:
     """Wait until processes have ended, and close their pipes."""
     for popen in popens:
         popen.wait()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from math import inf
-from typing import Any, Self
+from typing import Self
 
 from armadico.core.messages import M, Message, encode
 from armadico.core.services import matches
@@ -26,7 +26,7 @@ class VirtualSession(Place):
         super().__init__(mesh, namespace, name)
         self._reader = Reader()
         self.refused: Counter[str] = self._reader.refused
-        self._listeners: list[tuple[str, Step, Any]] = []
+        self._listeners: list[tuple[str, Step, object]] = []
         self._answers: list[tuple[str, Callable[[Call], None]]] = []
         self._changed: list[Callable[[str, str, bool], None]] = []
         self._router_changed: list[Callable[[bool], None]] = []
@@ -123,7 +123,7 @@ class VirtualSession(Place):
 
     # A place -------------------------------------------------------------------------------------
 
-    def listeners(self) -> list[tuple[str, Step, Any]]:
+    def listeners(self) -> list[tuple[str, Step, object]]:
         return self._listeners
 
     def _deliver(self, receiver: Receiver, what: tuple[str, Message | bytes]) -> None:
@@ -131,13 +131,13 @@ class VirtualSession(Place):
             key, message = what
             receiver(key, message if isinstance(message, bytes) else encode(message))
 
-    def refuse(self, _: Any, what: tuple[str, Message]) -> None:
+    def refuse(self, _: object, what: tuple[str, Message]) -> None:
         self._reader.refuse(what[0], "published by wildcard")
 
-    def queryables(self, pattern: str) -> list[Any]:
+    def queryables(self, pattern: str) -> list[Callable[[Call], None]]:
         return [receiver for key, receiver in self._answers if matches(pattern, key)]
 
-    def on_query(self, queryable: Any, what: tuple[str, Message, int]) -> None:
+    def on_query(self, queryable: Callable[[Call], None], what: tuple[str, Message, int]) -> None:
         if self.alive:
             queryable(VirtualCall(self, what[0], encode(what[1]), what[2]))
 

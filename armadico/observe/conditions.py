@@ -10,7 +10,7 @@ from hashlib import sha256
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 from msgspec import Struct
@@ -40,7 +40,7 @@ class Conditions(Struct, frozen=True, kw_only=True):
     mode: str  # virtual, live, or attached (to running agents)
     namespace: str | None  # none: virtual
     robot: str | None  # the URL of an existing robot; none: a simulator
-    scenario: dict[str, Any]  # as driven, with the changes of the command line
+    scenario: dict[str, object]  # as driven, with the changes of the command line
     scenario_hash: str  # without its names, world and robot
     world_hash: str  # of its walls, rooms and doors, independent of their file
     profile_hash: str  # of the robot's profile

@@ -171,7 +171,7 @@ def service(view: View, key: str, now: float) -> Section:
     }
 
 
-def rounded(value: Any, digits: int = 3) -> Any:
+def rounded(value: object, digits: int = 3) -> Any:
     """The value with all numbers rounded, nested ones too; 0 for numbers that are not finite."""
     if isinstance(value, float):
         return round(value, digits) if isfinite(value) else 0.0

@@ -42,6 +42,7 @@ LENGTH: Final = 4  # bytes of the length before each frame
 SAMPLES: Final = 20  # frames used to estimate the offset between two clocks
 
 Entry = list[Any]  # see `core.journal`
+Place = Any  # of a piece's content, as its reader knows it; by default the content itself
 
 _ENTRIES: Final = msgpack.Decoder(list[Annotated[Entry, Meta(min_length=2)]])
 
@@ -66,7 +67,7 @@ _SHAPES: Final[Mapping[int, tuple[tuple[type, ...], ...]]] = {  # by number, typ
     TAKE: ((bytes,), (*_TIME, type(None))),
 }
 
-_OUTPUTS: Final = msgpack.Decoder(list[Annotated[list[Any], Meta(min_length=1)]])
+_OUTPUTS: Final = msgpack.Decoder(list[Annotated[list[object], Meta(min_length=1)]])
 
 
 class Head(Struct, frozen=True, kw_only=True):
@@ -120,7 +121,7 @@ def stream(state: tuple[int, bytes, float | None]) -> Random:
     return made
 
 
-def files(parameters: Any) -> dict[str, str]:
+def files(parameters: object) -> dict[str, str]:
     """Hashes of the files that parameters name: world, profile and map, by parameter.
 
     Other parameters of third-party agents are ignored. Raises ConfigError.
@@ -166,8 +167,8 @@ class Frames:
     Only the places of the pieces are in memory: the journals of a day do not fit.
     """
 
-    pieces: tuple[tuple[int, Any], ...] = ()  # time of arrival, ns since 1970, and place
-    read: Callable[[Iterable[Any]], Iterator[bytes]] = iter  # places to pieces
+    pieces: tuple[tuple[int, Place], ...] = ()  # time of arrival, ns since 1970, and place
+    read: Callable[[Iterable[Place]], Iterator[bytes]] = iter  # places to pieces
     size: int = 0  # bytes
 
     def __bool__(self) -> bool:
@@ -250,7 +251,7 @@ class Journal:
 class Pieces:
     """Assembles the journals of a recording from pieces in any order."""
 
-    def __init__(self, read: Callable[[Iterable[Any]], Iterator[bytes]] = iter) -> None:
+    def __init__(self, read: Callable[[Iterable[Place]], Iterator[bytes]] = iter) -> None:
         """Start without pieces.
 
         Args:
@@ -260,7 +261,7 @@ class Pieces:
         self._read = read
         self._pieces: dict[tuple[str, str], dict[int, _Piece]] = defaultdict(dict)
 
-    def add(self, namespace: str, data: bytes, at: int, place: Any = None) -> None:
+    def add(self, namespace: str, data: bytes, at: int, place: Place = None) -> None:
         """Add a published piece, received at a time (ns since 1970); ignore invalid payloads."""
         try:
             piece = decode(data, JournalPiece)
@@ -280,7 +281,7 @@ class _Piece(NamedTuple):
     """One piece of a journal, without its content."""
 
     at: int  # when it was received, ns since 1970
-    place: Any
+    place: Place
     size: int
     begins: bytes  # its first bytes
 
@@ -295,7 +296,7 @@ def _journal(
     namespace: str,
     instance: str,
     pieces: Mapping[int, _Piece],
-    read: Callable[[Iterable[Any]], Iterator[bytes]],
+    read: Callable[[Iterable[Place]], Iterator[bytes]],
 ) -> Journal:
     name, fault = instance.rpartition("-")[0], ""
     first, last = min(pieces), max(pieces)

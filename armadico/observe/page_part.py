@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final, Never, cast
 
+from armadico.core.jsons import Json
 from armadico.core.messages import Message
 from armadico.core.services import service_of
 from armadico.observe.page_requests import Asked, RequestError, Start
@@ -64,7 +65,7 @@ Out = Publish | Put | Answer | Spawn
 class _Waiting:
     browser: str
     id: int
-    describe: Callable[[Any], str]
+    describe: Callable[[Never], str]
 
 
 class Desk:
@@ -96,7 +97,7 @@ class Desk:
         browser: str,
         number: int,
         message: Message,
-        describe: Callable[[Any], str],
+        describe: Callable[[Never], str],
         timeout: float = ANSWER_S,
         key: str = "",
     ) -> None:
@@ -123,7 +124,7 @@ class Desk:
         elif refusal := getattr(reply, "refusal", ""):
             self.answer(waiting.browser, waiting.id, False, refusal)
         else:
-            self.answer(waiting.browser, waiting.id, True, waiting.describe(reply))
+            self.answer(waiting.browser, waiting.id, True, waiting.describe(cast("Never", reply)))
 
     def drain(self) -> list[Out]:
         """The outputs since the last call, in order."""
@@ -144,12 +145,12 @@ class Part:
         return self.desk.view
 
     @property
-    def fixed(self) -> Mapping[str, Any]:
+    def fixed(self) -> Mapping[str, Json]:
         """Data sent to a browser once, when it connects."""
         return {}
 
-    def request(self, browser: str, request: Any, t: float) -> None:
-        """Handle a browser's request. Raises RequestError."""
+    def request(self, browser: str, request: Never, t: float) -> None:
+        """Handle a browser's request, of a class in `requests`. Raises RequestError."""
 
     def receive(self, key: str, message: Message, t: float) -> None:
         """Process a message, published or a reply; the view is already updated."""
@@ -170,5 +171,5 @@ class Part:
     def start(self, browser: str, request: Start, t: float) -> None:
         """Have one of these started."""
 
-    def show(self, parts: dict[str, Any], t: float) -> None:
+    def show(self, parts: dict[str, object], t: float) -> None:
         """Add data to show at t (s), or change them; values are for JSON."""

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 import msgspec
 from msgspec import inspect
 
+from armadico.core.jsons import JsonObject
 from armadico.core.messages import Ask, Card, JournalRequest, Message, MessageError, decode
 from armadico.core.services import BIDS, CARD, Kind, service_at, service_of
 from armadico.observe.diagnosis import diagnose, settled
@@ -24,6 +25,7 @@ from armadico.observe.findings import NOTHING, Demand, Finding
 from armadico.observe.view import View
 
 if TYPE_CHECKING:
+    from armadico.mesh.base import Receiver
     from armadico.mesh.zenoh import ZenohMesh
 
 M = TypeVar("M", bound=Message)
@@ -130,7 +132,7 @@ class Watcher:
             if item is not None:
                 yield item
 
-    def _receiver(self, namespace: str, *, on_query: bool) -> Any:
+    def _receiver(self, namespace: str, *, on_query: bool) -> Receiver:
         def arrived(key: str, data: bytes) -> None:
             self._put(Received(namespace, key, data, self.clock(), on_query))
 
@@ -253,7 +255,7 @@ class Observer:
         return diagnose(self.view, self.demand, self.now)
 
 
-def as_object(value: Any) -> Any:
+def as_object(value: object) -> object:
     """A message as a nested dictionary by field names; fields that are None are omitted.
 
     An optional number thus stays a number in the schema, as plotting tools expect. Encoded bytes
@@ -273,7 +275,7 @@ def as_object(value: Any) -> Any:
     return value.value if isinstance(value, Enum) else value
 
 
-def from_object(kind: type[M], found: Any) -> M:
+def from_object(kind: type[M], found: object) -> M:
     """The message from a result of `as_object`. Raises MessageError."""
     try:
         plain = _arrays(_type_info(kind), found)
@@ -285,7 +287,7 @@ def from_object(kind: type[M], found: Any) -> M:
 _type_info = cache(inspect.type_info)
 
 
-def _arrays(kind: inspect.Type, found: Any) -> Any:
+def _arrays(kind: inspect.Type, found: Any) -> object:
     """Objects converted back to the arrays of the wire format."""
     if isinstance(kind, inspect.StructType):
         return [_field(field, found) for field in kind.fields]
@@ -296,7 +298,7 @@ def _arrays(kind: inspect.Type, found: Any) -> Any:
     return found
 
 
-def _field(field: inspect.Field, found: dict[str, Any]) -> Any:
+def _field(field: inspect.Field, found: dict[str, Any]) -> object:
     """The value of one field; its default if an older recording lacks it."""
     if field.name + HEX in found:
         return bytes.fromhex(found[field.name + HEX])
@@ -306,16 +308,17 @@ def _field(field: inspect.Field, found: dict[str, Any]) -> Any:
 
 
 @cache
-def json_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
+def json_schema(kind: type[msgspec.Struct]) -> JsonObject:
     """The JSON schema of `as_object`'s result, without references and unions (little support)."""
     return {"title": kind.__name__, **_schema(inspect.type_info(kind))}
 
 
-def _schema(kind: inspect.Type) -> dict[str, Any]:
+def _schema(kind: inspect.Type) -> JsonObject:
     if isinstance(kind, inspect.StructType):
         optional = {f.name for f in kind.fields if isinstance(f.type, inspect.UnionType)}
         raw = {f.name for f in kind.fields if isinstance(f.type, inspect.BytesType)}
-        encoded = {f.name + HEX: {"type": "string"} for f in kind.fields if _may_be_bytes(f.type)}
+        text: JsonObject = {"type": "string"}
+        encoded = {f.name + HEX: text for f in kind.fields if _may_be_bytes(f.type)}
         return {
             "type": "object",
             "properties": {f.name: _schema(f.type) for f in kind.fields if f.name not in raw}

@@ -9,12 +9,15 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+from armadico.core.jsons import Json, JsonObject
 from armadico.observe.translators import translator
 from armadico.observe.watching import json_schema
 from armadico.watch.recorder import McapFile
 from armadico.watch.recordings import RecordingError, Row, Warn, kinds, rows
 
 if TYPE_CHECKING:
+    from _csv import Writer
+
     from armadico.config.worlds import World
     from armadico.watch.dashboard.local_map import Zones
 
@@ -34,7 +37,7 @@ class Tables:
         self.rows = 0
         self._first: int | None = None
         self._stack = ExitStack()
-        self._files: dict[str, tuple[Any, list[str]]] = {}
+        self._files: dict[str, tuple[Writer, list[str]]] = {}
 
     def __enter__(self) -> Tables:
         return self
@@ -60,7 +63,7 @@ class Tables:
         writer.writerow([t, *(cells.get(column, "") for column in columns)])
         self.rows += 1
 
-    def _begin(self, row: Row) -> tuple[Any, list[str]]:
+    def _begin(self, row: Row) -> tuple[Writer, list[str]]:
         name = row.topic.strip("/").replace("/", "_") + ".csv"
         self.folder.mkdir(parents=True, exist_ok=True)
         stream: TextIO = self._stack.enter_context(
@@ -83,7 +86,7 @@ def _columns(schema: dict[str, Any], before: str = "") -> Iterator[str]:
             yield before + name
 
 
-def _flat(fields: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(fields: JsonObject, before: str = "") -> Iterator[tuple[str, Json]]:
     for name, value in fields.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{before}{name}.")

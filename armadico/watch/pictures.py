@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import cycle, groupby, pairwise
 from math import cos, hypot, pi, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 from zlib import crc32
 
 from msgspec.structs import replace
@@ -28,9 +28,13 @@ from armadico.config.unseen import over
 from armadico.config.worlds import Pose, Segment, World, load_world
 
 if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.colors import ListedColormap
     from matplotlib.lines import Line2D
     from matplotlib.text import Text
+    from numpy.typing import NDArray
 
 SIZE_PX = (1280, 720)
 DPI = 100
@@ -123,8 +127,9 @@ def draw_localized(
         if len(points):
             xs, ys = zip(*(canvas.at(x, y) for x, y in points), strict=True)
             ink, width = (MAPPED, PARTICLE)[number % 2], (3.4, 1.6)[number % 2]
-            style: dict[str, Any] = {"color": ink, "linewidth": width, "zorder": 4 + number}
-            (canvas.legend[name],) = canvas.axes.plot(xs, ys, **style)
+            (canvas.legend[name],) = canvas.axes.plot(
+                xs, ys, color=ink, linewidth=width, zorder=4 + number
+            )
     axes = canvas.figure.add_axes((0.045, 0.115, 0.935, 0.13))
     axes.set_title("error, m, over s; shaded: reported lost", loc="left", fontsize=9.5, color=INK)
     axes.grid(color=FAINT)
@@ -174,7 +179,7 @@ class Canvas:
         x1, y1, x2, y2 = world.bounds
         self.turned = (y2 - y1) > TALL * (x2 - x1)
         self.size = max(x2 - x1, y2 - y1)
-        self.legend: dict[str, Any] = {}
+        self.legend: dict[str, Artist] = {}
         size = (SIZE_PX[0] / DPI, SIZE_PX[1] / DPI)
         self.figure = Figure(figsize=size, dpi=DPI, facecolor=PAPER)
         FigureCanvasAgg(self.figure)
@@ -230,10 +235,8 @@ class Canvas:
             xs, ys = zip(*(self.at(x, y) for x, y in points), strict=True)
             if holder not in style_of:
                 style_of[holder] = next(styles)
-            style: dict[str, Any] = {"color": colour(holder), "linestyle": style_of[holder]}
-            (line,) = self.axes.plot(
-                xs, ys, **style, linewidth=2.6, solid_capstyle="round", zorder=4
-            )
+            (line,) = self.axes.plot(xs, ys, color=colour(holder), linestyle=style_of[holder])
+            line.set(linewidth=2.6, solid_capstyle="round", zorder=4)
             self.legend.setdefault(holder or "no agent", line)
             drawn.append(line)
         return drawn
@@ -363,7 +366,9 @@ class Canvas:
         self._image(unseen, world.bounds, ListedColormap(["#00000000", UNSEEN]), 0.6)
         self.legend["not seen"] = self.axes.scatter([], [], s=40, marker="s", color=UNSEEN)
 
-    def _image(self, cells: Any, bounds: Segment, colours: Any, zorder: float) -> None:
+    def _image(
+        self, cells: NDArray[np.generic], bounds: Segment, colours: ListedColormap, zorder: float
+    ) -> None:
         """Draw cells, bottom row first, without a change of the axes' limits."""
         x1, y1, x2, y2 = bounds
         limits = self.axes.get_xlim(), self.axes.get_ylim()
@@ -371,7 +376,7 @@ class Canvas:
             cells.T[::-1] if self.turned else cells,
             cmap=colours,
             vmin=0,
-            vmax=len(colours.colors) - 1,
+            vmax=colours.N - 1,
             origin="lower",
             extent=(y1, y2, -x2, -x1) if self.turned else (x1, x2, y1, y2),
             interpolation="nearest",
@@ -404,7 +409,7 @@ class Canvas:
             zorder=7,
         )
 
-    def _handle(self, ink: str) -> Any:
+    def _handle(self, ink: str) -> Line2D:
         from matplotlib.lines import Line2D
 
         return Line2D([], [], color=ink, marker="o", linewidth=2.2, markersize=7)

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 
+from armadico.core.jsons import JsonObject
 from armadico.core.messages import (
     PROTOCOL,
     BidHistory,
@@ -69,9 +70,9 @@ class Row:
         return f"/{self.namespace}/{self.key}"
 
     @property
-    def fields(self) -> dict[str, Any]:
+    def fields(self) -> JsonObject:
         """The message by field names; empty for an unknown payload."""
-        found: dict[str, Any] = json.loads(self.data) if self.schema else {}
+        found: JsonObject = json.loads(self.data) if self.schema else {}
         return found
 
     @property
@@ -270,7 +271,7 @@ class Past:
                 if instances is None or row.key.removeprefix(JOURNAL) in instances:
                     pieces.add(row.namespace, row.data, row.t, row.place)
             elif row.schema == HERE and (instances is None or row.fields["instance"] in instances):
-                there.add((row.namespace, row.fields["instance"]))
+                there.add((row.namespace, str(row.fields["instance"])))
         found = pieces.journals()
         kept = {(journal.namespace, journal.instance) for journal in found}
         return found + [without(*agent) for agent in sorted(there - kept)]

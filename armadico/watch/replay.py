@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from random import Random
 from typing import Any, Final
 
 import msgspec
@@ -19,7 +20,7 @@ from msgspec import Struct, msgpack
 
 from armadico.config.loading import convert, set_values
 from armadico.core import journal as j
-from armadico.core.agent import Agent, DeviceAgent, Identity
+from armadico.core.agent import Agent, DeviceAgent, Identity, Parameters
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class
 from armadico.core.driver import Driver
@@ -32,6 +33,7 @@ from armadico.observe.journals import Entry, Head, Journal, files, stream
 from armadico.observe.watching import kind_at
 
 Subscriptions = Mapping[str, Subscription]  # by pattern
+Queries = dict[int, type[Message]]  # those under way, by number
 
 INPUTS: Final = 5  # last inputs shown with a difference
 LONGEST: Final = 300  # characters shown of one input or output
@@ -125,7 +127,7 @@ class Life:
         began, admit = float(start[1]), bool(start[2])
         clock = 0.0
         driver = Driver(self.agent, began, admit=admit, wall=lambda: clock)
-        queries: dict[int, type[Message]] = {}
+        queries: Queries = {}
         subscriptions = {to.pattern: to for to in self.agent.kernel.subscriptions}
         entry = next(entries, None)
         seen: BidRecord | None = None
@@ -162,7 +164,7 @@ class Life:
         driver: Driver,
         entry: Entry,
         subscriptions: Subscriptions,
-        queries: dict[int, type[Message]],
+        queries: Queries,
     ) -> None:
         try:
             _DO[entry[0]](driver, entry, subscriptions, queries)
@@ -255,7 +257,7 @@ def _class(head: Head) -> type[Agent]:
         raise ReplayError(f"{error} (it was {head.kind})") from None
 
 
-def _parameters(head: Head, kind: type[Agent], sets: Sequence[str]) -> Any:
+def _parameters(head: Head, kind: type[Agent], sets: Sequence[str]) -> Parameters:
     try:
         then = convert(head.parameters, kind.parameters, "its parameters then", "")
     except ConfigError as error:
@@ -275,7 +277,7 @@ def _parameters(head: Head, kind: type[Agent], sets: Sequence[str]) -> Any:
     return now
 
 
-def _stream(head: Head) -> Any:
+def _stream(head: Head) -> Random:
     try:
         return stream(head.random)
     except (ValueError, TypeError) as error:
@@ -296,38 +298,38 @@ def _notes(head: Head, kind: type[Agent], sets: Sequence[str]) -> Iterator[str]:
 # Inputs -------------------------------------------------------------------------------------------
 
 
-def _read(payload: Any, kind: type[Message] | None) -> Any:
+def _read(payload: object, kind: type[Message] | None) -> Any:
     """A payload as the driver received it: bytes or a decoded message."""
     return payload if isinstance(payload, bytes) or kind is None else msgspec.convert(payload, kind)
 
 
-def _on_delivery(driver: Driver, e: Entry, subscriptions: Subscriptions, _: Any) -> None:
+def _on_delivery(driver: Driver, e: Entry, subscriptions: Subscriptions, _: object) -> None:
     to = subscriptions.get(e[2])
     if to is not None:  # None: the code no longer subscribes to it
         driver.deliver(to, e[3], _read(e[4], to.message), e[1])
 
 
-def _on_query(driver: Driver, e: Entry, _listens: Any, _: Any) -> None:
+def _on_query(driver: Driver, e: Entry, _listens: object, _: object) -> None:
     driver.on_query(e[2], _read(e[3], driver.answers(e[2])), e[4], e[1])
 
 
-def _on_reply(driver: Driver, e: Entry, _: Any, queries: dict[int, type[Message]]) -> None:
+def _on_reply(driver: Driver, e: Entry, _: object, queries: Queries) -> None:
     kind = queries.pop(e[2], None)
     if kind is not None:  # None: the replayed agent sent no such query
         driver.on_reply(e[2], None if e[3] is None else msgspec.convert(e[3], kind), e[1])
 
 
-def _on_bytes(driver: Driver, e: Entry, _listens: Any, _: Any) -> None:
+def _on_bytes(driver: Driver, e: Entry, _listens: object, _: object) -> None:
     if isinstance(driver.agent, DeviceAgent):
         driver.received(e[2], e[1])
 
 
-def _on_link(driver: Driver, e: Entry, _listens: Any, _: Any) -> None:
+def _on_link(driver: Driver, e: Entry, _listens: object, _: object) -> None:
     if isinstance(driver.agent, DeviceAgent):
         driver.link(e[2], e[3], e[1])
 
 
-_DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Any], None]]] = {
+_DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Queries], None]]] = {
     j.BEGIN: lambda d, e, _l, _a: d.begin(e[1]),
     j.WAKE: lambda d, e, _l, _a: d.wake(e[1]),
     j.LEAVE: lambda d, e, _l, _a: d.leave(e[1]),
@@ -397,7 +399,7 @@ def _describe_due(moment: Moment, due: float | None) -> str:
     return f"wake-up {due - moment.entry[1]:.3f} s later, without earlier input"
 
 
-def describe_payload(kind: type[Message] | None, payload: Any) -> str:
+def describe_payload(kind: type[Message] | None, payload: object) -> str:
     """A recorded message by field names, in one line."""
     try:
         if kind is not None:
@@ -443,7 +445,7 @@ def describe_input(entry: Entry) -> str:
     return _short(text)
 
 
-def _describe_delivery(key: str, payload: Any) -> str:
+def _describe_delivery(key: str, payload: object) -> str:
     kind = kind_at(key)
     if not isinstance(payload, bytes):
         return describe_payload(kind, payload)

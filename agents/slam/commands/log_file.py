@@ -50,10 +50,9 @@ class LogOptions:
         metavar="S",
         must=between(0.001, 3600),
     )
-    corrected: bool | None = flag(
+    corrected: bool | None = option(
         "treat the poses of a CARMEN log as corrected (default: if its name has .gfs or corrected,"
-        " or if they differ from the odometry)",
-        default=None,
+        " or if they differ from the odometry)"
     )
     namespace: str | None = option(
         "the robot, if the recording has several (default: the only one)", metavar="NS"

@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import BadValueError, Command, argument, flag, group, option
@@ -71,20 +71,21 @@ class Options(Listening):
 
 def run(args: Options) -> int:
     mesh = args.mesh.join()
-    from armadico.observe.watching import Received, Watcher
+    from armadico.observe.watching import Watcher
 
     with mesh:
         watcher = Watcher([mesh])
         watcher.subscribe(args.pattern)
         for _ in range(args.count) if args.count else iter(int, 1):
             item = receive(watcher, args)
-            assert isinstance(item, Received), "the watcher subscribes to messages only"
             print(options.shown(line_of(item, as_json=args.json)), flush=True)
     return 0
 
 
-def receive(watcher: Watcher, args: Listening) -> Received | Any:
+def receive(watcher: Watcher, args: Listening) -> Received:
     """The next message. Raises FailedError or AbsentError after `--timeout`."""
+    from armadico.observe.watching import Received
+
     what = f"nothing is published on {args.pattern}"
     item = watcher.get(min(args.timeout or HINT_S, HINT_S))
     (mesh,) = watcher.meshes
@@ -99,6 +100,7 @@ def receive(watcher: Watcher, args: Listening) -> Received | Any:
         item = watcher.get(waited - HINT_S)
     if item is None:
         raise options.absent(mesh, waited, what)
+    assert isinstance(item, Received), "the watcher subscribes to messages only"
     return item
 
 
@@ -113,7 +115,7 @@ def line_of(item: Received, *, as_json: bool) -> str:
     except MessageError as error:
         message, refused = None, str(error)
     if as_json:
-        found: dict[str, Any] = {"t": item.at / 1e9, "key": item.key}
+        found: dict[str, object] = {"t": item.at / 1e9, "key": item.key}
         found |= {"message": as_object(message)} if message else {"bytes": item.data.hex()}
         return json.dumps(found | ({"refused": refused} if refused else {}))
     clock = time.strftime("%H:%M:%S", time.localtime(item.at / 1e9))
@@ -136,7 +138,7 @@ def _unknown(data: bytes) -> str:
     return f"not in the table of services: {found}"
 
 
-def words(value: Any) -> str:
+def words(value: object) -> str:
     """A message's fields as name=value, numbers to four digits."""
     if isinstance(value, dict):
         return " ".join(

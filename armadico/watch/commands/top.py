@@ -9,7 +9,7 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
@@ -19,7 +19,9 @@ from armadico.runtime.errors import AbsentError
 if TYPE_CHECKING:
     import psutil
     from rich.console import Group
+    from rich.table import Table
 
+    from armadico.observe.described import Section
     from armadico.observe.view import Seen, View
     from armadico.observe.watching import Observer
 
@@ -78,7 +80,7 @@ class Snapshots:
         self._namespace = namespace
         self._processes: dict[int, psutil.Process] = {}
 
-    def at(self, now: float) -> dict[str, Any]:
+    def at(self, now: float) -> Section:
         """All that is shown; `now` is the watcher's clock, s."""
         from armadico.observe import described
 
@@ -96,7 +98,7 @@ class Snapshots:
             "services": [described.service(view, key, now) for key in sorted(view.rates)],
         }
 
-    def _process(self, seen: Seen) -> dict[str, Any]:
+    def _process(self, seen: Seen) -> Section:
         """CPU since the last call, % of one core, and memory, MB; of this host's agents."""
         import psutil
 
@@ -141,7 +143,7 @@ def _live(snapshots: Snapshots, observer: Observer) -> int:
 # Tables -------------------------------------------------------------------------------------------
 
 
-def tables(snapshot: dict[str, Any]) -> Group:
+def tables(snapshot: Section) -> Group:
     from rich.console import Group
     from rich.text import Text
 
@@ -190,7 +192,7 @@ def tables(snapshot: dict[str, Any]) -> Group:
     )
 
 
-def _heading(snapshot: dict[str, Any]) -> str:
+def _heading(snapshot: Section) -> str:
     robot, where = snapshot["robot"], f"{snapshot['namespace']}: {len(snapshot['agents'])} agents"
     if robot is None:
         return f"{where}, no message from a robot"
@@ -212,7 +214,9 @@ def _heading(snapshot: dict[str, Any]) -> str:
     return ", ".join([*words, *filter(None, [robot["line"]])])
 
 
-def _table(titles: Sequence[str], rows: Sequence[Sequence[Any]], late: int | None = None) -> Any:
+def _table(
+    titles: Sequence[str], rows: Sequence[Sequence[object]], late: int | None = None
+) -> Table:
     from rich.table import Table
     from rich.text import Text
 

@@ -269,7 +269,7 @@ def _add(chronicle: Chronicle, row: Row, t: float) -> None:
 
     if row.schema == HERE:
         here = row.fields
-        chronicle.token(here["instance"], there=here["there"], t=t)
+        chronicle.token(str(here["instance"]), there=bool(here["there"]), t=t)
         return
     try:
         message = row.message

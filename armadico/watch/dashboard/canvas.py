@@ -6,7 +6,7 @@ Rerun keeps every row, so the drawing rates determine the memory used. An entity
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import rerun as rr
 
@@ -62,11 +62,11 @@ class Canvas:
         self._drawn_at[path] = t
         return True
 
-    def draw(self, path: str, t: float, *what: Any) -> None:
+    def draw(self, path: str, t: float, *what: rr.AsComponents) -> None:
         """Draw an entity, valid from t (s) on."""
         self._recording.set_time(TIMELINE, duration=t)
         self._recording.log(f"{self._root}/{path}", *what)
 
-    def fix(self, path: str, *what: Any) -> None:
+    def fix(self, path: str, *what: rr.AsComponents) -> None:
         """Draw an entity, valid at all times."""
         self._recording.log(f"{self._root}/{path}", *what, static=True)

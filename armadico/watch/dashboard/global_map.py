@@ -61,7 +61,7 @@ class GlobalMap:
         self._pose: Pose2 | None = None
         self._path: deque[tuple[tuple[float, float], str]] = deque(maxlen=PATH_POINTS)
         self._echoes: dict[tuple[int, int], tuple[float, float]] = {}
-        self._plan: Any = None
+        self._plan: object = None
         self._mapped: OccupancyGrid | None = None  # as drawn
         self._graph: tuple[int, int, int] | None = None  # revision and loops, as drawn
         self._particles_at: float | None = None  # when they were received, while drawn

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping
 from math import ceil, cos, degrees, hypot, pi, sin
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 
 from armadico.config.worlds import Segment, World
+from armadico.core.jsons import JsonObject
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.mobile.obstacles import Obstacles
@@ -65,13 +66,13 @@ class Society(Chronicle):
         if isinstance(message, AssistantRecord):
             self._requests.append((t, message))
 
-    def where(self, now: float) -> dict[str, Any]:
+    def where(self, now: float) -> JsonObject:
         """Return the robot's state, pose, mission and driver; null if it was not received.
 
         If `connected` is false, the rest is the last report.
         """
         view = self.view
-        found: dict[str, Any] = rounded(
+        found: JsonObject = rounded(
             {
                 "connected": view.state_is_fresh(now),
                 "robot": described.robot(view),
@@ -82,10 +83,10 @@ class Society(Chronicle):
         )
         return found
 
-    def map(self) -> dict[str, Any]:
+    def map(self) -> JsonObject:
         """Return the named places and a picture of the known world."""
         world, pose = self._world, self.view.pose
-        found: dict[str, Any] = {}
+        found: JsonObject = {}
         if world is not None:
             rooms = {
                 room.name: [round((room.x1 + room.x2) / 2, 2), round((room.y1 + room.y2) / 2, 2)]
@@ -112,29 +113,29 @@ class Society(Chronicle):
             "legend": f"{LEGEND}; a letter is {cell:.2f} m, the last row is y {bounds[1]:.1f}",
         }
 
-    def who(self) -> dict[str, Any]:
+    def who(self) -> JsonObject:
         """Return the agents that are alive."""
         return {"agents": [described.agent(seen, *CARD) for seen in self.view.agents]}
 
-    def missions(self) -> dict[str, Any]:
+    def missions(self) -> JsonObject:
         """Return the missions that can be ordered and those on the board."""
         return {
             "available": [{"name": name, "title": what} for name, what in self._missions.items()],
             "board": [described.errand(each) for each in self.view.missions],
         }
 
-    def why(self, now: float) -> dict[str, Any]:
+    def why(self, now: float) -> JsonObject:
         """Return why the robot stands now, and what else is wrong or not known."""
         return described.diagnosis(self.view, now, self.demand)
 
-    def moment(self) -> dict[str, Any]:
+    def moment(self) -> JsonObject:
         """Return the moment marked last: the holders, and what the other agents would do."""
         if not self.moments:
             return {"note": "nothing is known of this moment"}
-        found: dict[str, Any] = msgspec.to_builtins(self.moments[-1])
+        found: JsonObject = msgspec.to_builtins(self.moments[-1])
         return found
 
-    def history(self, now: float, last: int) -> dict[str, Any]:
+    def history(self, now: float, last: int) -> JsonObject:
         """Return the last events since the start, newest last; `ago` is in s."""
         events = sorted(self._events(), key=lambda event: event[0])[-last:]
         return {"events": [{"ago": round(now - t, 1), "what": what} for t, what in events]}

@@ -7,11 +7,13 @@ no line raises an exception.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
+from armadico.core.jsons import Json, JsonObject
 from armadico.core.messages import line
 from armadico.watch.assistant.tools import TOOLS, Tool
 
@@ -86,7 +88,7 @@ class Call(Struct, frozen=True):
     id: int | str
     tool: str
     text: str
-    stamp: dict[str, Any] = {}  # further fields of the answer, by the version of the call
+    stamp: dict[str, object] = {}  # further fields of the answer, by the version of the call
 
 
 class Lines:
@@ -132,7 +134,10 @@ class Lines:
         if meta.version != STATELESS:
             supported = {"supported": [STATELESS], "requested": meta.version}
             return _error(number, BAD_VERSION, "unsupported protocol version", supported)
-        stamp = {"resultType": "complete", "_meta": {f"{_META}serverInfo": self._server}}
+        stamp: dict[str, object] = {
+            "resultType": "complete",
+            "_meta": {f"{_META}serverInfo": self._server},
+        }
         cached = {"ttlMs": CACHED_MS, "cacheScope": "public"}
         match method:
             case "server/discover":
@@ -149,7 +154,7 @@ class Lines:
         return {"name": "armadico", "title": "Armadico", "version": self._version}
 
     @property
-    def _abilities(self) -> dict[str, Any]:
+    def _abilities(self) -> JsonObject:
         return {"capabilities": {"tools": {}}, "instructions": INSTRUCTIONS}
 
     def _requested(self, number: int | str, method: str, params: msgspec.Raw) -> Call | bytes:
@@ -166,7 +171,7 @@ class Lines:
                 return _called(number, msgspec.json.decode(params, type=_Params), {})
         return _error(number, NO_METHOD, f"no method {line(method)[:NAME_LONGEST]!r}")
 
-    def _greeting(self, wanted: str) -> dict[str, Any]:
+    def _greeting(self, wanted: str) -> JsonObject:
         return {
             "protocolVersion": wanted if wanted in VERSIONS else VERSIONS[0],
             "serverInfo": self._server,
@@ -174,7 +179,7 @@ class Lines:
         }
 
 
-def answer(call: Call, found: dict[str, Any], *, failed: bool = False) -> bytes:
+def answer(call: Call, found: Mapping[str, Json], *, failed: bool = False) -> bytes:
     """Return the line that answers a call.
 
     It has the object, and the same as text for clients that do not read objects.
@@ -192,11 +197,11 @@ def _meta(params: msgspec.Raw) -> _Meta:
         return _Meta()
 
 
-def _tools() -> dict[str, Any]:
+def _tools() -> JsonObject:
     return {"tools": [_shown(tool) for tool in TOOLS.values()]}
 
 
-def _called(number: int | str, params: _Params, stamp: dict[str, Any]) -> Call:
+def _called(number: int | str, params: _Params, stamp: dict[str, object]) -> Call:
     given = bytes(params.arguments)
     return Call(number, params.name, "{}" if given == b"null" else _in_ascii(given), stamp)
 
@@ -212,7 +217,7 @@ def _escaped(character: str) -> str:
     return "".join(f"\\u{pair[at : at + 2].hex()}" for at in range(0, len(pair), 2))
 
 
-def _shown(tool: Tool) -> dict[str, Any]:
+def _shown(tool: Tool) -> JsonObject:
     """Return a tool's entry in the list for clients."""
     hints = {
         "readOnlyHint": not tool.does,
@@ -228,7 +233,7 @@ def _shown(tool: Tool) -> dict[str, Any]:
     }
 
 
-def _schema(kind: type[Struct]) -> dict[str, Any]:
+def _schema(kind: type[Struct]) -> JsonObject:
     """Return the JSON schema of a tool's arguments, without references."""
     (schema,), parts = msgspec.json.schema_components([kind], ref_template="{name}")
     found: dict[str, Any] = parts.pop(schema["$ref"])
@@ -240,12 +245,12 @@ def _schema(kind: type[Struct]) -> dict[str, Any]:
     return found | {"type": "object"}
 
 
-def _result(number: int | str, result: dict[str, Any]) -> bytes:
+def _result(number: int | str, result: Mapping[str, object]) -> bytes:
     return msgspec.json.encode({"jsonrpc": "2.0", "id": number, "result": result}) + b"\n"
 
 
 def _error(
-    number: int | str | None, code: int, message: str, data: dict[str, Any] | None = None
+    number: int | str | None, code: int, message: str, data: Mapping[str, Json] | None = None
 ) -> bytes:
     error = {"code": code, "message": line(message)} | ({} if data is None else {"data": data})
     return msgspec.json.encode({"jsonrpc": "2.0", "id": number, "error": error}) + b"\n"

@@ -6,12 +6,13 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from typing import Any, BinaryIO, Final
+from typing import BinaryIO, Final
 
 import msgspec
 
+from armadico.core.jsons import Json, JsonObject
 from armadico.core.messages import MessageError, RobotState, checked
 from armadico.launch.client import Client
 from armadico.launch.latch import rests
@@ -118,7 +119,7 @@ class Server:
         while (call := self._stops.get()) is not None:
             self._answer(call, *self._stopped(call))
 
-    def _stopped(self, call: Call) -> tuple[dict[str, Any], bool]:
+    def _stopped(self, call: Call) -> tuple[Mapping[str, Json], bool]:
         """Stop the robot: by the assistant agent, or directly if that does not reply at once."""
         request = self._request(call)
         reply = None if request is None else self._stopper.query(request, FIND_S, patience=HURRY_S)
@@ -134,7 +135,7 @@ class Server:
         text = "it is stopped; no assistant agent answered, so this is not recorded"
         return {"reply": text, "stopped": True}, False
 
-    def _answer(self, call: Call, found: dict[str, Any], failed: bool) -> None:
+    def _answer(self, call: Call, found: Mapping[str, Json], failed: bool) -> None:
         self._write(answer(call, found, failed=failed))
 
     def _write(self, line: bytes | None) -> None:
@@ -164,7 +165,7 @@ class Server:
 
     # Calls ---------------------------------------------------------------------------------------
 
-    def _called(self, call: Call) -> tuple[dict[str, Any], bool]:
+    def _called(self, call: Call) -> tuple[Mapping[str, Json], bool]:
         """Return the answer to a call, and whether it failed."""
         idle = time.monotonic() - self._called_at > WATCHED_S
         self._called_at = time.monotonic()
@@ -189,7 +190,7 @@ class Server:
         except MessageError:
             return None
 
-    def _request_reply(self, call: Call) -> tuple[AssistantReply | None, dict[str, Any]]:
+    def _request_reply(self, call: Call) -> tuple[AssistantReply | None, dict[str, str]]:
         """Return the assistant agent's reply, or None and the refusal."""
         request = self._request(call)
         if request is None:
@@ -207,7 +208,7 @@ class Server:
         state = self._stopper.latest(RobotState)
         return state is not None and state.stop.stopped and rests(state.v, state.w)
 
-    def _read_only(self, call: Call) -> dict[str, Any]:
+    def _read_only(self, call: Call) -> JsonObject:
         """Return the answer of a tool that only reads. The agent has already checked the call."""
         society, now = self._society, self._watcher.clock() / 1e9
         match call.tool:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from functools import cache
-from typing import Any, Final
+from typing import Final, Never, cast
 
 from armadico.config.worlds import Unseen, World
 from armadico.core.discovery import PAGE
 from armadico.core.installed import loaded
+from armadico.core.jsons import Json, JsonObject
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S
@@ -79,9 +80,9 @@ class Robot:
         self._handlers = {kind: part for part in self._parts for kind in part.requests}
         self._demand = demand
         self._near: dict[str, tuple[list[list[float]], float]] = {}
-        self._grid: dict[str, Any] | None = None
-        self._graph: dict[str, Any] | None = None
-        self._trail: deque[list[Any]] = deque(maxlen=TRAIL)
+        self._grid: JsonObject | None = None
+        self._graph: JsonObject | None = None
+        self._trail: deque[list[Json]] = deque(maxlen=TRAIL)
 
     # Input ---------------------------------------------------------------------------------------
 
@@ -118,7 +119,7 @@ class Robot:
 
     def request(self, browser: str, request: Asked, t: float) -> None:
         """Handle a browser's request. Raises RequestError."""
-        self._handlers[type(request)].request(browser, request, t)
+        self._handlers[type(request)].request(browser, cast("Never", request), t)
 
     def on_reply(self, number: int, reply: Message | None) -> None:
         """Process a query's reply; None is a timeout."""
@@ -138,10 +139,10 @@ class Robot:
         """The publications, queries and answers since the last call, in order."""
         return self._desk.drain()
 
-    def parts(self, t: float) -> dict[str, Any]:
+    def parts(self, t: float) -> dict[str, object]:
         """All data to show at t (s), in parts that change at different rates."""
         view = self.view
-        parts = {
+        parts: dict[str, object] = {
             "body": self._body(),
             "motion": self._motion(t),
             "mission": self._mission(),
@@ -163,32 +164,32 @@ class Robot:
         return parts
 
     @property
-    def trail(self) -> list[list[Any]]:
+    def trail(self) -> list[list[Json]]:
         """The path driven so far, for a browser that connects: x, y, and the driving agent."""
         return list(self._trail)
 
     @property
-    def fixed(self) -> dict[str, Any]:
+    def fixed(self) -> JsonObject:
         """The data that do not change."""
-        found: dict[str, Any] = {"world": None if self.world is None else drawn(self.world)}
+        found: JsonObject = {"world": None if self.world is None else drawn(self.world)}
         for part in self._parts:
             found |= part.fixed
         return found
 
-    def standing(self, t: float) -> dict[str, Any]:
+    def standing(self, t: float) -> JsonObject:
         """Why the robot stands, and what else is wrong or not known."""
         return described.diagnosis(self.view, t, self._demand)
 
-    def _body(self) -> dict[str, Any] | None:
+    def _body(self) -> JsonObject | None:
         body = self.view.description
         if body is None:
             return None
         shown = ("front", "rear", "half_width", "v_max", "w_max")
         return {"name": body.robot} | {name: getattr(body, name) for name in shown}
 
-    def _motion(self, t: float) -> dict[str, Any]:
+    def _motion(self, t: float) -> JsonObject:
         view, truth = self.view, self.view.truth
-        found: dict[str, Any] = {
+        found: JsonObject = {
             "connected": view.state_is_fresh(t),
             "silent_s": None if view.state_at is None else round(t - view.state_at, 1),
         }
@@ -200,9 +201,9 @@ class Robot:
             found["truth"] = rounded([truth.x, truth.y, truth.theta])
         return found
 
-    def _mission(self) -> dict[str, Any]:
+    def _mission(self) -> JsonObject:
         trajectory = self.view.trajectory
-        found: dict[str, Any] = {"tasks": self.view.tasks}
+        found: JsonObject = {"tasks": self.view.tasks}
         found |= rounded(described.mission(self.view) or {}, 2)
         if trajectory is not None:
             way = [[w.x, w.y, w.theta] for w in trajectory.waypoints]
@@ -211,13 +212,13 @@ class Robot:
             found["unseen"] = rounded([[s.x1, s.y1, s.x2, s.y2] for s in trajectory.unseen])
         return found
 
-    def _wheels(self, t: float) -> dict[str, Any]:
+    def _wheels(self, t: float) -> JsonObject:
         found = described.resource(self.view, WHEELS.name, t)
         for each in found["contenders"]:
             each["colour"] = colour(each["name"])
         return found
 
-    def _agents(self) -> list[dict[str, Any]]:
+    def _agents(self) -> list[Mapping[str, Json]]:
         return [
             {"pid": 0}
             | described.agent(seen, "host", "pid", "version")
@@ -226,7 +227,7 @@ class Robot:
             for seen in self.view.agents
         ]
 
-    def _log(self) -> list[dict[str, Any]]:
+    def _log(self) -> list[JsonObject]:
         lines = list(self.view.logs)[-LINES:]
         return [
             {
@@ -238,11 +239,11 @@ class Robot:
             for line in lines
         ]
 
-    def _exchanges(self) -> list[dict[str, Any]]:
+    def _exchanges(self) -> list[JsonObject]:
         rows = []
         for each in self.view.exchanges:
             if each.resource == WHEELS.name:
-                row: dict[str, Any] = {"t": round(each.at, 2)}
+                row: JsonObject = {"t": round(each.at, 2)}
                 row |= {"from": _name(each.before), "to": _name(each.now)}
                 if each.claim is not None:
                     row |= {"utility": each.claim.utility, "critical": each.claim.critical}
@@ -259,7 +260,7 @@ class Robot:
         self._trail.append([x, y, name])
 
 
-def drawn(world: World) -> dict[str, Any]:
+def drawn(world: World) -> JsonObject:
     return {
         "name": world.name,
         "bounds": rounded(world.bounds),
@@ -273,7 +274,7 @@ def drawn(world: World) -> dict[str, Any]:
     }
 
 
-def _unseen(unseen: Unseen) -> dict[str, Any]:
+def _unseen(unseen: Unseen) -> JsonObject:
     return {
         "x": unseen.x,
         "y": unseen.y,
@@ -294,7 +295,7 @@ def _points(obstacles: Obstacles) -> list[list[float]]:
     return [[round(p.x, 3), round(p.y, 3)] for p in obstacles.points[::every]]
 
 
-def _graph(message: MapGraph) -> dict[str, Any] | None:
+def _graph(message: MapGraph) -> JsonObject | None:
     try:
         graph = graph_of(message)
     except ValueError:  # a malformed graph is not drawn
@@ -307,7 +308,7 @@ def _graph(message: MapGraph) -> dict[str, Any] | None:
     }
 
 
-def _grid(message: OccupancyGrid) -> dict[str, Any]:
+def _grid(message: OccupancyGrid) -> JsonObject:
     # The browser inflates the cells.
     return {
         "x": message.x,

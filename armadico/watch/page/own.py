@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from math import remainder, tau
-from typing import Any
 
+from armadico.core.jsons import JsonObject
 from armadico.core.messages import (
     Message,
     ParameterChange,
@@ -100,7 +100,7 @@ class StopLatch(Part):
                 self.desk.answer(browser, number, False, text, over=False)
             pressed.requests = []
 
-    def show(self, parts: dict[str, Any], t: float) -> None:
+    def show(self, parts: dict[str, object], t: float) -> None:
         """Add the stop; `held` only if a fresh robot state reports it."""
         stop, pressed = self.view.stop, self._pressed
         parts["stop"] = {
@@ -186,7 +186,7 @@ class Starting(Part):
                 return
         self.desk.spawn(browser, request.id, agent)
 
-    def show(self, parts: dict[str, Any], t: float) -> None:
+    def show(self, parts: dict[str, object], t: float) -> None:
         parts["could"] = self._missing(t)
 
     def _missing(self, t: float) -> list[str]:
@@ -201,7 +201,7 @@ class Parameters(Part):
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
-        self._rows: dict[str, list[dict[str, Any]]] = {}  # by instance
+        self._rows: dict[str, list[JsonObject]] = {}  # by instance
 
     def request(self, browser: str, request: Tune, t: float) -> None:  # noqa: ARG002
         instance = request.instance
@@ -230,7 +230,7 @@ class Parameters(Part):
         if not there:
             self._rows.pop(instance, None)
 
-    def show(self, parts: dict[str, Any], t: float) -> None:  # noqa: ARG002
+    def show(self, parts: dict[str, object], t: float) -> None:  # noqa: ARG002
         parts["parameters"] = [
             {"agent": agent.name, "instance": agent.instance, "rows": self._rows[agent.instance]}
             for agent in self.view.agents

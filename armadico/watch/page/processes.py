@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 from msgspec import Meta
 
@@ -84,10 +84,11 @@ class Processes(Part):
         key = _key(share.instance)
         self.desk.query(browser, request.id, order, lambda _: f"{agent} is started", key=key)
 
-    def show(self, parts: dict[str, Any], t: float) -> None:
+    def show(self, parts: dict[str, object], t: float) -> None:
         """Mark agents that a host keeps up; add rows for those that are not alive."""
         kept = {(each.agent, each.process.pid): each for each in self._kept(t)}
         rows = parts["agents"]
+        assert isinstance(rows, list), "the page adds this part first"
         for row in rows:
             row["kept"] = kept.pop((row["name"], row["pid"]), None) is not None
         for name, process, share in kept.values():

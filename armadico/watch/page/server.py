@@ -15,7 +15,7 @@ from http import HTTPStatus
 from importlib.resources import files
 from itertools import count
 from secrets import token_hex
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
 from websockets.asyncio.server import Server as Listening
 from websockets.asyncio.server import ServerConnection, serve
@@ -247,7 +247,7 @@ class Server:
             each.abort()
         await closing
 
-    def _run(self, call: Coroutine[Any, Any, T]) -> T:
+    def _run(self, call: Coroutine[None, None, T]) -> T:
         return asyncio.run_coroutine_threadsafe(call, self._loop).result()
 
     def _end(self) -> None:

@@ -8,7 +8,7 @@ or is killed; only the stick times out, and the teleop agent releases the wheels
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import msgspec
 
@@ -177,7 +177,7 @@ class Session:
         if now >= self._tick_at:
             self._tick_at = now + TICK_S
 
-    def _send(self, browser: str, what: Mapping[str, Any]) -> None:
+    def _send(self, browser: str, what: Mapping[str, object]) -> None:
         if self.browsers is not None and browser in self._shown:
             self.browsers.answer(browser, msgspec.json.encode(what))
 
@@ -243,7 +243,7 @@ class Session:
         mesh.query(put.key, put.message, put.timeout, on_data, over)
 
 
-def _answer(answer: Answer) -> dict[str, Any]:
+def _answer(answer: Answer) -> Mapping[str, object]:
     found = {"type": "answer", "id": answer.id, "ok": answer.ok, "text": answer.text}
     return found | {"over": answer.over}
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from msgspec import Meta
 from msgspec.structs import replace
 
+from armadico.core.jsons import JsonObject
 from armadico.core.messages import Cycle, Deflection
 from armadico.core.services import service_of
 from armadico.observe.described import rounded
@@ -70,11 +71,11 @@ class Hands(Part):
         for hand in self._hands.values():
             self._publish_if_due(hand, t)
 
-    def show(self, parts: dict[str, Any], t: float) -> None:
+    def show(self, parts: dict[str, object], t: float) -> None:
         """Show which hand drives; `there`: a teleop agent is alive."""
         key = service_of(Stick).key
         there = any(a.card and key in a.card.requests for a in self.view.agents)
-        found: dict[str, Any] = {"there": there, "hand": "", "holds": False}
+        found: JsonObject = {"there": there, "hand": "", "holds": False}
         status = self.view.hand(t)
         if isinstance(status, TeleopStatus):
             shown = ("hand", "holds", "v", "w", "v_max", "w_max", "note")
