@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, cast
+from typing import ClassVar, Never, cast
 
 import msgspec
 
@@ -11,16 +11,7 @@ from armadico.core.agent import Agent, Identity, Parameters
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.cycles import PERIOD, CycleCounter
 from armadico.core.exchange import Bid
-from armadico.core.messages import (
-    Ack,
-    Action,
-    Claim,
-    Command,
-    Description,
-    Message,
-    RobotState,
-    Stop,
-)
+from armadico.core.messages import Ack, Claim, Command, Description, Message, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource
 from armadico.mesh.virtual import Node, VirtualMesh
 
@@ -66,14 +57,14 @@ class ResourceOwner(Agent):
         elif verdict is not Verdict.RELEASED:
             self.refused.append((self.now, command, verdict))
 
-    def obey(self, resource: Resource, action: tuple[float, ...]) -> None:
+    def obey(self, resource: Resource, action: Never) -> None:
         self.does[resource.name] = action
 
     def rest(self, resource: Resource) -> None:
         self.does[resource.name] = resource.neutral
         self.rests.append(self.now)
 
-    def measure(self, resource: Resource) -> Action:
+    def measure(self, resource: Resource) -> tuple[float, ...] | bytes:
         return self.does[resource.name]
 
 
