@@ -32,6 +32,7 @@ from armadico.mobile.messages import (
     OccupancyGrid,
 )
 from armadico.mobile.scans import ranges_of
+from tests.robot.robots import with_laser
 from tests.slam.test_agent import PATH, Robot, own_odometry, place
 
 
@@ -169,7 +170,7 @@ def test_a_graph_that_changes_while_it_is_read_is_read_anew() -> None:
 
 
 def test_before_the_first_scan_there_is_no_graph() -> None:
-    assert graph_of(SlamAgent(Identity("slam-1"))) == b""
+    assert graph_of(SlamAgent(Identity("slam-1"), Parameters(profile=with_laser()))) == b""
 
 
 def slowly(path: Floats, parts: int = 9) -> Floats:

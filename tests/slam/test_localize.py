@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from armadico import cli
+from armadico.agents.slam.commands import localize
+from tests.robot.robots import with_laser
 from tests.slam import made_logs
+
+
+@pytest.fixture(autouse=True)
+def a_robot_of_this_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The default one speaks ROS 2, whose package may be absent."""
+    monkeypatch.setattr(localize, "PROFILE", with_laser())
 
 
 @pytest.fixture
@@ -54,6 +62,7 @@ def test_json_is_one_object_and_the_same_again(
 
 
 def test_a_picture_is_drawn(log: Path, tmp_path: Path) -> None:
+    pytest.importorskip("armadico.watch")
     pytest.importorskip("matplotlib")
     picture = tmp_path / "path.png"
     assert cli.main(["localize", str(log), "--picture", str(picture), "--anywhere"]) == 0
