@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, argument, flag, group
-from armadico.core.jsons import JsonObject
 
 if TYPE_CHECKING:
     from armadico.core.messages import Parameter, ParametersReply
@@ -54,7 +53,7 @@ def run(args: Options) -> int:
     return 0
 
 
-def plain(agent: str, instance: str, row: Parameter) -> JsonObject:
+def plain(agent: str, instance: str, row: Parameter) -> dict[str, object]:
     """A parameter as a JSON object."""
     return {
         "agent": agent,

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option
-from armadico.core.jsons import JsonObject
 
 if TYPE_CHECKING:
     from armadico.observe.watching import Received
@@ -82,7 +81,7 @@ def _show(args: Options, item: Received) -> None:
     if args.agent not in (None, agent_of(instance), instance):
         return
     if args.json:
-        found: JsonObject = {"t": item.at / 1e9, "instance": instance}
+        found: dict[str, object] = {"t": item.at / 1e9, "instance": instance}
         print(json.dumps(found | {"level": message.level, "text": message.text}), flush=True)
         return
     clock = time.strftime("%H:%M:%S", time.localtime(item.at / 1e9))

@@ -7,7 +7,6 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from armadico.cli import options
-from armadico.core.jsons import JsonObject
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -66,7 +65,7 @@ def columns(results: Sequence[Result]) -> Iterator[Column]:
             yield Column(field, f"{agent} %", f"{words} {agent}", shares, name)
 
 
-def statistics(results: Sequence[Result]) -> dict[str, JsonObject]:
+def statistics(results: Sequence[Result]) -> dict[str, dict[str, object]]:
     """Mean and deviation of each measure by the fields of a result, for JSON."""
     found: dict[str, dict[str, Any]] = {"mean": {"shares": {}}, "deviation": {"shares": {}}}
     for column in columns(results):

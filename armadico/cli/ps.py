@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
 from armadico.config.endpoints import Endpoints, endpoints, entry, table_of
-from armadico.core.jsons import JsonObject
 from armadico.core.judgement import Answer
 from armadico.observe.findings import Finding, short, summary
 
@@ -91,7 +90,7 @@ def run(args: Options) -> int:
 
 def _plain(
     view: View, hosts: Sequence[HostState], findings: Sequence[Finding], host: str | None
-) -> JsonObject:
+) -> dict[str, object]:
     import msgspec
 
     from armadico.observe import described

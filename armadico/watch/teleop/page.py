@@ -8,7 +8,6 @@ from typing import Annotated, Final
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.core.jsons import JsonObject
 from armadico.core.messages import Cycle, Deflection
 from armadico.core.services import service_of
 from armadico.observe.described import rounded
@@ -75,7 +74,7 @@ class Hands(Part):
         """Show which hand drives; `there`: a teleop agent is alive."""
         key = service_of(Stick).key
         there = any(a.card and key in a.card.requests for a in self.view.agents)
-        found: JsonObject = {"there": there, "hand": "", "holds": False}
+        found: dict[str, object] = {"there": there, "hand": "", "holds": False}
         status = self.view.hand(t)
         if isinstance(status, TeleopStatus):
             shown = ("hand", "holds", "v", "w", "v_max", "w_max", "note")
