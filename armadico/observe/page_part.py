@@ -10,9 +10,9 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, Never, cast
 
-from armadico.core.jsons import Json
 from armadico.core.messages import Message
 from armadico.core.services import service_of
+from armadico.observe.jsons import Json
 from armadico.observe.page_requests import Asked, RequestError, Start
 from armadico.observe.view import View
 

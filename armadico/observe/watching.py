@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 import msgspec
 from msgspec import inspect
 
-from armadico.core.jsons import JsonObject
 from armadico.core.messages import Ask, Card, JournalRequest, Message, MessageError, decode
 from armadico.core.services import BIDS, CARD, Kind, service_at, service_of
 from armadico.observe.diagnosis import diagnose, settled
 from armadico.observe.findings import NOTHING, Demand, Finding
+from armadico.observe.jsons import JsonObject
 from armadico.observe.view import View
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from armadico.core.jsons import Json, JsonObject
+from armadico.observe.jsons import Json, JsonObject
 from armadico.observe.translators import translator
 from armadico.observe.watching import json_schema
 from armadico.watch.recorder import McapFile

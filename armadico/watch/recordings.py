@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 
-from armadico.core.jsons import JsonObject
 from armadico.core.messages import (
     PROTOCOL,
     BidHistory,
@@ -29,6 +28,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import message_types
 from armadico.observe.journals import JOURNAL, Journal, Pieces, without
+from armadico.observe.jsons import JsonObject
 from armadico.observe.watching import from_object
 from armadico.watch.recorder import PROFILE, REFUSED, SCHEMA_PREFIX, Here, part
 

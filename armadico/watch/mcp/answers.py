@@ -10,13 +10,13 @@ from typing import Final
 import msgspec
 
 from armadico.config.worlds import Segment, World
-from armadico.core.jsons import JsonObject
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
 from armadico.observe.described import rounded
 from armadico.observe.findings import NOTHING, Demand
+from armadico.observe.jsons import JsonObject
 from armadico.watch.assistant.messages import AssistantRecord
 from armadico.watch.explained import Collision, Exchange, Press
 from armadico.watch.why import Chronicle

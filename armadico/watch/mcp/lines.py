@@ -13,8 +13,8 @@ from typing import Any, Final
 import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
-from armadico.core.jsons import Json, JsonObject
 from armadico.core.messages import line
+from armadico.observe.jsons import Json, JsonObject
 from armadico.watch.assistant.tools import TOOLS, Tool
 
 # The version without a handshake: each request states its version in `_meta`.

@@ -12,10 +12,10 @@ from typing import BinaryIO, Final
 
 import msgspec
 
-from armadico.core.jsons import Json, JsonObject
 from armadico.core.messages import MessageError, RobotState, checked
 from armadico.launch.client import Client
 from armadico.launch.latch import rests
+from armadico.observe.jsons import Json, JsonObject
 from armadico.observe.watching import QUERY_S, Watcher, show
 from armadico.runtime.errors import SocietyError
 from armadico.watch.assistant.messages import AssistantReply, AssistantRequest

@@ -16,7 +16,6 @@ from typing import Final, Never, cast
 from armadico.config.worlds import Unseen, World
 from armadico.core.discovery import PAGE
 from armadico.core.installed import loaded
-from armadico.core.jsons import Json, JsonObject
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S
@@ -26,6 +25,7 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described
 from armadico.observe.described import rounded
 from armadico.observe.findings import NOTHING, Demand
+from armadico.observe.jsons import Json, JsonObject
 from armadico.observe.page_part import Desk, Out, Part
 from armadico.observe.page_requests import Asked, Reader, Start
 from armadico.observe.view import View, agent_of

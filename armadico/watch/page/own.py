@@ -6,7 +6,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from math import remainder, tau
 
-from armadico.core.jsons import JsonObject
 from armadico.core.messages import (
     Message,
     ParameterChange,
@@ -21,6 +20,7 @@ from armadico.core.services import service_of
 from armadico.launch.client import PLANNING_S, PRESS_S, STOP_S, heading_to
 from armadico.launch.latch import Latching
 from armadico.mobile.messages import MissionReply, MissionRequest, Waypoint
+from armadico.observe.jsons import JsonObject
 from armadico.observe.page_part import Desk, Part
 from armadico.observe.page_requests import Goto, Halt, RequestError, Resume, Start, Tune, bits
 from armadico.observe.view import agent_of
