@@ -234,10 +234,25 @@ _MODULES = {
 """The modules of the public names; all others are in `core.messages`."""
 
 
+_MOVED = {
+    **dict.fromkeys(
+        (
+            *("Beliefs", "Charge", "Done", "Drive", "Explore", "Failed", "Going", "PlanStep"),
+            *("Planner", "Progress", "Reach", "Stand", "SubplanRequest", "Surprise", "Task"),
+        ),
+        "agents.missions.api",
+    ),
+    **dict.fromkeys(("Stick", "TeleopStatus"), "watch.teleop.messages"),
+}
+"""Names that were public here, and their modules."""
+
+
 if not TYPE_CHECKING:  # otherwise type checkers would accept any name
 
     def __getattr__(name: str) -> object:
         """Return a public name from its module (PEP 562)."""
+        if name in _MOVED:
+            raise ImportError(f"from armadico.{_MOVED[name]} import {name}: it has moved there")
         if name not in __all__:
             raise AttributeError(f"module 'armadico' has no attribute {name!r}")
         from importlib import import_module

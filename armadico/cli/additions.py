@@ -26,13 +26,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from armadico.cli.options import BROKEN, WRONGLY_USED, Mesh
+from armadico.cli.options import BROKEN, WRONGLY_USED, FailedError, Mesh
 from armadico.cli.parsing import Command, UsageError, flags_of, given
 from armadico.cli.parsing import added as declared
 from armadico.core.discovery import OPTIONS
 from armadico.core.installed import left_out, loaded
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from armadico.config.scenarios import Scenario
     from armadico.launch.api import Run as Finished
     from armadico.launch.run import RobotRun
@@ -138,9 +140,11 @@ def _installed(command: str, taken: Collection[str]) -> list[type[Addition]]:
     """The usable additions to a command, whose own flags are `taken`."""
     found, flags = [], {*taken}
     for point, kind in loaded(OPTIONS, Addition):
-        if command not in kind.commands:
-            continue
         try:
+            if command not in kind.commands:
+                continue
+            if not all(isinstance(text, str) for text in (kind.title, *kind.examples)):
+                raise TypeError("title and examples must be texts")
             Command("", kind, lambda _: 0, "", "").parse([])  # no word of it may be required
             own = flags_of(kind)
         except (Exception, SystemExit) as error:
@@ -155,16 +159,22 @@ def _installed(command: str, taken: Collection[str]) -> list[type[Addition]]:
 
 
 @contextmanager
-def _excused(addition: Addition) -> Iterator[None]:
-    """Report an error of an addition's own code, and continue."""
+def _excused(addition: Addition, *, before: bool = False) -> Iterator[None]:
+    """Report an error of an addition's own code, and continue.
+
+    Before the start it is a FailedError if the user gave one of its options.
+    """
     try:
         yield
     except REFUSALS:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
+        why = f"{type(error).__name__}: {error}"
+        if before and (flags := given(addition)):
+            raise FailedError(f"{flags[0]}: {why}") from error
         for point, kind in loaded(OPTIONS, Addition):
             if kind is type(addition):
-                left_out(point, f"{type(error).__name__}: {error}")
+                left_out(point, why)
 
 
 def checked(additions: Sequence[Addition], start: Start) -> None:
@@ -173,15 +183,18 @@ def checked(additions: Sequence[Addition], start: Start) -> None:
         if not start.alone and not each.fleets and (flags := given(each)):
             name = "" if start.scenario is None else start.scenario.name
             raise UsageError(f"{flags[0]} is for the run of one robot, and {name} is a fleet's")
-        with _excused(each):
+        with _excused(each, before=True):
             each.check(start)
 
 
 def changed(additions: Sequence[Addition], options: Options) -> Options:
     """The options of a run with what the additions need."""
     for each in additions:
-        with _excused(each):
-            options = each.changed(options)
+        with _excused(each, before=True):
+            found: object = each.changed(options)
+            if not isinstance(found, type(options)):
+                raise TypeError(f"`changed` returned {found!r}")
+            options = found
     return options
 
 
@@ -190,9 +203,25 @@ def beside(additions: Sequence[Addition], start: Start) -> Iterator[None]:
     """What the additions do around a society."""
     with ExitStack() as stack:
         for each in additions:
-            with _excused(each):
-                stack.enter_context(each.beside(start))
+            with _excused(each, before=True):
+                context = each.beside(start)
+                context.__enter__()
+                stack.push(partial(_leave, each, context))
         yield
+
+
+def _leave(
+    addition: Addition,
+    context: AbstractContextManager[object],
+    kind: type[BaseException] | None,
+    error: BaseException | None,
+    traceback: TracebackType | None,
+) -> bool:
+    """Leave what an addition does around a society; its own errors cost no measures."""
+    handled = False
+    with _excused(addition):
+        handled = bool(context.__exit__(kind, error, traceback))
+    return handled  # noqa: RET504 - after an error that was reported, too
 
 
 @contextmanager

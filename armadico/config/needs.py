@@ -11,7 +11,7 @@ from armadico.config.lines import line_of
 from armadico.config.loading import document, parse_entries, read_text
 from armadico.config.scenarios import Scenario, mission_of, planned, society
 from armadico.config.shipped import folder
-from armadico.config.slots import Need, slots
+from armadico.config.slots import Need, needs_of_slots
 from armadico.core.config_errors import ConfigNameError
 
 TABLE: Final = "needs.toml"
@@ -30,8 +30,8 @@ def table(file: Path | None = None) -> dict[str, Need]:
     path = file or folder("") / TABLE
     text = read_text(path)
     found = parse_entries(document(text, path), Need, path, text)
-    for each in slots().values() if file is None else ():
-        found |= each.needs
+    if file is None:
+        found |= needs_of_slots(found)
     for kind, need in found.items():
         for index, other in enumerate(need.like):
             if other not in found:

@@ -6,8 +6,11 @@ changes nothing.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
+from importlib.metadata import EntryPoint
 
+import msgspec
 from msgspec import Struct
 
 from armadico.core.discovery import SLOTS
@@ -40,17 +43,35 @@ class Slot(Struct, frozen=True):
 
 
 @cache
-def slots() -> dict[str, Slot]:
-    """The installed slots by name."""
+def _slots() -> dict[EntryPoint, Slot]:
     found = {}
     for point, made in loaded(SLOTS):
-        if isinstance(made, Slot):
-            found[point.name] = made
-        else:
+        if not isinstance(made, Slot):
             left_out(point, "must be an armadico.config.slots.Slot")
+            continue
+        try:  # its fields are not checked when it is made
+            found[point] = msgspec.convert(msgspec.to_builtins(made), Slot)
+        except (TypeError, msgspec.ValidationError) as error:
+            left_out(point, str(error))
     return found
 
 
 def slot(name: str) -> Slot:
     """A capability's slot; an empty one if its package is not installed."""
-    return slots().get(name, Slot())
+    return next((slot for point, slot in _slots().items() if point.name == name), Slot())
+
+
+def needs_of_slots(kinds: Collection[str]) -> dict[str, Need]:
+    """What slots add to the needs of these kinds of tasks, without rows that cannot be used."""
+    found: dict[str, tuple[EntryPoint, Need]] = {}
+    for point, slot in _slots().items():
+        for kind, need in slot.needs.items():
+            if kind in kinds or kind in found:
+                left_out(point, f"its need {kind!r} exists")
+            else:
+                found[kind] = point, need
+    while lost := {k for k, (_, need) in found.items() if {*need.like} - {*kinds, *found}}:
+        for kind in lost:
+            point, need = found.pop(kind)
+            left_out(point, f"its need {kind!r} is like {need.like}, which are not all there")
+    return {kind: need for kind, (_, need) in found.items()}

@@ -6,8 +6,11 @@ import sys
 from importlib import import_module
 from typing import Final
 
+from armadico.config.profile import load_profile
 from armadico.contracts.contract import Contract
+from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import agent_class
+from armadico.core.errors import UnknownNameError
 from armadico.core.judgement import all_of
 
 KINDS: Final = {
@@ -31,7 +34,13 @@ def main(words: list[str]) -> int:
     kind, name = words
     module, contract, attribute = KINDS[kind]
     base = getattr(import_module(f"armadico.contracts.{module}"), contract)
-    what = agent_class(name) if kind in {"agent", "resource"} else name
+    try:
+        if kind == "robot":
+            load_profile(name)
+        what = agent_class(name) if kind in {"agent", "resource"} else name
+    except (UnknownNameError, ConfigError, ImportError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
     judged: Contract = type("Judged", (base,), {attribute: what})()
     found = judged.judge()
     wide = max(map(len, found))

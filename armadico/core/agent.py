@@ -70,6 +70,7 @@ class Agent(Individual):
         """
         super().__init_subclass__(**rest)
         names.check(cls, overrides)
+        names.check_answers(cls, cls.answers)
         if hooks is not None:
             names.take(cls, hooks)
 

@@ -78,14 +78,19 @@ def loaded(group: str, like: type | None = None) -> Iterator[tuple[EntryPoint, A
             yield point, found
 
 
-def made(group: str, *arguments: object) -> list[Any]:
-    """What each entry point of a group returns when it is called with these arguments."""
+def made(group: str, method: str, *arguments: object) -> list[Any]:
+    """What each entry point of a group returns when it is called; it must have a method."""
     found = []
     for point, make in loaded(group):
         try:
-            found.append(make(*arguments))
-        except Exception as error:
+            one = make(*arguments)
+        except (Exception, SystemExit) as error:
             left_out(point, f"{type(error).__name__}: {error}")
+            continue
+        if callable(getattr(one, method, None)):
+            found.append(one)
+        else:
+            left_out(point, f"returned {one!r}, which has no method {method!r}")
     return found
 
 

@@ -9,13 +9,13 @@ time, and sends the contents of `outbox`.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Final, cast
 
 from armadico.core import messages as m
+from armadico.core import names
 from armadico.core.bidding import Bidding
 from armadico.core.cycles import AHEAD, CycleClock
 from armadico.core.desk import Desk
@@ -135,8 +135,7 @@ class Kernel(Desk):
         return routes
 
     def _handler(self, kind: type[Message]) -> Callable[..., Message | None] | None:
-        snake = re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
-        return getattr(self.agent, f"on_{snake}", None)
+        return getattr(self.agent, names.handler_name(kind), None)
 
     # What the agent uses: see `Agent`, and `Desk` -------------------------------------------------
 

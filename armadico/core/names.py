@@ -11,8 +11,9 @@ agent runs.
 from __future__ import annotations
 
 import dis
+import re
 from collections.abc import Iterable, Iterator
-from inspect import get_annotations, unwrap
+from inspect import get_annotations, isfunction, signature, unwrap
 from types import CodeType
 from typing import Final
 
@@ -24,6 +25,15 @@ HOOKS: Final = frozenset(
 )
 """The methods and attributes of `Agent` that a subclass may replace, besides declarations
 (`ClassVar`) and handlers (`on_...`)."""
+
+MOVED: Final = {
+    "stop": "on_leave",
+    "start": "on_start",
+    "card": "fill_card",
+    "receive": "on_message",
+    "key_of": "key_names",
+}
+"""What was overridden before the kernel had it, and the hook that replaces it."""
 
 STORE: Final = dis.opmap["STORE_ATTR"]
 LOADS: Final = {
@@ -64,9 +74,36 @@ def check(cls: type, overrides: Iterable[str] = ()) -> None:
                 found[name] = f"{name} (line {line})" if line else name
         found |= {name: f"self.{name} (line {at})" for name, at in stored(each) if name in names}
     for name in overrides:
+        if name not in names:
+            hint = f"; its work is done in {MOVED[name]!r} now" if name in MOVED else ""
+            raise TypeError(
+                f"the class {cls.__qualname__} overrides {name!r}, which no base class has{hint}"
+            )
         found.pop(name, None)
     if found:
         raise TypeError(_refusal(cls, found.values()))
+
+
+def handler_name(message: type) -> str:
+    """Return the name of the method that receives a message, `on_plan_request`."""
+    snake = re.sub(r"(?<!^)(?=[A-Z])", "_", message.__name__).lower()
+    return f"on_{snake}"
+
+
+def check_answers(cls: type, answers: Iterable[type]) -> None:
+    """Raise TypeError if the handler of a query does not take the request and the question."""
+    for request in answers:
+        name = handler_name(request)
+        handler = vars(cls).get(name)
+        if handler is None or not isfunction(handler):
+            continue
+        try:
+            signature(handler).bind(None, None, None)
+        except TypeError:
+            raise TypeError(
+                f"{cls.__qualname__}.{name} (line {_line(handler)}) must take the request and the"
+                f" question: def {name}(self, request: {request.__name__}, question: Question)"
+            ) from None
 
 
 def stored(cls: type) -> Iterator[tuple[str, int]]:

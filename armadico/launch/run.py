@@ -172,7 +172,7 @@ class RobotRun(Run[RunWatch, Result]):
         self.watch = watch(scenario, options, self.mode, client.mesh.namespace)
         self._warned = ""
         self.report_to(self._warn)
-        self._guests = made(GUESTS, scenario)
+        self._guests = made(GUESTS, "due", scenario)
 
     @property
     def over(self) -> bool:

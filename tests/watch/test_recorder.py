@@ -16,6 +16,8 @@ pytest.importorskip("mcap")
 
 from mcap.reader import make_reader
 
+from armadico import cli
+from armadico.cli import options
 from armadico.core import messages as m
 from armadico.core.services import services
 from armadico.mobile.messages import Echo, Origin, Pose, Sonar
@@ -428,3 +430,14 @@ def test_the_number_of_queries_per_piece_is_bounded() -> None:
     assert queries[0] == [("robot1", "avoid-1", n) for n in range(3)]
     assert queries[-1] == []
     assert gaps.lost == 3
+
+
+def test_a_recording_that_cannot_be_made_ends_the_run_before_it_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(options, "find_spec", lambda _: None)
+    words = ["run", "sc1", "--virtual", "--record", str(tmp_path / "run.mcap")]
+    assert cli.main(words) == options.FAILED
+    told = capsys.readouterr()
+    assert "pip install 'armadico[record]'" in told.err
+    assert "reached" not in told.out

@@ -38,6 +38,8 @@ class Dashboard(Addition):
             raise UsageError(
                 "--rrd is for --virtual; use armadico dashboard --record FILE for a live run"
             )
+        if self.rrd is not None or self.dashboard or self.wait:
+            options.need("rerun", "dashboard")
 
     @contextmanager
     def beside(self, start: Start) -> Iterator[None]:

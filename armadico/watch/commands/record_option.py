@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from armadico.cli.additions import Addition, Start
+from armadico.cli.options import need
 from armadico.cli.parsing import RECORDING, option
 
 if TYPE_CHECKING:
@@ -25,6 +26,10 @@ class Record(Addition):
         metavar="FILE.mcap",
         must=RECORDING,
     )
+
+    def check(self, start: Start) -> None:  # noqa: ARG002
+        if self.record is not None:
+            need("mcap", "record")
 
     def changed(self, options: Options) -> Options:
         """Live agents publish their inputs and outputs; those of a virtual mesh are read there."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -60,8 +62,32 @@ class Needed(Addition):
 @dataclass(frozen=True, kw_only=True)
 class Help(Addition):
     help: bool = flag("another help")
+@dataclass(frozen=True, kw_only=True)
+class Leaves(Addition):
+    leaves: bool = flag("fails when it is left")
+    @contextmanager
+    def beside(self, start):
+        yield
+        raise ValueError("on leaving")
+@dataclass(frozen=True, kw_only=True)
+class Nothing(Addition):
+    nothing: bool = flag("changes the options to nothing")
+    def changed(self, options): return None
+@dataclass(frozen=True, kw_only=True)
+class Five(Addition):
+    five: bool = flag("is for no commands")
+    commands = 5
+@dataclass(frozen=True, kw_only=True)
+class Says(Addition):
+    says: bool = flag("has examples that are no texts")
+    examples = (7,)
 class Chair: ...
 def building(): ...
+def nobody(scenario): return None
+from armadico.config.slots import Need, Slot
+WRONG = Slot(needs=3)
+DRIVES = Slot(needs={"drive": Need(agents=("teleop",))})
+ZAPS = Slot(needs={"zap": Need(like=("nokind",))})
 '''
 
 LEFT_OUT = {
@@ -80,6 +106,12 @@ LEFT_OUT = {
     "armadico.guests, older = toy:building": "takes 0 positional arguments",
     "armadico.slots, chair = toy:Chair": "must be an armadico.config.slots.Slot",
     "armadico.messages, ends = toy_ends": "SystemExit: 7",
+    "armadico.options, leaves = toy:Leaves": "ValueError: on leaving",
+    "armadico.options, nothing = toy:Nothing": "`changed` returned None",
+    "armadico.options, five = toy:Five": "TypeError: argument of type 'int' is not iterable",
+    "armadico.options, says = toy:Says": "title and examples must be texts",
+    "armadico.guests, nobody = toy:nobody": "which has no method 'due'",
+    "armadico.slots, wrong = toy:WRONG": "Expected `object`, got `int`",
 }
 """What is reported of each unusable entry point."""
 
@@ -93,6 +125,7 @@ def toy(tmp_path: Path) -> Path:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: toy\nVersion: 2.0\n")
     points = ["[armadico.options]", "lamp = toy:Lamp"]
+    points += ["[armadico.slots]", "drives = toy:DRIVES", "zaps = toy:ZAPS"]
     for group, _, point in (each.partition(", ") for each in LEFT_OUT):
         points += [f"[{group}]", point]
     (info / "entry_points.txt").write_text("\n".join(points))
@@ -119,6 +152,23 @@ def test_what_cannot_be_used_is_named_once_and_everything_else_works(toy: Path) 
         "lamp: off",
         "lamp: done True",
     ]
+
+
+def test_a_slot_changes_no_need_that_exists_and_leans_on_none_that_is_not_there(toy: Path) -> None:
+    script = "from armadico.config.needs import needs, table; table(); print(*needs(['drive']))"
+    env = os.environ | {"PYTHONPATH": str(toy)}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=env, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["robot", "encoder", "sonar", "goto", "avoid", "interface"]
+    assert "drives = toy:DRIVES is left out: its need 'drive' exists" in done.stderr
+    assert "zaps = toy:ZAPS is left out: its need 'zap' is like ('nokind',)" in done.stderr
+
+
+def test_an_option_that_was_asked_for_and_fails_before_the_start_ends_the_run(toy: Path) -> None:
+    done = run(toy, "run", "sc1", "--virtual", "--sensors=ideal", "--newer")
+    assert done.returncode == 1
+    assert "--newer: AttributeError: 'Start' object has no attribute 'nothing'" in done.stderr
 
 
 def test_an_addition_can_refuse_and_its_failure_costs_no_measures(toy: Path) -> None:
