@@ -25,7 +25,7 @@ from armadico.agents.slam.slam import (
 )
 from armadico.agents.slam.slices import Sliced, finished
 from armadico.agents.slam.states import Moved
-from armadico.config import graph_file, grid_map
+from armadico.config import graph_file, grid_map, map_graphs
 from armadico.config.graph_file import DrawnScan, Footprint, SavedGraph
 from armadico.config.graph_parts import Incoming, Outgoing
 from armadico.config.grid_map import Mapper, new_mapper
@@ -34,7 +34,6 @@ from armadico.core import agent
 from armadico.core.agent import ERROR, WARNING, Agent, Question
 from armadico.core.config_errors import ConfigError
 from armadico.core.messages import Card, Description, Message, RobotState, line
-from armadico.mobile import map_graphs
 from armadico.mobile.messages import (
     COVARIANCE,
     Correction,

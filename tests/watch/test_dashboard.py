@@ -16,12 +16,12 @@ from msgspec.structs import replace
 from PIL import Image
 
 from armadico.config.grid_map import Cells, message_of
+from armadico.config.map_graphs import message_of as graph_message
 from armadico.config.scenarios import ideal, load_scenario
 from armadico.config.worlds import Segment, World, load_world
 from armadico.core import messages as m
 from armadico.launch.society import Options, prepared
 from armadico.launch.virtual import Rehearsal
-from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import Cell, Echo, LocalMap, OccupancyGrid, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.particles import MOST

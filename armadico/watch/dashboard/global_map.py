@@ -17,10 +17,10 @@ import rerun as rr
 from PIL import Image
 
 from armadico.config.grid_map import cells_of
+from armadico.config.map_graphs import graph_of
 from armadico.config.worlds import Segment, World
 from armadico.core.messages import Description
 from armadico.mobile.geometry import Pose2, to_world
-from armadico.mobile.map_graphs import graph_of
 from armadico.mobile.messages import MapGraph, OccupancyGrid, Particles, Pose, Trajectory, Truth
 from armadico.mobile.particles import poses_of
 from armadico.watch.dashboard import palette

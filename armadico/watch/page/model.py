@@ -13,13 +13,13 @@ from collections.abc import Callable, Collection, Mapping
 from functools import cache
 from typing import Final, Never, cast
 
+from armadico.config.map_graphs import graph_of
 from armadico.config.worlds import Unseen, World
 from armadico.core.discovery import PAGE
 from armadico.core.installed import loaded
 from armadico.core.messages import Message
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S
-from armadico.mobile.map_graphs import graph_of
 from armadico.mobile.messages import MapGraph, OccupancyGrid, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe import described

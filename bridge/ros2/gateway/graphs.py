@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from armadico.bridge.ros2 import types
-from armadico.mobile.map_graphs import Graph
+from armadico.config.map_graphs import Graph
 
 WIDTH_M: Final = 0.03  # of lines
 KEY_SCANS: Final = types.ColorRGBA(0.16, 0.43, 0.78)

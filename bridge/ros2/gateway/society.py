@@ -28,10 +28,10 @@ from armadico.bridge.ros2.gateway.grids import drawn, occupancy
 from armadico.bridge.ros2.gateway.health import MOST, Health
 from armadico.bridge.ros2.geometry import pose_of, rotation, stamp_of
 from armadico.config.grid_map import cells_of
+from armadico.config.map_graphs import graph_of
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
-from armadico.mobile.map_graphs import graph_of
 from armadico.mobile.messages import (
     COVARIANCE,
     BatteryLevel,

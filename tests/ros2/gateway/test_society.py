@@ -13,10 +13,10 @@ from pycdr2 import IdlStruct
 from armadico.bridge.ros2 import cdr, types
 from armadico.bridge.ros2.gateway.society import Society
 from armadico.config.grid_map import Cells, message_of
+from armadico.config.map_graphs import message_of as graph_message
 from armadico.config.worlds import World
 from armadico.core import messages as m
 from armadico.mobile.geometry import compose
-from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import (
     BatteryLevel,
     Cell,

@@ -16,9 +16,9 @@ from msgspec.structs import replace
 
 from armadico.config.grid_map import Cells
 from armadico.config.grid_map import message_of as grid_message
+from armadico.config.map_graphs import message_of as graph_message
 from armadico.core import messages as m
 from armadico.mesh.ports import LOOPBACK
-from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.mobile.messages import MapGraph
 from armadico.watch.page.guard import Guard
 from armadico.watch.page.server import Server

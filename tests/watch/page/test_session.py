@@ -11,13 +11,13 @@ from msgspec.structs import replace
 
 from armadico.agents.supervision.messages import HostShare, Kept, KeptState
 from armadico.config.hosts import Host, HostTable
+from armadico.config.map_graphs import message_of as graph_message
 from armadico.config.scenarios import load_scenario
 from armadico.core import messages as m
 from armadico.launch.latch import REST_M_S, REST_RAD_S
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
 from armadico.launch.virtual_session import VirtualSession
-from armadico.mobile.map_graphs import message_of as graph_message
 from armadico.watch.page.model import Robot
 from armadico.watch.teleop.messages import Stick
 from tests.watch.page.stage import HOME, Stage

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from armadico.config.map_graphs import graph_of, message_of
 from armadico.core.messages import decode, encode
-from armadico.mobile.map_graphs import graph_of, message_of
 from armadico.mobile.messages import MapGraph
 
 LARGEST = 40_000  # bytes
