@@ -58,10 +58,13 @@ SOON_S: Final = 60.0
 def main(words: Sequence[str] | None = None) -> int:
     """Take out what is named; return 0 if everything else works."""
     parser = argparse.ArgumentParser(prog="python -m tests.removal", description=__doc__)
-    parser.add_argument("what", nargs="*", choices=(*FOLDERS, "all", "core"))
+    known = (*FOLDERS, "all", "core")
+    parser.add_argument("what", nargs="*", metavar="WHAT", help=f"of {', '.join(known)}")
     parser.add_argument("-n", "--workers", default="4", help="of pytest (default: 4)")
     args = parser.parse_args(words)
-    failed = [what for what in args.what or (*FOLDERS, "all", "core") if not _try(what, args)]
+    if wrong := {*args.what} - {*known}:
+        parser.error(f"no {min(wrong)!r}; known: {', '.join(known)}")
+    failed = [what for what in args.what or known if not _try(what, args)]
     print(f"failed: {', '.join(failed)}" if failed else "every package can be taken out")
     return bool(failed)
 
