@@ -85,7 +85,7 @@ def _try(what: str, args: argparse.Namespace) -> bool:
         env = {k: v for k, v in os.environ.items() if not k.startswith("ARMADICO_")}
         env["XDG_RUNTIME_DIR"] = str(home)
         python = _installed(copy, Path(folder, "venv"))
-        steps = _core_steps(python) if what == "core" else _steps(python, gone, copy, args.workers)
+        steps = _core_steps(python) if what == "core" else _steps(python, gone, args.workers)
         for name, command, within in steps:
             if not _step(
                 f"without {what}: {name}" if what != "core" else f"core: {name}",
@@ -162,7 +162,7 @@ def _installed(copy: Path, venv: Path) -> Path:
 Step = tuple[str, list[str], float]
 
 
-def _steps(python: Path, gone: Sequence[str], copy: Path, workers: str) -> Iterator[Step]:
+def _steps(python: Path, gone: Sequence[str], workers: str) -> Iterator[Step]:
     program = str(python.with_name("armadico"))
     yield "run sc4 --virtual", [program, "run", "sc4", "--virtual", "--seed", "1"], SOON_S
     tests = [name for name in FOLDERS if name not in gone] if len(gone) == 1 else ["core", "robot"]
