@@ -185,6 +185,14 @@ class Streaming(Generic[T]):
         self._ramps.begin()
         self._out += self.speeds(*REST)
 
+    def brakes(self) -> tuple[bytes, ...]:
+        if not self.is_open:
+            return ()
+        return tuple(self.speeds(*speeds) for speeds in self._ramps.braking())
+
+    def braked(self) -> None:
+        self._ramps.braked()
+
     def pulse(self) -> None:
         if self.is_open:
             self._out += self.speeds(*self._ramps.sent)
