@@ -180,7 +180,8 @@ class Robot(DeviceAgent):
         self._session: Session | None = None
         self._awaited = ""  # before the port was first open: the reason
         self._known = Known()
-        self._unguarded = inf  # m/s: the top speed by what a failure of the guard would cost
+        self._guarded = False  # a guard brakes the robot without this agent
+        self._guard_v_max = inf  # m/s: by how far the robot would roll if one of both failed
         self._orders = Orders()
         self._reported_at = float("-inf")
         self._pulsed_at = self._written_at = float("-inf")
@@ -243,10 +244,11 @@ class Robot(DeviceAgent):
         if watchdog_s >= NEVER_S:
             rolls_s = max(rolls_s, restarts_s)
             why = why or "the base has no watchdog: if its guard fails, it drives on until the next"
-        self._unguarded = roll_m / rolls_s
-        slower = self._unguarded < self._v_max
+        self._guarded = acts_s < inf
+        self._guard_v_max = roll_m / rolls_s
+        slower = self._guard_v_max < self._v_max
         if why:
-            limit = f", so it drives at most {self._unguarded:.2f} m/s" if slower else ""
+            limit = f", so it drives at most {self._guard_v_max:.2f} m/s" if slower else ""
             self.log(f"{why}, {rolls_s:.2f} s{limit}", WARNING if slower else INFO)
 
     def on_braked(self) -> None:
@@ -262,7 +264,7 @@ class Robot(DeviceAgent):
         if self._healthy and self.now - self._pulsed_at >= PULSE_S:
             self._session.pulse()
             self._pulsed_at = self.now
-        if self._rolls and self.now - self._written_at >= RENEW_S:
+        if self._renews and self.now - self._written_at >= RENEW_S:
             self._renew()
         self._send()
 
@@ -283,6 +285,11 @@ class Robot(DeviceAgent):
             )
 
     @property
+    def _renews(self) -> bool:
+        """Whether an order is repeated if no other follows soon: a guard's command, or rest."""
+        return self._rolls and (self._guarded or not self._orders.moving)
+
+    @property
     def _rolls(self) -> bool:
         """Whether the robot moves, or is to, as far as it is known."""
         v, w = self._orders.measured
@@ -294,7 +301,9 @@ class Robot(DeviceAgent):
     def _brakes(self) -> tuple[bytes, ...]:
         """What brakes the robot without this agent; empty if it rests."""
         session = self._session
-        return session.brakes() if self._rolls and isinstance(session, Brakes) else ()
+        if self._guarded and self._rolls and isinstance(session, Brakes):
+            return session.brakes()
+        return ()
 
     @property
     def _healthy(self) -> bool:
@@ -406,7 +415,7 @@ class Robot(DeviceAgent):
             self._pulsed_at = self._written_at = self.now
             self.write(data, self._brakes(), moves=self._orders.moving)
         due = [self._session.next_wakeup]
-        if self._rolls:
+        if self._renews:
             due.append(self._written_at + RENEW_S)
         if self._session.is_open and self._healthy:
             due.append(self._pulsed_at + PULSE_S)
@@ -479,7 +488,7 @@ class Robot(DeviceAgent):
     @property
     def _top(self) -> float:
         """The top speed, by the profile, the scenario, and the laser's resolution, m/s."""
-        return min(self._v_max, self._gaps.v_max, self._unguarded)
+        return min(self._v_max, self._gaps.v_max, self._guard_v_max)
 
     def description(self) -> Description:
         """The robot's footprint and limits, by its profile."""

@@ -214,4 +214,4 @@ class Streaming(Generic[T]):
         if self.profile.watchdog_s < NEVER_S:
             return []
         name = self.profile.name
-        return [Noted(f"{name} has no watchdog: if this process is killed, it drives on")]
+        return [Noted(f"{name} has no watchdog: only the guard of its line brakes it")]

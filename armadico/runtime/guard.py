@@ -46,6 +46,7 @@ STOP: Final = b"s"  # a stop was ordered at the guard
 LATCHED: Final = marshal.dumps(None)  # from the agent, instead of a write: it has latched the stop
 LARGEST: Final = 65_536  # most bytes of a message to the agent
 READ_S: Final = 0.1  # timeout of one read of the line
+FULL_S: Final = 0.05  # readings that the agent does not take within this time are lost, s
 BEAT_S: Final = 0.1  # period of `BEAT`, and of repeating the last braking bytes
 REPEATS: Final = 2  # of the last braking bytes, once the agent has gone
 LEAVES_S: Final = 5.0  # after this time without an agent it ends, even if the line hangs
@@ -183,7 +184,10 @@ class Guard:
             while True:
                 data = self._port.read(READ_S)
                 for begin in range(0, len(data), LARGEST):
-                    self._tell(DATA + data[begin : begin + LARGEST])
+                    message = DATA + data[begin : begin + LARGEST]
+                    if not self._tell(message):  # the agent is busy, or hangs
+                        select.select([], [self._agent], [], FULL_S)
+                        self._tell(message)
         except OSError as error:
             self._tell(FAILED + str(error).encode())
         os._exit(1)

@@ -166,7 +166,7 @@ class Device:
         if isinstance(port, GuardedPort):
             port.told = self._told
             acts_s = EXPIRY_S + (0.0 if port.has_priority else LATE_S)
-            restarts_s = HUNG_S + port.opened_s
+            restarts_s = HUNG_S + READ_S + RETRY_S[0] + port.opened_s
         if self._guards:
             self._inbox.put(
                 "guard", lambda: self._driver.guarded(acts_s, restarts_s, self._clock()), keep=1

@@ -62,9 +62,7 @@ SEVERAL = "more than one robot publishes odometry here, and would obey"
 
 TINY = 1e-9  # m/s or rad/s: tolerance where the top speed is a whole number of steps
 
-UNWATCHED = (
-    "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
-)
+UNWATCHED = "this make of robot has no watchdog for commands: only the guard of its line brakes it"
 
 
 class Session:

@@ -44,6 +44,7 @@ STEADY_S: Final = 0.6
 
 PHASE_S: Final = 0.2
 REST_M_S: Final = 0.005
+SLOWER: Final = 0.95
 RESTS_S: Final = 0.5
 """At rest for so long it rests."""
 
@@ -53,7 +54,7 @@ Sample = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Line:
-    """One kind of line: the robot's profile, and the speed of the trials, m/s."""
+    """One kind of line: serial, tcp or ros2; the robot's profile, and the speed of trials, m/s."""
 
     name: str
     profile: str
@@ -78,6 +79,7 @@ class Trial:
     line: str
     fault: str
     speed: float  # m/s, at the fault
+    begins_s: float  # until it was slower
     rest_s: float  # until it rested
     roll_m: float  # how far it went
     rolls_on: bool = False  # it still rolled after `SOON_S`
@@ -139,10 +141,11 @@ class Track:
 class Rig:
     """A robot, its robot agent, and what drives it."""
 
-    def __init__(self, line: Line, place: Place, program: str, python: str) -> None:
-        """Start the robot. `program` is `armadico-agent`, `python` has rclpy."""
+    def __init__(self, line: Line, place: Place, program: str = "", python: str = "") -> None:
+        """Start the robot. `program`: another `armadico-agent`; `python` has rclpy."""
         self.line, self.track = line, Track()
-        self._place, self._program = place, program
+        self._place = place
+        self._program = [program] if program else ["armadico", "agent"]
         self._stack = ExitStack()
         self._agent: subprocess.Popen[bytes] | None = None
         self.address = self._ros2(python) if line.name == "ros2" else self._simulated()
@@ -210,12 +213,14 @@ class Rig:
             self._stack.close()
 
     def start(self) -> None:
-        """Start a robot agent."""
+        """Start a robot agent, once the one before has ended."""
+        if self._agent is not None:
+            self._agent.wait()
         log = Path(f"/tmp/{self._place.namespace}.log").open("ab")
         with log:
             self._agent = self._place.popen(
                 "",
-                [self._program, "robot", "--namespace", self._place.namespace]
+                [*self._program, "robot", "--namespace", self._place.namespace]
                 + ["--set", f"port={self.address}", "--set", f"profile={self.line.profile}"],
                 stdout=log,
                 stderr=log,
@@ -223,39 +228,63 @@ class Rig:
 
     def make(self, fault: str) -> Trial:
         """Drive, make a fault, and see what becomes of it. Raises TimeoutError."""
-        track, speed = self.track, self.line.speed
-        self.ahead.speed = speed
-        lasts, since = STEADY_S + random.uniform(0.0, PHASE_S), time.monotonic()
-        track.until(lambda _: track.steady(speed, since, lasts), f"{speed} m/s")
-        agent = self._agent
-        assert agent is not None, "it was started"
-        robot = psutil.Process(agent.pid)
-        guards = [p for p in robot.children() if "armadico.runtime.guard" in p.cmdline()]
+        track = self.track
+        self.drive()
         number = signal.SIGKILL if fault.startswith("kill") else signal.SIGSTOP
-        target = guards[0] if fault.endswith("guard") else robot
+        target = self.guard if fault.endswith("guard") else self.robot
         at = time.monotonic()
         target.send_signal(number)
         before = track.samples[-1][2]
         self.ahead.speed = 0.0
         try:
-            track.until(lambda _: track.rest(at) is not None, "rest")
+            end, rolls_on = self.awaits_rest(at), False
         except TimeoutError:
             end, rolls_on = track.samples[-1], True
-        else:
-            rest = track.rest(at)
-            assert rest is not None, "it was awaited"
-            end, rolls_on = rest, False
-        trial = Trial(self.line.name, fault, before, end[0] - at, end[1] - track.at(at), rolls_on)
+        slower = (s[0] for s in track.samples if s[0] > at and s[2] < SLOWER * before)
+        begins = next(slower, end[0])
+        trial = Trial(
+            self.line.name,
+            fault,
+            before,
+            begins - at,
+            end[0] - at,
+            end[1] - track.at(at),
+            rolls_on,
+        )
         if fault == "kill":
-            agent.wait()
             self.start()
         elif fault == "hang":
-            robot.resume()
+            self.robot.resume()
         return trial
+
+    def drive(self) -> None:
+        """Drive until it has been at speed for some time. Raises TimeoutError."""
+        track, speed = self.track, self.line.speed
+        self.ahead.speed = speed
+        lasts, since = STEADY_S + random.uniform(0.0, PHASE_S), time.monotonic()
+        track.until(lambda _: track.steady(speed, since, lasts), f"{speed} m/s")
+
+    def awaits_rest(self, since: float | None = None) -> Sample:
+        """Return the first sample at which it rests. Raises TimeoutError."""
+        after = time.monotonic() if since is None else since
+        self.track.until(lambda _: self.track.rest(after) is not None, "rest")
+        rest = self.track.rest(after)
+        assert rest is not None, "it was awaited"
+        return rest
+
+    @property
+    def robot(self) -> psutil.Process:
+        """The robot agent's process."""
+        assert self._agent is not None, "it was started"
+        return psutil.Process(self._agent.pid)
+
+    @property
+    def guard(self) -> psutil.Process:
+        return next(p for p in self.robot.children() if "armadico.runtime.guard" in p.cmdline())
 
 
 def roll(
-    line: Line, fault: str, count: int, *, program: str = "armadico-agent", python: str = ""
+    line: Line, fault: str, count: int, *, program: str = "", python: str = ""
 ) -> list[Trial]:
     """Make one fault so often over one line."""
     with Place(f"rolling-{line.name}") as place:
@@ -280,13 +309,13 @@ def rolling(quick: bool) -> list[Figure]:
 def main() -> None:
     """`python -m armadico_tools.bench.rolling LINE FAULT COUNT [PROGRAM [PYTHON]]`."""
     line, fault, count, *others = sys.argv[1:]
-    program = others[0] if others else "armadico-agent"
+    program = "".join(others[:1])
     trials = roll(
         LINES[line], fault, int(count), program=program, python="".join(others[1:2])
     )
     for trial in trials:
         print(trial)
-    for name in ("rest_s", "roll_m"):
+    for name in ("begins_s", "rest_s", "roll_m"):
         values = sorted(getattr(trial, name) for trial in trials)
         print(f"{name}: p50 {values[len(values) // 2]:.3f}, worst {values[-1]:.3f}")
 
