@@ -13,7 +13,6 @@ It ends when the agent's pipe closes and the robot was braked. It ignores the si
 agent, which has the last word. It imports nothing but the transport, so that it starts fast.
 """
 
-# ruff: noqa: PTH - `pathlib` takes longer to import than the rest of this module
 from __future__ import annotations
 
 import gc
@@ -33,7 +32,7 @@ TYPE_CHECKING = False  # importing `typing` is slow
 if TYPE_CHECKING:
     from typing import Final
 
-    from armadico.runtime.port_reader import Port
+    from armadico.runtime.port import Port
 
 # To the agent: the kind of a message is its first byte.
 DATA: Final = b"d"  # bytes from the controller
@@ -98,7 +97,8 @@ class Guard:
                 self._notices.popleft()
             until = beat_at if self._due is None else min(beat_at, self._due)
             ready = select.select(self._inputs, [], [], max(until - now, 0.0))[0]
-            if any([self._is_stop(source) for source in ready if source is not self._agent]):
+            stops = [self._is_stop(source) for source in ready if source is not self._agent]
+            if any(stops):
                 self._stop()
             if self._agent in ready:
                 self._on_agent()

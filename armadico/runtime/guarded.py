@@ -1,4 +1,4 @@
-"""The agent's side of a guarded line: starts the guard (`armadico.runtime.guard`), and watches it."""
+"""The agent's side of a guarded line: starts `armadico.runtime.guard`, and watches it."""
 
 from __future__ import annotations
 

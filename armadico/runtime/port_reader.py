@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Callable
 from math import inf
-from typing import Final, Protocol
+from typing import Final
 from urllib.parse import urlsplit
 
 from armadico.core.discovery import TRANSPORTS, installed
@@ -18,6 +18,7 @@ from armadico.mesh.topology import TopologyError
 from armadico.runtime import guard
 from armadico.runtime.guarded import HUNG_S, GuardedPort, open_guarded
 from armadico.runtime.inbox import Inbox
+from armadico.runtime.port import Port
 
 RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)  # pauses between attempts to open the port; the last repeats
 LASTS_S: Final = 2.0  # if a port fails sooner, the pauses go on growing, s
@@ -27,19 +28,6 @@ CHUNKS: Final = 256  # chunks of bytes that wait for a busy agent; the oldest ar
 LINK: Final = "link"  # the lane of link changes in the inbox; no key of the mesh has this name
 LATE_S: Final = 0.25  # how late a guard without priority may act on a loaded machine, s
 BY_GUARD: Final = "armadico stop, at the guard of its line"
-
-
-class Port(Protocol):
-    """An open port. All its failures are OSErrors."""
-
-    def read(self, timeout_s: float) -> bytes:
-        """Wait for bytes; none after `timeout_s`."""
-
-    def write(self, data: bytes) -> None:
-        """Send all bytes."""
-
-    def close(self) -> None:
-        """Close it; may be called again."""
 
 
 def open_port(url: str) -> Port:
