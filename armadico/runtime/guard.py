@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 # To the agent: the kind of a message is its first byte.
 DATA: Final = b"d"  # bytes from the controller
 BEAT: Final = b"b"  # the guard lives
-OPENED: Final = b"o"  # the line is open; followed by "1" with priority, "0" without
+OPENED: Final = b"o"  # the line is open; followed by "1" with priority, "0" without, and by the
+# time until the robot receives what is written, s: the transport's `settles_s`, if it has one
 FAILED: Final = b"f"  # the line cannot be opened, or broke; followed by the reason
 BRAKED: Final = b"r"  # one step of braking was written, without the agent
 STOP: Final = b"s"  # a stop was ordered at the guard
@@ -270,7 +271,8 @@ def main() -> None:
     gc.freeze()
     guard = Guard(agent, port, place, float(expiry_s), float(step_s))
     try:
-        agent.send(OPENED + (b"1" if _prioritise() else b"0"))
+        settles = str(getattr(port, "settles_s", 0.0)).encode()
+        agent.send(OPENED + (b"1" if _prioritise() else b"0") + settles)
         guard.run()
     except OSError as error:
         with suppress(OSError):
