@@ -181,6 +181,7 @@ class Guard:
 
     def _read(self) -> None:
         """Pass on what the controller sends; end the guard if the line breaks."""
+        _prioritise()
         try:
             while True:
                 data = self._port.read(READ_S)
@@ -244,9 +245,10 @@ def _keys() -> list[int]:
 
 
 def _prioritise() -> bool:
-    """Run this thread and those that it starts before ordinary processes, where allowed."""
+    """Run this thread before ordinary processes, where allowed; a transport's own do not."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
     except (AttributeError, OSError):
         try:
             os.nice(NICE)
@@ -261,6 +263,7 @@ def main() -> None:
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTTIN):
         signal.signal(each, signal.SIG_IGN)
     agent = socket.socket(fileno=int(number))
+    has_priority = _prioritise()  # at once: importing takes long on a busy computer
     module, _, name = loader.partition(":")
     try:
         port = getattr(importlib.import_module(module), name)(url)
@@ -272,7 +275,7 @@ def main() -> None:
     guard = Guard(agent, port, place, float(expiry_s), float(step_s))
     try:
         settles = str(getattr(port, "settles_s", 0.0)).encode()
-        agent.send(OPENED + (b"1" if _prioritise() else b"0") + settles)
+        agent.send(OPENED + (b"1" if has_priority else b"0") + settles)
         guard.run()
     except OSError as error:
         with suppress(OSError):

@@ -84,6 +84,7 @@ class Device:
         self._guards = any(resource.stops for resource in driver.agent.owns)
         self._up: bool | None = None
         self._failures = 0
+        self._brakes: tuple[bytes, ...] = ()  # of the last write
         self._broken = ""  # why a write failed, for the reading thread to act upon
         self._thread = threading.Thread(target=self._run, name="port", daemon=True)
 
@@ -101,6 +102,7 @@ class Device:
         port = self._port
         if port is None:
             return
+        self._brakes = item.brakes
         try:
             if isinstance(port, GuardedPort):
                 port.command(item.data, item.brakes, moves=item.moves)
@@ -124,9 +126,9 @@ class Device:
     def _use(self, port: Port) -> None:
         """Read an open port until it fails."""
         self._broken = ""
+        self._guarded(port)
         self._port = port
         self._link(True, "")
-        self._guarded(port)
         why = self._read(port, self._clock() + LASTS_S)
         self._port = None
         self._link(False, why)
@@ -158,6 +160,9 @@ class Device:
         acts_s = restarts_s = inf
         if isinstance(port, GuardedPort):
             port.told = self._told
+            if rest := self._brakes[-1:]:  # the guard before failed while the device moved
+                with contextlib.suppress(OSError):  # the reading thread finds it
+                    port.command(rest[0], rest, moves=False)
             acts_s = EXPIRY_S + (0.0 if port.has_priority else LATE_S)
             restarts_s = HUNG_S + READ_S + RETRY_S[0] + port.opened_s
         if self._guards:
