@@ -78,7 +78,7 @@ def test_a_run_reaches_its_goal_says_json_and_leaves_nothing(
     )
     observer.until(observer.driving, "the robot is on its way")
     everybody = children(process.pid)
-    assert len(everybody) == 9
+    assert len(everybody) == 10, "a process for each agent, the simulator, and the guard"
     out, errors = process.communicate(timeout=2 * SOON)
     assert process.returncode == 0, errors
     result = json.loads(out)
