@@ -273,7 +273,7 @@ class Robot(DeviceAgent):
         """Tell the guard that this agent lives; order rest again if it was ordered."""
         assert self._session is not None
         if self._orders.moving:
-            self.write(b"", self._brakes(), moves=True)
+            self.write(b"", brakes=self._brakes(), moves=True)
             self._written_at = self.now
             return
         self._session.stop()
@@ -418,7 +418,7 @@ class Robot(DeviceAgent):
         data = self._session.outgoing()
         if data:
             self._pulsed_at = self._written_at = self.now
-            self.write(data, self._brakes(), moves=self._orders.moving)
+            self.write(data, brakes=self._brakes(), moves=self._orders.moving)
         due = [self._session.next_wakeup]
         if self._renews:
             due.append(self._written_at + RENEW_S)

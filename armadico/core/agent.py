@@ -210,7 +210,7 @@ class DeviceAgent(Agent, hooks=("address",)):
     def on_braked(self) -> None:
         """Called when the guard has written one step of the last write's `brakes`."""
 
-    def write(self, data: bytes, brakes: tuple[bytes, ...] = (), *, moves: bool = False) -> None:
+    def write(self, data: bytes, *, brakes: tuple[bytes, ...] = (), moves: bool = False) -> None:
         """Write to the device; see `Write`.
 
         Bytes that a pause of the process delays by 0.3 s are dropped.
