@@ -7,29 +7,10 @@ the wheels roll until the controller's own watchdog stops them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from math import inf
 from typing import Final
 
-
-class Promise(StrEnum):
-    """The promises that the checker watches."""
-
-    ONE_DRIVER = "within an epoch the ballots that are obeyed never decrease"
-    FRESH = "commands for a cycle long past are rejected, however late they arrive"
-    ONE_HOLDER = "in a whole network no two tenures overlap for 5 cycles"
-    OBEYED = "in a whole network a command is obeyed within 5 s if an agent bids"
-    SILENCE = "a stop is ordered within 0.4 s of the last valid command"
-    WATCHDOG = "without the robot agent the controller's watchdog stops the wheels"
-    SMOOTH = "speeds change within the ramps, and a takeover stays between both actions"
-    COLLISION = "the robot does not touch anything"
-    ODOMETRY = "the odometry moves along its heading, whatever happens to the line"
-    NO_ERROR = "no agent raises an error"
-    MOVES = "after healing the robot moves within 2 s (5 s after standing back), or bids say why"
-    HANDOVER = "a holder that falls silent is replaced before the stop, if another bids"
-    STOP = "once stopped the wheels rest in time, and no agent drives until it is released"
-    POSE = "the error of the pose is within its covariance"
-    ARRIVES = "a mission without faults for long is reached"
+from armadico.observe.audit.promises import Promise as Promise
 
 
 @dataclass(frozen=True)

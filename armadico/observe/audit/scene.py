@@ -1,0 +1,143 @@
+"""What the messages show at a moment: the state that all rules share."""
+
+from __future__ import annotations
+
+from collections import Counter
+from math import inf
+from typing import Final
+
+from armadico.core.messages import Ack, Command, Description, Message, RobotState
+from armadico.core.resources import WHEELS
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.messages import (
+    ByHand,
+    Leading,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Trajectory,
+    Truth,
+)
+from armadico.mobile.obstacles import Obstacles, Surroundings
+from armadico.observe.audit.promises import Excuse
+from armadico.observe.view import agent_of, driver
+
+SILENT_S = 0.3
+"""Without a `RobotState` for this time, s, the robot agent is silent: three cycles."""
+
+STATES_S = 1.0
+"""A state that is published regularly, such as driving by hand, is over after this time, s."""
+
+
+SHOWN: Final[tuple[type[Message], ...]] = (
+    *(RobotState, Description, Ack, Command, Pose, Obstacles, MissionStatus, Trajectory, Truth),
+    *(ByHand, Leading),
+)
+"""The messages that a scene is made of; a base stands for its subclasses."""
+
+
+class Scene:
+    """The newest messages, and what follows from them.
+
+    Attributes:
+        now: The time of the newest message, s.
+        excuses: Those that count; others are switched off.
+        needed: How often each excuse held when a rule asked for it.
+        disturbed: A disturbance that the observer knows of, in words; "" without one.
+        holder: The instance whose command is obeyed; "" without one.
+    """
+
+    def __init__(self, excuses: frozenset[Excuse]) -> None:
+        self.now = -inf
+        self.excuses = excuses
+        self.needed: Counter[Excuse] = Counter()
+        self.disturbed = ""
+        self.description: Description | None = None
+        self.state: RobotState | None = None
+        self.before: RobotState | None = None  # the state before
+        self.state_at = -inf
+        self.state_gap_s = inf  # between the last two states
+        self.pose: Pose | None = None
+        self.truth: Truth | None = None
+        self.mission: MissionStatus | None = None
+        self.trajectory: Trajectory | None = None
+        self.ack: Ack | None = None
+        self.command: Command | None = None  # the newest of the instance that is obeyed
+        self.obstacles: Obstacles | None = None
+        self.holder = ""
+        self._surroundings = Surroundings()
+        self._flags: dict[type[Message], tuple[float, bool, bool]] = {}  # at, by hand, led
+
+    def update(self, at: float, message: Message) -> None:
+        """Process one message; a late one counts as of now."""
+        self.now = max(self.now, at)
+        match message:
+            case RobotState():
+                self.before, self.state = self.state, message
+                self.state_gap_s, self.state_at = self.now - self.state_at, self.now
+            case Ack(resource=WHEELS.name):
+                self.ack, self.holder = message, driver(message) or ""
+            case Command(resource=WHEELS.name) if message.ballot.instance == self.holder:
+                self.command = message
+            case Pose():
+                self.pose = message
+            case Truth():
+                self.truth = message
+            case MissionStatus():
+                self.mission = message
+            case Trajectory():
+                self.trajectory = message
+            case Obstacles() if self._surroundings.counts(message):
+                self.obstacles = self._surroundings.update(message) or self.obstacles
+            case Description():
+                self.description = message
+                self._surroundings.describe(message)
+            case ByHand():
+                self._flags[type(message)] = self.now, bool(message.driven_by), False
+            case Leading():
+                self._flags[type(message)] = self.now, False, message.leads
+
+    @property
+    def who(self) -> str:
+        """The agent whose command is obeyed; "" without one."""
+        return agent_of(self.holder) if self.holder else ""
+
+    @property
+    def driving(self) -> bool:
+        """Whether a mission is under way."""
+        return self.mission is not None and self.mission.state is MissionState.DRIVING
+
+    @property
+    def silent(self) -> bool:
+        """Whether the robot agent publishes nothing."""
+        return self.now - self.state_at > SILENT_S
+
+    def excuse(self, *considered: Excuse) -> Excuse | None:
+        """The first of these excuses that holds now and is not switched off."""
+        for each in considered:
+            if each in self.excuses and self._holds(each):
+                self.needed[each] += 1
+                return each
+        return None
+
+    def _holds(self, excuse: Excuse) -> bool:
+        state, flags = self.state, self._flags.values()
+        match excuse:
+            case Excuse.STOPPED:
+                return state is not None and state.stop.stopped
+            case Excuse.LOST:
+                return self.pose is not None and self.pose.deviation > LOST_M
+            case Excuse.WAITS:
+                return self.trajectory is not None and self.trajectory.waits
+            case Excuse.BY_HAND:
+                return any(hand and self.now - at < STATES_S for at, hand, _ in flags)
+            case Excuse.LED:
+                return any(led and self.now - at < STATES_S for at, _, led in flags)
+            case Excuse.FAULT:
+                return state is not None and bool(state.fault)
+            case Excuse.SILENT:
+                return self.silent
+            case Excuse.DISTURBED:
+                return bool(self.disturbed)
+            case Excuse.CAPPED:
+                return False
