@@ -9,11 +9,12 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.core.services import derived
 from armadico.observe.audit.contacts import Touched
+from armadico.observe.audit.missions import Arrives, Failed, Found, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
 
-RULES: Final[tuple[type[Rule], ...]] = (Touched,)
+RULES: Final[tuple[type[Rule], ...]] = (Touched, Arrives, Reached, Failed, Found)
 
 
 def watched() -> tuple[type[Message], ...]:

@@ -51,6 +51,7 @@ class Excuse(StrEnum):
     FAULT = "the robot agent says why it cannot be driven"
     CAPPED = "the robot agent published why it drives slower than ordered"
     SILENT = "the robot agent publishes nothing"
+    UNSURE = "the pose does not claim to know its place within the tolerance of a goal"
     DISTURBED = "the observer knows of a disturbance"
 
 

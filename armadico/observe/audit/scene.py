@@ -20,6 +20,7 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles, Surroundings
 from armadico.observe.audit.promises import Excuse
+from armadico.observe.measures import REACHED_M, REACHED_RAD
 from armadico.observe.view import agent_of, driver
 
 SILENT_S = 0.3
@@ -112,6 +113,19 @@ class Scene:
         """Whether the robot agent publishes nothing."""
         return self.now - self.state_at > SILENT_S
 
+    @property
+    def lost(self) -> bool:
+        """Whether the pose is too uncertain to drive."""
+        return self.pose is not None and self.pose.deviation > LOST_M
+
+    def unsure(self, pose: Pose) -> bool:
+        """Whether a pose says that it may be off by more than the tolerance of a goal."""
+        return self.excuse(Excuse.UNSURE) is not None if _unsure(pose) else False
+
+    def capped_share(self) -> float:
+        """The share of the ordered speed that a published cap leaves, 0 to 1."""
+        return 1.0
+
     def excuse(self, *considered: Excuse) -> Excuse | None:
         """The first of these excuses that holds now and is not switched off."""
         for each in considered:
@@ -126,7 +140,7 @@ class Scene:
             case Excuse.STOPPED:
                 return state is not None and state.stop.stopped
             case Excuse.LOST:
-                return self.pose is not None and self.pose.deviation > LOST_M
+                return self.lost
             case Excuse.WAITS:
                 return self.trajectory is not None and self.trajectory.waits
             case Excuse.BY_HAND:
@@ -139,5 +153,10 @@ class Scene:
                 return self.silent
             case Excuse.DISTURBED:
                 return bool(self.disturbed)
-            case Excuse.CAPPED:
-                return False
+            case Excuse.CAPPED | Excuse.UNSURE:
+                return True  # asked only where it holds
+
+
+def _unsure(pose: Pose) -> bool:
+    beyond = pose.deviation > REACHED_M or pose.heading_deviation > REACHED_RAD
+    return beyond or not pose.covariance

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Final
 
-from armadico.observe.audit.promises import Promise as Promise
+from armadico.observe.audit.promises import Promise as Promise  # noqa: PLC0414 (exported)
 
 
 @dataclass(frozen=True)
