@@ -9,12 +9,16 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.core.services import derived
 from armadico.observe.audit.contacts import Touched
+from armadico.observe.audit.driving import Brakes, Honest, Speed, Stands, Steady
 from armadico.observe.audit.missions import Arrives, Failed, Found, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
 
-RULES: Final[tuple[type[Rule], ...]] = (Touched, Arrives, Reached, Failed, Found)
+RULES: Final[tuple[type[Rule], ...]] = (
+    *(Touched, Arrives, Reached, Failed, Found),
+    *(Stands, Honest, Steady, Speed, Brakes),
+)
 
 
 def watched() -> tuple[type[Message], ...]:
@@ -26,6 +30,9 @@ def watched() -> tuple[type[Message], ...]:
 class Auditor:
     """Judges one robot's society by its messages, in the order of their times.
 
+    `v_max` is the limit of the speed that a scenario sets, m/s; inf: none; None: unknown, until a
+    `ParametersReply` of goto shows it.
+
     Attributes:
         findings: All so far, except those of `report`.
         scene: What the messages show now; `scene.needed` counts the excuses that were needed.
@@ -35,8 +42,9 @@ class Auditor:
         self,
         rules: Iterable[type[Rule]] = RULES,
         excuses: frozenset[Excuse] = frozenset(Excuse),
+        v_max: float | None = None,
     ) -> None:
-        self.scene = Scene(excuses)
+        self.scene = Scene(excuses, v_max)
         self.findings: list[Finding] = []
         self._kinds = tuple(rules)
         self._rules = [rule() for rule in self._kinds]
@@ -44,7 +52,7 @@ class Auditor:
 
     def without(self, excuse: Excuse) -> Auditor:
         """A new auditor with the same rules that does not accept an excuse."""
-        return Auditor(self._kinds, self.scene.excuses - {excuse})
+        return Auditor(self._kinds, self.scene.excuses - {excuse}, self.scene.v_max)
 
     def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
         """Process one message, received at a time (s). Returns what it shows."""

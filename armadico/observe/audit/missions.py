@@ -201,7 +201,7 @@ class Reached(Rule):
             yield self.found(now, "interface", text, answer=Answer.UNKNOWN)
             return
         by_pose, truly = _off(goal, pose), None if truth is None else _off(goal, truth)
-        if truly is not None and _beyond(*truly) and not _beyond(*by_pose) and now.unsure(pose):
+        if truly is not None and _beyond(*truly) and not _beyond(*by_pose) and now.unsure:
             what = f"reported as reached, {_so(truly)} off, by a pose that does not claim to know"
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
         elif truly is not None and _beyond(*truly):

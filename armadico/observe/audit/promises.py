@@ -46,6 +46,7 @@ class Excuse(StrEnum):
     STOPPED = "a stop is latched"
     LOST = "the pose is too uncertain to drive"
     WAITS = "no path is free"
+    BLOCKED = "an obstacle is near its front or flanks"
     BY_HAND = "a person drives"
     LED = "an agent leads it, such as into a dock"
     FAULT = "the robot agent says why it cannot be driven"
