@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from math import degrees, hypot, inf
+from operator import itemgetter
 from typing import Final
 
 from armadico.core.judgement import Answer
@@ -75,8 +75,8 @@ class Arrives(Rule):
         super().__init__()
         self._mission = 0
         self._over = True  # it has ended, or was reported as late
-        self._spent: Counter[str] = Counter()  # s by the agent that was obeyed
-        self._excused: Counter[str] = Counter()  # s by excuse
+        self._spent: dict[str, float] = {}  # s by the agent that was obeyed
+        self._excused: dict[str, float] = {}  # s by excuse
         self._excuse: tuple[Excuse, float] | None = None  # the present one, and since when
         self._bonus_s = 0.0
         self._driven_m = 0.0
@@ -119,13 +119,13 @@ class Arrives(Rule):
                     now.now,
                 )
             )
-            self._excused[excuse.name.lower().replace("_", " ")] += dt
+            _add(self._excused, excuse.name.lower().replace("_", " "), dt)
             return
         self._excuse = None
         share = now.capped_share()
-        self._excused["capped"] += (1.0 - share) * dt
-        self._spent[now.who or NOBODY] += share * dt
-        spent, allowed = self._spent.total(), self._allowed_s(now)
+        _add(self._excused, "capped", (1.0 - share) * dt)
+        _add(self._spent, now.who or NOBODY, share * dt)
+        spent, allowed = sum(self._spent.values()), self._allowed_s(now)
         if spent > allowed:
             self._over = True
             yield self._late(now, spent, allowed)
@@ -149,9 +149,10 @@ class Arrives(Rule):
         return BEGINS_S + self._bonus_s + way / pace
 
     def _late(self, now: Scene, spent: float, allowed: float) -> Finding:
-        who, most = self._spent.most_common(1)[0]
+        by_time = sorted(self._spent.items(), key=itemgetter(1), reverse=True)
+        who, most = by_time[0]
         excused = {why: s for why, s in self._excused.items() if s >= 0.1}
-        parts = [f"{name} {s:.0f} s" for name, s in self._spent.most_common()]
+        parts = [f"{name} {s:.0f} s" for name, s in by_time]
         parts += [f"not counted: {why} {s:.0f} s" for why, s in sorted(excused.items())]
         went = f"{self._driven_m:.1f} m driven, the path is {self._path_m:.1f} m long"
         what = f"the mission is not reached after {spent:.0f} s, where {allowed:.0f} s are enough"
@@ -159,6 +160,10 @@ class Arrives(Rule):
             f"; nobody drove for {most:.0f} s of them" if who == NOBODY else f"; {who} drives it"
         )
         return self.found(now, "" if who == NOBODY else who, what, f"{', '.join(parts)}; {went}")
+
+
+def _add(to: dict[str, float], name: str, seconds: float) -> None:
+    to[name] = to.get(name, 0.0) + seconds
 
 
 def length_m(path: Trajectory) -> float:

@@ -159,7 +159,7 @@ class Scene:
         """The forward speed that the robot agent let through, m/s; None if unknown."""
         if self.publishes_orders and self.state is not None:
             return self.state.admitted.v
-        return None if self.ordered is None else self.ordered[0]
+        return None
 
     @property
     def cruise(self) -> tuple[float, float]:
@@ -231,5 +231,5 @@ class Scene:
 
 
 def _unsure(pose: Pose) -> bool:
-    beyond = pose.deviation > REACHED_M or pose.heading_deviation > REACHED_RAD, speeds
+    beyond = pose.deviation > REACHED_M or pose.heading_deviation > REACHED_RAD
     return beyond or not pose.covariance
