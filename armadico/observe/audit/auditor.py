@@ -8,6 +8,7 @@ from typing import Final
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.core.services import derived
+from armadico.mobile.messages import Truth
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, OneDriver
 from armadico.observe.audit.driving import Brakes, Honest, Speed, Stands, Steady
@@ -59,6 +60,8 @@ class Auditor:
 
     def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
         """Process one message, received at a time (s). Returns what it shows."""
+        if isinstance(message, Truth) and not self.scene.own(message):
+            return []
         self._seen.add(type(message))
         self.scene.update(at, message)
         return self._keep(

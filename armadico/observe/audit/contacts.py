@@ -30,9 +30,9 @@ class Touched(Rule):
             before, self._truth, self.checked = self._truth, message, True
             if before is None:
                 return
-            own = message.collisions - message.bumped
-            if own > before.collisions - before.bumped:
-                at = f"at ({message.x:.2f}, {message.y:.2f}), {message.v:.2f} m/s"
+            new = message.collisions - message.bumped - (before.collisions - before.bumped)
+            at = f"at ({message.x:.2f}, {message.y:.2f}), {message.v:.2f} m/s"
+            for _ in range(new):
                 yield self.found(now, now.who, "it touched something", at)
         elif isinstance(message, RobotState) and self._truth is None:
             self.checked = True

@@ -20,6 +20,24 @@ def brief(ballot: Ballot | None) -> str:
     return "none" if ballot is None else f"{ballot.term} of {agent_of(ballot.instance)}"
 
 
+class Rising:
+    """The largest ballot of each epoch, and those that are smaller than one before."""
+
+    def __init__(self, how: str) -> None:
+        self._how = how
+        self._known: dict[int, Ballot] = {}
+
+    def add(self, epoch: int, ballot: Ballot | None) -> str:
+        """Returns what is wrong with a ballot; "" if nothing."""
+        if ballot is None:
+            return ""
+        before = self._known.get(epoch)
+        self._known[epoch] = ballot if before is None else max(ballot, before)
+        if before is None or ballot >= before:
+            return ""
+        return f"ballot {brief(ballot)} is {self._how} after {brief(before)}"
+
+
 class OneDriver(Rule):
     """Within an epoch neither the ballots obeyed nor the largest known ever decrease."""
 
@@ -28,31 +46,21 @@ class OneDriver(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._obeyed: dict[int, Ballot] = {}  # the largest obeyed, by epoch
-        self._largest: dict[int, Ballot] = {}
+        self._obeyed, self._largest = Rising("acknowledged as obeyed"), Rising("the largest")
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if not isinstance(message, Ack) or message.resource != WHEELS.name:
             return
-        self.checked, epoch, obeyed, largest = True, message.cycle.epoch, *_ballots(message)
-        for known, ballot, how in (
-            (self._obeyed, obeyed, "obeyed"),
-            (self._largest, largest, "the largest"),
+        self.checked, epoch = True, message.cycle.epoch
+        obeyed, largest = message.obeyed, message.largest
+        below = obeyed is not None and (largest is None or largest < obeyed)
+        for what in (
+            self._obeyed.add(epoch, obeyed),
+            self._largest.add(epoch, largest),
+            f"{brief(obeyed)} is obeyed, the largest is {brief(largest)}" if below else "",
         ):
-            if ballot is None:
-                continue
-            before = known.get(epoch)
-            if before is not None and ballot < before:
-                what = f"ballot {brief(ballot)} is {how} after {brief(before)}"
-                yield self.found(now, agent_of(ballot.instance), what)
-            known[epoch] = ballot if before is None else max(ballot, before)
-        if obeyed is not None and (largest is None or largest < obeyed):
-            what = f"{brief(obeyed)} is obeyed, the largest is {brief(largest)}"
-            yield self.found(now, agent_of(obeyed.instance), what)
-
-
-def _ballots(ack: Ack) -> tuple[Ballot | None, Ballot | None]:
-    return ack.obeyed, ack.largest
+            if what:
+                yield self.found(now, now.who, what)
 
 
 class Fresh(Rule):

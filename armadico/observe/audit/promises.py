@@ -78,6 +78,11 @@ class Finding:
     evidence: str = ""
     answer: Answer = Answer.NO
 
-    def __str__(self) -> str:
+    @property
+    def text(self) -> str:
+        """Who, what and the evidence, in a line."""
         who = f"{self.who}: " if self.who else ""
-        return f"{self.promise.name}: {who}{self.what}{self.evidence and f' ({self.evidence})'}"
+        return f"{who}{self.what}{self.evidence and f' ({self.evidence})'}"
+
+    def __str__(self) -> str:
+        return f"{self.promise.name}: {self.text}"

@@ -125,6 +125,11 @@ class Scene:
             case Leading():
                 self._flags[type(message)] = self.now, False, message.leads
 
+    def own(self, truth: Truth) -> bool:
+        """Whether a truth is this robot's: another simulator may publish in the namespace."""
+        about = self.description
+        return about is None or truth.simulator == about.of_truth != ""
+
     def _limit(self, reply: ParametersReply) -> None:
         if agent_of(reply.instance) == "goto":
             values = [json.loads(each.json) for each in reply.parameters if each.name == "v_max"]

@@ -14,15 +14,19 @@ from typing import Protocol
 
 from msgspec.structs import replace
 
+from armadico.core.judgement import Answer
+from armadico.mobile.messages import Truth
+from armadico.observe.audit.auditor import Auditor
+from armadico.observe.audit.promises import Excuse, Finding
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
-from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
-from armadico_tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
-from armadico_tools.faults.observations import Observation
+from armadico_tools.faults.motion import Moving, Silence, Smooth, Watchdog
+from armadico_tools.faults.observations import Observation, Published
 from armadico_tools.faults.pose import Localized
 from armadico_tools.faults.record import Bounds, Record
-from armadico_tools.faults.recovery import Arrives, CommandObeyed, Moves
+from armadico_tools.faults.recovery import CommandObeyed, Moves, Remembered
 from armadico_tools.faults.sightings import Sightings
 
 
@@ -45,15 +49,23 @@ class Watch(Protocol):
 
 
 class Checker:
-    """Checks observations in the order of time; `violations` has its findings."""
+    """Checks observations in the order of time; `violations` has its findings.
 
-    def __init__(self, bounds: Bounds | None = None) -> None:
+    What needs messages alone is the auditor's; it is told while a fault is on that excuses the
+    robot from outcomes.
+    """
+
+    def __init__(
+        self, bounds: Bounds | None = None, excuses: frozenset[Excuse] = frozenset(Excuse)
+    ) -> None:
         bounds = bounds or Bounds()
+        self.auditor = Auditor(excuses=excuses, v_max=bounds.limit)
+        self.contacts: Counter[str] = Counter()  # by what voids them; "": they break the promise
         self.record = Record(bounds)
         self.sights = Sightings()
         self.violations: list[Violation] = []
         self._moves = Moves(bounds)
-        self._collision = Collision()
+        self._moving = Moving()
         self._localized = Localized(bounds)
         self._watches: tuple[Watch, ...] = (
             OneDriver(),
@@ -66,11 +78,9 @@ class Checker:
             Exchanged(),
             Replaced(bounds),
             Stopped(bounds),
-            self._collision,
-            Heading(),
             self._localized,
             self._moves,
-            Arrives(bounds),
+            Remembered(),
         )
 
     @property
@@ -84,14 +94,9 @@ class Checker:
         return self._localized.longest
 
     @property
-    def contacts(self) -> Counter[str]:
-        """Contacts by the reason that voids them; those that break the promise under ""."""
-        return self._collision.contacts
-
-    @property
     def moving_s(self) -> dict[str, float]:
         """Seconds of moving, by the reason that voided contacts then."""
-        return self._collision.moving_s
+        return self._moving.seconds
 
     def update(self, seen: Observation) -> list[Violation]:
         """Process one observation. Returns the promises that it breaks."""
@@ -103,9 +108,39 @@ class Checker:
             for watch in self._watches
             for text in watch.check(seen, self.record)
         ]
+        found += [
+            Violation(
+                each.promise, seen.at, f"{each.what}{each.evidence and f' ({each.evidence})'}"
+            )
+            for each in self._audit(seen)
+            if each.answer is Answer.NO and not self._void(each)
+        ]
         self.violations += found
         self.sights.update(seen, self.record)
         return found
+
+    def _audit(self, seen: Observation) -> list[Finding]:
+        self.auditor.disturbed(self._disturbance())
+        if not isinstance(seen, Published):
+            return self.auditor.tick(seen.at)
+        if isinstance(seen.message, Truth):
+            self._moving.update(seen.message, self.record)
+        return self.auditor.update(seen.at, "", seen.message)
+
+    def _disturbance(self) -> str:
+        """The faults that excuse the robot, or that did just before."""
+        faults = self.record.faults
+        kinds = {fault.kind for fault in faults.active if KINDS[fault.kind].excuses}
+        if not kinds and self.record.now - faults.ended_at < self.record.bounds.stood_back_s:
+            return "just after a fault"
+        return ", ".join(sorted(kinds))
+
+    def _void(self, finding: Finding) -> bool:
+        if finding.promise is not Promise.COLLISION:
+            return self.record.void(finding.promise)
+        why = self.record.contact_reason()
+        self.contacts[why] += 1
+        return bool(why)
 
     def update_all(self, seen: Iterable[Observation]) -> list[Violation]:
         """Check a recording. Returns all violations."""

@@ -44,7 +44,7 @@ ROBOT_VOIDS: Final = frozenset({Promise.SILENCE, Promise.COLLISION, Promise.SMOO
 _LINE: Final = frozenset({Promise.COLLISION, Promise.SMOOTH})
 """With the line to the controller broken a stop is ordered, but may not arrive."""
 
-_BLIND: Final = frozenset({Promise.COLLISION})
+_BLIND: Final = frozenset({Promise.COLLISION, Promise.SENSORS})
 """Wrong readings look like right ones; missing readings are noticed."""
 
 LOSSY: Final = 0.25

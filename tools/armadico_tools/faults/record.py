@@ -77,9 +77,6 @@ SWUNG_M = 0.1
 SONARS_S = 0.4
 """Time for a turn of the sonar ring: four cycles."""
 
-FRESH_CYCLES = 3
-"""A command may be for a cycle so many older than the newest (docs/coordination.md)."""
-
 ON_ITS_WAY_M_S: Final = 0.05
 
 QUERIED_S: Final = 1.5
@@ -119,10 +116,8 @@ class Bounds:
     killed_s: float = 0.1  # from a holder's end to another's obeyed command: far below its silence
     silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
     unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and delays
-    arrives_s: float = 90.0  # from the last fault
-    start_s: float = 20.0  # for a mission without faults, in addition to its way
-    way_m_s: float = 0.25  # speed on its way: the slowest ever took two thirds of this time
     skew_s: float = 0.25  # between two messages of one cycle: a cycle, and two delays
+    limit: float | None = None  # of the speed, by the scenario, m/s; inf: none; None: unknown
     v_max: float = 1.6  # m/s
     w_max: float = 5.2  # rad/s
     braking_s: float = 3.0  # from top speed to rest, by the ramp, and for the loops to settle
@@ -144,6 +139,7 @@ def bounds_of(scenario: Scenario) -> Bounds:
     limits, slip = profile.limits, 3.0 * sensors.slip
     return Bounds(
         watchdog_s=profile.watchdog_s,
+        limit=inf if scenario.v_max is None else scenario.v_max,
         v_max=limits.v_max,
         w_max=limits.w_max,
         v_decel=limits.v_decel,
@@ -257,7 +253,6 @@ class Body:
     moved_at: float = -inf
     rested_at: float = -inf
     astray_at: float = -inf  # when the pose was last wrong beyond its covariance
-    lost_at: float = -inf  # when the pose was last reported as lost
     wedged_at: float = -inf  # when a fault last held it near an obstacle; -inf: clear
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # of the last cycles
 
@@ -287,9 +282,7 @@ class Body:
     def on_pose(self, pose: Pose, now: float) -> None:
         most, most_rad = may_be_off(pose)
         truth = self.truth_of(pose.cycle) or self.truth
-        if most == inf:
-            self.lost_at = now
-        elif truth is not None:
+        if truth is not None:
             off = hypot(pose.x - truth.x, pose.y - truth.y)
             if off > most or abs(wrap(pose.theta - truth.theta)) > most_rad:
                 self.astray_at = now
@@ -421,10 +414,6 @@ class Record:
     def whole_for(self) -> float:
         """Seconds since a fault last broke the network; negative during one."""
         return self.now - self.faults.whole_since
-
-    def unsure_for(self) -> float:
-        """Seconds since the pose was last lost, or wrong beyond its covariance."""
-        return self.now - max(self.body.astray_at, self.body.lost_at)
 
     def void(self, promise: Promise) -> bool:
         """Whether a fault voids the promise, now or until the robot has recovered."""

@@ -19,7 +19,7 @@ from msgspec import structs
 from armadico.bridge.robot import Robot
 from armadico.config.scenarios import load_scenario, society
 from armadico.core.coordination import Owner, Verdict
-from armadico.core.messages import Ack, Claim, Command, Message, RobotState, Stop
+from armadico.core.messages import Claim, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.launch.society import Options, mission, prepared
 from armadico.launch.virtual import Rehearsal
@@ -34,7 +34,7 @@ from armadico.mobile.messages import (
     Truth,
     Waypoint,
 )
-from armadico.mobile.obstacles import Obstacles
+from armadico.observe.audit.auditor import watched
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.injector import VirtualInjector
@@ -69,7 +69,7 @@ society has to correct the pose."""
 BOOTED_S: Final = 1e5
 """The clocks of processes begin within this range."""
 
-SEEN: Final = (RobotState, Ack, Claim, Command, Stop, MissionStatus, Truth, Pose, Obstacles)
+SEEN: Final = (*watched(), Claim, Stop)
 
 
 def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
