@@ -455,3 +455,16 @@ def test_gaps_and_late_messages_never_raise(steps: list[tuple[float, float]]) ->
         drive.go(0.5, v=v, ordered=v)
         drive.now += gap_s
     assert {each.answer for each in drive.auditor.report()} <= {*Answer}
+
+
+def test_without_a_truth_a_contact_may_be_felt_and_none_felt_is_unknown() -> None:
+    def verdict(*stalled: bool) -> Answer:
+        auditor = Auditor([rule for rule in RULES if rule.promise is Promise.COLLISION])
+        for number, each in enumerate(stalled):
+            state = RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, each)
+            auditor.update(0.1 * number, "", state)
+        (found,) = auditor.report()
+        return found.answer
+
+    assert verdict(False, True, True) is Answer.NO
+    assert verdict(False, False) is Answer.UNKNOWN
