@@ -191,25 +191,10 @@ CLAIMS: Final = frozenset({"huge-term", "flood"})
 STRANGE_UTILITY: Final = 0.9
 """The utility of a stranger's claims."""
 
-FORGETS: Final = frozenset({"crash", "flap"})
-"""Kinds after which the sonar agent has forgotten obstacles out of its sonars' view: beside and
-behind the robot, which may then turn into one that it has passed."""
-
-WEDGED_M: Final = 0.07
-"""If a fault that voids contacts leaves the robot nearer to an obstacle than this, m, contacts stay
-void until it is clear. The sonars' least range is 0.1 m, so on the flank 7 cm looks like touching,
-and there is no sonar behind. Obstacles passed while the robot agent hung are unknown too."""
-
-WEDGED_S: Final = 15.0
-"""The longest that contacts stay void by `WEDGED_M`, s: enough to creep away at 1 cm/s."""
-
-
 def voided(kind: str, targets: tuple[str, ...], amount: float = inf) -> dict[Promise, str]:
     """The promises that a fault voids, with the reasons."""
     made = KINDS[kind]
     voids = dict.fromkeys(made.voids, made.why) if amount >= made.least else {}
-    if kind in FORGETS and "sonar" in targets:
-        voids |= dict.fromkeys(_BLIND, "sonar agent restarted")
     if kind in DISABLES and "robot" in targets and (kind not in SLOWS or amount >= SLOW_S):
         voids |= dict.fromkeys(ROBOT_VOIDS, "robot agent away")
     return voids

@@ -172,15 +172,15 @@ class Smooth:
 
 
 class Moving:
-    """The seconds of moving in a world with obstacles, by the reason that voids contacts then."""
+    """The seconds of moving in a world with obstacles, by why it could not act then."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}  # "" if none does
+        self.seconds: dict[str, float] = {}  # "" if it could
         self._truth: Truth | None = None
 
     def update(self, truth: Truth, now: Record) -> None:
         before, self._truth = self._truth, truth
         moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
         if before is not None and moves and truth.clearance is not None:
-            why = now.contact_reason()
+            why = now.unable()
             self.seconds[why] = self.seconds.get(why, 0.0) + max(truth.t - before.t, 0.0)
