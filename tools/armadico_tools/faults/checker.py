@@ -139,9 +139,7 @@ class Checker:
     def audit(self, auditor: Auditor, seen: Observation) -> list[Finding]:
         """Pass an observation to an auditor, which is told of the faults that excuse the robot."""
         auditor.disturbed(self._disturbance())
-        if isinstance(seen, Published):
-            return auditor.update(seen.at, "", seen.message)
-        return auditor.tick(seen.at)
+        return hand(auditor, seen)
 
     def _disturbance(self) -> str:
         """The faults that excuse the robot, or that did just before."""
@@ -184,3 +182,10 @@ class Checker:
         for observation in seen:
             self.update(observation)
         return self.violations
+
+
+def hand(auditor: Auditor, seen: Observation) -> list[Finding]:
+    """Pass an observation to an auditor, for which only messages and the time count."""
+    if isinstance(seen, Published):
+        return auditor.update(seen.at, "", seen.message)
+    return auditor.tick(seen.at)

@@ -10,33 +10,39 @@ import sys
 from collections import Counter
 from dataclasses import replace
 
-from armadico.config.scenarios import load_scenario
 from armadico.core.judgement import Answer
 from armadico.observe.audit.auditor import Auditor
-from armadico.observe.audit.promises import Excuse, Promise
-from armadico_tools.faults.checker import Checker, Violation
+from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico_tools.faults.checker import Checker, hand
 from armadico_tools.faults.observations import Observation
 from armadico_tools.faults.record import Bounds, bounds_of
-from armadico_tools.faults.workload import Workload, case_of
+from armadico_tools.faults.variants import case_of, scenario_of
+from armadico_tools.faults.workload import Workload
 
 
 class Strict(Checker):
-    """A checker with one more auditor for each excuse, which does not accept that one."""
+    """A checker that also keeps what its auditor was given, to judge it again."""
 
     def __init__(self, bounds: Bounds) -> None:
         super().__init__(bounds)
-        self.without = {excuse: self.auditor.without(excuse) for excuse in Excuse}
+        self._given: list[tuple[str, Observation]] = []
 
-    def update(self, seen: Observation) -> list[Violation]:
-        found = super().update(seen)
-        for auditor in self.without.values():
-            self.audit(auditor, seen)
+    def audit(self, auditor: Auditor, seen: Observation) -> list[Finding]:
+        found = super().audit(auditor, seen)
+        self._given.append((auditor.scene.disturbed, seen))
         return found
 
     def needed(self) -> dict[Excuse, Counter[Promise]]:
         """By excuse, the promises of which more would be broken without it."""
         accepted = _broken(self.auditor)
-        return {excuse: _broken(strict) - accepted for excuse, strict in self.without.items()}
+        return {each: self._without(each) - accepted for each in self.auditor.scene.needed}
+
+    def _without(self, excuse: Excuse) -> Counter[Promise]:
+        strict = self.auditor.without(excuse)
+        for disturbed, seen in self._given:
+            strict.disturbed(disturbed)
+            hand(strict, seen)
+        return _broken(strict)
 
 
 def _broken(auditor: Auditor) -> Counter[Promise]:
@@ -48,7 +54,7 @@ def main(first: int = 1, seeds: int = 20, minutes: float = 2.0) -> int:
     needed: dict[Excuse, Counter[str]] = {excuse: Counter() for excuse in Excuse}
     for seed in range(first, first + seeds):
         case = case_of(seed, 60.0 * minutes)
-        checker = Strict(replace(bounds_of(load_scenario(case.scenario)), skew_s=0.0))
+        checker = Strict(replace(bounds_of(scenario_of(case)[0]), skew_s=0.0))
         Workload(case, checker).run()
         for excuse, promises in checker.needed().items():
             needed[excuse].update(promise.name for promise in promises)

@@ -418,7 +418,8 @@ class Record:
             self.owner.ordered = seen
             self.kept.orders.append((self.now, seen))
         elif isinstance(seen, Bids):
-            self.contest.on_bids(seen, self.now)
+            if seen.record.resource == WHEELS.name:
+                self.contest.on_bids(seen, self.now)
         elif isinstance(seen, Denied):
             self._deny(seen)
         elif isinstance(seen, Came):
