@@ -56,8 +56,8 @@ def main(first: int = 1, seeds: int = 20, minutes: float = 2.0) -> int:
         case = case_of(seed, 60.0 * minutes)
         checker = Strict(replace(bounds_of(scenario_of(case)[0]), skew_s=0.0))
         Workload(case, checker).run()
-        for excuse, promises in checker.needed().items():
-            needed[excuse].update(promise.name for promise in promises)
+        for excuse, broken in checker.needed().items():
+            needed[excuse].update(promise.name for promise in broken)
     for excuse, promises in needed.items():
         of = ", ".join(f"{name} in {count}" for name, count in promises.most_common())
         print(f"{excuse.name:10} {of or 'never needed'}")

@@ -16,6 +16,7 @@ from armadico.core.messages import (
     Claim,
     Command,
     Cycle,
+    Message,
     MessageError,
     RobotState,
 )
@@ -36,7 +37,7 @@ AT_ONCE_S: Final = 0.02
 """Messages received within this of each other count as simultaneous: each publisher has its own
 connection to the recorder, so they may be recorded in either order."""
 
-SHOWN = (*watched(), Claim)
+SHOWN: Final[tuple[type[Message], ...]] = (*watched(), Claim)
 
 
 def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:

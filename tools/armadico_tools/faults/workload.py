@@ -72,7 +72,7 @@ ORDER_S: Final = 0.5
 BOOTED_S: Final = 1e5
 """The clocks of processes begin within this range."""
 
-SEEN: Final = (*watched(), Claim, Stop)
+SEEN: Final[tuple[type[Message], ...]] = (*watched(), Claim, Stop)
 
 
 class End(StrEnum):
