@@ -390,6 +390,13 @@ _WRONG: Final = (
 )
 
 
+class Twist(Message, frozen=True):
+    """The speeds of a differential drive, in the body frame."""
+
+    v: Speed  # m/s
+    w: Turn  # rad/s
+
+
 class RobotState(Message, frozen=True):
     """The robot's state, one per cycle.
 
@@ -399,7 +406,7 @@ class RobotState(Message, frozen=True):
     or wheels that do not turn as ordered; `touch` is the place on the footprint's edge.
     """
 
-    appended: ClassVar[int] = 1
+    appended: ClassVar[int] = 4
 
     cycle: Cycle
     x: Odometer
@@ -415,6 +422,9 @@ class RobotState(Message, frozen=True):
     line: Line = Line()
     charging: bool = False  # a charger supplies power
     fault: Text = ""  # for people: why it cannot be driven although it reports; empty: it can
+    ordered: Twist = Twist(0.0, 0.0)  # the last obeyed command's speeds
+    admitted: Twist = Twist(0.0, 0.0)  # what was sent to the controller after all limits
+    capped: Text = ""  # for people: why they differ; empty: they do not
 
 
 class Description(Message, frozen=True):

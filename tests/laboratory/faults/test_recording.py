@@ -27,7 +27,7 @@ from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
 from armadico.watch.recordings import rows
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Bids, Left, Passed, Published
+from armadico_tools.faults.observations import Bids, Left, Published
 from armadico_tools.faults.recording import check, observations
 
 SECOND = 1_000_000_000
@@ -90,7 +90,7 @@ def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
         Published,
         Published,
         Bids,
-        Passed,
+        Published,
         Left,
     ]
     (bids,) = [each for each in seen if isinstance(each, Bids)]

@@ -10,20 +10,29 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from msgspec.structs import replace
 
+from armadico.core.judgement import Answer
+from armadico.mobile.geometry import relative
+from armadico.mobile.messages import Scan, Sonar, Truth
+from armadico.observe.audit.auditor import Auditor
+from armadico.observe.audit.promises import Excuse, Finding
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
-from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.contacts import PREVENTABLE, Witness, nearest_place
+from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
-from armadico_tools.faults.motion import Collision, Heading, Silence, Smooth, Watchdog
-from armadico_tools.faults.observations import Observation
+from armadico_tools.faults.motion import Moving, Silence, Smooth, Watchdog
+from armadico_tools.faults.observations import Observation, Published
 from armadico_tools.faults.pose import Localized
 from armadico_tools.faults.record import Bounds, Record
-from armadico_tools.faults.recovery import Arrives, CommandObeyed, Moves
+from armadico_tools.faults.recovery import CommandObeyed, Moves, Remembered
 from armadico_tools.faults.sightings import Sightings
+
+TOUCHES_M: Final = 0.1
+"""A wall within this of the footprint is what it touches, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +54,24 @@ class Watch(Protocol):
 
 
 class Checker:
-    """Checks observations in the order of time; `violations` has its findings."""
+    """Checks observations in the order of time; `violations` has its findings.
 
-    def __init__(self, bounds: Bounds | None = None) -> None:
+    What needs messages alone is the auditor's; it is told while a fault is on that excuses the
+    robot from outcomes.
+    """
+
+    def __init__(
+        self, bounds: Bounds | None = None, excuses: frozenset[Excuse] = frozenset(Excuse)
+    ) -> None:
         bounds = bounds or Bounds()
+        self.auditor = Auditor(excuses=excuses, v_max=bounds.limit)
+        self.contacts: Counter[str] = Counter()  # by why; "": they break the promise
         self.record = Record(bounds)
         self.sights = Sightings()
         self.violations: list[Violation] = []
         self._moves = Moves(bounds)
-        self._collision = Collision()
+        self._moving = Moving()
+        self._witness = Witness(bounds.outline, bounds.stopping_m)
         self._localized = Localized(bounds)
         self._watches: tuple[Watch, ...] = (
             OneDriver(),
@@ -66,11 +84,9 @@ class Checker:
             Exchanged(),
             Replaced(bounds),
             Stopped(bounds),
-            self._collision,
-            Heading(),
             self._localized,
             self._moves,
-            Arrives(bounds),
+            Remembered(),
         )
 
     @property
@@ -84,18 +100,16 @@ class Checker:
         return self._localized.longest
 
     @property
-    def contacts(self) -> Counter[str]:
-        """Contacts by the reason that voids them; those that break the promise under ""."""
-        return self._collision.contacts
-
-    @property
     def moving_s(self) -> dict[str, float]:
         """Seconds of moving, by the reason that voided contacts then."""
-        return self._collision.moving_s
+        return self._moving.seconds
 
     def update(self, seen: Observation) -> list[Violation]:
         """Process one observation. Returns the promises that it breaks."""
         self.record.update(seen)
+        if isinstance(seen, Published) and isinstance(seen.message, Truth):
+            self._moving.update(seen.message, self.record)
+        self._read(seen)
         if seen.at != self.record.now:  # a late observation counts as of now
             seen = replace(seen, at=self.record.now)
         found = [
@@ -103,12 +117,75 @@ class Checker:
             for watch in self._watches
             for text in watch.check(seen, self.record)
         ]
+        found += [
+            Violation(
+                each.promise, seen.at, f"{each.what}{each.evidence and f' ({each.evidence})'}"
+            )
+            for each in self.audit(self.auditor, seen)
+            if each.answer is Answer.NO and not self._void(each)
+        ]
         self.violations += found
         self.sights.update(seen, self.record)
         return found
+
+    def _read(self, seen: Observation) -> None:
+        truth = self.record.body.truth
+        if truth is None or not isinstance(seen, Published):
+            return
+        if isinstance(seen.message, Sonar | Scan):
+            here, altered = (truth.x, truth.y, truth.theta), self.record.faults.alters_readings
+            self._witness.on_reading(seen.at, here, truth.v, seen.message, altered=altered)
+
+    def audit(self, auditor: Auditor, seen: Observation) -> list[Finding]:
+        """Pass an observation to an auditor, which is told of the faults that excuse the robot."""
+        auditor.disturbed(self._disturbance())
+        return hand(auditor, seen)
+
+    def _disturbance(self) -> str:
+        """The faults that excuse the robot, or that did just before."""
+        faults = self.record.faults
+        kinds = {
+            fault.kind
+            for fault in faults.active
+            if KINDS[fault.kind].excuses or KINDS[fault.kind].voids
+        }
+        if not kinds and self.record.now - faults.ended_at < self.record.bounds.stood_back_s:
+            return "just after a fault"
+        return ", ".join(sorted(kinds))
+
+    def _void(self, finding: Finding) -> bool:
+        if finding.promise is not Promise.COLLISION:
+            return self.record.void(finding.promise)
+        why = self.record.unable() or self._unseen()
+        self.contacts[why] += 1
+        return bool(why)
+
+    def _unseen(self) -> str:
+        """Why no sensor could have known of what is touched now, in words; "" if one could.
+
+        What is not of the walls, such as a person or a box, counts as seen.
+        """
+        truth, bounds = self.record.body.truth, self.record.bounds
+        assert truth is not None, "it counts contacts"
+        here = truth.x, truth.y, truth.theta
+        place = nearest_place(here, bounds.outline, bounds.walls)
+        if (
+            place is None
+            or bounds.outline.clearance(*relative(here, (*place, 0.0))[:2]) > TOUCHES_M
+        ):
+            return ""
+        cause = self._witness.judge(lambda _: place)
+        return "" if cause in PREVENTABLE else cause.value
 
     def update_all(self, seen: Iterable[Observation]) -> list[Violation]:
         """Check a recording. Returns all violations."""
         for observation in seen:
             self.update(observation)
         return self.violations
+
+
+def hand(auditor: Auditor, seen: Observation) -> list[Finding]:
+    """Pass an observation to an auditor, for which only messages and the time count."""
+    if isinstance(seen, Published):
+        return auditor.update(seen.at, "", seen.message)
+    return auditor.tick(seen.at)

@@ -13,12 +13,12 @@ from armadico.core.exchange import LONGEST, fuzzy_window
 from armadico.core.messages import Ack, Action, Ballot, Claim
 from armadico.core.resources import WHEELS
 from armadico.mobile.obstacles import Obstacles
+from armadico.observe.audit.coordination import FRESH_CYCLES, brief
 from armadico.observe.view import agent_of
-from armadico_tools.faults.ballots import brief
 from armadico_tools.faults.fault_types import CLAIMS as STRANGE_CLAIMS
 from armadico_tools.faults.fault_types import STRANGE_UTILITY, Promise
 from armadico_tools.faults.observations import Faulted, Obeyed, Observation, Published
-from armadico_tools.faults.record import FRESH_CYCLES, Bounds, Record
+from armadico_tools.faults.record import Bounds, Record
 
 CLAIMS = 16
 LATELY_S = 0.35

@@ -1,36 +1,25 @@
-"""Promises about the wheels: silence, the watchdog, bounded acceleration, contacts, odometry."""
+"""Promises about the wheels: silence, the watchdog, bounded acceleration."""
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator
-from math import atan2, hypot, inf, pi
+from math import inf
 
-from armadico.core.messages import Command, Cycle, RobotState
+from armadico.core.messages import Command, Cycle
 from armadico.core.resources import WHEELS
-from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import Truth
+from armadico.observe.audit.coordination import FRESH_CYCLES
 from armadico.observe.measures import speeds
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.observations import Faulted, Observation, Ordered, Published
-from armadico_tools.faults.record import FRESH_CYCLES, MOVING_M_S, MOVING_RAD_S, Bounds, Record, age
+from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Record, age
 
 ROUND_M_S = 0.001
 ROUND_RAD_S = 0.0095
 """Tolerance of an order: P2OS transmits whole mm/s and whole degrees/s."""
 
 COMMANDS = 256  # commands that are kept, to be matched with orders
-
-STEP_M = 0.02
-SIDEWAYS_RAD = 0.2
-"""A step of at least this length is at most this far off the heading. The most in 25 simulated
-drives of 2 minutes was 0.05 rad, turns and counts of the encoders included."""
-
-TURN_RAD = 0.03
-"""A step that turns by more than this turns in the direction of the measured rate."""
-
-GAP_S = 0.25
-"""Cycles farther apart than this, s, have a gap, in which it may have turned both ways."""
 
 
 class Silence:
@@ -182,63 +171,16 @@ class Smooth:
             yield f"{w:.2f} rad/s^2: from {before.w:.3f} to {truth.w:.3f} rad/s in {dt:.2f} s"
 
 
-class Collision:
-    """Nothing is touched, while sensing is undisturbed and the robot agent lives.
-
-    Contacts, and seconds of moving in a world with obstacles, are counted by the reason that voids
-    the promise then; "" if none does.
-    """
-
-    promise = Promise.COLLISION
+class Moving:
+    """The seconds of moving in a world with obstacles, by why it could not act then."""
 
     def __init__(self) -> None:
-        self.contacts: Counter[str] = Counter()
-        self.moving_s: dict[str, float] = {}
+        self.seconds: dict[str, float] = {}  # "" if it could
         self._truth: Truth | None = None
 
-    def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """At the simulator's count of contacts."""
-        if not isinstance(seen, Published) or not isinstance(seen.message, Truth):
-            return
-        truth, before, self._truth = seen.message, self._truth, seen.message
-        if before is None:
-            return
-        why = now.contact_reason()
+    def update(self, truth: Truth, now: Record) -> None:
+        before, self._truth = self._truth, truth
         moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
-        if moves and truth.clearance is not None:
-            self.moving_s[why] = self.moving_s.get(why, 0.0) + max(truth.t - before.t, 0.0)
-        if truth.collisions > before.collisions:
-            self.contacts[why] += truth.collisions - before.collisions
-            if not why:
-                yield f"touched something at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"
-
-
-class Heading:
-    """The steps of the odometry lead along the heading, as a differential drive moves.
-
-    And it turns in the direction of the measured turn rate.
-
-    After a lost link the controller's axes may differ from the pose's. Mixing them up would move
-    maps and poses sideways, and every agent would believe it.
-    """
-
-    promise = Promise.ODOMETRY
-
-    def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """From one `robot/state` to the next of its epoch."""
-        if not isinstance(seen, Published) or not isinstance(seen.message, RobotState):
-            return
-        state, before = seen.message, now.owner.before
-        if before is None or before.cycle.epoch != state.cycle.epoch:
-            return
-        x, y, turned = relative((before.x, before.y, before.theta), (state.x, state.y, state.theta))
-        off = abs(wrap(atan2(y, x) - 0.5 * turned))
-        if now.owner.state_gap_s < GAP_S and abs(turned) > TURN_RAD:
-            rates = (before.w, state.w)  # the turn is between them, and the loops may overshoot
-            if max(rates) < 0.0 < turned or turned < 0.0 < min(rates):
-                yield f"it turned by {turned:.3f} rad while it measured {state.w:.2f} rad/s"
-        most = SIDEWAYS_RAD
-        if now.owner.state_gap_s >= GAP_S:  # it may have driven first, and turned then
-            most += 0.5 * abs(turned)
-        if hypot(x, y) > STEP_M and min(off, pi - off) > most:
-            yield f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"
+        if before is not None and moves and truth.clearance is not None:
+            why = now.unable()
+            self.seconds[why] = self.seconds.get(why, 0.0) + max(truth.t - before.t, 0.0)

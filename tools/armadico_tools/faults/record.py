@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 from armadico.config.loading import find, load_entry
 from armadico.config.profile import SensorProfile, load_profile
 from armadico.config.scenarios import Scenario
+from armadico.config.worlds import Segment, load_world
 from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Ack,
@@ -30,13 +31,11 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import MissionState, MissionStatus, Pose, Truth
+from armadico.mobile.swept_path import Outline
 from armadico.observe.view import agent_of, driver
 from armadico_tools.faults.fault_types import (
     AGAIN_S,
-    FORGETS,
     KINDS,
-    WEDGED_M,
-    WEDGED_S,
     Promise,
     voided,
 )
@@ -62,23 +61,22 @@ SIGMAS = 3.0
 ALLOWED_M, ALLOWED_RAD = 0.15, 0.15
 """Tolerance of a goal, and of a direction to an obstacle at 1 m."""
 
-ASTRAY_S = 5.0
-"""Contacts are void while the pose is wrong beyond its covariance, and for this time after, s; also
-for this time after a restart of the sonar agent, which has forgotten obstacles behind the robot."""
-
 OVER_S = 2.0
 """A fault's voids end after this time, s, if the robot has not come to rest before."""
 
 JUST_AFTER = "just after: "
+
+OUTLINE: Final = Outline(0.25, 0.25, 0.2)
+"""Of a robot that is not known."""
+
+STOPS_S: Final = 0.3
+"""From a reading until the wheels brake, s: a cycle, the command, the speed loops."""
 
 SWUNG_M = 0.1
 """A corner of the body may swing out by this, m, in addition to the stopping distance."""
 
 SONARS_S = 0.4
 """Time for a turn of the sonar ring: four cycles."""
-
-FRESH_CYCLES = 3
-"""A command may be for a cycle so many older than the newest (docs/coordination.md)."""
 
 ON_ITS_WAY_M_S: Final = 0.05
 
@@ -119,10 +117,8 @@ class Bounds:
     killed_s: float = 0.1  # from a holder's end to another's obeyed command: far below its silence
     silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
     unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and delays
-    arrives_s: float = 90.0  # from the last fault
-    start_s: float = 20.0  # for a mission without faults, in addition to its way
-    way_m_s: float = 0.25  # speed on its way: the slowest ever took two thirds of this time
     skew_s: float = 0.25  # between two messages of one cycle: a cycle, and two delays
+    limit: float | None = None  # of the speed, by the scenario, m/s; inf: none; None: unknown
     v_max: float = 1.6  # m/s
     w_max: float = 5.2  # rad/s
     braking_s: float = 3.0  # from top speed to rest, by the ramp, and for the loops to settle
@@ -132,6 +128,12 @@ class Bounds:
     way_error: float = 0.0  # error of the wheels' counts, m per metre
     drift_rad_m: float = 0.0  # of the heading, rad per metre
     turn_error: float = 0.0  # of a turn, rad per rad
+    outline: Outline = OUTLINE
+    walls: tuple[Segment, ...] = ()  # of the world, for the places of contacts
+
+    def stopping_m(self, v: float) -> float:
+        """The way to rest from a speed, m: reading, reacting, braking."""
+        return abs(v) * STOPS_S + v * v / (2.0 * self.v_decel)
 
 
 def bounds_of(scenario: Scenario) -> Bounds:
@@ -141,9 +143,10 @@ def bounds_of(scenario: Scenario) -> Bounds:
     """
     profile = load_profile(scenario.robot)
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
-    limits, slip = profile.limits, 3.0 * sensors.slip
+    limits, body, slip = profile.limits, profile.body, 3.0 * sensors.slip
     return Bounds(
         watchdog_s=profile.watchdog_s,
+        limit=inf if scenario.v_max is None else scenario.v_max,
         v_max=limits.v_max,
         w_max=limits.w_max,
         v_decel=limits.v_decel,
@@ -152,6 +155,8 @@ def bounds_of(scenario: Scenario) -> Bounds:
         way_error=sensors.way_error + slip,
         drift_rad_m=sensors.drift_rad_m + slip,
         turn_error=sensors.turn_error + slip,
+        outline=Outline(body.front_m, body.rear_m, body.width_m / 2.0),
+        walls=load_world(scenario.world).walls if scenario.world else (),
     )
 
 
@@ -257,8 +262,6 @@ class Body:
     moved_at: float = -inf
     rested_at: float = -inf
     astray_at: float = -inf  # when the pose was last wrong beyond its covariance
-    lost_at: float = -inf  # when the pose was last reported as lost
-    wedged_at: float = -inf  # when a fault last held it near an obstacle; -inf: clear
     _truths: dict[Cycle, Truth] = field(default_factory=dict)  # of the last cycles
 
     def truth_of(self, cycle: Cycle) -> Truth | None:
@@ -273,23 +276,15 @@ class Body:
         if abs(state.v) >= MOVING_M_S or abs(state.w) >= MOVING_RAD_S:
             self.moved_at = now
 
-    def on_truth(self, truth: Truth, now: float, *, void: bool) -> None:
-        """`void`: contacts are void at this moment."""
+    def on_truth(self, truth: Truth, now: float) -> None:
         self.truth, self.truth_at = truth, now
-        near = truth.clearance is not None and truth.clearance < WEDGED_M
-        if not near:
-            self.wedged_at = -inf
-        elif void:
-            self.wedged_at = now
         if abs(truth.v) < MOVING_M_S and abs(truth.w) < MOVING_RAD_S:
             self.rested_at = now
 
     def on_pose(self, pose: Pose, now: float) -> None:
         most, most_rad = may_be_off(pose)
         truth = self.truth_of(pose.cycle) or self.truth
-        if most == inf:
-            self.lost_at = now
-        elif truth is not None:
+        if truth is not None:
             off = hypot(pose.x - truth.x, pose.y - truth.y)
             if off > most or abs(wrap(pose.theta - truth.theta)) > most_rad:
                 self.astray_at = now
@@ -320,8 +315,8 @@ class Faults:
     free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
     healed_at: float = -inf  # end of the last excuse
     ended_at: float = -inf  # when the last fault of any kind ended
-    forgot_at: float = -inf  # when the sonar agent last started with an empty map
-    left_near_until: float = -inf  # until when a contact may be the result of a fault
+    unable_until: float = -inf  # until when a robot that could not act may still be braking
+    unable_why: str = ""
     again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
     _ended: dict[Promise, tuple[float, str]] = field(default_factory=dict)  # by faults now over
 
@@ -337,11 +332,9 @@ class Faults:
         if not fault.began:
             self.ended_at = now
             taken = voided(fault.kind, fault.targets, fault.amount)
-            if Promise.COLLISION in taken:
-                self.left_near_until = now + stops_in_s
+            if Promise.COLLISION in taken and Promise.SENSORS not in taken:
+                self.unable_until, self.unable_why = now + stops_in_s, taken[Promise.COLLISION]
             self._ended.update({promise: (now, why) for promise, why in taken.items()})
-            if fault.kind in FORGETS and "sonar" in fault.targets:
-                self.forgot_at = now
         if any(KINDS[fault.kind].breaks for fault in self.active):
             self.whole_since = inf
         elif self.whole_since == inf:
@@ -363,6 +356,23 @@ class Faults:
         ended, why = self._ended.get(promise, (-inf, ""))
         rested = ended <= rested_at < now  # the cause of the rest is over, too
         return f"{JUST_AFTER}{why}" if now - ended < OVER_S and not rested else ""
+
+    def unable(self, now: float) -> str:
+        """Why the robot cannot act on what its sensors read, or could not just before; "" if not.
+
+        Just before: until it has braked, if an obstacle was within its stopping distance.
+        """
+        for fault in self.active:
+            taken = voided(fault.kind, fault.targets, fault.amount)
+            if Promise.COLLISION in taken and Promise.SENSORS not in taken:
+                return taken[Promise.COLLISION]
+        return f"{JUST_AFTER}{self.unable_why}" if now <= self.unable_until else ""
+
+    @property
+    def alters_readings(self) -> bool:
+        """Whether a fault makes readings wrong."""
+        voids = (voided(fault.kind, fault.targets, fault.amount) for fault in self.active)
+        return any(Promise.SENSORS in taken for taken in voids)
 
     def befalls(self, name: str, *kinds: str) -> bool:
         """Whether a fault of one of these kinds is active on an agent."""
@@ -408,7 +418,8 @@ class Record:
             self.owner.ordered = seen
             self.kept.orders.append((self.now, seen))
         elif isinstance(seen, Bids):
-            self.contest.on_bids(seen, self.now)
+            if seen.record.resource == WHEELS.name:
+                self.contest.on_bids(seen, self.now)
         elif isinstance(seen, Denied):
             self._deny(seen)
         elif isinstance(seen, Came):
@@ -422,40 +433,17 @@ class Record:
         """Seconds since a fault last broke the network; negative during one."""
         return self.now - self.faults.whole_since
 
-    def unsure_for(self) -> float:
-        """Seconds since the pose was last lost, or wrong beyond its covariance."""
-        return self.now - max(self.body.astray_at, self.body.lost_at)
-
     def void(self, promise: Promise) -> bool:
         """Whether a fault voids the promise, now or until the robot has recovered."""
         return bool(self.reason(promise))
 
     def reason(self, promise: Promise) -> str:
-        """What voids the promise, in a word; "" if nothing does.
+        """What voids the promise, in a word; "" if nothing does."""
+        return self.faults.voids(promise, self.now, self.body.rested_at)
 
-        A robot with a wrong pose steers into door posts. Without localization that follows an
-        absence of the robot agent.
-        """
-        if promise is not Promise.COLLISION:
-            return self.faults.voids(promise, self.now, self.body.rested_at)
-        wedged = self.now - self.body.wedged_at < WEDGED_S
-        return self._contact_voids() or ("wedged" if wedged else "")
-
-    def contact_reason(self) -> str:
-        """What voids a contact, in a word; "": nothing does.
-
-        Just after a fault, contacts are void if the robot could not have stopped in time.
-        """
-        why = self.reason(Promise.COLLISION)
-        return "" if why.startswith(JUST_AFTER) and self.now > self.faults.left_near_until else why
-
-    def _contact_voids(self) -> str:
-        fault = self.faults.voids(Promise.COLLISION, self.now, self.body.rested_at)
-        if fault:
-            return fault
-        if self.now - self.body.astray_at < ASTRAY_S:
-            return "pose"
-        return "sonar agent restarted" if self.now - self.faults.forgot_at < ASTRAY_S else ""
+    def unable(self) -> str:
+        """Why the robot cannot act on what its sensors read, in words; "" if it can."""
+        return self.faults.unable(self.now)
 
     def nonsense_in_vain(self, most: float) -> bool:
         """Whether a nonsense bidder claims without being obeyed, for at most so long.
@@ -537,7 +525,7 @@ class Record:
             self.kept.logs.append((now, message))
         elif isinstance(message, Truth):
             self.kept.truths.append((now, message))
-            self.body.on_truth(message, now, void=bool(self._contact_voids()))
+            self.body.on_truth(message, now)
 
     def _claim(self, claim: Claim) -> None:
         if claim.utility is None:

@@ -11,17 +11,16 @@ from typing import Final
 from msgspec.structs import replace
 
 from armadico.core.messages import (
-    Ack,
     Ballot,
     BidRecord,
     Claim,
     Command,
     Cycle,
+    Message,
     MessageError,
     RobotState,
 )
-from armadico.mobile.messages import MissionStatus, Truth
-from armadico.mobile.obstacles import Obstacles
+from armadico.observe.audit.auditor import watched
 from armadico.watch.recordings import HERE, Row, rows
 from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.observations import (
@@ -38,7 +37,7 @@ AT_ONCE_S: Final = 0.02
 """Messages received within this of each other count as simultaneous: each publisher has its own
 connection to the recorder, so they may be recorded in either order."""
 
-SHOWN = (RobotState, Ack, Claim, Command, MissionStatus, Truth, Obstacles)
+SHOWN: Final[tuple[type[Message], ...]] = (*watched(), Claim)
 
 
 def check(path: Path, namespace: str | None, warn: Callable[[str], None]) -> Checker:

@@ -1,4 +1,4 @@
-"""Promises about recovery: a command is obeyed, the robot moves again, and it arrives."""
+"""Promises about recovery: a command is obeyed, the robot moves again, a mission is kept."""
 
 from __future__ import annotations
 
@@ -148,60 +148,31 @@ class Moves:
         )
 
 
-class Arrives:
-    """A mission without faults since before its start is reached in good time.
-
-    And any mission within 90 s after the last fault, except while the robot is stopped, or cannot
-    know where it is, which POSE judges.
-    """
+class Remembered:
+    """A mission is not forgotten. The auditor judges whether it arrives in time."""
 
     promise = Promise.ARRIVES
 
-    def __init__(self, bounds: Bounds) -> None:
-        self._bounds = bounds
-        self._mission: int | None = None
-        self._due = inf
-        self._spoilt = False  # whether a fault affected the present mission
+    def __init__(self) -> None:
+        self._under_way = False
         self._none_at: float | None = None  # since when there is none
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
-        """At each status of the mission, and as time passes."""
-        if self._excused(now):
-            self._spoilt, self._due = True, seen.at + self._bounds.arrives_s
-        if isinstance(seen, Published) and isinstance(seen.message, MissionStatus):
-            yield from self._status(seen.message, seen.at, now)
-        if seen.at > self._due and self._mission is not None:
-            self._due = inf
-            yield f"the mission is not reached, though {_quiet(now, seen.at)}"
-
-    def _status(self, status: MissionStatus, at: float, now: Record) -> Iterator[str]:
-        if status.state is MissionState.DRIVING:
-            if status.mission != self._mission:
-                self._spoilt = self._excused(now)
-                self._mission, self._due = status.mission, self._due_for(status.to_go, at)
-            self._none_at = None
-        elif status.state is MissionState.NONE and self._mission is not None:
-            self._none_at = at if self._none_at is None or now.whole_for() < 0 else self._none_at
-            if at - self._none_at > FORGOTTEN_S:
-                self._mission = None
+        """At each status of the mission."""
+        if not isinstance(seen, Published) or not isinstance(seen.message, MissionStatus):
+            return
+        state = seen.message.state
+        if state is MissionState.NONE and self._under_way:
+            self._none_at = (
+                seen.at if self._none_at is None or now.whole_for() < 0 else self._none_at
+            )
+            if seen.at - self._none_at > FORGOTTEN_S:
+                self._under_way = False
                 yield f"the mission is forgotten for {FORGOTTEN_S:.0f} s"
-        elif status.state is MissionState.REACHED:
-            self._mission = None
-
-    @staticmethod
-    def _excused(now: Record) -> bool:
-        return bool(now.faults.active) or now.owner.stopped() or now.unsure_for() < TURN_S
-
-    def _due_for(self, way: float, at: float) -> float:
-        bounds = self._bounds
-        if self._spoilt:
-            return at + bounds.arrives_s
-        return at + bounds.start_s + way / bounds.way_m_s
-
-
-def _quiet(now: Record, at: float) -> str:
-    ended = now.faults.ended_at
-    return "no fault was ever on" if ended == -inf else f"no fault was on for {at - ended:.0f} s"
+        elif state is MissionState.DRIVING:
+            self._under_way, self._none_at = True, None
+        elif state is MissionState.REACHED:
+            self._under_way = False
 
 
 def _says_why(now: Record) -> bool:

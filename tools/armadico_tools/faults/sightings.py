@@ -169,5 +169,5 @@ class Sightings:
         self.counts[Sight.WATCHDOG] += self._rolling and rests and away
         self._rolling = away and not rests
         touched = truth.collisions > self._touches
-        self.counts[Sight.TOUCHED] += touched and bool(now.contact_reason())
+        self.counts[Sight.TOUCHED] += touched and bool(now.unable())
         self._touches = truth.collisions

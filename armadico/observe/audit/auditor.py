@@ -1,0 +1,105 @@
+"""The auditor: messages in, findings out; sans-IO."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from armadico.core.judgement import Answer
+from armadico.core.messages import Message
+from armadico.core.services import derived
+from armadico.mobile.messages import Truth
+from armadico.observe.audit.contacts import Touched
+from armadico.observe.audit.coordination import Fresh, OneDriver
+from armadico.observe.audit.driving import Brakes, Honest, Speed, Stands, Steady
+from armadico.observe.audit.missions import Arrives, Failed, Found, Reached
+from armadico.observe.audit.promises import Excuse, Finding
+from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.scene import SHOWN, Scene
+from armadico.observe.audit.sensing import Changes, Heading, Unbiased
+
+RULES: Final[tuple[type[Rule], ...]] = (
+    *(Touched, Arrives, Reached, Failed, Found),
+    *(Stands, Honest, Steady, Speed, Brakes),
+    *(OneDriver, Fresh, Heading, Changes, Unbiased),
+)
+
+
+def watched() -> tuple[type[Message], ...]:
+    """The installed messages that an auditor needs; a base stands for its subclasses."""
+    kinds = dict.fromkeys((*SHOWN, *(kind for rule in RULES for kind in (*rule.needs, *rule.sees))))
+    return tuple(kind for base in kinds for kind in derived(base))
+
+
+class Auditor:
+    """Judges one robot's society by its messages, in the order of their times.
+
+    `v_max` is the limit of the speed that a scenario sets, m/s; inf: none; None: unknown, until a
+    `ParametersReply` of goto shows it.
+
+    Attributes:
+        findings: All so far, except those of `report`.
+        scene: What the messages show now; `scene.needed` counts the excuses that were needed.
+    """
+
+    def __init__(
+        self,
+        rules: Iterable[type[Rule]] = RULES,
+        excuses: frozenset[Excuse] = frozenset(Excuse),
+        v_max: float | None = None,
+    ) -> None:
+        self.scene = Scene(excuses, v_max)
+        self.findings: list[Finding] = []
+        self._kinds = tuple(rules)
+        self._rules = [rule() for rule in self._kinds]
+        self._seen: set[type[Message]] = set()
+
+    def without(self, excuse: Excuse) -> Auditor:
+        """A new auditor with the same rules that does not accept an excuse."""
+        return Auditor(self._kinds, self.scene.excuses - {excuse}, self.scene.v_max)
+
+    def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
+        """Process one message, received at a time (s). Returns what it shows."""
+        if isinstance(message, Truth) and not self.scene.own(message):
+            return []
+        self._seen.add(type(message))
+        self.scene.update(at, message)
+        return self._keep(
+            each for rule in self._rules for each in rule.on_message(message, self.scene)
+        )
+
+    def tick(self, at: float) -> list[Finding]:
+        """Time has passed without a message."""
+        self.scene.now = max(self.scene.now, at)
+        return self._keep(each for rule in self._rules for each in rule.on_time(self.scene))
+
+    def disturbed(self, why: str) -> None:
+        """From now on the observer knows of a disturbance that excuses outcomes; "": of none."""
+        self.scene.disturbed = why
+
+    def report(self) -> list[Finding]:
+        """One finding for each promise: broken, unknown, or kept. What was broken comes first."""
+        return [self._verdict(rule) for rule in self._rules]
+
+    def _verdict(self, rule: Rule) -> Finding:
+        own = [each for each in self.findings if each.promise is rule.promise]
+        for answer in (Answer.NO, Answer.UNKNOWN):
+            those = [each for each in own if each.answer is answer]
+            if those:
+                return those[0]
+        lacking = [kind.__name__ for kind in rule.needs if not self._has(kind)]
+        if lacking:
+            what = f"not checked: no {', '.join(lacking)} received"
+        elif not rule.checked:
+            what = "not checked: there was no occasion"
+        else:
+            return rule.found(self.scene, "", "kept", answer=Answer.YES)
+        return rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
+
+    def _has(self, kind: type[Message]) -> bool:
+        return any(issubclass(each, kind) for each in self._seen)
+
+    def _keep(self, found: Iterable[Finding]) -> list[Finding]:
+        new = list(found)
+        self.findings += new
+        return new

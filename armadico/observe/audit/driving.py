@@ -1,0 +1,347 @@
+"""How it is driven: at the speed that may be, without standing, hunting or lying, and it brakes."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from math import atan2, inf
+from typing import Final
+
+from armadico.core.cycles import PERIOD
+from armadico.core.judgement import Answer
+from armadico.core.messages import Ack, Description, Message, RobotState
+from armadico.core.resources import WHEELS
+from armadico.mobile.geometry import relative
+from armadico.mobile.messages import MissionStatus, Pose, Trajectory
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.route import Route
+from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.scene import Scene
+from armadico.observe.view import agent_of
+
+RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
+"""Slower than this, it stands; it is above the noise of encoders at rest."""
+
+STANDS_S: Final = 15.0
+"""Standing on a free path for this time, s, needs a reason."""
+
+FORBIDDEN: Final = 5
+OF_CYCLES: Final = 10
+"""A holder that commands what the readings forbid in so many of so many cycles is not honest. A
+second has ten; a person who steps in front of the robot costs a few, in which it brakes."""
+
+FAST_M_S: Final = 0.1
+"""Slower commands may be attempts to creep away from what is touched."""
+
+ADMITTED_SHARE: Final = 0.5
+"""A command of which less is let through is forbidden."""
+
+REACTION_S: Final = 0.2
+"""Least time from a reading until the wheels follow, s (`bridge.reflex`)."""
+
+TAKES: Final = 10
+TAKES_S: Final = 10.0
+"""An agent takes the wheels fewer times than this in this time, s. In 40 drives of two minutes
+under faults it was 6 times at most."""
+
+MOST_CYCLES: Final = 8
+"""Of the last ten cycles on such a path."""
+
+ORDERED_SHARE: Final = 0.6
+"""Least share of the cruising speed that is ordered on a free, long and straight path. Measured on
+the shipped scenarios: 0.67 (avoid, which has a top speed of its own) to 1."""
+
+DRIVEN_SHARE: Final = 0.6
+"""Least share of the ordered speed that the base drives after a second."""
+
+GAINS_SHARE: Final = 0.35
+"""Getting faster or slower by less than this share of the ramp is not following it."""
+
+LAG_CYCLES: Final = 4
+"""Cycles from an order until the wheels follow, and one status packet lost."""
+
+ROLLS_M_S: Final = 0.12
+"""Driving faster than ordered by this, m/s, is not the lag of the ramp alone."""
+
+LONG_M, PARKS_M, ASIDE_M, STRAIGHT_RAD = 2.0, 0.5, 0.4, 0.15
+"""A path is free, long and straight if it leads on for the first (and does not end within the
+second of that), nothing is within the third of the robot's flanks, and it bends by less."""
+
+SURE_M: Final = 0.1
+"""Behaviours slow down with a pose less certain than this, m."""
+
+UNSEEN_M: Final = 3.0
+"""So near to a part of the path that nobody has seen, the speed is that of sight, m."""
+
+SPEEDS_UP_S: Final = 1.0
+"""Time to speed up, s."""
+
+
+class Stands(Rule):
+    """A robot with a free path does not stand: the agent that is obeyed says how to go on."""
+
+    promise = Promise.STANDS
+    needs = (RobotState, MissionStatus, Ack)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._since = inf
+        self._holders: Counter[str] = Counter()
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, RobotState):
+            return
+        moves = abs(message.v) > RESTS_M_S or abs(message.w) > RESTS_RAD_S
+        self.checked = self.checked or now.driving
+        if moves or not now.driving or now.excuse(*STANDING) is not None:
+            self._since = inf
+            self._holders.clear()
+            return
+        self._since = min(self._since, now.now)
+        self._holders[now.who] += 1
+        if now.now - self._since > STANDS_S:
+            who, _ = self._holders.most_common(1)[0]
+            what = f"stands for {STANDS_S:.0f} s on a free path"
+            yield self.found(now, who, what if who else f"{what}, and nobody drives it")
+            self._since = inf
+
+
+STANDING: Final = (
+    *(Excuse.DISTURBED, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND, Excuse.LED, Excuse.LOST),
+    *(Excuse.WAITS, Excuse.BLOCKED),
+)
+
+
+class Honest(Rule):
+    """No agent keeps commanding what readings forbid.
+
+    A command is forbidden if the robot, on the commanded arc, could not stop before a published
+    obstacle although it began at once, and if it does not brake. Or if the robot agent published
+    that it let less than half of it through.
+    """
+
+    promise = Promise.HONEST
+    needs = (Ack, Obstacles, Description)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lately: dict[str, deque[bool]] = {}
+        self._named_at: dict[str, float] = {}
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, RobotState) or not now.holder:
+            return
+        forbidden = self._forbidden(now)
+        if forbidden is None:
+            return
+        self.checked = True
+        lately = self._lately.setdefault(now.holder, deque(maxlen=OF_CYCLES))
+        lately.append(bool(forbidden))
+        if sum(lately) < FORBIDDEN or now.excuse(Excuse.DISTURBED) is not None:
+            return
+        lately.clear()
+        if now.now - self._named_at.get(now.holder, -inf) > TAKES_S:
+            self._named_at[now.holder] = now.now
+            what = (
+                f"keeps commanding what the readings forbid, in {FORBIDDEN} of {OF_CYCLES} cycles"
+            )
+            yield self.found(now, now.who, what, forbidden)
+
+    @staticmethod
+    def _forbidden(now: Scene) -> str | None:
+        """Why the order is forbidden; "" if it is not; None if nobody can tell."""
+        order, about, seen, state = now.ordered, now.description, now.obstacles, now.state
+        if order is None or about is None or seen is None or state is None:
+            return None
+        v, w = order
+        if state.capped and v >= FAST_M_S and state.admitted.v < ADMITTED_SHARE * v:
+            return f"{v:.2f} m/s, of which {state.admitted.v:.2f} are let through: {state.capped}"
+        if v < FAST_M_S or v < state.v - RESTS_M_S:
+            return ""
+        bend = 0.5 * w / v
+        ahead = [
+            p.x for p in seen.points if p.x > 0 and abs(p.y - bend * p.x**2) < about.half_width
+        ]
+        free = min(ahead, default=inf) - about.front
+        needs = state.v * REACTION_S + state.v**2 / (2.0 * about.v_decel)
+        if free >= needs:
+            return ""
+        return f"{v:.2f} m/s, where {max(free, 0.0):.2f} m ahead are free"
+
+
+class Steady(Rule):
+    """No agent takes and loses the wheels again and again."""
+
+    promise = Promise.STEADY
+    needs = (Ack,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._holder = ""
+        self._takes: dict[str, deque[float]] = {}
+        self.most = 0
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, Ack) or message.resource != WHEELS.name:
+            return
+        self.checked, before, self._holder = True, self._holder, now.holder
+        if not now.holder or now.holder == before:
+            return
+        takes = self._takes.setdefault(now.holder, deque(maxlen=TAKES))
+        takes.append(now.now)
+        recent = [at for at in takes if now.now - at < TAKES_S]
+        self.most = max(self.most, len(recent))
+        if len(recent) < TAKES or now.excuse(Excuse.DISTURBED) is not None:
+            return
+        takes.clear()
+        what = f"took the wheels {TAKES} times in {now.now - recent[0]:.1f} s"
+        yield self.found(now, agent_of(now.holder), what)
+
+
+class Speed(Rule):
+    """On a free, long and straight path the robot drives as fast as it may, or the reason is known.
+
+    The agent that is obeyed orders a share of the cruising speed; the robot agent lets it through,
+    or publishes why not; and the base drives what is let through.
+    """
+
+    promise = Promise.SPEED
+    needs = (RobotState, MissionStatus, Trajectory, Pose, Obstacles, Description)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._route = Route(())
+        self._path: Trajectory | None = None
+        self._since = inf
+        self._orders: dict[str, deque[float]] = {}  # on free, long and straight paths, by agent
+        self._follows = Follows()
+        self._named: set[str] = set()
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Trajectory):
+            if self._path is None or message.waypoints != self._path.waypoints:
+                self._path, self._route = message, Route.of(message)
+        elif isinstance(message, Pose):
+            if self._route.waypoints:
+                self._route.advance(message.x, message.y)
+        elif isinstance(message, RobotState):
+            yield from self._base(message, now)
+            if not self._is_free(now):
+                self._since = inf
+                return
+            self._since = min(self._since, now.now)
+            if now.now - self._since > SPEEDS_UP_S and now.ordered is not None:
+                yield from self._orders_less(now.ordered[0], now)
+
+    def _orders_less(self, v: float, now: Scene) -> Iterator[Finding]:
+        self.checked = True
+        orders = self._orders.setdefault(now.who, deque(maxlen=OF_CYCLES))
+        orders.append(v)
+        known, least = now.cruise
+        slow = sum(each < ORDERED_SHARE * known for each in orders)
+        if slow < MOST_CYCLES or now.who in self._named:
+            return
+        self._named.add(now.who)
+        what = f"orders {max(orders):.2f} m/s on a free, long and straight path"
+        if max(orders) < ORDERED_SHARE * least:
+            yield self.found(now, now.who, what, f"cruising speed {least:.2f} m/s or more")
+        else:
+            why = f"{what}; whether a limit is set is unknown (`v_max` of goto)"
+            yield self.found(now, now.who, why, f"without: {known:.2f} m/s", Answer.UNKNOWN)
+
+    def _base(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        admitted, about = now.admitted, now.description
+        if admitted is None or about is None:
+            return
+        self._follows.add(now.now, admitted, state.v)
+        excused = state.stalled or now.excuse(Excuse.DISTURBED, Excuse.FAULT, Excuse.STOPPED)
+        if "robot" in self._named or excused or not self._follows.lags(about):
+            return
+        self._named.add("robot")
+        what = f"drives {state.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
+        yield self.found(now, "robot", f"{what}; no reason is published")
+
+    def _is_free(self, now: Scene) -> bool:
+        """Whether its path is free, long and straight, and it knows where it is."""
+        pose, about, seen = now.pose, now.description, now.obstacles
+        if not now.driving or pose is None or about is None or seen is None or not now.holder:
+            return False
+        if pose.deviation > SURE_M or not self._route.waypoints:
+            return False
+        if self._route.to_go(pose.x, pose.y) < LONG_M + PARKS_M:
+            return False
+        if self._route.off_unseen(pose.x, pose.y) < UNSEEN_M:
+            return False
+        for share in (0.33, 0.67, 1.0):
+            to = self._route.ahead(pose.x, pose.y, share * LONG_M)[0]
+            x, y, _ = relative((pose.x, pose.y, pose.theta), (to.x, to.y, 0.0))
+            if abs(atan2(y, x)) > STRAIGHT_RAD:
+                return False
+        reach, half = about.front + LONG_M, about.half_width + ASIDE_M
+        near = any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
+        return not near and now.excuse(*STANDING, Excuse.CAPPED) is None
+
+
+class Brakes(Rule):
+    """The robot brakes along its ramp once it is ordered to be slower."""
+
+    promise = Promise.BRAKES
+    needs = (RobotState, Description)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._follows = Follows()
+        self._named = False
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, RobotState) or now.description is None:
+            return
+        admitted = 0.0 if message.stop.stopped else now.admitted
+        if admitted is None:
+            return
+        self.checked = True
+        self._follows.add(now.now, admitted, message.v)
+        if self._named or not self._follows.rolls(now.description):
+            return
+        if now.excuse(Excuse.DISTURBED) is None:
+            self._named = True
+            what = f"still drives {message.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
+            ramp = f"its ramp is {now.description.v_decel:.2f} m/s^2"
+            yield self.found(now, "robot", what, f"for {self._follows.lasts:.1f} s, {ramp}")
+
+
+class Follows:
+    """The speeds that were let through in the last cycles, and the measured ones, m/s."""
+
+    def __init__(self) -> None:
+        self._last: deque[tuple[float, float, float]] = deque(maxlen=OF_CYCLES + LAG_CYCLES)
+
+    def add(self, at: float, admitted: float, measured: float) -> None:
+        if self._last and not 0.0 < at - self._last[-1][0] < 3.0 * PERIOD:
+            self._last.clear()
+        self._last.append((at, admitted, measured))
+
+    @property
+    def lasts(self) -> float:
+        """The time that these cycles took, s."""
+        return self._last[-1][0] - self._last[0][0]
+
+    def _of_ramp(self, ramp: float) -> float | None:
+        """The change of speed as a share of what the ramp would have made; None: too few cycles."""
+        if len(self._last) < OF_CYCLES + LAG_CYCLES:
+            return None
+        (begun, _, before), (ended, _, after) = self._last[LAG_CYCLES], self._last[-1]
+        return (after - before) / (ramp * (ended - begun))
+
+    def lags(self, about: Description) -> bool:
+        """Whether it drives much less than was let through all the time, and gets no faster."""
+        gains = self._of_ramp(about.v_accel)
+        slow = all(v > FAST_M_S and m < DRIVEN_SHARE * v for _, v, m in self._last)
+        return gains is not None and slow and gains < GAINS_SHARE
+
+    def rolls(self, about: Description) -> bool:
+        """Whether it drives much more than was let through all the time, and gets no slower."""
+        gains = self._of_ramp(about.v_decel)
+        fast = all(v >= 0.0 and m > v + ROLLS_M_S for _, v, m in self._last)
+        return gains is not None and fast and -gains < GAINS_SHARE

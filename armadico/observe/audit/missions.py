@@ -1,0 +1,310 @@
+"""A mission's outcome: it arrives in time, "reached" is true, and a failure has a cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees, hypot, inf
+from operator import itemgetter
+from typing import Final
+
+from armadico.core.judgement import Answer
+from armadico.core.messages import Message, RobotState
+from armadico.mobile.geometry import wrap
+from armadico.mobile.messages import (
+    MissionState,
+    MissionStatus,
+    Pose,
+    Trajectory,
+    Truth,
+    Waypoint,
+)
+from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico.observe.audit.rules import Rule
+from armadico.observe.audit.scene import Scene
+from armadico.observe.measures import REACHED_M, REACHED_RAD
+
+PACE_M_S: Final = 0.25
+"""Pace of a mission on average, m/s. Chosen on the shipped scenarios: the slowest took two thirds
+of the time that this pace and `BEGINS_S` allow."""
+
+PACE_SHARE: Final = 0.5
+"""A slow robot's pace, as a share of its top speed."""
+
+BEGINS_S: Final = 20.0
+"""Time, s, for turning at the start and parking at the goal."""
+
+RESUMES_S: Final = 5.0
+"""After an excuse that lasted, a robot has so long to get going, s (`Promise.MOVES`)."""
+
+DETOURS: Final = 3.0
+"""New paths may make a mission so many times as long as the longest of them."""
+
+NOBODY: Final = "nobody"
+
+LONG_S: Final = 10.0
+"""Waiting for a free path counts as the cause of a failure after this time, s."""
+
+STUCK_S: Final = 60.0
+"""Coming no nearer counts as the cause of a failure after this time, s. The interface agent gives
+up after two minutes; that it is late is another finding."""
+
+LOST_S: Final = 60.0
+"""The longest, s, that an undisturbed robot on a mission may be lost. A search of a floor takes
+some seconds of turning and driving."""
+
+NEARER_M: Final = 0.1
+"""Coming nearer by this, m, is progress."""
+
+OFF_RAD: Final = 2.0 * REACHED_RAD
+"""A heading farther off the goal's than this, rad, is not reached. Poses of the shipped scenarios,
+certain within 5 degrees, are off by a little more once in a hundred missions."""
+
+EXCUSES: Final = (
+    *(Excuse.DISTURBED, Excuse.SILENT, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND),
+    *(Excuse.LED, Excuse.LOST, Excuse.WAITS),
+)
+
+
+class Arrives(Rule):
+    """A mission is reached in the time that its path takes.
+
+    The time while an excuse holds does not count, and is reported; a published cap counts by the
+    share of the ordered speed that it left. The rest belongs to the agent that is obeyed then. It
+    does not use the interface agent's own due time.
+    """
+
+    promise = Promise.ARRIVES
+    needs = (RobotState, MissionStatus, Trajectory)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._mission = 0
+        self._over = True  # it has ended, or was reported as late
+        self._spent: dict[str, float] = {}  # s by the agent that was obeyed
+        self._excused: dict[str, float] = {}  # s by excuse
+        self._excuse: tuple[Excuse, float] | None = None  # the present one, and since when
+        self._bonus_s = 0.0
+        self._driven_m = 0.0
+        self._path_m = self._longest_m = 0.0
+        self._last_at = -inf
+        self._path: tuple[Waypoint, ...] = ()
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, MissionStatus):
+            if message.state is not MissionState.DRIVING:
+                self._over = True
+            elif message.mission != self._mission:
+                self._begin(message.mission, now)
+        elif isinstance(message, RobotState):
+            yield from self._count(now)
+
+    def on_time(self, now: Scene) -> Iterator[Finding]:
+        if now.silent:
+            yield from self._count(now)
+
+    def _begin(self, mission: int, now: Scene) -> None:
+        self.__init__()  # type: ignore[misc]
+        self.checked, self._mission, self._over, self._last_at = True, mission, False, now.now
+
+    def _count(self, now: Scene) -> Iterator[Finding]:
+        if self._over:
+            return
+        dt, self._last_at = now.now - self._last_at, now.now
+        self._measure(now)
+        excuse = now.excuse(*EXCUSES)
+        before = self._excuse
+        if before is not None and before[0] is not excuse:
+            self._bonus_s += min(now.now - before[1], RESUMES_S)
+        if excuse is not None:
+            self._excuse = (
+                before
+                if before is not None and before[0] is excuse
+                else (
+                    excuse,
+                    now.now,
+                )
+            )
+            _add(self._excused, excuse.name.lower().replace("_", " "), dt)
+            return
+        self._excuse = None
+        share = now.capped_share()
+        _add(self._excused, "capped", (1.0 - share) * dt)
+        _add(self._spent, now.who or NOBODY, share * dt)
+        spent, allowed = sum(self._spent.values()), self._allowed_s(now)
+        if spent > allowed:
+            self._over = True
+            yield self._late(now, spent, allowed)
+
+    def _measure(self, now: Scene) -> None:
+        """The way driven, and the length of each new path."""
+        state, before = now.state, now.before
+        if state is not None and before is not None and state.cycle.epoch == before.cycle.epoch:
+            self._driven_m += hypot(state.x - before.x, state.y - before.y)
+        path = now.trajectory
+        if path is None or path.mission != self._mission or path.waypoints in ((), self._path):
+            return
+        self._path, length = path.waypoints, length_m(path)
+        self._longest_m = max(self._longest_m, length)
+        self._path_m = max(self._path_m, self._driven_m + length)
+
+    def _allowed_s(self, now: Scene) -> float:
+        top = inf if now.description is None else now.description.v_max
+        pace = min(PACE_M_S, PACE_SHARE * top)
+        way = min(self._path_m, DETOURS * self._longest_m)
+        return BEGINS_S + self._bonus_s + way / pace
+
+    def _late(self, now: Scene, spent: float, allowed: float) -> Finding:
+        by_time = sorted(self._spent.items(), key=itemgetter(1), reverse=True)
+        who, most = by_time[0]
+        excused = {why: s for why, s in self._excused.items() if s >= 0.1}
+        parts = [f"{name} {s:.0f} s" for name, s in by_time]
+        parts += [f"not counted: {why} {s:.0f} s" for why, s in sorted(excused.items())]
+        went = f"{self._driven_m:.1f} m driven, the path is {self._path_m:.1f} m long"
+        what = f"the mission is not reached after {spent:.0f} s, where {allowed:.0f} s are enough"
+        what += (
+            f"; nobody drove for {most:.0f} s of them" if who == NOBODY else f"; {who} drives it"
+        )
+        return self.found(now, "" if who == NOBODY else who, what, f"{', '.join(parts)}; {went}")
+
+
+def _add(to: dict[str, float], name: str, seconds: float) -> None:
+    to[name] = to.get(name, 0.0) + seconds
+
+
+def length_m(path: Trajectory) -> float:
+    """The length of a path, m."""
+    x, y, length = path.start.x, path.start.y, 0.0
+    for to in path.waypoints:
+        length += hypot(to.x - x, to.y - y)
+        x, y = to.x, to.y
+    return length
+
+
+class Reached(Rule):
+    """A goal that is reported as reached is reached: by the truth, else as far as the pose knows.
+
+    The goal is the end of the mission's last path.
+    """
+
+    promise = Promise.REACHED
+    needs = (MissionStatus, Trajectory, Pose)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._goal: tuple[int, Waypoint] | None = None
+        self._known = 0  # the last mission that was judged
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Trajectory):
+            if message.waypoints:
+                self._goal = message.mission, message.waypoints[-1]
+        elif isinstance(message, MissionStatus) and message.state is MissionState.REACHED:
+            goal = self._goal
+            if goal is not None and goal[0] == message.mission != self._known:
+                self._known, self.checked = message.mission, True
+                yield from self._judge(goal[1], now)
+
+    def _judge(self, goal: Waypoint, now: Scene) -> Iterator[Finding]:
+        pose, truth = now.pose, now.truth
+        if pose is None:
+            text = "reached, and no pose shows where"
+            yield self.found(now, "interface", text, answer=Answer.UNKNOWN)
+            return
+        by_pose, truly = _off(goal, pose), None if truth is None else _off(goal, truth)
+        by = "" if truly is None else _by(pose, by_pose)
+        off = by_pose if truly is None else truly
+        if _beyond(*by_pose):
+            yield self.found(now, "interface", f"reported as reached, {_so(off)} off", by)
+        elif (truly is None or _beyond(*truly)) and now.unsure:
+            what = "reported as reached, by a pose that does not claim to know"
+            what += "" if truly is None else f": {_so(truly)} off"
+            yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
+        elif truly is not None and _beyond(*truly):
+            yield self.found(now, "localization", f"reported as reached, {_so(truly)} off", by)
+
+
+def _off(goal: Waypoint, at: Pose | Truth) -> tuple[float, float]:
+    return hypot(goal.x - at.x, goal.y - at.y), abs(wrap(goal.theta - at.theta))
+
+
+def _beyond(off_m: float, off_rad: float) -> bool:
+    return off_m > REACHED_M or off_rad > OFF_RAD
+
+
+def _so(off: tuple[float, float]) -> str:
+    return f"{off[0]:.2f} m and {degrees(off[1]):.0f} degrees"
+
+
+def _by(pose: Pose, off: tuple[float, float]) -> str:
+    known = f"+-{pose.deviation:.2f} m" if pose.covariance else "of unknown error"
+    return f"by its pose {_so(off)}, {known}"
+
+
+class Failed(Rule):
+    """A mission fails for a cause that was seen."""
+
+    promise = Promise.FAILED
+    needs = (RobotState, MissionStatus)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._mission = 0
+        self._causes: set[str] = set()
+        self._waits_s = 0.0
+        self._to_go, self._nearer_at, self._last_at = inf, -inf, -inf
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, MissionStatus):
+            if message.mission != self._mission:
+                self._mission, self._causes, self._waits_s = message.mission, set(), 0.0
+                self._to_go, self._nearer_at = inf, now.now
+            if message.state is MissionState.DRIVING and message.to_go < self._to_go - NEARER_M:
+                self._to_go, self._nearer_at = message.to_go, now.now
+            if message.state is MissionState.FAILED:
+                yield from self._judge(message, now)
+        elif isinstance(message, Trajectory):
+            if message.mission != self._mission and message.waypoints:
+                self._causes.add("another mission")
+        elif isinstance(message, RobotState):
+            dt, self._last_at = now.now - self._last_at, now.now
+            if message.stalled:
+                self._causes.add("contact")
+            excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.WAITS)
+            if excuse is Excuse.WAITS:
+                self._waits_s += min(dt, 1.0)
+            elif excuse is not None:
+                self._causes.add(excuse.name)
+
+    def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
+        first, self.checked = "judged" not in self._causes, True
+        stuck = now.now - self._nearer_at > STUCK_S
+        if first and not self._causes and not stuck and self._waits_s < LONG_S:
+            what = "the mission failed, and no contact, blocked path or fault of the robot was seen"
+            yield self.found(now, "interface", what, status.note)
+        self._causes.add("judged")
+
+
+class Found(Rule):
+    """A robot that is lost on a mission finds its place again."""
+
+    promise = Promise.FOUND
+    needs = (RobotState, Pose)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lost_s, self._last_at = 0.0, -inf
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, RobotState):
+            return
+        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        self.checked = self.checked or now.pose is not None
+        if not now.driving or not now.lost:
+            self._lost_s = 0.0
+        elif now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None:
+            self._lost_s += dt
+            if self._lost_s > LOST_S:
+                self._lost_s = -inf  # once, until it is found
+                assert now.pose is not None, "a pose says that it is lost"
+                what = f"lost for {LOST_S:.0f} s on a mission"
+                yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")

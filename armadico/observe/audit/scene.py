@@ -1,0 +1,240 @@
+"""What the messages show at a moment: the state that all rules share."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from math import inf
+from typing import Final
+
+from armadico.core.messages import (
+    Ack,
+    Command,
+    Description,
+    Message,
+    ParametersReply,
+    RobotState,
+    Twist,
+)
+from armadico.core.resources import WHEELS
+from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.messages import (
+    ByHand,
+    Leading,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Trajectory,
+    Truth,
+)
+from armadico.mobile.obstacles import Obstacles, Surroundings
+from armadico.observe.audit.promises import Excuse
+from armadico.observe.measures import REACHED_M, REACHED_RAD, speeds
+from armadico.observe.view import agent_of, driver
+
+SILENT_S = 0.3
+"""Without a `RobotState` for this time, s, the robot agent is silent: three cycles."""
+
+STATES_S = 1.0
+"""A state that is published regularly, such as driving by hand, is over after this time, s."""
+
+
+SHOWN: Final[tuple[type[Message], ...]] = (
+    *(RobotState, Description, Ack, Command, Pose, Obstacles, MissionStatus, Trajectory, Truth),
+    *(ByHand, Leading),
+)
+"""The messages that a scene is made of; a base stands for its subclasses."""
+
+ROOM_M: Final = 0.5
+"""An obstacle nearer to the robot's front or flanks than this, m, is a reason to stand."""
+
+RESTS: Final = Twist(0.0, 0.0)
+
+CRUISE_M_S: Final = 0.75
+"""The speed of the behaviours on a free way, m/s (thesis chapter 5), without a limit."""
+
+LIMITED_M_S: Final = 0.4
+"""The lowest limit of a shipped scenario, m/s (thesis 5.3)."""
+
+
+class Scene:
+    """The newest messages, and what follows from them.
+
+    Attributes:
+        now: The time of the newest message, s.
+        excuses: Those that count; others are switched off.
+        needed: How often each excuse held when a rule asked for it.
+        disturbed: A disturbance that the observer knows of, in words; "" without one.
+        v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
+            None: unknown.
+        holder: The instance whose command is obeyed; "" without one.
+    """
+
+    def __init__(self, excuses: frozenset[Excuse], v_max: float | None = None) -> None:
+        self.now = -inf
+        self.excuses = excuses
+        self.needed: Counter[Excuse] = Counter()
+        self.disturbed = ""
+        self.v_max = v_max
+        self.description: Description | None = None
+        self.state: RobotState | None = None
+        self.before: RobotState | None = None  # the state before
+        self.state_at = -inf
+        self.publishes_orders = False  # an older robot agent does not
+        self.state_gap_s = inf  # between the last two states
+        self.pose: Pose | None = None
+        self.truth: Truth | None = None
+        self.mission: MissionStatus | None = None
+        self.trajectory: Trajectory | None = None
+        self.ack: Ack | None = None
+        self.command: Command | None = None  # the newest of the instance that is obeyed
+        self.obstacles: Obstacles | None = None
+        self.holder = ""
+        self._surroundings = Surroundings()
+        self._flags: dict[type[Message], tuple[float, bool, bool]] = {}  # at, by hand, led
+
+    def update(self, at: float, message: Message) -> None:
+        """Process one message; a late one counts as of now."""
+        self.now = max(self.now, at)
+        match message:
+            case RobotState():
+                self.before, self.state = self.state, message
+                self.state_gap_s, self.state_at = self.now - self.state_at, self.now
+                self.publishes_orders |= message.ordered != RESTS or message.admitted != RESTS
+            case Ack(resource=WHEELS.name):
+                self.ack, self.holder = message, driver(message) or ""
+            case Command(resource=WHEELS.name) if message.ballot.instance == self.holder:
+                self.command = message
+            case Pose():
+                self.pose = message
+            case Truth():
+                self.truth = message
+            case MissionStatus():
+                self.mission = message
+            case Trajectory():
+                self.trajectory = message
+            case Obstacles() if self._surroundings.counts(message):
+                self.obstacles = self._surroundings.update(message) or self.obstacles
+            case Description():
+                self.description = message
+                self._surroundings.describe(message)
+            case ParametersReply():
+                self._limit(message)
+            case ByHand():
+                self._flags[type(message)] = self.now, bool(message.driven_by), False
+            case Leading():
+                self._flags[type(message)] = self.now, False, message.leads
+
+    def own(self, truth: Truth) -> bool:
+        """Whether a truth is this robot's: another simulator may publish in the namespace."""
+        about = self.description
+        return about is None or truth.simulator == about.of_truth != ""
+
+    def _limit(self, reply: ParametersReply) -> None:
+        if agent_of(reply.instance) == "goto":
+            values = [json.loads(each.json) for each in reply.parameters if each.name == "v_max"]
+            self.v_max = next((inf if v is None else float(v) for v in values), self.v_max)
+
+    @property
+    def who(self) -> str:
+        """The agent whose command is obeyed; "" without one."""
+        return agent_of(self.holder) if self.holder else ""
+
+    @property
+    def driving(self) -> bool:
+        """Whether a mission is under way."""
+        return self.mission is not None and self.mission.state is MissionState.DRIVING
+
+    @property
+    def silent(self) -> bool:
+        """Whether the robot agent publishes nothing."""
+        return self.now - self.state_at > SILENT_S
+
+    @property
+    def ordered(self) -> tuple[float, float] | None:
+        """The speeds of the last obeyed command, m/s and rad/s; None if unknown."""
+        if self.publishes_orders and self.state is not None:
+            return self.state.ordered.v, self.state.ordered.w
+        if self.command is None or self.command.ballot.instance != self.holder:
+            return None
+        return (0.0, 0.0) if self.command.action is None else speeds(self.command)
+
+    @property
+    def admitted(self) -> float | None:
+        """The forward speed that the robot agent let through, m/s; None if unknown."""
+        if self.publishes_orders and self.state is not None:
+            return self.state.admitted.v
+        return None
+
+    @property
+    def cruise(self) -> tuple[float, float]:
+        """The cruising speed without and with the strictest limit that a scenario may set, m/s."""
+        top = inf if self.description is None else self.description.v_max
+        known = CRUISE_M_S if self.v_max is None else min(CRUISE_M_S, self.v_max)
+        least = min(CRUISE_M_S, LIMITED_M_S if self.v_max is None else self.v_max)
+        return min(known, top), min(least, top)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the pose is too uncertain to drive."""
+        return self.pose is not None and self.pose.deviation > LOST_M
+
+    @property
+    def unsure(self) -> bool:
+        """Whether the pose says that it may be off by more than the tolerance of a goal."""
+        return self.excuse(Excuse.UNSURE) is not None
+
+    def capped_share(self) -> float:
+        """The share of the ordered speed that a published cap leaves, 0 to 1."""
+        state = self.state
+        if state is None or not state.capped or not state.ordered.v:
+            return 1.0
+        share = min(max(state.admitted.v / state.ordered.v, 0.0), 1.0)
+        return share if share == 1.0 or self.excuse(Excuse.CAPPED) is not None else 1.0
+
+    def excuse(self, *considered: Excuse) -> Excuse | None:
+        """The first of these excuses that holds now and is not switched off."""
+        for each in considered:
+            if each in self.excuses and self._holds(each):
+                self.needed[each] += 1
+                return each
+        return None
+
+    def _holds(self, excuse: Excuse) -> bool:
+        state, flags = self.state, self._flags.values()
+        match excuse:
+            case Excuse.STOPPED:
+                return state is not None and state.stop.stopped
+            case Excuse.LOST:
+                return self.lost
+            case Excuse.WAITS:
+                return self.trajectory is not None and self.trajectory.waits
+            case Excuse.BY_HAND:
+                return any(hand and self.now - at < STATES_S for at, hand, _ in flags)
+            case Excuse.LED:
+                return any(led and self.now - at < STATES_S for at, _, led in flags)
+            case Excuse.FAULT:
+                return state is not None and bool(state.fault)
+            case Excuse.SILENT:
+                return self.silent
+            case Excuse.DISTURBED:
+                return bool(self.disturbed)
+            case Excuse.BLOCKED:
+                return self._blocked()
+            case Excuse.CAPPED:
+                return state is not None and bool(state.capped)
+            case Excuse.UNSURE:
+                return self.pose is not None and _unsure(self.pose)
+
+    def _blocked(self) -> bool:
+        """Whether an obstacle is near to the front or the flanks."""
+        about, seen = self.description, self.obstacles
+        if about is None or seen is None:
+            return False
+        reach, half = about.front + ROOM_M, about.half_width + ROOM_M
+        return any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
+
+
+def _unsure(pose: Pose) -> bool:
+    beyond = pose.deviation > REACHED_M or pose.heading_deviation > REACHED_RAD
+    return beyond or not pose.covariance

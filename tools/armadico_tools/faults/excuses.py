@@ -1,0 +1,69 @@
+"""Which excuses of the auditor's rules are needed: seeds are judged without each of them, too.
+
+`python -m armadico_tools.faults.excuses [FIRST [SEEDS [MINUTES]]]`. An excuse that no seed needs
+goes, unless the fault bed never shows its occasion.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from dataclasses import replace
+
+from armadico.core.judgement import Answer
+from armadico.observe.audit.auditor import Auditor
+from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico_tools.faults.checker import Checker, hand
+from armadico_tools.faults.observations import Observation
+from armadico_tools.faults.record import Bounds, bounds_of
+from armadico_tools.faults.variants import case_of, scenario_of
+from armadico_tools.faults.workload import Workload
+
+
+class Strict(Checker):
+    """A checker that also keeps what its auditor was given, to judge it again."""
+
+    def __init__(self, bounds: Bounds) -> None:
+        super().__init__(bounds)
+        self._given: list[tuple[str, Observation]] = []
+
+    def audit(self, auditor: Auditor, seen: Observation) -> list[Finding]:
+        found = super().audit(auditor, seen)
+        self._given.append((auditor.scene.disturbed, seen))
+        return found
+
+    def needed(self) -> dict[Excuse, Counter[Promise]]:
+        """By excuse, the promises of which more would be broken without it."""
+        accepted = _broken(self.auditor)
+        return {each: self._without(each) - accepted for each in self.auditor.scene.needed}
+
+    def _without(self, excuse: Excuse) -> Counter[Promise]:
+        strict = self.auditor.without(excuse)
+        for disturbed, seen in self._given:
+            strict.disturbed(disturbed)
+            hand(strict, seen)
+        return _broken(strict)
+
+
+def _broken(auditor: Auditor) -> Counter[Promise]:
+    return Counter(each.promise for each in auditor.findings if each.answer is not Answer.YES)
+
+
+def main(first: int = 1, seeds: int = 20, minutes: float = 2.0) -> int:
+    """Returns 1 if an excuse was never needed."""
+    needed: dict[Excuse, Counter[str]] = {excuse: Counter() for excuse in Excuse}
+    for seed in range(first, first + seeds):
+        case = case_of(seed, 60.0 * minutes)
+        checker = Strict(replace(bounds_of(scenario_of(case)[0]), skew_s=0.0))
+        Workload(case, checker).run()
+        for excuse, broken in checker.needed().items():
+            needed[excuse].update(promise.name for promise in broken)
+    for excuse, promises in needed.items():
+        of = ", ".join(f"{name} in {count}" for name, count in promises.most_common())
+        print(f"{excuse.name:10} {of or 'never needed'}")
+    return 0 if all(needed.values()) else 1
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    sys.exit(main(*map(int, given[:2]), *map(float, given[2:3])))
