@@ -1,10 +1,10 @@
-"""The robot agent's reflexes: limits on the speed by its newest readings and by collisions.
+"""The robot agent's reflexes: limits on each command by its newest readings and by collisions.
 
-Behaviours make sure that they can stop, by their inputs. These may be late: between a reading and
-the wheels lie the mesh and other processes. Sensors and wheels are in one process here, so it caps
-the forward speed of the commands it obeys by the readings of the present cycle.
-It refuses and does not choose: it never makes the robot faster, nor turns it. It assumes less time
-and less clearance than any behaviour, so it does not intervene where they drive well.
+Behaviours make sure that they can stop, by their inputs. These may be late, or a holder may be
+wrong. Sensors and wheels are in one process here, so no command passes that the readings of the
+present cycle do not admit (`mobile/admissible`): not a behaviour's, a person's or a program's. It
+refuses and does not choose: it never makes the robot faster, nor turns it the other way. It assumes
+less time and less clearance than any behaviour, so it seldom intervenes where they drive well.
 
 Frame: the body's, x forward, y left, the origin at the middle of the wheel axle; m, rad, s.
 """
@@ -18,7 +18,8 @@ from armadico.bridge.response import HELD_S, STANDING
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 from armadico.bridge.seen import Seen
-from armadico.mobile.admissible import TOUCH_M, View, admit
+from armadico.core.config_errors import ConfigError
+from armadico.mobile.admissible import CREEP_M_S, TOUCH_M, View, admit
 from armadico.mobile.geometry import Pose2, turning_circle
 from armadico.mobile.messages import Echo, Scan
 from armadico.mobile.motion import Body, Speeds, ordered
@@ -26,6 +27,10 @@ from armadico.mobile.swept_path import Outline
 
 REACTION_CYCLES, REACTION_S = 2.0, 0.2
 """Time from a reading until the wheels follow: the speed loops' delay, as behaviours assume."""
+
+ROOM_M = 0.5
+"""Longest way to rest from the slowest motion. A robot that needs more could do nothing in a room
+that leaves so much around it."""
 
 REPORT_S = 2.0
 """Least time between two reports of capped speeds."""
@@ -60,6 +65,7 @@ class Reflex:
             limits.w_accel,
             limits.w_decel,
         )
+        _check_stops(profile.name, self._body)
         self._seen = Seen(profile)
         self._view: View | None = None  # computed when it is first needed in a cycle
         self._measured: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
@@ -119,6 +125,20 @@ class Reflex:
         return (
             f"{count} x slowed, last from {v:.2f} m/s, {w:.2f} rad/s to"
             f" {to_v:.2f}, {to_w:.2f}"
+        )
+
+
+def _check_stops(name: str, body: Body) -> None:
+    """Raises ConfigError if even a creeping robot would need more than `ROOM_M` to rest."""
+    corner = turning_circle(*body.outline)
+    way = body.stopping_distance(CREEP_M_S)
+    swing = corner * body.stopping_turn(CREEP_M_S / corner)
+    if max(way, swing) > ROOM_M:
+        raise ConfigError(
+            f"the profile {name} would let the robot do nothing: from {CREEP_M_S:g} m/s it rests"
+            f" after {way:.2f} m, and its corners after {swing:.2f} m, where {ROOM_M:g} m are the"
+            f" most; cycle_s = {body.cycle_s:g} delays each command by {body.dead_s:g} s, and it"
+            f" brakes with v_decel = {body.v_decel:g} m/s^2, w_decel = {body.w_decel:g} rad/s^2"
         )
 
 

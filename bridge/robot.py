@@ -541,7 +541,9 @@ class Robot(DeviceAgent):
         if scan is not None and self._response.see(points_of(scan), pose):
             self._found_fault()
         if self._orders.moving and self.p.reflex and self._session is not None:
-            self._order(*self._orders.ordered)
+            driven = self._orders.driven
+            if self._reflex.cap(*driven) != driven:
+                self._order(*self._orders.ordered)
         if (text := self._reflex.complaint(self.now)) is not None:
             self.log(text, WARNING, LogEvent.SLOWED)
 

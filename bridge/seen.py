@@ -42,9 +42,9 @@ with half the width robots crept, and their maps dropped obstacles before they h
 DARK_M: Final = 3.0
 """Range up to which a laser sees dark surfaces, as for maps (`grid_mapping`)."""
 
-HEARD_M: Final = 0.8
+HEARD_M: Final = 1.0
 """Range up to which a ring of sonars hears a slanted smooth wall or its edge. An edge is heard up
-to 0.4 m for certain, up to 0.8 m by every other ping (`configs/robots/sensors.toml`)."""
+to 0.4 m for certain, up to 1 m by four pings of ten (`configs/robots/sensors.toml`)."""
 
 ARC_M: Final = 1.0
 """Echoes from nearer count on their whole arc; farther ones on the axis, since they do not limit."""
@@ -54,6 +54,19 @@ ARC: Final = np.array([0.0, -1.0, 1.0, -0.5, 0.5])
 
 THROUGH_M: Final = 0.1
 """A sonar looked through a place that is nearer than its echo by this."""
+
+AXIS: Final = 0.7
+"""Share of half the cone in which it is sure to have heard what is there."""
+
+FACING: Final = cos(radians(25))
+"""A place is looked through from the direction from which it was hit, within this: a wall answers
+from some directions only."""
+
+TWICE_S: Final = 0.5
+"""A ring pings twice in this time, so one ping whose echo was lost removes nothing."""
+
+BESIDE_RAD: Final = radians(25)
+"""A sonar within this of another one's bearing is beside it."""
 
 SAME_M: Final = 0.03
 """A point within this of a known one replaces it."""
@@ -80,9 +93,10 @@ class Seen:
         self._width = SHARE * body.width_m
         ring = profile.sonar
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
-        self._echoed: Floats = np.empty((0, 3))  # x, y in the odometry's frame, and when
-        self._scanned: Floats = np.empty((0, 3))
-        self._readings: dict[tuple[float, float, float], tuple[float, Pose2, float]] = {}
+        # x, y in the odometry's frame, when, and the direction of the sonar that hit it
+        self._echoed: Floats = np.empty((0, 5))
+        self._scanned: Floats = np.empty((0, 3))  # x, y, and when
+        self._readings: dict[tuple[float, float, float], tuple[float, float]] = {}
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
         self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
@@ -107,11 +121,11 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        points = self._from_world(np.concatenate([self._echoed, self._scanned])[:, :2])
+        points = self._from_world(np.concatenate([self._echoed[:, :2], self._scanned[:, :2]]))
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
-        return View(points, np.column_stack([x[unseen], y[unseen]]))
+        return View(points, np.column_stack([x[unseen], y[unseen]]), 0.5 * CELL_M)
 
     def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
         """Add an echo, or its absence."""
@@ -121,38 +135,37 @@ class Seen:
         ahead, aside = c * dx + s * dy, np.abs(c * dy - s * dx)
         beam = aside < tan(self._cone) * ahead + 0.5 * CELL_M
         self._free[beam & (ahead > 0.0) & (np.hypot(dx, dy) < min(away, HEARD_M))] = self._now
-        known = self._from_world(self._echoed[:, :2])
-        self._echoed = self._echoed[~self._through(known, echo, 0.7 * self._cone)]
-        self._readings[echo.x, echo.y, echo.bearing] = away, self._pose, self._now
+        known, heading = self._echoed, echo.bearing + self._pose[2]
+        facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
+        old = self._now - known[:, 2] > TWICE_S
+        gone = facing & old & self._through(self._from_world(known[:, :2]), echo)
+        known = self._echoed = known[~gone]
+        self._readings[echo.x, echo.y, echo.bearing] = away, self._now
         if echo.range is None:
             return
-        bearings = echo.bearing + self._cone * (ARC if echo.range < ARC_M else ARC[:1])
+        bearings = echo.bearing + self._cone * (ARC if away < ARC_M else ARC[:1])
         places = np.column_stack(
             [echo.x + away * np.cos(bearings), echo.y + away * np.sin(bearings)]
         )
-        for mount, (other, pose, at) in self._readings.items():
-            if pose == self._pose and at == self._now and mount[:2] != (echo.x, echo.y):
+        for mount, (other, at) in self._readings.items():
+            if self._now - at < TWICE_S and 0.0 < abs(mount[2] - echo.bearing) < BESIDE_RAD:
                 look = Echo(*mount, None if other == inf else other)
-                places = places[~self._through(places, look, 0.7 * self._cone)]
-        self._echoed = self._merged(self._echoed, self._to_world(places))
+                places = places[~self._through(places, look)]
+        off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
+        new = np.empty((len(places), 5))
+        new[:, :2] = self._to_world(places)
+        new[:, 2:] = self._now, cos(heading), sin(heading)
+        self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
 
-    def _through(self, places: Floats, echo: Echo, half: float) -> Flags:
-        """Whether a sonar looked through places."""
+    def _through(self, places: Floats, echo: Echo) -> Flags:
+        """Whether a sonar looked through places near its axis."""
         away = HEARD_M if echo.range is None else echo.range - THROUGH_M
         dx, dy = places[:, 0] - echo.x, places[:, 1] - echo.y
         c, s = cos(echo.bearing), sin(echo.bearing)
         ahead = c * dx + s * dy
-        beam = np.abs(c * dy - s * dx) < tan(half) * ahead
+        beam = np.abs(c * dy - s * dx) < tan(AXIS * self._cone) * ahead
         found: Flags = beam & (np.hypot(dx, dy) < away)
         return found
-
-    def _merged(self, known: Floats, places: Floats) -> Floats:
-        """The known points with new ones, which replace those close to them."""
-        if not len(places):
-            return known
-        off = np.hypot(*(known[:, None, :2] - places[None]).transpose(2, 0, 1))
-        new = np.column_stack([places, np.full(len(places), self._now)])
-        return np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
 
     def _look(self, scan: Scan, x: Floats, y: Floats) -> None:
         """Add a scan: points in its view are those that it shows."""

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from armadico.mobile.motion import Body, Floats, Speeds, touches_at
 
-CREEP_M_S = 0.1
+CREEP_M_S = 0.2
 """Speed, of the axle's middle and of a corner that turns, through what nobody has seen. Chosen: from
 it a Pioneer stops within 4 cm. At 0 a robot with sensors on one side would never turn round."""
 
@@ -39,6 +39,7 @@ class View(NamedTuple):
 
     points: Floats  # (n, 2): where something was sensed
     unseen: Floats  # (m, 2): the middles of cells where no sensor has looked lately
+    apart_m: float  # from such a middle to the cell's edge
 
 
 class Admitted(NamedTuple):
@@ -69,7 +70,7 @@ def admit(body: Body, measured: Speeds, command: Speeds, view: View, waited: flo
 
     def unseen_stops(wanted: Speeds) -> bool:
         creeps = abs(wanted[0]) + corner * abs(wanted[1]) <= CREEP_M_S
-        return not (creeps or clear(view.unseen, wanted, 0.0))
+        return not (creeps or clear(view.unseen, wanted, view.apart_m))
 
     def admissible(wanted: Speeds) -> bool:
         return clear(view.points, wanted, TOUCH_M) and not unseen_stops(wanted)

@@ -260,6 +260,8 @@ def _ramp(now: float, to: float, up: float, down: float) -> float:
     if to >= now:
         now += up
         return now if now < to else to
-    now -= down
-    to = max(to, 0.0)
-    return now if now > to else to
+    left = now - down
+    if to >= 0.0 or left >= 0.0:
+        return left if left > to else to
+    back = up * left / down  # the rest of the step, the other way
+    return back if back > to else to
