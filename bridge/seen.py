@@ -49,14 +49,11 @@ to 0.4 m for certain, up to 1 m by four pings of ten (`configs/robots/sensors.to
 ARC_M: Final = 1.0
 """Echoes from nearer count on their whole arc; farther ones on the axis, since they do not limit."""
 
-ARC: Final = np.array([0.0, -1.0, 1.0, -0.5, 0.5])
+ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
 """Places on the arc, as shares of half the cone."""
 
 THROUGH_M: Final = 0.1
 """A sonar looked through a place that is nearer than its echo by this."""
-
-AXIS: Final = 0.7
-"""Share of half the cone in which it is sure to have heard what is there."""
 
 FACING: Final = cos(radians(25))
 """A place is looked through from the direction from which it was hit, within this: a wall answers
@@ -158,12 +155,12 @@ class Seen:
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
 
     def _through(self, places: Floats, echo: Echo) -> Flags:
-        """Whether a sonar looked through places near its axis."""
+        """Whether a sonar looked through places in its cone."""
         away = HEARD_M if echo.range is None else echo.range - THROUGH_M
         dx, dy = places[:, 0] - echo.x, places[:, 1] - echo.y
         c, s = cos(echo.bearing), sin(echo.bearing)
         ahead = c * dx + s * dy
-        beam = np.abs(c * dy - s * dx) < tan(AXIS * self._cone) * ahead
+        beam = np.abs(c * dy - s * dx) < tan(self._cone) * ahead
         found: Flags = beam & (np.hypot(dx, dy) < away)
         return found
 

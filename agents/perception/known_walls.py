@@ -441,7 +441,7 @@ def _put(point: _MapPoint, measured: _Measured | None, cos: float, sin: float) -
     if measured is None and x * nx > 0.0:
         # Ahead, or behind, the pose may only make the robot slower: a wall that gives no echo may
         # be nearer by the pose's error.
-        x -= math.copysign(min(2.0 * shift_m * abs(nx), abs(x)), x)
+        x -= math.copysign(min(2.0 * shift_m * abs(nx), 0.5 * abs(x)), x)
     away, at, explains = math.hypot(x, y), (x, y, nx, ny), (explains_x, explains_y)
     return _Near(point, point.group, *at, away, *explains, shift_m * ny, slow_m)
 
