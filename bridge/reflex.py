@@ -15,9 +15,9 @@ from collections.abc import Iterable
 from math import hypot, inf
 
 from armadico.bridge.response import HELD_S, STANDING
+from armadico.bridge.seen import Seen
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
-from armadico.bridge.seen import Seen
 from armadico.core.config_errors import ConfigError
 from armadico.mobile.admissible import CREEP_M_S, TOUCH_M, View, admit
 from armadico.mobile.geometry import Pose2, turning_circle
@@ -122,10 +122,7 @@ class Reflex:
         self._reported_at = now
         ((v, w), (to_v, to_w)), count = self._capped, self._count
         self._capped, self._count = None, 0
-        return (
-            f"{count} x slowed, last from {v:.2f} m/s, {w:.2f} rad/s to"
-            f" {to_v:.2f}, {to_w:.2f}"
-        )
+        return f"{count} x slowed, last from {v:.2f} m/s, {w:.2f} rad/s to {to_v:.2f}, {to_w:.2f}"
 
 
 def _check_stops(name: str, body: Body) -> None:

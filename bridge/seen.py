@@ -30,7 +30,11 @@ from armadico.mobile.messages import Echo, Scan
 from armadico.mobile.scans import Flags, Floats, beside, points_of, ranges_of
 
 KEPT_S: Final = 10.0
-"""Greatest age of a point that no reading has looked through since."""
+"""Greatest age of a point that no reading has looked through since, unless it is near."""
+
+NEAR_M: Final = 0.3
+"""Within this of the footprint a point does not age: the gaps between sonars are widest there, and
+a robot that stands before an obstacle in such a gap hears it no more."""
 
 LATELY_S: Final = 10.0
 """Time for which a place counts as free after a reading showed it."""
@@ -47,7 +51,7 @@ HEARD_M: Final = 1.0
 to 0.4 m for certain, up to 1 m by four pings of ten (`configs/robots/sensors.toml`)."""
 
 ARC_M: Final = 1.0
-"""Echoes from nearer count on their whole arc; farther ones on the axis, since they do not limit."""
+"""Echoes from nearer count on their whole arc, farther ones on the axis: they limit nothing yet."""
 
 ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
 """Places on the arc, as shares of half the cone."""
@@ -189,8 +193,10 @@ class Seen:
         """Points that are neither too old nor where the robot stands."""
         rear, front, half = self._footprint
         at = self._from_world(points[:, :2])
-        own = (rear < at[:, 0]) & (at[:, 0] < front) & (np.abs(at[:, 1]) < half)
-        return points[(self._now - points[:, 2] <= KEPT_S) & ~own]
+        ahead = np.maximum(at[:, 0] - front, rear - at[:, 0])
+        beside = np.maximum(ahead, np.abs(at[:, 1]) - half)
+        stays = (self._now - points[:, 2] <= KEPT_S) | (beside < NEAR_M)
+        return points[stays & (beside >= 0.0)]
 
     def _shift(self, pose: Pose2) -> None:
         """Move the cells so that the robot is in the middle one."""

@@ -78,8 +78,10 @@ class _MapPoint(NamedTuple):
 
 
 class _Near(NamedTuple):
-    """A point in the body frame, shifted by the pose's uncertainty: away from the robot to its
-    sides, so that doorways stay open, and towards it ahead and behind.
+    """A point in the body frame, shifted by the pose's uncertainty.
+
+    It is shifted away from the robot to its sides, so that doorways stay open. Ahead and behind it
+    is shifted towards the robot, unless an echo has shown where it is.
 
     An echo from nearer moves it nearer at once. The position from which it explains echoes follows
     slowly, as a pose degrades. Otherwise a person coming through a door would take its post along:

@@ -113,7 +113,10 @@ def test_an_obstacle_stays_where_it_was_until_it_is_looked_through() -> None:
     old = reflex_of((0.5, 0.0), **near)
     for late in (0.1, 0.2):
         old.update((), ORIGIN, (0.5, 0.0), KEPT_S + late)
-    assert len(old._seen.view(1.0).points) == 0
+    assert old.cap(0.5, 0.0)[0] < 0.5, "too near to be forgotten"
+    for late in (0.3, 0.4):
+        old.update((), (-1.0, 0.0, 0.0), (0.5, 0.0), KEPT_S + late)
+    assert len(old._seen.view(2.0).points) == 0
 
 
 def test_a_door_that_the_body_fits_through_is_passed_as_fast_as_the_behaviours_like() -> None:
