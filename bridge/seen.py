@@ -92,7 +92,8 @@ class Seen:
         body = profile.body
         self._footprint = -body.rear_m, body.front_m, body.width_m / 2
         self._width = SHARE * body.width_m
-        ring = profile.sonar
+        ring, laser = profile.sonar, profile.laser
+        self._noise = 0.0 if laser is None else laser.noise_m
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
         # x, y in the odometry's frame, when, and the direction of the sonar that hit it
         self._echoed: Floats = np.empty((0, 5))
@@ -126,7 +127,7 @@ class Seen:
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
-        return View(points, np.column_stack([x[unseen], y[unseen]]), 0.5 * CELL_M)
+        return View(points, np.column_stack([x[unseen], y[unseen]]), 0.5 * CELL_M, self._noise)
 
     def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
         """Add an echo, or its absence."""

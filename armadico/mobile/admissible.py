@@ -41,6 +41,7 @@ class View(NamedTuple):
     points: Floats  # (n, 2): where something was sensed
     unseen: Floats  # (m, 2): the middles of cells where no sensor has looked lately
     apart_m: float  # from such a middle to the cell's edge
+    noise_m: float = 0.0  # by which a point may be nearer
 
 
 class Admitted(NamedTuple):
@@ -72,19 +73,21 @@ def admit(
             or touches_at(body, measured, wanted, points, margin, waited=waited) == inf
         )
 
+    margin = TOUCH_M + view.noise_m
+
     def unseen_stops(wanted: Speeds) -> bool:
         creeps = abs(wanted[0]) + corner * abs(wanted[1]) <= CREEP_M_S
         return not (creeps or clear(view.unseen, wanted, view.apart_m))
 
     def admissible(wanted: Speeds) -> bool:
-        return clear(view.points, wanted, TOUCH_M) and not unseen_stops(wanted)
+        return clear(view.points, wanted, margin) and not unseen_stops(wanted)
 
     found = nearest(command, admissible, CREEP_M_S)
     if found == command:
         return Admitted(*command, "")
     if found is None:
         return Admitted(0.0, 0.0, TOO_LATE)
-    why = UNSEEN if clear(view.points, command, TOUCH_M) else OBSTACLE
+    why = UNSEEN if clear(view.points, command, margin) else OBSTACLE
     return Admitted(*found, why)
 
 

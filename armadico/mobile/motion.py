@@ -206,8 +206,11 @@ def touches_at(
         return inf
     front, rear, half = body.outline
     px, py = near[:, 0], near[:, 1]
-    beside = np.maximum(np.maximum(px - front, -rear - px), np.abs(py) - half) - NO_NEARER_M
-    least = np.minimum(margin, beside)
+    beside = np.maximum(np.maximum(px - front, -rear - px), np.abs(py) - half)
+    # The slack shrinks with the distance: else a robot that is told to drive on would come nearer
+    # by it in each cycle, until it touches.
+    slack = NO_NEARER_M * np.where(beside > 0.0, np.minimum(beside / (margin or 1.0), 1.0), 1.0)
+    least = np.minimum(margin, beside - slack)
     way = course(body, measured, wanted, waited)
     x, y, c, s, _ = np.array(way).reshape(-1, 5, 1).transpose(1, 0, 2)
     dx, dy = px - x, py - y
