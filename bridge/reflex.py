@@ -1,10 +1,10 @@
-"""The robot agent's reflexes: limits on the speed by its newest readings and by collisions.
+"""The robot agent's reflexes: limits on each command by its newest readings and by collisions.
 
-Behaviours make sure that they can stop, by their inputs. These may be late: between a reading and
-the wheels lie the mesh and other processes. Sensors and wheels are in one process here, so it caps
-the forward speed of the commands it obeys by the readings of the present cycle.
-It refuses and does not choose: it never makes the robot faster, nor turns it. It assumes less time
-and less clearance than any behaviour, so it does not intervene where they drive well.
+Behaviours make sure that they can stop, by their inputs. These may be late, or a holder may be
+wrong. Sensors and wheels are in one process here, so no command passes that the readings of the
+present cycle do not admit (`mobile/admissible`): not a behaviour's, a person's or a program's. It
+refuses and does not choose: it never makes the robot faster, nor turns it the other way. It assumes
+less time and less clearance than any behaviour, so it seldom intervenes where they drive well.
 
 Frame: the body's, x forward, y left, the origin at the middle of the wheel axle; m, rad, s.
 """
@@ -12,27 +12,25 @@ Frame: the body's, x forward, y left, the origin at the middle of the wheel axle
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, hypot, inf, sin
-
-import numpy as np
+from math import hypot, inf
 
 from armadico.bridge.response import HELD_S, STANDING
+from armadico.bridge.seen import Seen
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
-from armadico.mobile.geometry import Pose2, to_world
-from armadico.mobile.messages import Echo
-from armadico.mobile.motion import braking
-from armadico.mobile.scans import Floats
-
-KEPT_S = 0.5
-"""Greatest age of a sonar's reading, if its next one does not replace it: a Pioneer's ring takes
-0.32 s to go round."""
+from armadico.core.config_errors import ConfigError
+from armadico.mobile.admissible import CREEP_M_S, TOUCH_M, View, admit
+from armadico.mobile.geometry import Pose2, turning_circle
+from armadico.mobile.messages import Echo, Scan
+from armadico.mobile.motion import Body, Speeds, ordered
+from armadico.mobile.swept_path import Outline
 
 REACTION_CYCLES, REACTION_S = 2.0, 0.2
 """Time from a reading until the wheels follow: the speed loops' delay, as behaviours assume."""
 
-TOUCH_M = 0.02
-"""Least distance left to obstacles ahead."""
+ROOM_M = 0.5
+"""Longest way to rest from the slowest motion. A robot that needs more could do nothing in a room
+that leaves so much around it."""
 
 REPORT_S = 2.0
 """Least time between two reports of capped speeds."""
@@ -47,21 +45,32 @@ def reaction_s(profile: RobotProfile) -> float:
 
 
 class Reflex:
-    """Keeps the points ahead, and caps speeds by them."""
+    """Limits each command to what the newest readings admit.
+
+    Attributes:
+        why: Why the last command was changed, for people; "": it was not.
+    """
 
     def __init__(self, profile: RobotProfile) -> None:
-        self._front = profile.body.front_m
-        self._half = profile.body.width_m / 2
-        self._decel = profile.limits.v_decel
-        self._reaction = reaction_s(profile)
-        self._echo_points: dict[tuple[float, float, float], tuple[float, float, float]] = {}
-        self._seen: Floats = np.empty((0, 2))  # of the newest scan, in the odometry's frame
-        self._seen_at = -inf
-        self._rear = profile.body.rear_m
-        self._points: Floats = np.empty((0, 2))  # from all sensors, ahead
-        self._nearest = inf  # of these, m ahead of the front edge
-        self._measured = (0.0, 0.0)
-        self._capped: tuple[float, float] | None = None  # the speed commanded, and the one obeyed
+        """Raises ConfigError if its ramps and delays would let the robot do nothing."""
+        limits, body, cycle_s = profile.limits, profile.body, profile.cycle_s
+        self._body = Body(
+            Outline(body.front_m, body.rear_m, body.width_m / 2),
+            cycle_s,
+            cycle_s,  # a command is checked again in the next cycle
+            limits.v_max,
+            limits.w_max,
+            limits.v_accel,
+            limits.v_decel,
+            limits.w_accel,
+            limits.w_decel,
+        )
+        _check_stops(profile.name, self._body)
+        self._seen = Seen(profile)
+        self._view: View | None = None  # computed when it is first needed in a cycle
+        self._measured: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
+        self.why = ""
+        self._capped: tuple[Speeds, Speeds] | None = None  # commanded, and obeyed
         self._count = 0
         self._reported_at = -inf
 
@@ -69,79 +78,65 @@ class Reflex:
         self,
         echoes: Iterable[Echo],
         pose: Pose2,
-        measured: tuple[float, float],
+        measured: Speeds,
         now: float,
-        seen: Floats | None = None,
+        scan: Scan | None = None,
     ) -> None:
         """Add one cycle's readings.
 
         Args:
-            echoes: Of the sonars that fired; others' last readings are moved along.
+            echoes: Of the sonars that fired.
             pose: Odometry (m, m, rad), continuous.
             measured: (v, w) by the wheels, m/s and rad/s.
             now: s.
-            seen: A laser's points, (n, 2), in the body frame, m; None: no scan arrived.
+            scan: A laser's scan; None: none arrived.
         """
-        if seen is not None:
-            self._seen, self._seen_at = _turned(seen, pose[2]) + pose[:2], now
-        elif now - self._seen_at > KEPT_S:
-            self._seen = np.empty((0, 2))
-        for echo in echoes:
-            sonar = (echo.x, echo.y, echo.bearing)
-            self._echo_points.pop(sonar, None)
-            if echo.range is not None:
-                x = echo.x + echo.range * cos(echo.bearing)
-                y = echo.y + echo.range * sin(echo.bearing)
-                self._echo_points[sonar] = (*to_world(pose, x, y), now)
-        self._echo_points = {s: p for s, p in self._echo_points.items() if now - p[2] <= KEPT_S}
-        self._measured = measured
-        echoed = np.array([(x, y) for x, y, _ in self._echo_points.values()]).reshape(-1, 2)
-        points = _turned(np.concatenate([echoed, self._seen]) - pose[:2], -pose[2])
-        ahead, aside = points[:, 0], np.abs(points[:, 1])
-        within = (-self._rear < ahead) & (ahead < self._front) & (aside < self._half)
-        self._points = points[(ahead > 0.0) & ~within]  # a laser may see its own robot
-        self._nearest = float(self._points[:, 0].min(initial=inf)) - self._front
+        self._seen.update(echoes, scan, pose, now)
+        self._measured = self._measured[1], measured
+        self._view = None
 
-    def cap(self, v: float, w: float) -> float:
-        """The forward speed to obey, m/s: `v`, or less.
+    def cap(self, v: float, w: float) -> Speeds:
+        """The admissible speeds nearest to commanded ones, m/s and rad/s."""
+        self.why = ""
+        if v == 0.0 and w == 0.0:
+            return v, w
+        if self._view is None:
+            self._view = self._seen.view(self._within)
+        going = ordered(self._body, *self._measured)
+        safe_v, safe_w, self.why = admit(self._body, going, (v, w), self._view)
+        if self.why:
+            self._capped, self._count = ((v, w), (safe_v, safe_w)), self._count + 1
+        return safe_v, safe_w
 
-        Obstacles on the commanded arc and on the present one count: the ramps need time, so the
-        robot continues on the latter for a while.
-        """
-        if v <= 0.0 or self._nearest - TOUCH_M >= self._stopping(max(v, self._measured[0])):
-            return v  # it would stop before the nearest point: the usual case, and cheap to test
-        free = min(self._free(v, w), self._free(*self._measured))
-        safe = braking(free - TOUCH_M, self._decel, self._reaction)
-        if safe >= v:
-            return v
-        self._capped, self._count = (v, safe), self._count + 1
-        return safe
+    @property
+    def _within(self) -> float:
+        """The distance beyond which nothing matters, m."""
+        body, outline = self._body, self._body.outline
+        v = max(abs(self._measured[1][0]), body.v_max)
+        return body.stopping_distance(v) + turning_circle(*outline) + TOUCH_M
 
     def complaint(self, now: float) -> str | None:
-        """A report of the speeds capped since the last report; None: none, or reported just now."""
+        """A report of the commands changed since the last one; None: none, or reported just now."""
         if self._capped is None or now - self._reported_at < REPORT_S:
             return None
         self._reported_at = now
-        (commanded, obeyed), count = self._capped, self._count
+        ((v, w), (to_v, to_w)), count = self._capped, self._count
         self._capped, self._count = None, 0
-        return f"{count} x slowed for what is ahead, last from {commanded:.2f} to {obeyed:.2f} m/s"
-
-    def _stopping(self, v: float) -> float:
-        """Stopping distance from a speed (m/s), m."""
-        return v * self._reaction + v * v / (2.0 * self._decel)
-
-    def _free(self, v: float, w: float) -> float:
-        """Distance ahead of the front edge to the first obstacle on an arc, m; inf: none."""
-        bend = 0.5 * w / v if v > 0.0 else 0.0
-        x, y = self._points[:, 0], self._points[:, 1]
-        met = np.abs(y - bend * x * x) < self._half
-        return float(x[met].min(initial=inf)) - self._front
+        return f"{count} x slowed, last from {v:.2f} m/s, {w:.2f} rad/s to {to_v:.2f}, {to_w:.2f}"
 
 
-def _turned(points: Floats, angle: float) -> Floats:
-    c, s = cos(angle), sin(angle)
-    x, y = points[:, 0], points[:, 1]
-    return np.column_stack([c * x - s * y, s * x + c * y])
+def _check_stops(name: str, body: Body) -> None:
+    """Raises ConfigError if even a creeping robot would need more than `ROOM_M` to rest."""
+    corner = turning_circle(*body.outline)
+    way = body.stopping_distance(CREEP_M_S)
+    swing = corner * body.stopping_turn(CREEP_M_S / corner)
+    if max(way, swing) > ROOM_M:
+        raise ConfigError(
+            f"the profile {name} would let the robot do nothing: from {CREEP_M_S:g} m/s it rests"
+            f" after {way:.2f} m, and its corners after {swing:.2f} m, where {ROOM_M:g} m are the"
+            f" most; cycle_s = {body.cycle_s:g} delays each command by {body.dead_s:g} s, and it"
+            f" brakes with v_decel = {body.v_decel:g} m/s^2, w_decel = {body.w_decel:g} rad/s^2"
+        )
 
 
 class Touch:

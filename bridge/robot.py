@@ -16,7 +16,6 @@ from typing import Annotated, ClassVar
 from msgspec import Meta
 from msgspec.structs import replace
 
-from armadico.bridge.gaps import Gaps
 from armadico.bridge.kind import kind_of
 from armadico.bridge.obedience import Obedience
 from armadico.bridge.readings import Readings, sound
@@ -176,7 +175,6 @@ class Robot(DeviceAgent):
                 " file"
             )
         self._v_max = min(self.p.v_max or inf, self.profile.limits.v_max)
-        self._gaps = Gaps(self.profile)
         self.cycles.period = self.profile.cycle_s
         self._counter = CycleCounter(self.rng.getrandbits(63), self.cycles.period)
         self._session: Session | None = None
@@ -497,8 +495,8 @@ class Robot(DeviceAgent):
 
     @property
     def _top(self) -> float:
-        """The top speed, by the profile, the scenario, and the laser's resolution, m/s."""
-        return min(self._v_max, self._gaps.v_max, self._guard_v_max)
+        """The top speed, by the profile, the scenario and the guard, m/s."""
+        return min(self._v_max, self._guard_v_max)
 
     def description(self) -> Description:
         """The robot's footprint and limits, by its profile."""
@@ -608,26 +606,23 @@ class Robot(DeviceAgent):
                 self.publish(message)
         for complaint in readings.complaints:
             self.log(complaint, ERROR)
-        if readings.scan is not None and self._gaps.update(readings.scan) and self._gaps.reason:
-            self.log(self._gaps.reason, WARNING)
 
     def _apply_reflex(self, report: Reported) -> None:
         """Slow down for obstacles sensed ahead in this cycle, at any command."""
         pose, sonar, scan = report.pose, self._readings.sonar, self._readings.scan
-        points = None if scan is None else points_of(scan)
         self._reflex.update(
             () if sonar is None else sonar.echoes,
             (pose.x, pose.y, pose.theta),
             self._orders.measured,
             self.now,
-            points,
+            scan,
         )
-        if points is not None and self._response.see(points, pose):
+        if scan is not None and self._response.see(points_of(scan), pose):
             self._found_fault()
         if self._orders.moving and self.p.reflex and self._session is not None:
-            v, w = self._orders.ordered
-            if self._reflex.cap(v, w) < v:
-                self._order(v, w)
+            driven = self._orders.driven
+            if self._reflex.cap(*driven) != driven:
+                self._order(*self._orders.ordered)
         if (text := self._reflex.complaint(self.now)) is not None:
             self.log(text, WARNING, LogEvent.SLOWED)
 
@@ -641,8 +636,9 @@ class Robot(DeviceAgent):
             why = f"the top speed is {top:.2f} m/s"
         if self._touch.cap(v) != v:
             v, why = 0.0, "it touches an obstacle on that side"
-        if self.p.reflex and (safe := self._reflex.cap(v, w)) < v:
-            v, why = safe, "something is sensed ahead"
+        if self.p.reflex:
+            v, w = self._reflex.cap(v, w)
+            why = self._reflex.why or why
         orders.driven, orders.capped = (v, w), why
         self._session.drive(v, w)
 

@@ -78,7 +78,10 @@ class _MapPoint(NamedTuple):
 
 
 class _Near(NamedTuple):
-    """A point in the body frame, shifted away from the robot by the pose's uncertainty.
+    """A point in the body frame, shifted by the pose's uncertainty.
+
+    It is shifted away from the robot to its sides, so that doorways stay open. Ahead and behind it
+    is shifted towards the robot, unless an echo has shown where it is.
 
     An echo from nearer moves it nearer at once. The position from which it explains echoes follows
     slowly, as a pose degrades. Otherwise a person coming through a door would take its post along:
@@ -94,8 +97,8 @@ class _Near(NamedTuple):
     distance: float
     explains_x: float  # position from which it explains echoes
     explains_y: float
-    shift_m: float  # of the point away from the robot
-    slow_shift_m: float  # the same for the position that explains echoes
+    aside_m: float  # how far the point is shifted to the left
+    slow_shift_m: float  # away from the robot, of the position that explains echoes
 
 
 class _Measured(NamedTuple):
@@ -309,15 +312,16 @@ class KnownWalls:
 
     def _expected(self, place: _Near, outline: Outline | None) -> Obstacle:
         """The obstacle that is published for a point."""
-        x, y, shift = place.x, place.y, place.shift_m
-        if outline is None or shift <= 0.0 or (place.point.end and place.group in self._measured):
+        x, y, aside = place.x, place.y, place.aside_m
+        away = aside * y > 0.0 and not (place.point.end and place.group in self._measured)
+        if outline is None or not away:
             return Obstacle(x, y, place.distance)
         corner = math.hypot(max(outline.front, outline.rear), outline.half_width)
-        mapped = math.hypot(x - shift * place.nx, y - shift * place.ny)
-        less = shift - max(0.0, mapped - corner - CLOSE_M)
+        mapped = math.hypot(x, y - aside)
+        less = abs(aside) - max(0.0, mapped - corner - CLOSE_M)
         if less <= 0.0:
             return Obstacle(x, y, place.distance)
-        x, y = x - less * place.nx, y - less * place.ny
+        y -= math.copysign(less, aside)
         return Obstacle(x, y, math.hypot(x, y))
 
     def _extrapolated(self) -> dict[int, _Measured]:
@@ -436,8 +440,12 @@ def _put(point: _MapPoint, measured: _Measured | None, cos: float, sin: float) -
     dx, dy = point.dx + slow_m * point.nx, point.dy + slow_m * point.ny
     explains_x, explains_y = cos * dx + sin * dy, cos * dy - sin * dx
     x, y = explains_x + (shift_m - slow_m) * nx, explains_y + (shift_m - slow_m) * ny
+    if measured is None and x * nx > 0.0:
+        # Ahead, or behind, the pose may only make the robot slower: a wall that gives no echo may
+        # be nearer by the pose's error.
+        x -= math.copysign(min(2.0 * shift_m * abs(nx), 0.5 * abs(x)), x)
     away, at, explains = math.hypot(x, y), (x, y, nx, ny), (explains_x, explains_y)
-    return _Near(point, point.group, *at, away, *explains, shift_m, slow_m)
+    return _Near(point, point.group, *at, away, *explains, shift_m * ny, slow_m)
 
 
 def _buckets(middle: float, reach: float) -> range:

@@ -27,9 +27,13 @@ from collections.abc import Iterable
 from math import cos, hypot, inf, pi, sin, sqrt
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from armadico.core.messages import Description, Point
 from armadico.mobile.swept_path import Outline
 
+Floats = NDArray[np.float64]
 Speeds = tuple[float, float]  # (v, w) of the middle of the wheel axle, m/s and rad/s
 
 # From a status packet until the wheels follow a command on it, in cycles, and at least in s: the
@@ -187,7 +191,7 @@ def touches_at(
     body: Body,
     measured: Speeds,
     wanted: Speeds,
-    points: Iterable[Point],
+    points: Iterable[Point] | Floats,
     margin: float,
     *,
     waited: float = 0.0,
@@ -198,32 +202,33 @@ def touches_at(
     for `course`.
     """
     near = _within(body, measured, wanted, points, margin, waited=waited)
-    if not near:
+    if not len(near):
         return inf
-    found = inf
     front, rear, half = body.outline
+    px, py = near[:, 0], near[:, 1]
+    beside = np.maximum(np.maximum(px - front, -rear - px), np.abs(py) - half)
+    # The slack shrinks with the distance: else a robot that is told to drive on would come nearer
+    # by it in each cycle, until it touches.
+    slack = NO_NEARER_M * np.where(beside > 0.0, np.minimum(beside / (margin or 1.0), 1.0), 1.0)
+    least = np.minimum(margin, beside - slack)
     way = course(body, measured, wanted, waited)
-    for p in near:
-        px, py = p.x, p.y
-        least = min(margin, max(px - front, -rear - px, abs(py) - half) - NO_NEARER_M)
-        before, behind, aside = front + least, -rear - least, half + least
-        for x, y, c, s, at in way:
-            dx, dy = px - x, py - y
-            if behind < c * dx + s * dy < before and -aside < c * dy - s * dx < aside:
-                found = min(found, at)
-                break
-    return found
+    x, y, c, s, _ = np.array(way).reshape(-1, 5, 1).transpose(1, 0, 2)
+    dx, dy = px - x, py - y
+    along, across = c * dx + s * dy, c * dy - s * dx
+    met = (-rear - least < along) & (along < front + least) & (np.abs(across) < half + least)
+    steps = np.flatnonzero(met.any(axis=1))
+    return way[steps[0]].at if len(steps) else inf
 
 
 def _within(
     body: Body,
     measured: Speeds,
     wanted: Speeds,
-    points: Iterable[Point],
+    points: Iterable[Point] | Floats,
     margin: float,
     *,
     waited: float,
-) -> list[Point]:
+) -> Floats:
     """Return the points within an upper bound of the motion, by its largest speeds.
 
     Most points are far away and are culled here.
@@ -243,7 +248,12 @@ def _within(
     else:
         ahead = behind = aside = way + hypot(max(front, rear), half)
     ahead, behind, aside = ahead + margin, -behind - margin, aside + margin
-    return [p for p in points if behind < p.x < ahead and -aside < p.y < aside]
+    if isinstance(points, np.ndarray):
+        x, y = points[:, 0], points[:, 1]
+        within: Floats = points[(behind < x) & (x < ahead) & (np.abs(y) < aside)]
+        return within
+    near = [(p.x, p.y) for p in points if behind < p.x < ahead and -aside < p.y < aside]
+    return np.array(near, dtype=np.float64).reshape(-1, 2)
 
 
 def _ramp(now: float, to: float, up: float, down: float) -> float:
@@ -253,6 +263,8 @@ def _ramp(now: float, to: float, up: float, down: float) -> float:
     if to >= now:
         now += up
         return now if now < to else to
-    now -= down
-    to = max(to, 0.0)
-    return now if now > to else to
+    left = now - down
+    if to >= 0.0 or left >= 0.0:
+        return left if left > to else to
+    back = up * left / down  # the rest of the step, the other way
+    return back if back > to else to

@@ -12,16 +12,11 @@ from typing import NamedTuple
 
 from armadico.core.messages import Point
 from armadico.core.parameters import Safety
+from armadico.mobile.admissible import nearest
 from armadico.mobile.geometry import turning_circle
 from armadico.mobile.motion import Body, Speeds, touches_at
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.swept_path import free_path
-
-HALVINGS = 4  # steps of the search for the fastest admissible speed: to 1/16 of the wanted one
-
-# Shares of the wanted turn rate that are tried. Where a corner of the footprint would hit an
-# obstacle, the robot turns less and drives on.
-TURNS = (1.0, 0.6, 0.3, 0.0)
 
 ON_THE_SPOT_M_S = 0.05  # up to this speed the robot turns in place, with the small margin all round
 EARLIER_S = 0.05  # how much before the last moment `unhurried` brakes
@@ -67,9 +62,7 @@ class Limited(NamedTuple):
 def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
     """Return the admissible speeds nearest to the wanted ones (m/s, rad/s), and their free path.
 
-    First v is reduced and w kept: the robot turns more tightly near an obstacle, away from it or
-    along it. Where a corner of the footprint would still hit an obstacle, w is reduced. Without
-    admissible speeds the robot brakes.
+    Without admissible speeds (`nearest`) the robot brakes.
     """
     body = scene.body
     v, w = _clip(v, body.v_max), _clip(w, body.w_max)
@@ -78,15 +71,8 @@ def limit(v: float, w: float, scene: Scene, safety: Safety) -> Limited:
         v = min(v, _unmapped(scene))
     if v > 0.0:
         free = free_path(scene.points, v, w, body.outline, safety.margin_m)
-    if _admissible(scene, (v, w), safety):
-        return Limited(v, w, free)
-    for share in TURNS:
-        turn = share * w
-        if _admissible(scene, (0.0, turn), safety):
-            return Limited(_fastest(scene, v, turn, safety), turn, free)
-        if w == 0.0:
-            break
-    return Limited(*_too_late(scene, w, safety), free)
+    found = nearest((v, w), lambda wanted: _admissible(scene, wanted, safety), safety.slow)
+    return Limited(*(found or _too_late(scene, w, safety)), free)
 
 
 def unhurried(v: float, w: float, scene: Scene, safety: Safety) -> float:
@@ -142,20 +128,6 @@ def _margin(scene: Scene, wanted: Speeds, safety: Safety) -> float:
     if wanted[0] == 0.0 and driven <= ON_THE_SPOT_M_S:
         return min(safety.close_m, safety.margin_m)
     return safety.margin_m
-
-
-def _fastest(scene: Scene, v: float, w: float, safety: Safety) -> float:
-    """Return the fastest admissible speed up to v with this turn, m/s; 0 is admissible."""
-    slow, fast = 0.0, v
-    if 0.0 < safety.slow < v and _admissible(scene, (safety.slow, w), safety):
-        slow = safety.slow  # it has a smaller margin: a search from zero may miss it
-    for _ in range(HALVINGS):
-        middle = 0.5 * (slow + fast)
-        if _admissible(scene, (middle, w), safety):
-            slow = middle
-        else:
-            fast = middle
-    return slow
 
 
 def _too_late(scene: Scene, w: float, safety: Safety) -> Speeds:

@@ -74,7 +74,11 @@ class Bench:
             "left_m_s": 0,
             "right_m_s": 0,
         }
-        plain |= {"battery_v": 12.5, "echoes": ((3, 2.0),), "motors_enabled": True}
+        plain |= {
+            "battery_v": 12.5,
+            "echoes": tuple((index, 2.0) for index in range(8)),
+            "motors_enabled": True,
+        }
         status = Status(**(plain | fields))  # type: ignore[arg-type]
         self.answer(encode(encode_status(status, PROFILE.p2os)))
 

@@ -1,172 +1,230 @@
-"""The robot agent's reflex: no faster ahead than its own newest readings allow."""
+"""The robot agent's reflex: no command passes that its own newest readings do not admit."""
 
 from __future__ import annotations
 
-from math import cos, inf, radians, sin
+from math import inf, radians, tau
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from armadico.bridge.p2os.commands import Cmd
-from armadico.bridge.reflex import KEPT_S, REPORT_S, TOUCH_M, Reflex
+from armadico.bridge.reflex import REPORT_S, Reflex
+from armadico.bridge.seen import HEARD_M, KEPT_S, SHARE, Seen, met_within
+from armadico.config.profile import RobotProfile, load_profile
+from armadico.core.config_errors import ConfigError
 from armadico.core.cycles import LISTEN
-from armadico.mobile.messages import Echo
+from armadico.core.messages import Cycle
+from armadico.mobile.admissible import CREEP_M_S
+from armadico.mobile.messages import Echo, Scan
+from armadico.mobile.scans import message_of
 from tests.robot.bridge.kit import PROFILE
 from tests.robot.bridge.robot_bench import Bench
 
-FRONT, DECEL = PROFILE.body.front_m, PROFILE.limits.v_decel
+FRONT, REAR = PROFILE.body.front_m, PROFILE.body.rear_m
 ORIGIN = (0.0, 0.0, 0.0)
-AHEAD = PROFILE.sonar.sonars[3]
+RING = range(len(PROFILE.ring.sonars))
 
 
 def echo(distance: float | None, index: int = 3) -> Echo:
-    sonar = PROFILE.sonar.sonars[index]
+    sonar = PROFILE.ring.sonars[index]
     return Echo(sonar.x_m, sonar.y_m, radians(sonar.bearing_deg), distance)
 
 
-def reflex_of(
-    *echoes: Echo, measured: tuple[float, float] = (0.0, 0.0), now: float = 0.0
-) -> Reflex:
+def all_round(**echoes: float) -> list[Echo]:
+    """A turn of the ring: nothing, but for sonars with a range, by number (`s3=0.4`)."""
+    return [echo(echoes.get(f"s{index}"), index) for index in RING]
+
+
+def reflex_of(measured: tuple[float, float] = (0.0, 0.0), **echoes: float) -> Reflex:
+    """After a turn of the ring, at a constant speed."""
     reflex = Reflex(PROFILE)
-    reflex.update(echoes, ORIGIN, measured, now)
+    for now in (0.0, 0.1):
+        reflex.update(all_round(**echoes), ORIGIN, measured, now)
     return reflex
 
 
-@given(st.floats(0.1, 5.0), st.floats(0.0, 1.6))
-def test_speeds_it_allows_can_be_stopped_before_an_obstacle(away: float, v: float) -> None:
-    capped = reflex_of(echo(away)).cap(v, 0.0)
-    assert 0.0 <= capped <= v
-    free = AHEAD.x_m + away * cos(radians(AHEAD.bearing_deg)) - FRONT
-    aside = AHEAD.y_m + away * sin(radians(AHEAD.bearing_deg))
-    if aside < PROFILE.body.width_m / 2 and capped > 0.0:
-        assert 0.2 * capped + capped**2 / (2 * DECEL) <= free - TOUCH_M + 1e-9
-    if aside > PROFILE.body.width_m / 2:
-        assert capped == v
+@given(st.floats(0.15, 5.0), st.floats(0.0, 0.6))
+def test_it_stops_before_an_obstacle_ahead(away: float, v: float) -> None:
+    """However often it is asked, and however fast it is told to drive."""
+    reflex, x, speed, now = Reflex(PROFILE), 0.0, v, 0.0
+    wall = PROFILE.ring.sonars[3].x_m + away
+    for _ in range(40):
+        now += 0.1
+        left = wall - x - PROFILE.ring.sonars[3].x_m
+        reflex.update(all_round(s3=left, s4=left), (x, 0.0, 0.0), (speed, 0.0), now)
+        wanted = reflex.cap(v, 0.0)[0]
+        down, up = PROFILE.limits.v_decel, PROFILE.limits.v_accel
+        speed = max(wanted, speed - 0.1 * down) if wanted < speed else min(wanted, speed + 0.1 * up)
+        x += 0.1 * speed
+        if x + FRONT >= wall:
+            assert v * 0.3 + v * v / (2.0 * down) > away - 0.05, "it was too late from the start"
+            return
 
 
-def test_with_nothing_ahead_and_backwards_it_lets_everything_pass() -> None:
-    assert Reflex(PROFILE).cap(1.6, 0.5) == 1.6
-    assert reflex_of(echo(None)).cap(1.6, 0.0) == 1.6
-    assert reflex_of(echo(0.1)).cap(-0.3, 0.0) == -0.3
+def test_no_faster_than_it_has_seen() -> None:
+    assert reflex_of((0.5, 0.0)).cap(0.5, 0.0) == (0.5, 0.0)
+    blind = Reflex(PROFILE)
+    blind.update((), ORIGIN, (0.5, 0.0), 0.0)
+    blind.update((), ORIGIN, (0.5, 0.0), 0.1)
+    v, _ = blind.cap(0.5, 0.0)
+    assert v <= CREEP_M_S
+    assert blind.why
+    backing = reflex_of((-0.5, 0.0))
+    assert abs(backing.cap(-0.5, 0.0)[0]) <= CREEP_M_S, "no sonar looks back"
+
+
+def test_backwards_it_drives_as_fast_over_what_it_has_just_left() -> None:
+    reflex = Reflex(PROFILE)
+    for step in range(20):
+        pose = 0.05 * step, 0.0, 0.0
+        reflex.update(all_round(), pose, (0.5, 0.0), 0.1 * step)
+    for step in range(2):
+        reflex.update(all_round(), (0.95, 0.0, 0.0), (-0.3, 0.0), 2.0 + 0.1 * step)
+    assert reflex.cap(-0.3, 0.0) == (-0.3, 0.0)
+
+
+@pytest.mark.parametrize(("index", "to"), [(0, 1.0), (7, -1.0)], ids=["left", "right"])
+def test_a_corner_turns_into_nothing_that_was_heard_beside_the_robot(index: int, to: float) -> None:
+    reflex = Reflex(PROFILE)
+    for step in range(10):  # along a wall, 4 cm beside the body
+        pose = 0.05 * step, 0.0, 0.0
+        reflex.update(all_round(**{f"s{index}": 0.07}), pose, (0.5, 0.0), 0.1 * step)
+    for now in (1.0, 1.1):
+        reflex.update((), (0.45, 0.0, 0.0), (0.0, 0.6 * to), now)
+    assert abs(reflex.cap(0.0, 1.0 * to)[1]) < 1.0
+    assert reflex.cap(0.0, 0.0) == (0.0, 0.0)
+
+
+def test_an_obstacle_stays_where_it_was_until_it_is_looked_through() -> None:
+    near = {"s3": 0.3, "s4": 0.3}
+    reflex = reflex_of((0.5, 0.0), **near)
+    assert reflex.cap(0.5, 0.0)[0] < 0.5
+    for now in (0.2, 0.3):  # no sonar fired
+        reflex.update((), ORIGIN, (0.5, 0.0), now)
+    assert reflex.cap(0.5, 0.0)[0] < 0.5
+    reflex.update(all_round(), ORIGIN, (0.5, 0.0), 0.4)
+    assert reflex.cap(0.5, 0.0)[0] < 0.5, "one echo may be lost"
+    for now in (0.8, 0.9):
+        reflex.update(all_round(), ORIGIN, (0.5, 0.0), now)
+    assert reflex.cap(0.5, 0.0) == (0.5, 0.0)
+    old = reflex_of((0.5, 0.0), **near)
+    for late in (0.1, 0.2):
+        old.update((), ORIGIN, (0.5, 0.0), KEPT_S + late)
+    assert old.cap(0.5, 0.0)[0] < 0.5, "too near to be forgotten"
+    for late in (0.3, 0.4):
+        old.update((), (-1.0, 0.0, 0.0), (0.5, 0.0), KEPT_S + late)
+    assert len(old._seen.view(2.0).points) == 0
 
 
 def test_a_door_that_the_body_fits_through_is_passed_as_fast_as_the_behaviours_like() -> None:
     """Posts of a door of 0.7 m, detected by the sonars that face past them."""
-    posts = [echo(0.35, index) for index in (1, 2, 5, 6)]
-    assert reflex_of(*posts).cap(0.5, 0.0) == 0.5
-
-
-def test_what_lies_on_the_present_arc_counts_whatever_is_commanded() -> None:
-    """Commanded to turn on the spot at speed, the robot continues ahead for a while."""
-    assert reflex_of(echo(0.3), measured=(0.6, 0.0)).cap(0.6, 2.0) < 0.5
-    assert reflex_of(echo(0.3), measured=(0.0, 0.0)).cap(0.1, 1.0) == 0.1
-
-
-@pytest.mark.parametrize(("index", "to"), [(1, 1.0), (6, -1.0)], ids=["left", "right"])
-@pytest.mark.parametrize("pose", [ORIGIN, (2.0, -1.0, 2.5)], ids=str)
-def test_an_obstacle_aside_slows_a_turn_to_that_side_only(
-    index: int, to: float, pose: tuple[float, float, float]
-) -> None:
-    """It is where it was detected, left or right, wherever the robot is in the world."""
-    sonar = PROFILE.sonar.sonars[index]
-    aside = sonar.y_m + 0.45 * sin(radians(sonar.bearing_deg))
-    assert aside * to > PROFILE.body.width_m / 2, "straight on it is passed"
-    reflex = Reflex(PROFILE)
-    reflex.update((echo(0.45, index),), pose, (0.0, 0.0), 0.0)
-    assert reflex.cap(1.0, to * 4.0) < 0.5
-    assert reflex.cap(1.0, -to * 4.0) == 1.0
-
-
-@pytest.mark.parametrize(("index", "to"), [(3, 1.0), (4, -1.0)], ids=["left", "right"])
-def test_what_was_ahead_is_on_the_other_side_once_the_robot_has_turned(
-    index: int, to: float
-) -> None:
-    reflex = reflex_of(echo(0.6, index))
-    reflex.update((), (0.0, 0.0, to * radians(50.0)), (0.0, 0.0), 0.1)
-    assert reflex.cap(1.0, -to * 3.0) < 0.6
-    assert reflex.cap(1.0, to * 3.0) == 1.0
-
-
-def test_a_reading_is_moved_along_replaced_by_the_next_and_kept_no_longer_than_it_is_good() -> None:
-    reflex = reflex_of(echo(0.7))
-    at_once = reflex.cap(1.6, 0.0)
-    reflex.update((), (0.3, 0.0, 0.0), (0.0, 0.0), 0.1)
-    nearer = reflex.cap(1.6, 0.0)
-    assert nearer < at_once
-    assert nearer == pytest.approx(reflex_of(echo(0.4)).cap(1.6, 0.0), abs=0.02)
-    reflex.update((echo(2.0),), (0.3, 0.0, 0.0), (0.0, 0.0), 0.2)
-    assert reflex.cap(1.0, 0.0) == 1.0
-    old = reflex_of(echo(0.3))
-    old.update((), ORIGIN, (0.0, 0.0), KEPT_S + 0.01)
-    assert old.cap(1.0, 0.0) == 1.0
+    posts = {f"s{index}": 0.4 for index in (1, 6)}
+    assert reflex_of((0.5, 0.0), **posts).cap(0.5, 0.0) == (0.5, 0.0)
 
 
 def test_it_reports_its_caps_at_a_limited_rate() -> None:
-    reflex = reflex_of(echo(0.3))
+    reflex = reflex_of((0.5, 0.0), s3=0.2, s4=0.2)
     assert reflex.complaint(0.0) is None
-    reflex.cap(0.9, 0.0)
-    assert reflex.complaint(0.0) == "1 x slowed for what is ahead, last from 0.90 to 0.42 m/s"
-    reflex.cap(0.9, 0.0)
+    reflex.cap(0.5, 0.0)
+    assert "1 x slowed" in (reflex.complaint(0.0) or "")
+    reflex.cap(0.5, 0.0)
     assert reflex.complaint(0.5 * REPORT_S) is None
     assert reflex.complaint(REPORT_S) is not None
     assert reflex.complaint(inf) is None
 
 
+def test_a_profile_that_lets_nothing_move_is_refused_with_the_numbers() -> None:
+    for slow in ({"v_decel": 0.01}, {"w_decel": 0.01}):
+        limits = replace(PROFILE.limits, **slow)
+        with pytest.raises(ConfigError, match=r"pioneer-2dx .* rests after .* = 0\.01 "):
+            Reflex(replace(PROFILE, limits=limits))
+
+
 # In the robot agent ------------------------------------------------------------------------------
-
-
-def test_the_robot_agent_orders_no_more_than_the_reflex_allows() -> None:
-    bench = Bench().connect().cycles(LISTEN + 2)
-    bench.status(echoes=((3, 0.3),))
-    bench.command(0.9, 0.2)
-    assert max(bench.speeds()) == pytest.approx(1000 * reflex_of(echo(0.3)).cap(0.9, 0.2), abs=1)
 
 
 def test_what_is_obeyed_is_slowed_when_a_reading_comes_though_no_command_does() -> None:
     """The holder may be cut off, and be obeyed until it has been silent for 0.3 s."""
     bench = Bench().connect().cycles(LISTEN + 2)
-    bench.command(0.9, 0.0)
-    assert bench.speeds()[-1] == 900
+    free = tuple((index, 4.0) for index in RING)
+    for _ in range(2):
+        bench.status(echoes=free, left_m_s=0.5, right_m_s=0.5)
+    bench.command(0.5, 0.0)
+    assert bench.speeds()[-1] == 500
+    bench.status(echoes=((3, 0.3), (4, 0.3)), left_m_s=0.5, right_m_s=0.5)
+    assert 0 <= bench.speeds()[-1] < 500
+    state = bench.status(echoes=((3, 0.3), (4, 0.3)), left_m_s=0.5, right_m_s=0.5)
+    assert state.ordered.v == 0.5
+    assert state.admitted.v < 0.5
+    assert state.capped
+
+
+def test_without_the_reflex_a_command_passes_as_it_is() -> None:
+    bench = Bench(reflex=False).connect().cycles(LISTEN + 2)
     bench.status(echoes=((3, 0.3),))
-    assert 0 < bench.speeds()[-1] < 450
+    bench.command(0.9, 0.2)
+    assert bench.speeds()[-1] == 900
     assert bench.sent(Cmd.RVEL)
 
 
 # With a laser -------------------------------------------------------------------------------------
 
 
-def sees(*points: tuple[float, float], measured: tuple[float, float] = (0.0, 0.0)) -> Reflex:
-    reflex = Reflex(PROFILE)
-    reflex.update((), ORIGIN, measured, 0.0, np.array(points).reshape(-1, 2))
-    return reflex
+def jackal(rays: int) -> RobotProfile:
+    profile = load_profile("jackal")
+    assert profile.laser is not None
+    return replace(profile, laser=replace(profile.laser, rays=rays))
 
 
-def test_what_a_laser_sees_ahead_slows_as_an_echo_does() -> None:
-    away = FRONT + 0.3
-    capped = sees((away, 0.1)).cap(0.9, 0.0)
-    assert 0.0 < capped < 0.9
-    assert 0.2 * capped + capped**2 / (2 * DECEL) <= 0.3 - TOUCH_M + 1e-9
-    assert sees((away, 0.17)).cap(0.9, 0.0) == 0.9, "beside the body"
-    assert sees((-away, 0.0)).cap(0.9, 0.0) == 0.9, "behind"
+def scan_of(ranges: list[float], number: int, around: float = tau) -> Scan:
+    step = around / len(ranges)
+    at = 0.12, 0.0, 0.0
+    return message_of(
+        Cycle(1, number), ranges, (-0.5 * around, step), (0.1, 30.0), at, number=number
+    )
+
+
+def sees(profile: RobotProfile, ranges: list[float], v: float, around: float = tau) -> float:
+    """The speed let through of one ordered and driven."""
+    reflex = Reflex(profile)
+    for number in (1, 2):
+        scan = scan_of(ranges, number, around)
+        reflex.update((), ORIGIN, (v, 0.0), 0.1 * number, scan)
+    return reflex.cap(v, 0.0)[0]
+
+
+def test_a_laser_that_sees_far_lets_it_drive_and_what_it_sees_ahead_stops_it() -> None:
+    profile = jackal(720)
+    assert sees(profile, [10.0] * 720, 1.0) == 1.0
+    ahead = [0.5 if abs(index - 360) < 40 else 10.0 for index in range(720)]
+    assert sees(profile, ahead, 1.0) < 1.0
+    half = [10.0] * 360
+    assert sees(profile, half, 0.8, tau / 2) == 0.8
+    assert abs(sees(profile, half, -0.8, tau / 2)) <= CREEP_M_S, "it does not look back"
+
+
+@given(st.integers(7, 60))
+def test_fewer_rays_show_less(rays: int) -> None:
+    """Between two rays an object may stand from some distance on."""
+    speeds = [sees(jackal(each), [10.0] * each, 1.0) for each in (rays, 2 * rays, 720)]
+    assert speeds == sorted(speeds)
+    width = SHARE * jackal(rays).body.width_m
+    if met_within(tau / rays, width) < 0.5:
+        assert speeds[0] < 1.0
 
 
 def test_a_laser_that_sees_its_own_robot_does_not_hold_it() -> None:
-    assert sees((0.1, 0.0), (0.2, 0.1), (0.0, -0.1)).cap(0.9, 0.0) == 0.9
+    seen = Seen(jackal(360))
+    seen.update((), scan_of([0.11] * 360, 1), ORIGIN, 0.1)
+    own = np.abs(seen.view(1.0).points) < 0.1
+    assert not own.all(axis=1).any()
 
 
-def test_a_scan_counts_where_it_was_taken_until_the_next_one_or_for_a_while() -> None:
-    reflex = sees((FRONT + 1.0, 0.0))
-    assert reflex.cap(0.5, 0.0) == 0.5
-    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.1)
-    near = reflex.cap(0.5, 0.0)
-    assert near < 0.3
-    reflex.update((), (0.9, 0.0, radians(90)), (0.5, 0.0), 0.2)
-    assert reflex.cap(0.5, 0.0) == 0.5, "it has turned away"
-    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), KEPT_S + 0.01)
-    assert reflex.cap(0.5, 0.0) == 0.5, "too old"
-    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.7, np.array([(FRONT + 0.05, 0.0)]))
-    assert reflex.cap(0.5, 0.0) < near
-    reflex.update((), (0.9, 0.0, 0.0), (0.5, 0.0), 0.8, np.empty((0, 2)))
-    assert reflex.cap(0.5, 0.0) == 0.5, "the next one has nothing"
+def test_a_silent_sonar_shows_no_more_than_a_slanted_wall_would_let_it() -> None:
+    seen = Seen(PROFILE)
+    seen.update(all_round(), None, ORIGIN, 0.0)
+    ahead = [x for x, y in seen.view(2.0).unseen if abs(y) < 0.1 and x > 0.0]
+    assert min(ahead) == pytest.approx(PROFILE.ring.sonars[3].x_m + HEARD_M, abs=0.15)

@@ -105,15 +105,18 @@ def _requests(command: Command, order: Ordered, newest: Cycle | None) -> bool:
 
 
 def _slows(command: Command, then: Cycle | None, order: Ordered, newest: Cycle | None) -> bool:
-    """Whether an order is a recently obeyed command, slowed down ahead."""
+    """Whether an order is a recently obeyed command, slowed down by the readings."""
     lasts = then is not None and age(then, newest) <= FRESH_CYCLES
-    return lasts and _is_like(command, order) and order.v < speeds(command)[0] - ROUND_M_S
+    v, w = speeds(command)
+    slower = abs(order.v) < abs(v) - ROUND_M_S or abs(order.w) < abs(w) - ROUND_RAD_S
+    return lasts and slower and _is_like(command, order)
 
 
 def _is_like(command: Command, order: Ordered) -> bool:
+    """Whether neither speed is more than commanded, nor the other way."""
     v, w = speeds(command)
-    near = min(v, 0.0) - ROUND_M_S <= order.v <= v + ROUND_M_S
-    return near and abs(w - order.w) <= ROUND_RAD_S
+    ahead = min(v, 0.0) - ROUND_M_S <= order.v <= max(v, 0.0) + ROUND_M_S
+    return ahead and min(w, 0.0) - ROUND_RAD_S <= order.w <= max(w, 0.0) + ROUND_RAD_S
 
 
 class Watchdog:

@@ -1,0 +1,239 @@
+"""What a robot's sensors have shown: where something is, and what they saw to be free.
+
+Places are kept in the odometry's frame, so they move along with the robot. A point stays until a
+newer reading looks through its place, or for `KEPT_S`: what has left the sensors' view is still
+there. A place counts as free for `LATELY_S` after a reading showed it:
+
+- A laser shows what lies between two neighbouring rays, as far as no object of `SHARE` of the
+  robot's width fits between them, and at most `DARK_M` along rays without a return.
+- A sonar shows its cone up to its echo, and at most `HEARD_M`: a smooth wall at a slant returns no
+  echo. Nearer, a sonar of the ring that is square to the wall hears it, or this one its edge.
+
+An echo may come from any place of an arc. Its points are those that no other sonar looked through.
+
+Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
+m, rad, s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import cos, floor, inf, radians, sin, tan
+from typing import Final
+
+import numpy as np
+
+from armadico.config.profile import RobotProfile
+from armadico.mobile.admissible import View
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import Echo, Scan
+from armadico.mobile.scans import Flags, Floats, beside, points_of, ranges_of
+
+KEPT_S: Final = 10.0
+"""Greatest age of a point that no reading has looked through since, unless it is near."""
+
+NEAR_M: Final = 0.3
+"""Within this of the footprint a point does not age: the gaps between sonars are widest there, and
+a robot that stands before an obstacle in such a gap hears it no more."""
+
+LATELY_S: Final = 10.0
+"""Time for which a place counts as free after a reading showed it."""
+
+SHARE: Final = 0.75
+"""Width, relative to the robot's, of objects that a ray must meet before the robot does. Chosen:
+with half the width robots crept, and their maps dropped obstacles before they had passed them."""
+
+DARK_M: Final = 3.0
+"""Range up to which a laser sees dark surfaces, as for maps (`grid_mapping`)."""
+
+HEARD_M: Final = 1.0
+"""Range up to which a ring of sonars hears a slanted smooth wall or its edge. An edge is heard up
+to 0.4 m for certain, up to 1 m by four pings of ten (`configs/robots/sensors.toml`)."""
+
+ARC_M: Final = 1.0
+"""Echoes from nearer count on their whole arc, farther ones on the axis: they limit nothing yet."""
+
+ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
+"""Places on the arc, as shares of half the cone."""
+
+THROUGH_M: Final = 0.1
+"""A sonar looked through a place that is nearer than its echo by this."""
+
+FACING: Final = cos(radians(25))
+"""A place is looked through from the direction from which it was hit, within this: a wall answers
+from some directions only."""
+
+TWICE_S: Final = 0.5
+"""A ring pings twice in this time, so one ping whose echo was lost removes nothing."""
+
+BESIDE_RAD: Final = radians(25)
+"""A sonar within this of another one's bearing is beside it."""
+
+SAME_M: Final = 0.03
+"""A point within this of a known one replaces it."""
+
+CELL_M: Final = 0.1
+CELLS: Final = 64
+"""Size and number of the cells of free space, in both directions, with the robot in the middle."""
+
+AROUND_M: Final = 0.05
+"""Beyond the footprint, where the robot stands, space counts as free."""
+
+
+def met_within(step: float, width: float) -> float:
+    """The range within which a ray meets every object of a width, m; rays are `step` rad apart."""
+    return width / (2.0 * sin(0.5 * abs(step))) if step else inf
+
+
+class Seen:
+    """Collects readings; `view` returns what they show."""
+
+    def __init__(self, profile: RobotProfile) -> None:
+        body = profile.body
+        self._footprint = -body.rear_m, body.front_m, body.width_m / 2
+        self._width = SHARE * body.width_m
+        ring, laser = profile.sonar, profile.laser
+        self._noise = 0.0 if laser is None else laser.noise_m
+        self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
+        # x, y in the odometry's frame, when, and the direction of the sonar that hit it
+        self._echoed: Floats = np.empty((0, 5))
+        self._scanned: Floats = np.empty((0, 3))  # x, y, and when
+        self._readings: dict[tuple[float, float, float], tuple[float, float]] = {}
+        self._number = -1  # of the newest scan
+        self._corner: tuple[int, int] | None = None  # of the cells, in cells
+        self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
+        self._pose: Pose2 = (0.0, 0.0, 0.0)
+        self._now = 0.0
+        middles = (np.arange(CELLS) + 0.5) * CELL_M
+        self._middles = np.meshgrid(middles, middles, indexing="ij")
+
+    def update(self, echoes: Iterable[Echo], scan: Scan | None, pose: Pose2, now: float) -> None:
+        """Add one cycle's readings, of a robot at a pose by its odometry."""
+        self._pose, self._now = pose, now
+        self._shift(pose)
+        rear, front, half = self._footprint
+        x, y = self._cells()
+        around = (rear - AROUND_M < x) & (x < front + AROUND_M) & (np.abs(y) < half + AROUND_M)
+        self._free[around] = now
+        for echo in echoes:
+            self._hear(echo, x, y)
+        if scan is not None:
+            self._look(scan, x, y)
+        self._echoed, self._scanned = self._kept(self._echoed), self._kept(self._scanned)
+
+    def view(self, within: float) -> View:
+        """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
+        points = self._from_world(np.concatenate([self._echoed[:, :2], self._scanned[:, :2]]))
+        points = points[(np.abs(points) < within).all(axis=1)]
+        x, y = self._cells()
+        unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
+        return View(points, np.column_stack([x[unseen], y[unseen]]), 0.5 * CELL_M, self._noise)
+
+    def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
+        """Add an echo, or its absence."""
+        away = inf if echo.range is None else echo.range
+        dx, dy = x - echo.x, y - echo.y
+        c, s = cos(echo.bearing), sin(echo.bearing)
+        ahead, aside = c * dx + s * dy, np.abs(c * dy - s * dx)
+        beam = aside < tan(self._cone) * ahead + 0.5 * CELL_M
+        self._free[beam & (ahead > 0.0) & (np.hypot(dx, dy) < min(away, HEARD_M))] = self._now
+        known, heading = self._echoed, echo.bearing + self._pose[2]
+        facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
+        old = self._now - known[:, 2] > TWICE_S
+        gone = facing & old & self._through(self._from_world(known[:, :2]), echo)
+        known = self._echoed = known[~gone]
+        self._readings[echo.x, echo.y, echo.bearing] = away, self._now
+        if echo.range is None:
+            return
+        bearings = echo.bearing + self._cone * (ARC if away < ARC_M else ARC[:1])
+        places = np.column_stack(
+            [echo.x + away * np.cos(bearings), echo.y + away * np.sin(bearings)]
+        )
+        for mount, (other, at) in self._readings.items():
+            if self._now - at < TWICE_S and 0.0 < abs(mount[2] - echo.bearing) < BESIDE_RAD:
+                look = Echo(*mount, None if other == inf else other)
+                places = places[~self._through(places, look)]
+        off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
+        new = np.empty((len(places), 5))
+        new[:, :2] = self._to_world(places)
+        new[:, 2:] = self._now, cos(heading), sin(heading)
+        self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
+
+    def _through(self, places: Floats, echo: Echo) -> Flags:
+        """Whether a sonar looked through places in its cone."""
+        away = HEARD_M if echo.range is None else echo.range - THROUGH_M
+        dx, dy = places[:, 0] - echo.x, places[:, 1] - echo.y
+        c, s = cos(echo.bearing), sin(echo.bearing)
+        ahead = c * dx + s * dy
+        beam = np.abs(c * dy - s * dx) < tan(self._cone) * ahead
+        found: Flags = beam & (np.hypot(dx, dy) < away)
+        return found
+
+    def _look(self, scan: Scan, x: Floats, y: Floats) -> None:
+        """Add a scan: points in its view are those that it shows."""
+        if scan.number == self._number and scan.number:
+            return
+        self._number = scan.number
+        ranges = ranges_of(scan)
+        reach = min(DARK_M, met_within(scan.step, self._width))
+        near = np.abs(x - scan.x) + np.abs(y - scan.y) < 1.5 * reach
+        cells = np.column_stack([x[near], y[near]])
+        away, shown, _ = _rays(scan, ranges, cells)
+        fresh = np.where(shown >= np.minimum(away, reach + CELL_M), self._now, -inf)
+        fresh[away > reach] = -inf
+        self._free[near] = np.maximum(self._free[near], fresh)
+        _, shown, seen = _rays(scan, ranges, self._from_world(self._scanned[:, :2]))
+        points = points_of(scan)
+        rear, front, half = self._footprint
+        own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)
+        points = points[~own & (np.hypot(points[:, 0], points[:, 1]) < DARK_M)]
+        new = np.column_stack([self._to_world(points), np.full(len(points), self._now)])
+        self._scanned = np.concatenate([self._scanned[~seen], new])
+
+    def _kept(self, points: Floats) -> Floats:
+        """Points that are neither too old nor where the robot stands."""
+        rear, front, half = self._footprint
+        at = self._from_world(points[:, :2])
+        ahead = np.maximum(at[:, 0] - front, rear - at[:, 0])
+        beside = np.maximum(ahead, np.abs(at[:, 1]) - half)
+        stays = (self._now - points[:, 2] <= KEPT_S) | (beside < NEAR_M)
+        return points[stays & (beside >= 0.0)]
+
+    def _shift(self, pose: Pose2) -> None:
+        """Move the cells so that the robot is in the middle one."""
+        corner = floor(pose[0] / CELL_M) - CELLS // 2, floor(pose[1] / CELL_M) - CELLS // 2
+        before, self._corner = self._corner or corner, corner
+        for axis in (0, 1):
+            by = corner[axis] - before[axis]
+            if by:
+                free = np.roll(self._free, -by, axis)
+                gone = slice(CELLS - by, None) if by > 0 else slice(None, -by)
+                free[gone if axis == 0 else (slice(None), gone)] = -inf
+                self._free = free if abs(by) < CELLS else np.full_like(free, -inf)
+
+    def _cells(self) -> tuple[Floats, Floats]:
+        """The middles of all cells, in the body frame."""
+        assert self._corner is not None, "after an update"
+        dx = self._middles[0] + (self._corner[0] * CELL_M - self._pose[0])
+        dy = self._middles[1] + (self._corner[1] * CELL_M - self._pose[1])
+        c, s = cos(self._pose[2]), sin(self._pose[2])
+        return c * dx + s * dy, c * dy - s * dx
+
+    def _from_world(self, places: Floats) -> Floats:
+        dx, dy = places[:, 0] - self._pose[0], places[:, 1] - self._pose[1]
+        c, s = cos(self._pose[2]), sin(self._pose[2])
+        return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+
+    def _to_world(self, places: Floats) -> Floats:
+        x, y = places[:, 0], places[:, 1]
+        c, s = cos(self._pose[2]), sin(self._pose[2])
+        return np.column_stack([c * x - s * y, s * x + c * y]) + self._pose[:2]
+
+
+def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, Flags]:
+    """Of each place the distance from the laser, how far the rays beside it see, and if they do."""
+    dx, dy = places[:, 0] - scan.x, places[:, 1] - scan.y
+    low, high, inside = beside(np.arctan2(dy, dx), scan.bearing, scan.step, len(ranges))
+    shown = np.minimum(ranges[low], ranges[high])
+    valid: Flags = inside & ~np.isnan(shown)
+    return np.hypot(dx, dy), np.where(valid, shown, 0.0), valid
