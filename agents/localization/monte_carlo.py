@@ -18,6 +18,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.agents.localization import global_search
+from armadico.agents.localization.bound import Bound, information
 from armadico.agents.localization.global_search import (
     NEAR_BY,
     History,
@@ -52,6 +53,10 @@ centimetres."""
 TURN_NOISE, DRIFT_NOISE, WAY_NOISE = 1.5, 0.5, 0.8
 """Random part of the odometry errors, relative to `Odometry`'s values: of a turn, of the heading
 per square root of a metre, and of a distance per square root of a metre."""
+
+SILENCE: Final = 0.3
+"""Exponent of no echo where one is expected, relative to that of an echo: a wall that is silent
+stays silent all along the way."""
 
 UNMAPPED: Final = (0.1, 0.95)
 """Least and greatest share of a laser's rays that end at unmapped objects."""
@@ -158,6 +163,7 @@ class MonteCarlo:
         self._logs: deque[float] = deque(maxlen=settings.judged)  # of the newest likelihoods
         self._hits = MAPPED_HITS  # running mean over the rays
         self.history = History(settings.search)
+        self.bound = Bound(odometry)  # of the estimate's covariance
 
     def may_be_at(self, free: NDArray[np.float64]) -> None:
         """Set where the robot may be, (n, 2), m."""
@@ -168,6 +174,7 @@ class MonteCarlo:
         wide = deviation_m > 2.0 * settings.bin_m or deviation_rad > 2.0 * settings.bin_rad
         about = np.tile(pose, (settings.most if wide else settings.least, 1))
         self._begin_about(about, deviation_m, deviation_rad)
+        self.bound.begin(deviation_m, deviation_rad)
 
     def start_anywhere(self) -> None:
         """Start with particles in all free places."""
@@ -177,6 +184,7 @@ class MonteCarlo:
         """Spread each particle by the standard deviations of an unknown motion."""
         about = self.poses[self._drawn(self.settings.most)]
         self._begin_about(about, deviation_m, deviation_rad)
+        self.bound.widen(deviation_m, deviation_rad)
 
     def _begin_about(self, poses: Poses, deviation_m: float, deviation_rad: float) -> None:
         spread = np.array([deviation_m, deviation_m, deviation_rad])
@@ -208,6 +216,7 @@ class MonteCarlo:
         self.history.move(motion)
         if not way and not turn:
             return
+        self.bound.move(motion)
         self.changes += 1
         n, o, root = len(self.poses), self.odometry, sqrt(way)
         noise = self._rng.standard_normal((3, n), dtype=np.float32)
@@ -242,13 +251,19 @@ class MonteCarlo:
         if self.settings.adaptive and not self.lost:
             likelihood = self._without_unmapped(likelihood)
         trust = self.settings.doubtful if self.lost else self.settings.trust
-        logs = trust * np.einsum("ij->i", np.log(likelihood), dtype=np.float64)  # faster than sum
+        counts = [SILENCE if echo.range is None else 1.0 for echo in echoes]
+        logs = np.einsum("ij,j->i", np.log(likelihood), np.float64(counts), dtype=np.float64)
+        logs *= trust
         if self._fits_in is not None:
             x, y = self.poses[:, :2].T.astype(np.float64)
             logs[~self._fits_in(x, y)] += IN_WALL
         self.weights = self._weighed(logs)
         if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
             self._resample()
+
+    def tell(self, pose: Pose2, echoes: Sequence[Echo]) -> None:
+        """Narrow the bound by what readings tell at a pose."""
+        self.bound.see(information(self._model, pose, echoes, self.settings.trust))
 
     def _weighed(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """The weights times these likelihoods, normalized."""

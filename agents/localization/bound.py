@@ -1,0 +1,122 @@
+"""A lower bound of the pose's covariance: what the odometry and the map can tell at best.
+
+Particles that agree are no proof. Along a single wall, or in a corridor, the readings say nothing of
+the position along it, and yet rough walls and lucky echoes narrow the cloud. So a covariance is
+propagated beside the particles: it grows by the errors of the wheels, and each reading shrinks it
+by its information (the curvature of its log-likelihood, a Cramer-Rao bound), only where the reading
+fits and only in directions in which it tells something. The errors of the wheels are considered,
+but never learnt (Schmidt's filter): they last, so that the covariance grows with the square of the
+way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, hypot, sin, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from armadico.agents.localization.global_search import Model, log_likelihoods
+from armadico.agents.localization.sonar_model import Poses
+from armadico.config.profile import Odometry
+from armadico.mobile.geometry import Pose2
+from armadico.mobile.messages import Echo
+
+Floats = NDArray[np.float64]
+
+STEPS: Final = np.array((0.1, 0.1, 0.1))
+"""By how much poses are displaced to measure a curvature, m, m, rad: as far as a ray's end is sure.
+Less would measure the cells of the map."""
+
+DIRECTIONS: Final = np.array(
+    [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1)], dtype=np.float64
+)
+
+TELLING: Final = 0.1
+"""Least information in a direction, relative to the best one: less comes from rough walls. A wall
+that is drawn in cells is off its direction by up to 18 degrees, of which this is the squared sine."""
+
+
+class Bound:
+    """The covariance of a pose in the robot's frame: ahead, left, heading (m, m, rad)."""
+
+    def __init__(self, odometry: Odometry) -> None:
+        o = self._odometry = odometry
+        self._wheels = np.square((o.alpha2, o.alpha1, o.alpha3))  # drift, turns, ways
+        self.begin(0.0, 0.0)
+
+    def begin(self, deviation_m: float, deviation_rad: float) -> None:
+        """Start with these standard deviations, which no reading has confirmed."""
+        self._pose, self._cross = np.zeros((3, 3)), np.zeros((3, 3))  # with the wheels' errors
+        self.widen(deviation_m, deviation_rad)
+
+    def widen(self, deviation_m: float, deviation_rad: float) -> None:
+        """Add the standard deviations of an unknown motion."""
+        self._pose += np.diag(np.square((deviation_m, deviation_m, deviation_rad)))
+
+    def move(self, motion: Pose2) -> None:
+        """Add the errors of a motion by the odometry, in the robot's frame: m, m, rad."""
+        dx, dy, turn = motion
+        c, s, o = cos(turn), sin(turn), self._odometry
+        way = hypot(dx, dy)
+        after = np.array([(c, s, s * dx - c * dy), (-s, c, c * dx + s * dy), (0.0, 0.0, 1.0)])
+        by_wheels = np.array([(0.0, 0.0, c * dx), (0.0, 0.0, -s * dx), (dx, turn, 0.0)])
+        cross = after @ self._cross
+        both = cross @ by_wheels.T
+        self._pose = after @ self._pose @ after.T + both + both.T
+        self._pose += (by_wheels * self._wheels) @ by_wheels.T
+        self._cross = cross + by_wheels * self._wheels
+        self._pose[0, 0] += (o.alpha3**2) * way + (o.alpha4 * turn) ** 2
+        self._pose[2, 2] += 0.25 * (o.alpha2**2) * way
+
+    def see(self, information: Floats) -> None:
+        """Shrink it by the information of readings, (3, 3), in the robot's frame."""
+        kept = np.linalg.inv(np.eye(3) + self._pose @ information)
+        pose = kept @ self._pose
+        self._pose, self._cross = 0.5 * (pose + pose.T), kept @ self._cross
+
+    def at(self, heading: float) -> Floats:
+        """The covariance of x, y and heading in the world, (3, 3)."""
+        c, s = cos(heading), sin(heading)
+        turned = np.array([(c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)])
+        found: Floats = turned @ self._pose @ turned.T
+        return found
+
+
+def information(model: Model, pose: Pose2, echoes: Sequence[Echo], trust: float) -> Floats:
+    """What readings tell at a pose, (3, 3), in the robot's frame.
+
+    The absence of an echo counts as nothing: a wall that is silent stays silent along the way.
+    """
+    echoes = [echo for echo in echoes if echo.range is not None]
+    if not echoes:
+        return np.zeros((3, 3))
+    moved = np.concatenate([np.zeros((1, 3)), DIRECTIONS, -DIRECTIONS]) * STEPS
+    c, s = cos(pose[2]), sin(pose[2])
+    poses: Poses = (pose + moved @ [(c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)]).astype(np.float32)
+    logs = log_likelihoods(model.likelihood(poses, echoes)).sum(axis=1, dtype=np.float64)
+    count = len(DIRECTIONS)
+    falls = trust * (2.0 * logs[0] - logs[1 : 1 + count] - logs[1 + count :])
+    x, y, t, xy, xt, yt = falls
+    xy, xt, yt = 0.5 * (xy - x - y), 0.5 * (xt - x - t), 0.5 * (yt - y - t)
+    values, vectors = np.linalg.eigh(np.array([(x, xy, xt), (xy, y, yt), (xt, yt, t)]))
+    values = np.maximum(values - TELLING * values[-1], 0.0)
+    found: Floats = (vectors * values) @ vectors.T / np.outer(STEPS, STEPS)
+    return found
+
+
+def widened(covariance: Floats, least: Floats, most_m: float) -> Floats:
+    """A covariance of x, y and heading that is nowhere below another one, (3, 3) each.
+
+    The position's standard deviation is widened to `most_m` (m) at most: a robot whose position
+    along a wall is not known is not lost.
+    """
+    values, vectors = np.linalg.eigh((least - covariance) / np.outer(STEPS, STEPS))
+    more = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(STEPS, STEPS)
+    room = max(most_m**2 - covariance[0, 0] - covariance[1, 1], 0.0)
+    share = sqrt(min(1.0, room / max(more[0, 0] + more[1, 1], 1e-12)))
+    scale = np.array((share, share, 1.0))
+    found: Floats = covariance + more * np.outer(scale, scale)
+    return found
