@@ -107,7 +107,11 @@ class Goto(Behaviour):
         goal = self.route.goal
         assert goal is not None, "there is a goal"
         off = hypot(goal.x - pose.x, goal.y - pose.y)
-        if self.route.last_leg and self._controller.settings.leave_m < off <= pose.deviation and v == w == 0.0:
+        if (
+            self.route.last_leg
+            and self._controller.settings.leave_m < off <= pose.deviation
+            and v == w == 0.0
+        ):
             return f"{off:.2f} m from the goal, and the pose is known to +-{pose.deviation:.2f} m"
         return f"to waypoint {self.route.leg + 1} of {len(self.route.waypoints)}"
 

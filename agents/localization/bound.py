@@ -107,16 +107,24 @@ def information(model: Model, pose: Pose2, echoes: Sequence[Echo], trust: float)
     return found
 
 
-def widened(covariance: Floats, least: Floats, most_m: float) -> Floats:
-    """A covariance of x, y and heading that is nowhere below another one, (3, 3) each.
+def widened(covariance: Floats, least: Floats) -> Floats:
+    """A covariance of x, y and heading that is nowhere below another one, (3, 3) each."""
+    scale = np.outer(STEPS, STEPS)
+    values, vectors = np.linalg.eigh((least - covariance) / scale)
+    found: Floats = covariance + (vectors * np.maximum(values, 0.0)) @ vectors.T * scale
+    return found
 
-    The position's standard deviation is widened to `most_m` (m) at most: a robot whose position
-    along a wall is not known is not lost.
+
+def confined(covariance: Floats, most_m: float) -> Floats:
+    """A covariance, (3, 3), shortened along its long axis to a position's deviation of `most_m`, m.
+
+    A robot is not lost only because its position along a corridor is not known.
     """
-    values, vectors = np.linalg.eigh((least - covariance) / np.outer(STEPS, STEPS))
-    more = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(STEPS, STEPS)
-    room = max(most_m**2 - covariance[0, 0] - covariance[1, 1], 0.0)
-    share = sqrt(min(1.0, room / max(more[0, 0] + more[1, 1], 1e-12)))
-    scale = np.array((share, share, 1.0))
-    found: Floats = covariance + more * np.outer(scale, scale)
+    (short, long), axes = np.linalg.eigh(covariance[:2, :2])
+    if short + long <= most_m**2:
+        return covariance
+    share = sqrt(max(most_m**2 - short, short) / long)
+    shortened = np.eye(3)
+    shortened[:2, :2] = (axes * (1.0, share)) @ axes.T
+    found: Floats = shortened @ covariance @ shortened
     return found

@@ -8,7 +8,7 @@ from dataclasses import replace as replaced
 from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
-from math import hypot, radians
+from math import hypot, radians, sqrt
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from armadico.agents.localization import monte_carlo
 from armadico.agents.localization.array_cache import Arrays, cached_arrays
-from armadico.agents.localization.bound import widened
+from armadico.agents.localization.bound import confined, widened
 from armadico.agents.localization.global_search import Alternative, Model, Place, Search, apart
 from armadico.agents.localization.laser_model import LaserModel, beams_of
 from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Settings
@@ -64,6 +64,9 @@ lift it. In a room that looks the same from both ends only this prior separates 
 
 PARTICLES_S = 0.5
 """Period of the particles that are published for displays."""
+
+SQUARE = sqrt(2.0)
+"""The deviation of a position that is known equally well in all directions, over that in one."""
 
 FOUND_RAD = 0.3
 """Standard deviation of the heading of a robot that has just been found, until readings tell it."""
@@ -135,7 +138,8 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start_m: Metres = 0.15  # standard deviation of the position at the start
     start_rad: Angle = radians(6.0)
     lost: Share = 0.15  # lost if the largest cluster has a smaller share of the weight
-    lost_m: Metres = 0.5  # lost if that cluster has a larger standard deviation
+    lost_m: Metres = 0.5  # lost if that cluster is wider, as a circle of its short axis
+    along_m: Metres = 1.5  # lost if its standard deviation along its long axis is larger
     lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # time of either until it counts as lost
     fits: Share = 0.5  # no search while the newest readings fit at least this well
     doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # new readings from search to search
@@ -422,7 +426,7 @@ class Localization(Agent):
         if isinstance(belief, Lost):  # at least 1 m: no place fits
             c = np.clip(self._filter.scatter(), np.eye(3), WIDEST)
         else:
-            c = widened(c, self._filter.bound.at(found.pose[2]), self.p.doubt_m)
+            c = confined(widened(c, self._filter.bound.at(found.pose[2])), self.p.doubt_m)
             more = max(0.0, self._least_m(belief) ** 2 - float(c[0, 0] + c[1, 1]))
             c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
         self.publish(
@@ -480,7 +484,8 @@ class Localization(Agent):
             if converged and not self._has_laser:
                 self._set_localized(found.pose, proofs=0)  # its particles were tracked all along
             return
-        uncertain = share < p.lost or width > p.lost_m
+        short, long = found.axes_m
+        uncertain = share < p.lost or SQUARE * short > p.lost_m or long > p.along_m
         since = (belief.since or self.now) if uncertain else None
         self._belief = replaced(belief, since=since)
         waited = since is not None and self.now - since >= p.lost_s

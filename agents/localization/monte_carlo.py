@@ -120,8 +120,14 @@ class Estimate(Struct, frozen=True):
     fit: float
 
     @property
+    def axes_m(self) -> tuple[float, float]:
+        """Standard deviations along the short and the long axis of the position, m."""
+        short, long = np.linalg.eigvalsh(self.covariance[:2, :2]).tolist()
+        return sqrt(max(0.0, short)), sqrt(max(0.0, long))
+
+    @property
     def deviation_m(self) -> float:
-        return sqrt(max(0.0, float(self.covariance[0, 0] + self.covariance[1, 1])))
+        return hypot(*self.axes_m)
 
 
 class MonteCarlo:
