@@ -1,12 +1,11 @@
 """A lower bound of the pose's covariance: what the odometry and the map can tell at best.
 
-Particles that agree are no proof. Along a single wall, or in a corridor, the readings say nothing of
-the position along it, and yet rough walls and lucky echoes narrow the cloud. So a covariance is
-propagated beside the particles: it grows by the errors of the wheels, and each reading shrinks it
-by its information (the curvature of its log-likelihood, a Cramer-Rao bound), only where the reading
-fits and only in directions in which it tells something. The errors of the wheels are considered,
-but never learnt (Schmidt's filter): they last, so that the covariance grows with the square of the
-way.
+Particles that agree are no proof. Along a wall or a corridor the readings contain no information on
+the position along it, but rough walls and wrong echoes still narrow the cloud of particles. This
+covariance is propagated beside the particles. It grows by the errors of the wheels. Each reading
+that fits shrinks it by its information: the curvature of its log-likelihood (a Cramer-Rao bound).
+Directions with little information are left out. The errors of the wheels last, so the deviation
+grows in proportion to the distance; they are considered, not estimated (Schmidt's filter).
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ DIRECTIONS: Final = np.array(
 )
 
 TELLING: Final = 0.1
-"""Least information in a direction, relative to the best one: less comes from rough walls. A wall
-that is drawn in cells is off its direction by up to 18 degrees, of which this is the squared sine."""
+"""Least information in a direction, relative to the best one; rough walls give less. It is the
+squared sine of 18 degrees, by which a wall drawn in cells may be off its direction."""
 
 
 class Bound:

@@ -1,4 +1,4 @@
-"""Lifted robots: put down elsewhere in mid-run, by sonars and by laser; are they found, and safe?"""
+"""Lifted robots: put down elsewhere in mid-run: are they found, and do they touch anything?"""
 
 from __future__ import annotations
 
