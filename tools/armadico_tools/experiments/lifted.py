@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from math import hypot, radians, tau
@@ -105,7 +105,7 @@ def lift(task: tuple[Cell, int]) -> Lift:
     run.begin()
     run.mesh.run(run.mesh.now + rng.uniform(*LIFTED_S))
     before = counted(run.watch.result().collisions)
-    plant = run.robot.plant  # type: ignore[attr-defined]  # each simulated robot has one
+    plant = run.robot.plant
     plant.set_pose(*place(cell, rng, plant.pose))
     run.mesh.watch(keep, Pose)
     run.mesh.run(run.mesh.now + FOUND_S)
@@ -153,16 +153,18 @@ def _cells() -> list[Cell]:
     ]
 
 
-def _row(name: str, found: Sequence[Lift]) -> Iterable[object]:
+def _row(name: str, found: Sequence[Lift]) -> tuple[object, ...]:
     times = [one.found_s for one in found if one.found_s is not None]
-    yield name
-    yield f"{len(times)} of {len(found)}"
-    yield f"{median(times):.1f}" if times else "-"
     sure = [one.wrong_sure_s for one in found]
-    yield f"{median(sure):.1f}, {max(sure):.1f}"
-    yield f"{max(one.fast_s for one in found):.1f}"
-    yield f"{max(one.fast_aware_s for one in found):.1f}"
-    yield f"{sum(one.collisions > 0 for one in found)} of {len(found)}"
+    return (
+        name,
+        f"{len(times)} of {len(found)}",
+        f"{median(times):.1f}" if times else "-",
+        f"{median(sure):.1f}, {max(sure):.1f}",
+        f"{max(one.fast_s for one in found):.1f}",
+        f"{max(one.fast_aware_s for one in found):.1f}",
+        f"{sum(one.collisions > 0 for one in found)} of {len(found)}",
+    )
 
 
 def report(context: Context) -> str:
