@@ -145,7 +145,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # new readings from search to search
     stays: Odds = 3.0  # log odds against all other places that end the searches
     doubts: Odds = 1.5  # log odds of another place that raise suspicion: the robot slows down
-    doubt_m: Metres = 0.45  # least standard deviation published while suspicious
+    doubt_m: Metres = 0.45  # least standard deviation published while suspicious; most otherwise
     misfit_m: Metres = 0.3  # least standard deviation published while readings fit badly
     adrift_m: Metres = 0.6  # least deviation with two signs of a wrong pose, or without readings
     confirm: Confirmation | None = None  # thresholds for lost and found

@@ -174,8 +174,10 @@ def report(context: Context) -> str:
     rows = [
         _row(name, [one for one in found if one.cell.startswith(begins)]) for name, begins in names
     ]
-    head = ("robot, scenario", "found", "after s", "wrong and sure s: median, most")
-    head += ("fast s, most", "... from 5 s on", "touched")
+    head = (
+        *("robot, scenario", "found", "after s", "wrong and sure s: median, most"),
+        *("fast s, most", "... from 5 s on", "touched"),
+    )
     return table(head, rows)
 
 
