@@ -52,6 +52,7 @@ class Driver:
     def reset(self) -> None:
         self._turning = False
         self._accel = 0.0
+        self.off_m = 0.0  # the pose's standard deviation
 
     def steer(
         self, pose: Posed, measured: Speeds, before: Speeds, route: Route, cut: float, period: float
@@ -95,7 +96,8 @@ class Driver:
     def _settle(self, pose: Posed, measured: Speeds, goal: Posed, route: Route) -> None:
         s, rho = self.settings, distance(pose, goal)
         if self._turning:  # it stops within its tolerance, or approaches again
-            self._turning = rho <= s.leave_m or (rho <= s.turn_m and measured[0] > RESTS_M_S)
+            rests = rho <= max(s.leave_m, self.off_m)  # beyond, it could be nearer than it knows
+            self._turning = rests or (rho <= s.turn_m and measured[0] > RESTS_M_S)
         elif route.last_leg:
             abeam = cos(direction(pose, goal) - pose.theta) <= 0.0
             self._turning = rho <= (s.beside_m if abeam else s.turn_m)

@@ -100,21 +100,34 @@ class Goto(Behaviour):
         if self.p.rules == "safe":
             v, w = self.limited(v, w, obstacles, self.p.safety)
         self._commanded = (v, w)
-        count = len(self.route.waypoints)
-        reason = f"to waypoint {self.route.leg + 1} of {count}"
-        return Bid(self._utility(pose), (v, w), reason=reason)
+        return Bid(self._utility(pose), (v, w), reason=self._reason(pose, v, w))
+
+    def _reason(self, pose: Pose, v: float, w: float) -> str:
+        """Where it drives to; that it stands beside the goal, if it cannot know the way there."""
+        goal = self.route.goal
+        assert goal is not None, "there is a goal"
+        off = hypot(goal.x - pose.x, goal.y - pose.y)
+        if (
+            self.route.last_leg
+            and self._controller.settings.leave_m < off <= pose.deviation
+            and v == w == 0.0
+        ):
+            return f"{off:.2f} m from the goal, and the pose is known to +-{pose.deviation:.2f} m"
+        return f"to waypoint {self.route.leg + 1} of {len(self.route.waypoints)}"
 
     def _desired(self, pose: Pose, obstacles: Obstacles) -> Speeds:
         """The controller's speeds before any limit by obstacles."""
         before, period = self._ramp_start(), self.body.cycle_s
         if self._driver is not None:
             cut = corner_cut(obstacles, self.body, self.p.brisk.cut_m)
+            self._driver.off_m = pose.deviation
             v, w = self._driver.steer(pose, self.measured, before, self.route, cut, period)
             v = min(v, self._at_sight(pose, obstacles))
             return unhurried(v, w, self.scene(obstacles), self.p.safety), w
         ahead = self._ahead(pose, obstacles)
-        self._controller.exact = bool(pose.covariance)
-        v, w = self._controller.steer(pose, ahead, before, period)
+        controller = self._controller
+        controller.off_m, controller.off_rad = pose.deviation, pose.heading_deviation
+        v, w = controller.steer(pose, ahead, before, period)
         return (min(v, self._calm(pose, ahead[0])) if self.p.rules == "safe" else v), w
 
     def _at_sight(self, pose: Pose, obstacles: Obstacles) -> float:

@@ -735,7 +735,7 @@ class Interface(Agent):
         ):
             return False
         return (
-            hypot(goal.x - pose.x, goal.y - pose.y) <= self.p.near_m
+            hypot(goal.x - pose.x, goal.y - pose.y) <= max(self.p.near_m, pose.deviation)
             and abs(wrap(goal.theta - pose.theta)) <= self.p.turned_rad
             and self._is_slow(state)
         )

@@ -8,7 +8,7 @@ from dataclasses import replace as replaced
 from functools import lru_cache
 from hashlib import sha256
 from importlib.metadata import version
-from math import radians
+from math import hypot, radians, sqrt
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from armadico.agents.localization import monte_carlo
 from armadico.agents.localization.array_cache import Arrays, cached_arrays
+from armadico.agents.localization.bound import confined, widened
 from armadico.agents.localization.global_search import Alternative, Model, Place, Search, apart
 from armadico.agents.localization.laser_model import LaserModel, beams_of
 from armadico.agents.localization.monte_carlo import Estimate, MonteCarlo, Settings
@@ -63,6 +64,12 @@ lift it. In a room that looks the same from both ends only this prior separates 
 
 PARTICLES_S = 0.5
 """Period of the particles that are published for displays."""
+
+SQUARE = sqrt(2.0)
+"""The deviation of a position that is known equally well in all directions, over that in one."""
+
+FOUND_RAD = 0.3
+"""Standard deviation of the heading of a robot that has just been found, until readings tell it."""
 
 MISFIT_S = 15.0
 """Time constant of the running average of the readings' fit, while the robot moves."""
@@ -131,19 +138,21 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     start_m: Metres = 0.15  # standard deviation of the position at the start
     start_rad: Angle = radians(6.0)
     lost: Share = 0.15  # lost if the largest cluster has a smaller share of the weight
-    lost_m: Metres = 0.5  # lost if that cluster has a larger standard deviation
+    lost_m: Metres = 0.5  # lost if that cluster is wider, as a circle of its short axis
+    along_m: Metres = 1.5  # lost if its standard deviation along its long axis is larger
     lost_s: Annotated[float, Meta(gt=0, le=60)] = 0.5  # time of either until it counts as lost
     fits: Share = 0.5  # no search while the newest readings fit at least this well
     doubted_after: Annotated[int, Meta(ge=1, le=100)] = 3  # new readings from search to search
     stays: Odds = 3.0  # log odds against all other places that end the searches
     doubts: Odds = 1.5  # log odds of another place that raise suspicion: the robot slows down
-    doubt_m: Metres = 0.45  # least standard deviation published while suspicious
+    doubt_m: Metres = 0.45  # least standard deviation published while suspicious; most otherwise
     misfit_m: Metres = 0.3  # least standard deviation published while readings fit badly
     adrift_m: Metres = 0.6  # least deviation with two signs of a wrong pose, or without readings
     confirm: Confirmation | None = None  # thresholds for lost and found
     found: Share = 0.95  # share of the weight in one place with which a search has found it
     found_times: Annotated[int, Meta(ge=1, le=100)] = 3  # consecutive searches that must find it
     proved_times: Annotated[int, Meta(ge=0, le=100)] = 4  # further searches that must confirm it
+    proved_m: Metres = 1.0  # distance with readings that fit until it counts as proved
     unproved_m: Metres = 0.4  # least standard deviation published until they have
     filter: Settings | None = None
 
@@ -154,6 +163,7 @@ class Localized:
 
     Attributes:
         unconfirmed: Searches that still have to confirm it.
+        unproved: Distance that it still has to drive with readings that fit, m.
         suspect: Whether another place explains the new readings better.
         verdicts: Consecutive searches that agreed on another place.
         agreed: That place.
@@ -162,6 +172,7 @@ class Localized:
     """
 
     unconfirmed: int = 0
+    unproved: float = 0.0
     suspect: bool = False
     verdicts: int = 0
     agreed: Pose2 = STOOD
@@ -348,7 +359,11 @@ class Localization(Agent):
             unmoved = compose(before, motion)
             if self._grid.clearance_between(Placed(*before[:2]), Placed(*unmoved[:2])) == 0.0:
                 unmoved = None  # it would have driven through a wall, so it was moved
-        return replaced(belief, agreed=compose(belief.agreed, motion), unmoved=unmoved)
+        belief = replaced(belief, agreed=compose(belief.agreed, motion), unmoved=unmoved)
+        if isinstance(belief, Localized) and belief.unproved > 0.0:
+            fits = self._filter.fit >= self._confirm.found_fit
+            belief = replaced(belief, unproved=belief.unproved - fits * hypot(*motion[:2]))
+        return belief
 
     def on_sonar(self, sonar: Sonar) -> None:
         if not self._has_laser:
@@ -395,12 +410,15 @@ class Localization(Agent):
         """Weigh the particles and publish the estimate."""
         if not self._started or self._odometry is None:
             return
+        echoes: Sequence[Echo] = ()
         if self._filter.due:
-            self._filter.weigh(readings())
+            echoes = readings()
+            self._filter.weigh(echoes)
             self._update_fit()
         # A localized robot keeps its cluster: another one that fits equally well, such as the room
         # next door, is no reason to jump.
         found = self._filter.estimate(None if isinstance(self._belief, Lost) else self._estimate)
+        self._filter.tell(found.pose, echoes)
         self._update_belief(found)
         belief = self._belief
         self._filter.lost = isinstance(belief, Lost) and not belief.spread
@@ -408,7 +426,8 @@ class Localization(Agent):
         if isinstance(belief, Lost):  # at least 1 m: no place fits
             c = np.clip(self._filter.scatter(), np.eye(3), WIDEST)
         else:
-            more = max(0.0, self._least_m(belief) ** 2 - found.deviation_m**2)
+            c = confined(widened(c, self._filter.bound.at(found.pose[2])), self.p.doubt_m)
+            more = max(0.0, self._least_m(belief) ** 2 - float(c[0, 0] + c[1, 1]))
             c = c + np.diag([0.5 * more, 0.5 * more, 0.0])
         self.publish(
             Correction(
@@ -434,7 +453,7 @@ class Localization(Agent):
                 return self.p.adrift_m
         if belief.suspect:
             return self.p.doubt_m
-        if belief.unconfirmed:
+        if belief.unconfirmed or belief.unproved > 0.0:
             fits = self._filter.fit >= self._confirm.found_fit
             return self.p.unproved_m if fits else self.p.adrift_m
         return self.p.misfit_m if self._fit.bad else 0.0
@@ -465,7 +484,8 @@ class Localization(Agent):
             if converged and not self._has_laser:
                 self._set_localized(found.pose, proofs=0)  # its particles were tracked all along
             return
-        uncertain = share < p.lost or width > p.lost_m
+        short, long = found.axes_m
+        uncertain = share < p.lost or SQUARE * short > p.lost_m or long > p.along_m
         since = (belief.since or self.now) if uncertain else None
         self._belief = replaced(belief, since=since)
         waited = since is not None and self.now - since >= p.lost_s
@@ -564,7 +584,11 @@ class Localization(Agent):
         unmoved = self._belief.unmoved
         if not proofs or (unmoved is not None and apart(pose, unmoved)):
             unmoved = None
-        self._belief, self._estimate = Localized(proofs, unmoved=unmoved), pose
+        proof = 0.0
+        if isinstance(self._belief, Lost):
+            proof = self.p.proved_m
+            self._filter.bound.begin(self.p.unproved_m, FOUND_RAD)
+        self._belief, self._estimate = Localized(proofs, proof, unmoved=unmoved), pose
         self._searches = Searches(at=self._searches.at)
         self.log(f"the robot is localized at {_place(pose)}")
 

@@ -18,6 +18,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from armadico.agents.localization import global_search
+from armadico.agents.localization.bound import Bound, information
 from armadico.agents.localization.global_search import (
     NEAR_BY,
     History,
@@ -115,8 +116,14 @@ class Estimate(Struct, frozen=True):
     fit: float
 
     @property
+    def axes_m(self) -> tuple[float, float]:
+        """Standard deviations along the short and the long axis of the position, m."""
+        short, long = np.linalg.eigvalsh(self.covariance[:2, :2]).tolist()
+        return sqrt(max(0.0, short)), sqrt(max(0.0, long))
+
+    @property
     def deviation_m(self) -> float:
-        return sqrt(max(0.0, float(self.covariance[0, 0] + self.covariance[1, 1])))
+        return hypot(*self.axes_m)
 
 
 class MonteCarlo:
@@ -158,6 +165,7 @@ class MonteCarlo:
         self._logs: deque[float] = deque(maxlen=settings.judged)  # of the newest likelihoods
         self._hits = MAPPED_HITS  # running mean over the rays
         self.history = History(settings.search)
+        self.bound = Bound(odometry)  # of the estimate's covariance
 
     def may_be_at(self, free: NDArray[np.float64]) -> None:
         """Set where the robot may be, (n, 2), m."""
@@ -168,6 +176,7 @@ class MonteCarlo:
         wide = deviation_m > 2.0 * settings.bin_m or deviation_rad > 2.0 * settings.bin_rad
         about = np.tile(pose, (settings.most if wide else settings.least, 1))
         self._begin_about(about, deviation_m, deviation_rad)
+        self.bound.begin(deviation_m, deviation_rad)
 
     def start_anywhere(self) -> None:
         """Start with particles in all free places."""
@@ -177,6 +186,7 @@ class MonteCarlo:
         """Spread each particle by the standard deviations of an unknown motion."""
         about = self.poses[self._drawn(self.settings.most)]
         self._begin_about(about, deviation_m, deviation_rad)
+        self.bound.widen(deviation_m, deviation_rad)
 
     def _begin_about(self, poses: Poses, deviation_m: float, deviation_rad: float) -> None:
         spread = np.array([deviation_m, deviation_m, deviation_rad])
@@ -208,6 +218,7 @@ class MonteCarlo:
         self.history.move(motion)
         if not way and not turn:
             return
+        self.bound.move(motion)
         self.changes += 1
         n, o, root = len(self.poses), self.odometry, sqrt(way)
         noise = self._rng.standard_normal((3, n), dtype=np.float32)
@@ -249,6 +260,10 @@ class MonteCarlo:
         self.weights = self._weighed(logs)
         if 1.0 / float(self.weights @ self.weights) < 0.5 * len(self.poses):
             self._resample()
+
+    def tell(self, pose: Pose2, echoes: Sequence[Echo]) -> None:
+        """Narrow the bound by what readings tell at a pose."""
+        self.bound.see(information(self._model, pose, echoes, self.settings.trust))
 
     def _weighed(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """The weights times these likelihoods, normalized."""

@@ -15,6 +15,7 @@ cosine of the turn into it: a waypoint on a straight line costs no speed, only a
 
 The stop rule is `Settings`' tolerances. A run counts as reached when the true pose is within
 0.15 m and 5 degrees; the controllers aim well inside, at 3 cm and 2 degrees of the measured pose.
+A robot that has stopped drives again only if the pose has moved by more than its deviation.
 """
 
 from __future__ import annotations
@@ -151,7 +152,7 @@ class Controller:
         self.settings = settings
         self.mode = mode
         self.mixes_on_the_way = False  # at each waypoint, not only at the goal (thesis 5.2.1)
-        self.exact = False  # the heading is uncertain: turn to EXACT_RAD
+        self.off_m = self.off_rad = 0.0  # the pose's standard deviations
         self.reset()
 
     def reset(self) -> None:
@@ -197,7 +198,7 @@ class Controller:
             return 0.0, 0.0
         if self._turning:
             law, off = self.settings.precise, wrap(target.theta - pose.theta)
-            w = max(law.turn * abs(off), EXACT_RAD_S if self.exact else 0.0)
+            w = max(law.turn * abs(off), EXACT_RAD_S if self.off_rad else 0.0)
             return 0.0, math.copysign(min(w, law.w), off)
         return self._approach(rho, alpha)
 
@@ -227,14 +228,19 @@ class Controller:
         return mix(s, rho, fast(s.fast, s, rho, alpha), precise(s.precise, rho, alpha))
 
     def _settle(self, pose: Posed, goal: Posed, rho: float, alpha: float) -> None:
-        """Decide whether the position, and then the heading, is reached."""
+        """Decide whether the position, and then the heading, is reached.
+
+        A pose that moves by less than its standard deviation is no reason to leave the goal again:
+        driving on would not bring the robot any nearer to it.
+        """
         s = self.settings
         stop = s.fast_stop_m if self.mode is Mode.FAST else s.stop_m
         if self._turning:
-            self._turning = rho <= s.leave_m
+            self._turning = rho <= max(s.leave_m, self.off_m)
         else:
             abeam = rho <= s.beside_m and abs(alpha) > math.pi / 2
             self._turning = rho <= stop or abeam
         error = 0.0 if self.mode is Mode.FAST else abs(wrap(goal.theta - pose.theta))
-        good = EXACT_RAD if self.exact else s.stop_rad
-        self._parked = self._turning and error <= (s.leave_rad if self._parked else good)
+        good = EXACT_RAD if self.off_rad else s.stop_rad
+        leave = max(s.leave_rad, self.off_rad)
+        self._parked = self._turning and error <= (leave if self._parked else good)

@@ -198,6 +198,16 @@ def test_parked_it_stays_parked_though_the_pose_is_noisy() -> None:
     assert not controller.parked
 
 
+def test_beside_its_goal_it_stays_unless_the_pose_moves_by_more_than_its_deviation() -> None:
+    controller, goal = Controller(), ORIGIN
+    controller.off_m, controller.off_rad = 0.3, 0.1
+    controller.steer(Placed(0.02, 0.0, 0.01), [goal], (0.0, 0.0), PERIOD)
+    for x, y in ((0.2, 0.0), (-0.1, 0.25), (0.0, -0.2)):
+        assert controller.steer(Placed(x, y, 0.05), [goal], (0.0, 0.0), PERIOD) == (0.0, 0.0)
+    controller.steer(Placed(0.4, 0.0, 0.0), [goal], (0.0, 0.0), PERIOD)
+    assert not controller.parked
+
+
 def test_a_new_goal_is_driven_to_after_a_reset() -> None:
     controller = Controller()
     controller.steer(ORIGIN, [ORIGIN], (0.0, 0.0), PERIOD)
@@ -246,7 +256,7 @@ def test_where_the_heading_is_uncertain_it_turns_to_the_middle_of_what_is_good(
     start: Placed, goal: Placed
 ) -> None:
     controller = Controller(CHAPTER_5, Mode.COLLABORATIVE)
-    controller.exact = True
+    controller.off_rad = 0.05
     *_, (end, (_, w)) = drive(controller, start, [goal])
     assert controller.parked
     assert abs(wrap(end.theta + 0.2 * w - goal.theta)) <= math.radians(1.1)

@@ -659,6 +659,18 @@ def test_a_place_just_found_limits_the_speed(world: str) -> None:
 
 
 @pytest.mark.long
+def test_a_place_just_found_is_proved_over_a_distance(world: str) -> None:
+    parameters = Parameters(world=world, start="anywhere", proved_times=0)
+    robot, way, last = Robot(parameters), 0.0, LOST_M
+    for pose, motion in drive(START, 350):
+        (one,) = robot.at(pose, motion, (0.0, 0.0, 0.0))
+        last = deviation(one)
+        way += hypot(*motion[:2]) if one.confidence and last >= parameters.unproved_m else 0.0
+    assert way >= parameters.proved_m
+    assert last < UNSURE_M
+
+
+@pytest.mark.long
 def test_a_robot_that_was_just_found_is_lost_again_if_another_place_fits_better(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,10 @@ MODULES: Final = {
         "Explorations by SLAM: shipped worlds and floor plans, real sensors",
         "exploration:EXPLORATION",
     ),
+    "lifted": (
+        "Lifted robots: put down elsewhere in mid-run, by sonars and by laser",
+        "lifted:LIFTED",
+    ),
     "logs": (
         "Logs of real robots: the localization agent beside a plain filter",
         "logs:LOGS",

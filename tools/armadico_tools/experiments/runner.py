@@ -41,7 +41,9 @@ R = TypeVar("R")
 ABOUT: Final = "about.json"
 CONDITIONS: Final = "conditions.json"
 FOUND: Final = "found.csv"
-BESIDES: Final = [Path(__file__).with_name(name) for name in ("driving.py", "likelihood_filter.py")]
+BESIDES: Final = [
+    Path(__file__).with_name(name) for name in ("driving.py", "lifted.py", "likelihood_filter.py")
+]
 """Modules of this package that change results. The others only report them."""
 
 Table = tuple[Sequence[str], Iterable[Sequence[object]]]
