@@ -18,12 +18,14 @@ from armadico.agents.interface.messages import (
     MissionWithdrawal,
 )
 from armadico.agents.interface.nearing import Contacts, Nearing, since
+from armadico.agents.interface.schedule import Schedule
 from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import (
     Action,
     Description,
+    LogEvent,
     Message,
     MessageError,
     Point,
@@ -34,7 +36,7 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import Resource
 from armadico.core.unseen import Rule
-from armadico.mobile.behaviour import LOST_M, driven_by
+from armadico.mobile.behaviour import LOST_M, UNSURE_M, driven_by
 from armadico.mobile.driven import Event, Stage, following
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
@@ -209,6 +211,9 @@ class Interface(Agent):
         self._refused = ""  # the reason of the last refusal
         self._map_change: tuple[MapMoved, float] | None = None  # the newest one, and its time, s
         self._unanswered = False  # the planner did not reply, and that was logged
+        self._schedule = Schedule()
+        self._late = ""  # by how much and why, while the mission is driven or when it ended
+        self._blamed = ""  # the main cause of a delay, as logged
         self._pose_at = 0.0
         self._across_m = self.p.across_m
         self._contacts = Contacts()
@@ -411,6 +416,7 @@ class Interface(Agent):
         mission.waits = "" if trajectory.waits else None
         mission.to_go, mission.nearing = self._mission.to_go, Nearing().anew(self.now)
         self._mission, self._refused = mission, ""
+        self._schedule = Schedule.begin(self.now, mission.to_go, self._top)
         if trajectory.waypoints:
             self._on(*BEGUN)
             self.log(f"mission {number} goes on")
@@ -443,6 +449,7 @@ class Interface(Agent):
     def on_pose(self, pose: Pose) -> None:
         """Follow the trajectory; publish the progress and the arrival."""
         gap_s, self._pose_at = self.now - self._pose_at, self.now
+        self._on_schedule(pose)
         if gap_s > UNHEARD_S:
             self._mission.nearing = self._mission.nearing.without(gap_s, self.now)
         self._check_placed(pose)
@@ -481,6 +488,40 @@ class Interface(Agent):
             self._publish_status()
         elif pose.cycle.number % 2 == 0:
             self._publish_status()
+
+    def _on_schedule(self, pose: Pose) -> None:
+        """Count what delays the mission; log a new main cause once it is late."""
+        mission, schedule = self._mission, self._schedule
+        if self._stage is not Stage.DRIVING:
+            return
+        person = driven_by(self)
+        hindrance = "stopped" if self.stopped else f"{person} drives by hand" if person else ""
+        cause = hindrance or self._delays(pose)
+        schedule.update(self.now, mission.to_go, cause, persons=bool(hindrance))
+        self._late = line(schedule.late(self.now))
+        if self._late and self._blamed != schedule.main_cause:
+            self._blamed = schedule.main_cause
+            self.log(line(f"mission {mission.number} is {self._late}"), WARNING, LogEvent.LATE)
+
+    def _delays(self, pose: Pose) -> str:
+        """Return what delays the robot now, by what this agent has received."""
+        state = self.fresh(RobotState)
+        if pose.deviation > LOST_M:
+            return "lost"
+        if self._mission.waits is not None:
+            return self._mission.waits or "waits: no path is free"
+        if state is None:
+            return "no message from the robot"
+        if not state.driver:
+            return "no agent drives"
+        name, ordered, admitted = state.driver.rpartition("-")[0], state.ordered, state.admitted
+        if state.capped and abs(admitted.v) < abs(ordered.v):
+            return f"the robot agent slows {name} down: {state.capped}"
+        if state.stalled:
+            return f"{name} drives, and the robot touches something"
+        if pose.deviation > UNSURE_M:
+            return f"{name} drives slowly, as the pose is uncertain"
+        return f"{name} drives too slowly" if ordered.v or ordered.w else f"{name} stands"
 
     def on_robot_state(self, state: RobotState) -> None:
         """Fail a mission if the robot cannot be driven, or has repeated contacts in one place."""
@@ -704,6 +745,8 @@ class Interface(Agent):
         mission.to_go = mission.route.to_go(pose.x, pose.y)
         mission.nearing = Nearing().anew(self.now)
         self._mission = mission
+        self._schedule = Schedule.begin(self.now, mission.to_go, self._top)
+        self._late = self._blamed = ""
         self._on(*BEGUN)
         self._note = self._refused = ""
         self._contacts.clear()
@@ -772,9 +815,24 @@ class Interface(Agent):
             rule=mission.rule,
         )
 
+    @property
+    def _top(self) -> float:
+        """The robot's top speed, m/s."""
+        about = self.latest(Description)
+        return inf if about is None else about.v_max
+
     def _publish_status(self) -> None:
         mission, state = self._mission, MissionState(self._stage.value)
         leg = mission.route.leg if mission.route.waypoints else 0
         self.publish(
-            MissionStatus(mission.number, state, mission.to_go, leg, self._note, self._refused)
+            MissionStatus(
+                mission.number,
+                state,
+                mission.to_go,
+                leg,
+                self._note,
+                self._refused,
+                due_s=self._schedule.due_s(self.now) if state is MissionState.DRIVING else None,
+                late=self._late,
+            )
         )

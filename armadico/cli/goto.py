@@ -204,8 +204,8 @@ def _remark(mission: Mission, client: Client, reason: str) -> str:
     if state.stop.stopped:
         by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"stopped by {by}; {how}"
-    if status is not None and status.note:
-        return options.shown(status.note)
+    if status is not None and (status.note or status.late):
+        return options.shown(status.note or status.late)
     moves = max(abs(state.v), abs(state.w)) > RESTS
     words = [f"{state.v:.2f} m/s"] * (moves or not reason) + [reason] * bool(reason)
     return "stalled" if state.stalled and not reason else ", ".join(words)

@@ -83,7 +83,8 @@ def remark(watch: RunWatch) -> str:
     else:
         none = mission.state == "none"  # the state on the wire
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
-        to_go += f", {options.shown(mission.note)}" if mission.note else ""
+        said = mission.note or mission.late
+        to_go += f", {options.shown(said)}" if said else ""
     if state is None:
         return f"{to_go}, no message from the robot"
     if state.stop.stopped:

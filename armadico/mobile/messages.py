@@ -500,7 +500,13 @@ class MissionState(StrEnum):
 
 
 class MissionStatus(Message, frozen=True):
-    """The interface agent's report on the mission."""
+    """The interface agent's report on the mission.
+
+    A mission is due after the time that its path takes at a slow pace; see
+    `armadico.agents.interface.schedule`.
+    """
+
+    appended: ClassVar[int] = 2
 
     mission: Bits64
     state: MissionState
@@ -508,6 +514,8 @@ class MissionStatus(Message, frozen=True):
     leg: Counter = 0  # index of the waypoint that is driven to
     note: Text = ""
     refused: Text = ""  # why the last requested goal was refused; empty: it was not
+    due_s: Real | None = None  # s until it is due, negative: it is late; None: there is none
+    late: Text = ""  # what delays it, for people; empty: it is not late
 
 
 class FleetPose(Message, frozen=True):

@@ -85,6 +85,8 @@ def mission(view: View) -> Section | None:
         "state": status.state.value,
         "to_go": status.to_go,
         "note": status.note,
+        "due_s": status.due_s,
+        "late": status.late,
         "unseen_m": 0.0 if view.trajectory is None else unseen_m(view.trajectory.unseen),
     }
 

@@ -59,6 +59,7 @@ class Sort(StrEnum):
     MAP = "map"
     CLOCK = "clock"
     SLOW = "slow"  # an agent publishes less often than it promises
+    LATE = "late"  # the mission is not reached in the time that its path should take
     MONITOR = "monitor"
     ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
