@@ -1,4 +1,4 @@
-"""When a mission is due, and who delays it. Sans-IO.
+"""When a mission is due, what delays it, and whether it is reached. Sans-IO.
 
 A mission is due after `START_S` and the time that its path takes at a slow pace. Where the progress
 falls behind that pace, the time is counted for the present cause. Only a person's doing, a stop or
@@ -9,8 +9,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from math import inf
+from math import degrees, hypot, inf
 from typing import Final
+
+from armadico.core.messages import RobotState
+from armadico.mobile.behaviour import LOST_M, UNSURE_M
+from armadico.mobile.messages import Pose, Waypoint
 
 PACE_M_S: Final = 0.25
 """The pace that is expected, m/s. It was chosen in the shipped scenarios, where missions without
@@ -77,17 +81,64 @@ class Schedule:
         """By how much the mission is late, and by which causes; "" if it is not."""
         if now <= self.due_at:
             return ""
+        besides = [f"not counted: {s:.0f} s {c}" for c, s in self._postponed.items() if s >= 1.0]
+        why = "; ".join([self.causes or "the way took longer than expected", *besides])
+        return f"{now - self.due_at:.0f} s late: {why}"
+
+    @property
+    def causes(self) -> str:
+        """What has delayed the mission, with the times; "" if nothing has."""
         whole = sum(self._delays.values())
-        causes = [
+        return ", ".join(
             f"{cause} ({s:.0f} s)"
             for cause, s in self._delays.most_common(NAMED)
             if s >= LEAST_SHARE * whole
-        ]
-        besides = [f"not counted: {s:.0f} s {c}" for c, s in self._postponed.items() if s >= 1.0]
-        why = "; ".join([", ".join(causes) or "the way took longer than expected", *besides])
-        return f"{now - self.due_at:.0f} s late: {why}"
+        )
 
     @property
     def main_cause(self) -> str:
         """The cause of most of the delay; "" if there is none."""
         return max(self._delays, key=self._delays.__getitem__, default="")
+
+
+def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str:
+    """Return what delays the robot now, by what the interface agent itself has received.
+
+    Args:
+        state: The robot's; None: there is no fresh one.
+        pose: None: there is no fresh one.
+        waits: Why no path is free; None: there is a path.
+    """
+    if state is None:
+        return "no message from the robot"
+    if pose is None:
+        return "no pose is published"
+    if pose.deviation > LOST_M:
+        return "lost"
+    if waits is not None:
+        return waits or "waits: no path is free"
+    if not state.driver:
+        return "no agent drives"
+    name, ordered, admitted = state.driver.rpartition("-")[0], state.ordered, state.admitted
+    if state.capped and abs(admitted.v) < abs(ordered.v):
+        return f"the robot agent slows {name} down: {state.capped}"
+    if state.stalled:
+        return f"{name} drives, and the robot touches something"
+    if pose.deviation > UNSURE_M:
+        return f"{name} drives slowly, as the pose is uncertain"
+    return f"{name} drives too slowly" if ordered.v or ordered.w else f"{name} stands"
+
+
+def doubt(pose: Pose, goal: Waypoint, near_m: float, turned_rad: float) -> str:
+    """Return why a pose does not tell that the robot is at its goal; "" if it does.
+
+    The mission ends in any case: a pose does not get better while the robot stands.
+    """
+    if pose.deviation <= near_m and pose.heading_deviation <= turned_rad:
+        return ""
+    off = hypot(goal.x - pose.x, goal.y - pose.y)
+    return (
+        f"arrived as far as the pose is known: {off:.2f} m from the goal, +-{pose.deviation:.2f} m"
+        f" and +-{degrees(pose.heading_deviation):.0f} degrees, for a tolerance of {near_m:.2f} m"
+        f" and {degrees(turned_rad):.0f} degrees"
+    )

@@ -26,6 +26,7 @@ class Sort(StrEnum):
     REFUSED_GOAL = "refused goal"  # the last goal was refused
     PLANNING = "planning"
     REACHED = "reached"
+    UNSURE = "unsure"  # the mission ended, and the pose does not tell whether at the goal
     FAILED = "failed"  # the mission failed
     NO_WAY = "no way"  # it waits for a path to become free
     LOST = "lost"  # the pose is too uncertain to drive
@@ -71,7 +72,7 @@ _YES: Final = frozenset(
         *(Sort.OUTBID, Sort.RELEASED, Sort.MOVES),
     }
 )
-_OPEN: Final = frozenset({Sort.STARTING, Sort.UNKNOWN})
+_OPEN: Final = frozenset({Sort.STARTING, Sort.UNSURE, Sort.UNKNOWN})
 
 
 # No Struct: --help of the commands imports no msgspec.
