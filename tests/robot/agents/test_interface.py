@@ -219,7 +219,18 @@ def test_a_goal_reached_by_a_pose_beyond_the_tolerance_is_reached_with_a_doubt(
     driving.moved(3.0, off_m=off_m)
     status = driving.last(MissionStatus)
     assert status.state is MissionState.REACHED, "it does not stand there for ever"
-    assert ("as far as the pose is known: +-0.30 m" in status.note) == (off_m > 0.12)
+    assert ("+-0.30 m" in status.note) == (off_m > 0.12)
+    assert status.outcome == ("unsure" if off_m > 0.12 else "reached")
+
+
+@pytest.mark.parametrize(("off_m", "outcome"), [(0.0, "driving"), (0.3, "unsure")])
+def test_a_robot_that_cannot_know_better_ends_its_mission_beside_the_goal_unsure(
+    driving: Desk, off_m: float, outcome: str
+) -> None:
+    driving.moved(1.0)
+    for _ in range(4):
+        driving.moved(2.8, off_m=off_m)
+    assert driving.last(MissionStatus).outcome == outcome
 
 
 def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
@@ -584,6 +595,7 @@ def test_ways_that_lead_no_nearer_are_not_tried_for_ever(planned: Desk) -> None:
             planned.reply(ROUND)
     assert planned.last(MissionStatus).state is MissionState.FAILED
     assert "no nearer" in planned.last(MissionStatus).note
+    assert "no agent drives (" in planned.last(MissionStatus).note, "what was seen"
 
 
 def touch(desk: Desk, x: float, *, after_s: float = 5.0, epoch: int = 1) -> None:
@@ -927,3 +939,13 @@ def test_a_stop_by_a_person_postpones_the_due_time_and_is_stated(driving: Desk) 
     late = driving.last(MissionStatus).late
     assert "goto drives too slowly" in late
     assert "not counted: 6" in late
+
+
+def test_a_mission_without_poses_goes_on_to_report_and_says_why_it_is_late(driving: Desk) -> None:
+    driving.all(MissionStatus).clear()
+    for _ in range(600):
+        driving.state()
+        driving.wake()
+    status = driving.last(MissionStatus)
+    assert status.state is MissionState.DRIVING
+    assert "no pose is published" in status.late
