@@ -79,7 +79,7 @@ class Schedule:
 
     def late(self, now: float) -> str:
         """By how much the mission is late, and by which causes; "" if it is not."""
-        if now <= self.due_at:
+        if now < self.due_at + 1.0:
             return ""
         besides = [f"not counted: {s:.0f} s {c}" for c, s in self._postponed.items() if s >= 1.0]
         why = "; ".join([self.causes or "the way took longer than expected", *besides])

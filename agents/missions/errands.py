@@ -242,7 +242,7 @@ class Errand:
             return
         event = event_of(status, self._way.id)
         self._on(event)
-        if event in (Event.DRIVEN, Event.REACHED, Event.FAILED):
+        if event in (Event.DRIVEN, Event.FAILED):
             self.note = status.note
         if event is Event.DRIVEN:
             self.standing, self.stands = None, False

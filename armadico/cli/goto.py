@@ -212,7 +212,8 @@ def _remark(mission: Mission, client: Client, reason: str) -> str:
         by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"stopped by {by}; {how}"
     if status is not None and (status.note or status.late):
-        return options.shown(status.note or status.late)
+        said = options.shown(status.note or status.late)
+        return said if status.note else f"{options.shown(speed(state))}, {said}"
     moves = max(abs(state.v), abs(state.w)) > RESTS
     words = [options.shown(speed(state))] * (moves or not reason) + [reason] * bool(reason)
     return "stalled" if state.stalled and not reason else ", ".join(words)
