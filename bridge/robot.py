@@ -461,6 +461,7 @@ class Robot(DeviceAgent):
                 ordered=Twist(*self._orders.ordered),
                 admitted=Twist(*self._orders.driven),
                 capped=line(self._orders.capped),
+                driver=self._driver,
             )
         )
         self.acknowledge()
@@ -588,6 +589,13 @@ class Robot(DeviceAgent):
         if not touch.touching or touch.side == 0:
             return None
         return Point(body.front_m if touch.side > 0 else -body.rear_m, 0.0)
+
+    @property
+    def _driver(self) -> str:
+        """The instance whose command is obeyed; empty: none is."""
+        owner = self.owner(WHEELS)
+        obeyed = None if owner.silent_at is None else owner.obeyed
+        return "" if obeyed is None else obeyed.instance
 
     def _repeat_stop(self, v: float, w: float) -> None:
         """Command the stop again while the wheels still turn: it may have been lost on the line.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from dataclasses import replace as replaced
 from functools import partial
-from math import degrees, hypot, inf
+from math import hypot, inf
 from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
@@ -18,12 +18,14 @@ from armadico.agents.interface.messages import (
     MissionWithdrawal,
 )
 from armadico.agents.interface.nearing import Contacts, Nearing, since
+from armadico.agents.interface.schedule import Schedule, delay, doubt
 from armadico.agents.methods.odometry import SLOW_M_S, SLOW_RAD_S, rests
 from armadico.core import agent
 from armadico.core.agent import WARNING, Agent, Question
 from armadico.core.messages import (
     Action,
     Description,
+    LogEvent,
     Message,
     MessageError,
     Point,
@@ -209,6 +211,9 @@ class Interface(Agent):
         self._refused = ""  # the reason of the last refusal
         self._map_change: tuple[MapMoved, float] | None = None  # the newest one, and its time, s
         self._unanswered = False  # the planner did not reply, and that was logged
+        self._schedule = Schedule()
+        self._late = ""  # by how much and why, while the mission is driven or when it ended
+        self._blamed = ""  # the main cause of a delay, as logged
         self._pose_at = 0.0
         self._across_m = self.p.across_m
         self._contacts = Contacts()
@@ -372,7 +377,9 @@ class Interface(Agent):
         if self._stage is Stage.DRIVING and action.id != self._mission.number:
             # A holder's mission may go on later; one of people is not remembered, and has failed.
             self._on(Event.FAILED if peoples else Event.ENDED)
-            self._note = "another way is driven instead"
+            holder = self.owner(TRAJECTORY).obeyed
+            by = "another agent" if holder is None else holder.instance
+            self._note = line(f"another way is driven instead, for {by}")
             self._publish_status()
         route = Route(action.waypoints, action.start, action.leg, action.unseen)
         mission = Mission(action.id, route, pose.revision, planned=action.planned)
@@ -411,6 +418,7 @@ class Interface(Agent):
         mission.waits = "" if trajectory.waits else None
         mission.to_go, mission.nearing = self._mission.to_go, Nearing().anew(self.now)
         self._mission, self._refused = mission, ""
+        self._schedule = Schedule.begin(self.now, mission.to_go, self._top)
         if trajectory.waypoints:
             self._on(*BEGUN)
             self.log(f"mission {number} goes on")
@@ -443,6 +451,7 @@ class Interface(Agent):
     def on_pose(self, pose: Pose) -> None:
         """Follow the trajectory; publish the progress and the arrival."""
         gap_s, self._pose_at = self.now - self._pose_at, self.now
+        self._on_schedule()
         if gap_s > UNHEARD_S:
             self._mission.nearing = self._mission.nearing.without(gap_s, self.now)
         self._check_placed(pose)
@@ -475,12 +484,28 @@ class Interface(Agent):
             self._plan_anew(pose, why)
         if self._arrived(pose):
             self._on(Event.REACHED)
-            self._note = self._unsure(pose)
+            goal = self._mission.route.goal
+            assert goal is not None, "it has arrived there"
+            self._note = doubt(pose, goal, self.p.near_m, self.p.turned_rad)
             self.log(f"mission {self._mission.number}: {self._note or 'goal reached'}")
             self.publish(self._trajectory(self._mission, over=True))
             self._publish_status()
         elif pose.cycle.number % 2 == 0:
             self._publish_status()
+
+    def _on_schedule(self) -> None:
+        """Count what delays the mission; log a new main cause once it is late."""
+        mission, schedule = self._mission, self._schedule
+        if self._stage is not Stage.DRIVING:
+            return
+        person = driven_by(self)
+        hindrance = "stopped" if self.stopped else f"{person} drives by hand" if person else ""
+        cause = hindrance or delay(self.fresh(RobotState), self.fresh(Pose), mission.waits)
+        schedule.update(self.now, mission.to_go, cause, persons=bool(hindrance))
+        self._late = line(schedule.late(self.now))
+        if self._late and self._blamed != schedule.main_cause:
+            self._blamed = schedule.main_cause
+            self.log(line(f"mission {mission.number} is {self._late}"), WARNING, LogEvent.LATE)
 
     def on_robot_state(self, state: RobotState) -> None:
         """Fail a mission if the robot cannot be driven, or has repeated contacts in one place."""
@@ -506,7 +531,8 @@ class Interface(Agent):
         known = self.memory.newest(Trajectory)
         if known is not None:
             self.publish(replace(known, leg=self._mission.route.leg))
-        if self._stage is not Stage.DRIVING:
+        if self._stage is not Stage.DRIVING or self.fresh(Pose) is None:
+            self._on_schedule()
             self._publish_status()
 
     def on_description(self, description: Description) -> None:
@@ -633,7 +659,9 @@ class Interface(Agent):
         no_nearer_s = self.now - self._mission.nearing.best_at
         if no_nearer_s <= self.p.give_up_s + self._mission.nearing.longest / self.p.give_up_m_s:
             return False
-        self._fail(f"no nearer for {no_nearer_s:.0f} s: {why}")
+        pose, seen = self.latest(Pose), self._schedule.causes
+        at = "" if pose is None else f" than ({pose.x:.2f}, {pose.y:.2f})"
+        self._fail(f"no nearer{at} for {no_nearer_s:.0f} s: {why}{seen and f'; {seen}'}")
         return True
 
     def _fail(self, why: str) -> None:
@@ -704,6 +732,8 @@ class Interface(Agent):
         mission.to_go = mission.route.to_go(pose.x, pose.y)
         mission.nearing = Nearing().anew(self.now)
         self._mission = mission
+        self._schedule = Schedule.begin(self.now, mission.to_go, self._top)
+        self._late = self._blamed = ""
         self._on(*BEGUN)
         self._note = self._refused = ""
         self._contacts.clear()
@@ -736,22 +766,8 @@ class Interface(Agent):
             return False
         return (
             hypot(goal.x - pose.x, goal.y - pose.y) <= max(self.p.near_m, pose.deviation)
-            and abs(wrap(goal.theta - pose.theta)) <= self.p.turned_rad
+            and abs(wrap(goal.theta - pose.theta)) <= max(self.p.turned_rad, pose.heading_deviation)
             and self._is_slow(state)
-        )
-
-    def _unsure(self, pose: Pose) -> str:
-        """Return by how much the robot may be off its goal, beyond the tolerances; "" if by less.
-
-        The mission ends in any case: a pose does not get better while the robot stands.
-        """
-        near, turned = self.p.near_m, self.p.turned_rad
-        if pose.deviation <= near and pose.heading_deviation <= turned:
-            return ""
-        return (
-            f"arrived as far as the pose is known: +-{pose.deviation:.2f} m and"
-            f" +-{degrees(pose.heading_deviation):.0f} degrees, for a tolerance of {near:.2f} m and"
-            f" {degrees(turned):.0f} degrees"
         )
 
     def _trajectory(self, mission: Mission, *, over: bool = False) -> Trajectory:
@@ -772,9 +788,24 @@ class Interface(Agent):
             rule=mission.rule,
         )
 
+    @property
+    def _top(self) -> float:
+        """The robot's top speed, m/s."""
+        about = self.latest(Description)
+        return inf if about is None else about.v_max
+
     def _publish_status(self) -> None:
         mission, state = self._mission, MissionState(self._stage.value)
         leg = mission.route.leg if mission.route.waypoints else 0
         self.publish(
-            MissionStatus(mission.number, state, mission.to_go, leg, self._note, self._refused)
+            MissionStatus(
+                mission.number,
+                state,
+                mission.to_go,
+                leg,
+                self._note,
+                self._refused,
+                due_s=self._schedule.due_s(self.now) if state is MissionState.DRIVING else None,
+                late=self._late,
+            )
         )

@@ -108,9 +108,10 @@ def run(args: Options) -> int:
                 show(going.to_go or 0.0, _remark(going, client, reason.now()))
 
             if not mission.wait(args.timeout, progress):
-                late = f"not there after {args.timeout:g} s; the mission continues"
+                over = f"not there after {args.timeout:g} s; the mission continues"
                 failed = mission.failed
-                raise options.FailedError(late if failed is None else f"it failed, {failed}")
+                end = over if failed is None else f"it failed, {failed}"
+                raise options.FailedError(f"{end}{_late(mission)}")
             doubt = mission.doubt
     except KeyboardInterrupt:
         if mission is not None:
@@ -120,7 +121,7 @@ def run(args: Options) -> int:
         if mission is None:
             raise
         raise options.UnknownError(f"{error}: {STANDS}") from None
-    print(options.shown(doubt) or "the goal is reached")
+    print(f"{options.shown(doubt) or 'the goal is reached'}{_late(mission)}")
     return options.UNKNOWN if doubt else 0
 
 
@@ -181,6 +182,12 @@ def _starts(client: Client, args: Options) -> bool:
     return client.query(PlanRequest(here, goal), PLANS_S, patience=0.0) is None
 
 
+def _late(mission: Mission) -> str:
+    """What a late mission adds to its end."""
+    status = mission.status
+    return "" if status is None or not status.late else f"; {options.shown(status.late)}"
+
+
 def _left_behind(client: Client) -> str:
     """What the robot does after Ctrl-C."""
     from armadico.core.hands import release
@@ -196,7 +203,7 @@ def _left_behind(client: Client) -> str:
 def _remark(mission: Mission, client: Client, reason: str) -> str:
     from armadico.core.hands import release
     from armadico.core.messages import RobotState
-    from armadico.observe.view import RESTS
+    from armadico.observe.view import RESTS, speed
 
     state, status = client.fresh(RobotState), mission.status
     if state is None:
@@ -204,10 +211,11 @@ def _remark(mission: Mission, client: Client, reason: str) -> str:
     if state.stop.stopped:
         by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"stopped by {by}; {how}"
-    if status is not None and status.note:
-        return options.shown(status.note)
+    if status is not None and (status.note or status.late):
+        said = options.shown(status.note or status.late)
+        return said if status.note else f"{options.shown(speed(state))}, {said}"
     moves = max(abs(state.v), abs(state.w)) > RESTS
-    words = [f"{state.v:.2f} m/s"] * (moves or not reason) + [reason] * bool(reason)
+    words = [options.shown(speed(state))] * (moves or not reason) + [reason] * bool(reason)
     return "stalled" if state.stalled and not reason else ", ".join(words)
 
 

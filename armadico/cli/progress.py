@@ -74,6 +74,7 @@ class _Lines:
 def remark(watch: RunWatch) -> str:
     """Distance to go, the mission's note, speed, the driving agent, battery."""
     from armadico.core.hands import release
+    from armadico.observe.view import speed as shown_speed
 
     state, mission = watch.view.state, watch.view.mission
     if watch.tasks is not None:
@@ -83,12 +84,13 @@ def remark(watch: RunWatch) -> str:
     else:
         none = mission.state == "none"  # the state on the wire
         to_go = "no goal" if none else f"{mission.to_go:.2f} m to go"
-        to_go += f", {options.shown(mission.note)}" if mission.note else ""
+        said = mission.note or mission.late
+        to_go += f", {options.shown(said)}" if said else ""
     if state is None:
         return f"{to_go}, no message from the robot"
     if state.stop.stopped:
         by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
         return f"{to_go}, stopped by {by}; {how}"
     holder = options.shown(watch.holder or "no agent")
-    speed = "stalled" if state.stalled else f"{state.v:.2f} m/s"
+    speed = "stalled" if state.stalled else shown_speed(state)
     return f"{to_go}, {speed}, {holder} drives, {watch.view.battery}"

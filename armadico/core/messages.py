@@ -406,7 +406,7 @@ class RobotState(Message, frozen=True):
     or wheels that do not turn as ordered; `touch` is the place on the footprint's edge.
     """
 
-    appended: ClassVar[int] = 4
+    appended: ClassVar[int] = 5
 
     cycle: Cycle
     x: Odometer
@@ -425,6 +425,7 @@ class RobotState(Message, frozen=True):
     ordered: Twist = Twist(0.0, 0.0)  # the last obeyed command's speeds
     admitted: Twist = Twist(0.0, 0.0)  # what was sent to the controller after all limits
     capped: Text = ""  # for people: why they differ; empty: they do not
+    driver: Text = ""  # the instance whose command is obeyed; empty: none is
 
 
 class Description(Message, frozen=True):
@@ -589,6 +590,7 @@ class LogEvent(StrEnum):
     SLOWED = "slowed"  # the robot, for an obstacle that its own sensors detect ahead
     UNFIT = "unfit"  # the controller is not of the profile's type, or does not read its commands
     FAULT = "fault"  # the robot does not do what is commanded
+    LATE = "late"  # a mission
 
 
 class Log(Message, frozen=True):

@@ -595,7 +595,7 @@ class Mission:
 
     @property
     def reached(self) -> bool:
-        """Whether the robot is at the goal with its wheels at rest, by the mission's status."""
+        """Whether the mission has ended at its goal with the wheels at rest; see `doubt`."""
         status = self.status
         return status is not None and status.state is MissionState.REACHED
 
@@ -603,7 +603,7 @@ class Mission:
     def doubt(self) -> str:
         """By how much a robot that has reached the goal may be off it; "" within the tolerance."""
         status = self.status
-        return status.note if status is not None and self.reached else ""
+        return "" if status is None else status.doubt
 
     @property
     def failed(self) -> str | None:

@@ -495,12 +495,21 @@ class MissionState(StrEnum):
     NONE = "none"
     PLANNING = "planning"
     DRIVING = "driving"
-    REACHED = "reached"
+    REACHED = "reached"  # with a note: as far as the pose is known, which is not far enough
     FAILED = "failed"  # for the reason in the note
 
 
+UNSURE: Final = "unsure"  # the outcome of a mission that is reached with a note
+
+
 class MissionStatus(Message, frozen=True):
-    """The interface agent's report on the mission."""
+    """The interface agent's report on the mission.
+
+    A mission is due after the time that its path takes at a slow pace; see
+    `armadico.agents.interface.schedule`.
+    """
+
+    appended: ClassVar[int] = 2
 
     mission: Bits64
     state: MissionState
@@ -508,6 +517,18 @@ class MissionStatus(Message, frozen=True):
     leg: Counter = 0  # index of the waypoint that is driven to
     note: Text = ""
     refused: Text = ""  # why the last requested goal was refused; empty: it was not
+    due_s: Real | None = None  # s until it is due, negative: it is late; None: there is none
+    late: Text = ""  # what delays it, for people; empty: it is not late
+
+    @property
+    def doubt(self) -> str:
+        """Why it is unknown whether the robot is at its goal; "" if it is, or is not there yet."""
+        return self.note if self.state is MissionState.REACHED else ""
+
+    @property
+    def outcome(self) -> str:
+        """The state for people and JSON: `unsure` if the robot is at its goal only perhaps."""
+        return UNSURE if self.doubt else self.state.value
 
 
 class FleetPose(Message, frozen=True):

@@ -18,7 +18,7 @@ from armadico.mobile.messages import unseen_m
 from armadico.observe.diagnosis import diagnose
 from armadico.observe.findings import Demand, short, summary
 from armadico.observe.standing import standing
-from armadico.observe.view import Seen, View, agent_of
+from armadico.observe.view import Seen, View, agent_of, speed
 
 Section = dict[str, Any]
 
@@ -30,6 +30,11 @@ def robot(view: View) -> Section | None:
     return {
         "v": state.v,
         "w": state.w,
+        "speed": speed(state),
+        "ordered": None if not state.driver else {"v": state.ordered.v, "w": state.ordered.w},
+        "admitted": None if not state.driver else {"v": state.admitted.v, "w": state.admitted.w},
+        "capped": state.capped,
+        "driver": agent_of(state.driver) if state.driver else None,
         "battery_v": state.battery_v,
         "battery_share": None if level is None else level.share,
         "charging": state.charging,
@@ -82,9 +87,11 @@ def mission(view: View) -> Section | None:
         return None
     return {
         "number": str(status.mission),
-        "state": status.state.value,
+        "state": status.outcome,
         "to_go": status.to_go,
         "note": status.note,
+        "due_s": status.due_s,
+        "late": status.late,
         "unseen_m": 0.0 if view.trajectory is None else unseen_m(view.trajectory.unseen),
     }
 

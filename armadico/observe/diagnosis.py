@@ -17,6 +17,7 @@ from armadico.core.judgement import Answer
 from armadico.core.messages import PROTOCOL, Card, RobotState
 from armadico.core.resources import WHEELS
 from armadico.core.services import QUIET_S, Kind, service_at, service_of
+from armadico.mobile.messages import MissionState
 from armadico.observe.findings import (
     NOTHING,
     UP,
@@ -357,6 +358,13 @@ def _standing(case: _Case) -> Iterator[Finding]:
         yield found.cause
 
 
+def _late(case: _Case) -> Iterator[Finding]:
+    mission = case.view.mission
+    if mission is not None and mission.late and mission.state is MissionState.DRIVING:
+        what = f"The mission is {mission.late}."
+        yield Finding(Sort.LATE, "", what, "`armadico why --live` shows what each agent bids")
+
+
 def _by_hand(case: _Case) -> Iterator[Finding]:
     hand = case.view.hand(case.now)
     if hand is not None and hand.driven_by:
@@ -469,7 +477,18 @@ Check = Callable[[_Case], Iterator[Finding]]
 ROOTS: Final[tuple[Check, ...]] = (_router, _nobody, _deaf)
 
 CHECKS: Final[tuple[Check, ...]] = (
-    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _faults, _standing, _by_hand),
+    *(
+        _hosts,
+        _agents,
+        _versions,
+        _tables,
+        _twice,
+        _simulators,
+        _faults,
+        _standing,
+        _late,
+        _by_hand,
+    ),
     *(_robot, _pose, _rates, _monitors, _clocks),
 )
 

@@ -26,6 +26,7 @@ class Sort(StrEnum):
     REFUSED_GOAL = "refused goal"  # the last goal was refused
     PLANNING = "planning"
     REACHED = "reached"
+    UNSURE = "unsure"  # the mission ended, and the pose does not tell whether at the goal
     FAILED = "failed"  # the mission failed
     NO_WAY = "no way"  # it waits for a path to become free
     LOST = "lost"  # the pose is too uncertain to drive
@@ -59,6 +60,7 @@ class Sort(StrEnum):
     MAP = "map"
     CLOCK = "clock"
     SLOW = "slow"  # an agent publishes less often than it promises
+    LATE = "late"  # the mission is not reached in the time that its path should take
     MONITOR = "monitor"
     ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
@@ -70,7 +72,7 @@ _YES: Final = frozenset(
         *(Sort.OUTBID, Sort.RELEASED, Sort.MOVES),
     }
 )
-_OPEN: Final = frozenset({Sort.STARTING, Sort.UNKNOWN})
+_OPEN: Final = frozenset({Sort.STARTING, Sort.UNSURE, Sort.UNKNOWN})
 
 
 # No Struct: --help of the commands imports no msgspec.

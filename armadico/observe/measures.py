@@ -547,7 +547,7 @@ class RunWatch:
     def _on_mission_status(self, status: MissionStatus) -> None:
         if status.mission == self.mission:
             if status.state is MissionState.REACHED:
-                self._enter(Phase.DONE)
+                self._enter(Phase.DONE, status.doubt)
             elif status.state is MissionState.FAILED:
                 self._enter(Phase.FAILED, status.note)
             else:

@@ -27,7 +27,7 @@ from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.messages import MissionState, Pose
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.findings import NOTHING, Demand, Finding, Sort, cause
-from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of
+from armadico.observe.view import FRESH_CYCLES, RESTS, View, agent_of, speed
 
 # A bid older than this many cycles is outdated: bids are queried once per second.
 MISSED: Final = 15
@@ -104,6 +104,8 @@ class _Chain:
             driver = view.driver(WHEELS.name, self.now)
             by = f"{agent_of(driver)} drives" if driver else "no agent drives, it coasts to rest"
             self.add(f"The robot moves at {state.v:.2f} m/s, {state.w:.2f} rad/s: {by}.")
+            if (shown := speed(state)) != f"{state.v:.2f} m/s":
+                self.add(f"Its speed: {shown}.")
             return None
         self.add("The robot stands.")
         return self._stopped(state) or self._mission() or self._wheels()
@@ -182,6 +184,9 @@ class _Chain:
             return self.end(Sort.REFUSED_GOAL, "", what, "set a goal that it can reach")
         if mission is None or state in (MissionState.NONE, MissionState.DRIVING):
             return self.end(Sort.NO_GOAL, "", "It has no goal.", "set one: `armadico goto X Y`")
+        if mission.doubt:
+            what = f"It is not known whether it is at its goal: {mission.doubt}."
+            return self.end(Sort.UNSURE, "", what, "bring it to where the map tells its place")
         if state is MissionState.REACHED:
             return self.end(Sort.REACHED, "", "It has reached its goal.")
         what = f"The mission failed: {mission.note or 'no reason given'}."

@@ -47,6 +47,7 @@ from armadico.observe.ground_truth import contradicts
 M = TypeVar("M", bound=Message)
 
 FRESH_CYCLES: Final = 3  # a command obeyed longer ago no longer counts as obeyed
+DIFFERS_M_S: Final = 0.05  # speeds that differ by less are not shown beside each other
 RESTS: Final = 0.01  # m/s and rad/s: a slower robot stands
 WINDOW_S: Final = 5.0  # period over which rates are computed
 
@@ -71,6 +72,21 @@ def driver(ack: Ack) -> str | None:
     if ack.obeyed is None or at is None or at.epoch != ack.cycle.epoch:
         return None
     return ack.obeyed.instance if ack.cycle.number - at.number <= FRESH_CYCLES else None
+
+
+def speed(state: RobotState) -> str:
+    """The speed, and where it differs: the ordered and the admitted one, and why.
+
+    While the robot accelerates it differs, too.
+    """
+    driven, ordered, admitted = state.v, state.ordered.v, state.admitted.v
+    words = f"{driven:.2f} m/s"
+    if not state.driver or max(abs(driven - ordered), abs(admitted - ordered)) <= DIFFERS_M_S:
+        return words
+    words += f" ({agent_of(state.driver)} orders {ordered:.2f} m/s"
+    if abs(admitted - ordered) > DIFFERS_M_S:
+        words += f", the robot agent admits {admitted:.2f}: {state.capped or 'no reason given'}"
+    return f"{words})"
 
 
 def battery(state: RobotState, level: BatteryLevel | None) -> str:

@@ -374,7 +374,10 @@ class Chronicle:
         mission = self.view.mission
         if mission is not None and mission.state is MissionState.DRIVING:
             note = f" ({mission.note})" if mission.note else ""
-            yield f"Its goal is {mission.to_go:.1f} m away{note}."
+            due = "" if mission.due_s is None else f", due in {mission.due_s:.0f} s"
+            yield f"Its goal is {mission.to_go:.1f} m away{note}{'' if mission.late else due}."
+            if mission.late:
+                yield f"The mission is {mission.late}."
 
     def _contest(self, name: str) -> Contest:
         view, now = self.view, self.now

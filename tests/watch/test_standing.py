@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from armadico.config.scenarios import load_scenario
 from armadico.core.discovery import providers
+from armadico.core.judgement import Answer
 from armadico.core.messages import Cycle, Message, MonitorReport, RobotState, Stop
 from armadico.core.services import service_of
 from armadico.mobile.messages import (
@@ -146,6 +147,7 @@ def test_the_state_of_the_mission_is_the_cause() -> None:
     causes = {
         Sort.NO_GOAL: cause_after(status(MissionState.NONE)),
         Sort.REACHED: cause_after(status(MissionState.REACHED)),
+        Sort.UNSURE: cause_after(status(MissionState.REACHED, "+-0.30 m")),
         Sort.PLANNING: cause_after(status(MissionState.PLANNING)),
         Sort.FAILED: cause_after(status(MissionState.FAILED, "no nearer for 140 s")),
         Sort.NO_WAY: cause_after(waits, status(MissionState.DRIVING, "waits: door D is shut")),
@@ -153,6 +155,7 @@ def test_the_state_of_the_mission_is_the_cause() -> None:
         Sort.MOTORS: cause_after(replace(WELL, motors=False)),
     }
     assert all(cause is not None and cause.sort is sort for sort, cause in causes.items())
+    assert causes[Sort.UNSURE].answer is Answer.UNKNOWN  # type: ignore[union-attr]
     assert "140 s" in causes[Sort.FAILED].what  # type: ignore[union-attr]
     assert "door D is shut" in causes[Sort.NO_WAY].what  # type: ignore[union-attr]
 

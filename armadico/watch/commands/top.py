@@ -197,19 +197,19 @@ def _heading(snapshot: Section) -> str:
     if robot is None:
         return f"{where}, no message from a robot"
     turn = math.degrees(robot["w"])
-    words = [where, f"{robot['v']:.2f} m/s", f"{turn:.0f} deg/s", robot["battery"]]
+    words = [where, robot["speed"], f"{turn:.0f} deg/s", robot["battery"]]
     pose = snapshot["pose"]
     if pose is not None:
         words.append(f"at ({pose['x']:.2f}, {pose['y']:.2f})")
         words += filter(None, [pose["pose_text"]])
     if (slam := snapshot["slam"]) is not None:
-        words.append(f"map: {slam['told']}")
+        words.append(f"map: {slam['summary']}")
         words += [f"the map may be wrong: {slam['uncertain']}"] * bool(slam["uncertain"])
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'an unknown client'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
     if snapshot["mission"] is not None:
-        words += filter(None, [snapshot["mission"]["state"], snapshot["mission"]["note"]])
+        words += filter(None, (snapshot["mission"][part] for part in ("state", "note", "late")))
     words += filter(None, [snapshot["tasks"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])
 

@@ -128,7 +128,7 @@ class Gateway:
         self._log(
             "the goal is reached"
             if not status.note
-            else f"the mission {status.state.value}: {status.note}"
+            else f"the mission {status.outcome}: {status.note}"
         )
 
     def _log(self, text: str) -> None:

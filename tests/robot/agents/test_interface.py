@@ -9,13 +9,16 @@ from msgspec.structs import replace
 
 from armadico.agents.interface.interface import Interface, Parameters
 from armadico.core.agent import WARNING, Identity
+from armadico.core.cycles import PERIOD
 from armadico.core.messages import (
     Cycle,
     Log,
+    LogEvent,
     Message,
     Point,
     RobotState,
     Stop,
+    Twist,
 )
 from armadico.mobile.messages import (
     WAYPOINTS,
@@ -51,6 +54,7 @@ class Desk(Alone):
         if begun:
             self.agent.kernel.start(0.0)
         self.questions = 0
+        self.x = 0.0  # m, of `drive`
 
     @property
     def replies(self) -> dict[int, MissionReply]:
@@ -215,7 +219,18 @@ def test_a_goal_reached_by_a_pose_beyond_the_tolerance_is_reached_with_a_doubt(
     driving.moved(3.0, off_m=off_m)
     status = driving.last(MissionStatus)
     assert status.state is MissionState.REACHED, "it does not stand there for ever"
-    assert ("as far as the pose is known: +-0.30 m" in status.note) == (off_m > 0.12)
+    assert ("+-0.30 m" in status.note) == (off_m > 0.12)
+    assert status.outcome == ("unsure" if off_m > 0.12 else "reached")
+
+
+@pytest.mark.parametrize(("off_m", "outcome"), [(0.0, "driving"), (0.3, "unsure")])
+def test_a_robot_that_cannot_know_better_ends_its_mission_beside_the_goal_unsure(
+    driving: Desk, off_m: float, outcome: str
+) -> None:
+    driving.moved(1.0)
+    for _ in range(4):
+        driving.moved(2.8, off_m=off_m)
+    assert driving.last(MissionStatus).outcome == outcome
 
 
 def test_once_reached_there_is_no_trajectory_any_more(driving: Desk) -> None:
@@ -580,6 +595,7 @@ def test_ways_that_lead_no_nearer_are_not_tried_for_ever(planned: Desk) -> None:
             planned.reply(ROUND)
     assert planned.last(MissionStatus).state is MissionState.FAILED
     assert "no nearer" in planned.last(MissionStatus).note
+    assert "no agent drives (" in planned.last(MissionStatus).note, "what was seen"
 
 
 def touch(desk: Desk, x: float, *, after_s: float = 5.0, epoch: int = 1) -> None:
@@ -862,3 +878,74 @@ def test_a_missions_rule_holds_for_plans_under_way_and_after_a_restart(desk: Des
         request = each.on_query[-1].request
         assert isinstance(request, PlanRequest)
         assert (request.rule, request.why) == ("refuse", "the robot was lost")
+
+
+# Late ---------------------------------------------------------------------------------------------
+
+
+def drive(desk: Desk, seconds: float, v: float, *, by: str = "goto-1", capped: str = "") -> None:
+    """Drive on at `v` m/s; the obeyed command is of `by`."""
+    wanted = Twist(1.0 if capped else v, 0.0)
+    for _ in range(round(10 * seconds)):
+        desk.x += 0.1 * v
+        desk.number += 1
+        desk.now += PERIOD
+        state = RobotState(
+            *(desk.at, desk.x, 0.0, 0.0, v, 0.0, 12.5, True, False),
+            driver=by,
+            ordered=wanted,
+            admitted=Twist(v, 0.0),
+            capped=capped,
+        )
+        desk.give(state, Pose(desk.at, desk.x, 0.0, 0.0, covariance(0.0)))
+
+
+def test_a_mission_in_good_time_is_not_late(driving: Desk) -> None:
+    drive(driving, 9.0, 0.3)
+    status = driving.last(MissionStatus)
+    assert status.late == ""
+    assert status.due_s is not None
+    assert 0.0 < status.due_s < 60.0
+
+
+@pytest.mark.parametrize(
+    ("by", "capped", "blamed"),
+    [
+        ("goto-1", "", "goto drives too slowly"),
+        ("", "", "no agent drives"),
+        ("goto-1", "something is sensed ahead", "slows goto down: something is sensed ahead"),
+    ],
+)
+def test_a_late_mission_says_so_under_way_with_who_delays_it(
+    driving: Desk, by: str, capped: str, blamed: str
+) -> None:
+    drive(driving, 60.0, 0.01, by=by, capped=capped)
+    status = driving.last(MissionStatus)
+    assert status.state is MissionState.DRIVING
+    assert status.due_s is not None
+    assert status.due_s < 0.0
+    assert "late" in status.late
+    assert blamed in status.late
+    assert sum(log.event == LogEvent.LATE for log in driving.all(Log)) == 1
+
+
+def test_a_stop_by_a_person_postpones_the_due_time_and_is_stated(driving: Desk) -> None:
+    for _ in range(600):
+        driving.state(Stop(1, True, "operator"))
+        driving.give(Pose(driving.at, 0.0, 0.0, 0.0, covariance(0.0)))
+    assert driving.last(MissionStatus).late == ""
+    driving.give(Stop(2, False, "operator"))
+    drive(driving, 60.0, 0.01)
+    late = driving.last(MissionStatus).late
+    assert "goto drives too slowly" in late
+    assert "not counted: 6" in late
+
+
+def test_a_mission_without_poses_goes_on_to_report_and_says_why_it_is_late(driving: Desk) -> None:
+    driving.all(MissionStatus).clear()
+    for _ in range(600):
+        driving.state()
+        driving.wake()
+    status = driving.last(MissionStatus)
+    assert status.state is MissionState.DRIVING
+    assert "no pose is published" in status.late

@@ -8,7 +8,7 @@ from armadico.core import messages as m
 from armadico.core.services import QUIET_S
 from armadico.mobile.messages import Correction, MissionState, MissionStatus, Pose, Truth
 from armadico.observe.described import resource
-from armadico.observe.view import FRESH_CYCLES, Rate, View, driver
+from armadico.observe.view import FRESH_CYCLES, Rate, View, driver, speed
 
 GOTO, AVOID = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 BALLOT = m.Ballot(1, 0.5, False, "path-planning-0123456789abcdef")
@@ -256,3 +256,24 @@ def test_the_rate_falls_during_a_pause_and_counts_missed_deadlines() -> None:
     rate.add(61.0)
     rate.add(62.0)
     assert rate.missed == 2
+
+
+@pytest.mark.parametrize(
+    ("admitted", "capped", "shown"),
+    [
+        (0.25, "something is sensed ahead", "admits 0.25: something is sensed ahead"),
+        (0.25, "", "admits 0.25: no reason given"),
+        (0.5, "", "0.25 m/s (goto orders 0.50 m/s)"),
+    ],
+)
+def test_half_the_ordered_speed_is_shown_with_its_reason_or_without_one(
+    admitted: float, capped: str, shown: str
+) -> None:
+    state = m.RobotState(
+        *(m.Cycle(1, 1), 0, 0, 0, 0.25, 0.0, 12.5, True, False),
+        ordered=m.Twist(0.5, 0.0),
+        admitted=m.Twist(admitted, 0.0),
+        capped=capped,
+        driver="goto-1",
+    )
+    assert shown in speed(state)

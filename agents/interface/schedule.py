@@ -1,0 +1,144 @@
+"""When a mission is due, what delays it, and whether it is reached. Sans-IO.
+
+A mission is due after `START_S` and the time that its path takes at a slow pace. Where the progress
+falls behind that pace, the time is counted for the present cause. Only a person's doing, a stop or
+driving by hand, postpones the due time; whatever else delays a mission makes it late.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from math import degrees, hypot, inf
+from typing import Final
+
+from armadico.core.messages import RobotState
+from armadico.mobile.behaviour import LOST_M, UNSURE_M
+from armadico.mobile.messages import Pose, Waypoint
+
+PACE_M_S: Final = 0.25
+"""The pace that is expected, m/s. It was chosen in the shipped scenarios, where missions without
+faults are driven at 0.3 m/s and more on average."""
+
+PACE_SHARE: Final = 0.4
+"""The pace is at most this share of the robot's top speed."""
+
+START_S: Final = 20.0
+"""The time that is allowed beside the way, s: to plan, to turn at the start, and to park."""
+
+NAMED: Final = 3
+"""At most so many causes are named."""
+
+LEAST_SHARE: Final = 0.1
+"""A cause with less than this share of the delay is not named."""
+
+
+@dataclass
+class Schedule:
+    """The due time of one mission.
+
+    Attributes:
+        due_at: When it is due, s; inf: there is no mission.
+    """
+
+    due_at: float = inf
+    _pace: float = PACE_M_S
+    _at: float = 0.0
+    _to_go: float = 0.0
+    _delays: Counter[str] = field(default_factory=Counter)  # s, by cause
+    _postponed: Counter[str] = field(default_factory=Counter)  # s, by cause
+
+    @classmethod
+    def begin(cls, now: float, to_go: float, top: float) -> Schedule:
+        """The schedule of a mission with `to_go` m left, for a robot with a top speed in m/s."""
+        pace = min(PACE_M_S, PACE_SHARE * top)
+        return cls(now + START_S + to_go / pace, pace, now, to_go)
+
+    def update(self, now: float, to_go: float, cause: str, *, persons: bool = False) -> None:
+        """Count the time since the last update.
+
+        Args:
+            now: s.
+            to_go: m left. A path that has become longer is due as much later.
+            cause: What delays the mission now, if it makes no progress.
+            persons: Whether the cause is a person's doing, which postpones the due time.
+        """
+        passed, nearer = max(now - self._at, 0.0), self._to_go - to_go
+        self._at, self._to_go = now, to_go
+        if persons:
+            self.due_at += passed
+            self._postponed[cause] += passed  # type: ignore[assignment]
+        elif nearer < 0.0:
+            self.due_at -= nearer / self._pace
+        elif (lost := passed - nearer / self._pace) > 0.0:
+            self._delays[cause] += lost  # type: ignore[assignment]
+
+    def due_s(self, now: float) -> float | None:
+        """Seconds until the mission is due; negative: it is late; None: there is none."""
+        return None if self.due_at == inf else self.due_at - now
+
+    def late(self, now: float) -> str:
+        """By how much the mission is late, and by which causes; "" if it is not."""
+        if now < self.due_at + 1.0:
+            return ""
+        besides = [f"not counted: {s:.0f} s {c}" for c, s in self._postponed.items() if s >= 1.0]
+        why = "; ".join([self.causes or "the way took longer than expected", *besides])
+        return f"{now - self.due_at:.0f} s late: {why}"
+
+    @property
+    def causes(self) -> str:
+        """What has delayed the mission, with the times; "" if nothing has."""
+        whole = sum(self._delays.values())
+        return ", ".join(
+            f"{cause} ({s:.0f} s)"
+            for cause, s in self._delays.most_common(NAMED)
+            if s >= LEAST_SHARE * whole
+        )
+
+    @property
+    def main_cause(self) -> str:
+        """The cause of most of the delay; "" if there is none."""
+        return max(self._delays, key=self._delays.__getitem__, default="")
+
+
+def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str:
+    """Return what delays the robot now, by what the interface agent itself has received.
+
+    Args:
+        state: The robot's; None: there is no fresh one.
+        pose: None: there is no fresh one.
+        waits: Why no path is free; None: there is a path.
+    """
+    if state is None:
+        return "no message from the robot"
+    if pose is None:
+        return "no pose is published"
+    if pose.deviation > LOST_M:
+        return "lost"
+    if waits is not None:
+        return waits or "waits: no path is free"
+    if not state.driver:
+        return "no agent drives"
+    name, ordered, admitted = state.driver.rpartition("-")[0], state.ordered, state.admitted
+    if state.capped and abs(admitted.v) < abs(ordered.v):
+        return f"the robot agent slows {name} down: {state.capped}"
+    if state.stalled:
+        return f"{name} drives, and the robot touches something"
+    if pose.deviation > UNSURE_M:
+        return f"{name} drives slowly, as the pose is uncertain"
+    return f"{name} drives too slowly" if ordered.v or ordered.w else f"{name} stands"
+
+
+def doubt(pose: Pose, goal: Waypoint, near_m: float, turned_rad: float) -> str:
+    """Return why a pose does not tell that the robot is at its goal; "" if it does.
+
+    The mission ends in any case: a pose does not get better while the robot stands.
+    """
+    if pose.deviation <= near_m and pose.heading_deviation <= turned_rad:
+        return ""
+    off = hypot(goal.x - pose.x, goal.y - pose.y)
+    return (
+        f"arrived as far as the pose is known: {off:.2f} m from the goal, +-{pose.deviation:.2f} m"
+        f" and +-{degrees(pose.heading_deviation):.0f} degrees, for a tolerance of {near_m:.2f} m"
+        f" and {degrees(turned_rad):.0f} degrees"
+    )
