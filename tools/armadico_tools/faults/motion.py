@@ -182,6 +182,10 @@ class Smooth:
             yield f"{w:.2f} rad/s^2: from {before.w:.3f} to {truth.w:.3f} rad/s in {dt:.2f} s"
 
 
+WALKED_INTO = "a person or robot ran into it"
+"""The reason of contacts that the other one caused (`Touches.bumps`)."""
+
+
 class Collision:
     """Nothing is touched, while sensing is undisturbed and the robot agent lives.
 
@@ -207,8 +211,11 @@ class Collision:
         moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
         if moves and truth.clearance is not None:
             self.moving_s[why] = self.moving_s.get(why, 0.0) + max(truth.t - before.t, 0.0)
-        if truth.collisions > before.collisions:
-            self.contacts[why] += truth.collisions - before.collisions
+        walked_into = truth.bumped - before.bumped
+        if walked_into:
+            self.contacts[WALKED_INTO] += walked_into
+        if touches := truth.collisions - before.collisions - walked_into:
+            self.contacts[why] += touches
             if not why:
                 yield f"touched something at ({truth.x:.2f}, {truth.y:.2f}), {truth.v:.2f} m/s"
 

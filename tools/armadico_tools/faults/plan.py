@@ -68,8 +68,12 @@ PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9
 """Pauses between faults, s: mostly long enough for every promise about recovery to be due."""
 
 LEAST_S: Final = {
-    **{"in-turn": 2.5, "two-robot-agents": 2.5, "stop": 1.0, "version-skew": 1.0},
-    **{"missing-wall": 30.0, "unmapped-box": 30.0},  # the robot has to get there
+    "in-turn": 2.5,
+    "two-robot-agents": 2.5,
+    "stop": 1.0,
+    "version-skew": 1.0,
+    "missing-wall": 30.0,
+    "unmapped-box": 30.0,  # the robot has to get there
 }
 MOST_S: Final = {"starved": 2.0, "links-lost": 2.0, "blocked-wheels": 3.0}
 """Such faults last a moment, s."""

@@ -23,7 +23,7 @@ from armadico.config.worlds import Segment, World, load_world
 from armadico.core.config_errors import ConfigError
 from armadico.launch.society import Options, names, prepared
 from armadico_tools.faults.fault_types import KINDS
-from armadico_tools.faults.plan import Case, Fault, Walker, draw, vary
+from armadico_tools.faults.plan import Case, Walker, draw, vary
 
 HERE: Final = ""
 """The robot of the scenario."""
@@ -119,7 +119,7 @@ def drivable(scenario: str, robot: str) -> bool:
 def _load(scenario: str, robot: str) -> Scenario:
     """A scenario with a robot, unprepared. Raises ConfigError."""
     loaded = load_scenario(scenario)
-    if robot == HERE or robot == loaded.robot:
+    if robot in (HERE, loaded.robot):
         return loaded
     # An own goal's check only: a mission's robots may turn in each of its rooms.
     return replace(prepared(loaded, Options(), profile=robot), agents=loaded.agents)
@@ -219,7 +219,7 @@ def scenario_of(case: Case) -> tuple[Scenario, Options]:
     return prepared(scenario, options, mission=variant.mission or None), options
 
 
-# The company ---------------------------------------------------------------------------------------
+# The company --------------------------------------------------------------------------------------
 
 
 def _people(rng: Random, scenario: Scenario, count: int) -> tuple[Walker, ...]:
@@ -228,8 +228,7 @@ def _people(rng: Random, scenario: Scenario, count: int) -> tuple[Walker, ...]:
     speeds = [rng.choice((0.5, 1.0, 1.3)) for _ in chosen]
     heeds = [rng.random() < 0.75 for _ in chosen]
     return tuple(
-        Walker(x, y, speed, heed)
-        for (x, y), speed, heed in zip(chosen, speeds, heeds, strict=True)
+        Walker(x, y, speed, heed) for (x, y), speed, heed in zip(chosen, speeds, heeds, strict=True)
     )
 
 
@@ -261,9 +260,7 @@ def _places_in(world: str) -> tuple[tuple[float, float], ...]:
         for i in range(columns)
         for j in range(rows)
     ]
-    return tuple(
-        p for p in points if here.inside(*p) and here.clearance(*p) >= ROOM_M
-    )
+    return tuple(p for p in points if here.inside(*p) and here.clearance(*p) >= ROOM_M)
 
 
 def _places(scenario: Scenario) -> list[tuple[float, float]]:
@@ -284,4 +281,8 @@ def _inner(world: World) -> Sequence[Segment]:
         a, b, c, d = wall
         return (a == c and a in (x1, x2)) or (b == d and b in (y1, y2))
 
-    return [wall for wall in world.walls if not outer(wall) and hypot(wall[2] - wall[0], wall[3] - wall[1]) > GRID_M]
+    return [
+        wall
+        for wall in world.walls
+        if not outer(wall) and hypot(wall[2] - wall[0], wall[3] - wall[1]) > GRID_M
+    ]
