@@ -40,7 +40,8 @@ class Kind:
     network wait for its end. `excuses`: the robot need not move meanwhile. `voids`: promises that
     do not count while it lasts, and until the robot has come to rest or driven on for a while, if
     the fault's amount is at least `least`; `why` is the reason. `weight`: of the kind in a draw.
-    `only`: the robots that can have it: those with `sonar`, with `laser`, or on a serial line.
+    `only`: what a robot or world must have: `sonar`, `laser`, a `serial` line, inner `walls`, or
+    free `places`.
     """
 
     name: str
@@ -163,8 +164,8 @@ KINDS: Final = {
         ),
         Kind("slip", "one or both wheels turn more, or less, than they roll", breaks=False),
         Kind("blocked-wheels", "the wheels are blocked", **_HELD),
-        Kind("missing-wall", "a wall of the map is not there", breaks=False),
-        Kind("unmapped-box", "a box is there that is not on the map", breaks=False),
+        Kind("missing-wall", "a wall of the map is not there", breaks=False, only="walls"),
+        Kind("unmapped-box", "a box is there that is not on the map", breaks=False, only="places"),
         Kind("version-skew", "an agent of another protocol or package version joins", breaks=False),
         Kind("nan", "an agent's bids are not numbers", breaks=False),
         Kind("flap", "an agent comes and goes, several times a second"),

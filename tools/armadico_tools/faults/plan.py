@@ -58,7 +58,7 @@ VICTIMS: Final = {
     **dict.fromkeys(("nan", "lone-restart", "version-skew"), BEHAVIOURS),
     **dict.fromkeys(("serial-garbage", "serial-loss", "robot-restart"), ("robot",)),
     **dict.fromkeys((name for name, kind in KINDS.items() if kind.only), ("robot",)),
-    **dict.fromkeys(("slip", "blocked-wheels", "missing-wall", "unmapped-box"), ("robot",)),
+    **dict.fromkeys(("slip", "blocked-wheels"), ("robot",)),
     **dict.fromkeys(("stop", "stop-and-release", "two-robot-agents"), ("robot",)),
     "interface-restart": ("interface",),
 }

@@ -187,13 +187,15 @@ def case_of(
 
 
 def kinds_of(scenario: Scenario) -> tuple[str, ...]:
-    """The kinds of faults that a scenario's robot can have."""
+    """The kinds of faults that a scenario's robot and world can have."""
     profile = load_profile(scenario.robot)
     able = {
         "": True,
         "sonar": profile.sonar is not None,
         "laser": profile.laser is not None,
         "serial": profile.section == "p2os",
+        "walls": not scenario.others and bool(_inner(load_world(scenario.world))),
+        "places": not scenario.others and bool(_places(scenario)),
     }
     return tuple(name for name, kind in KINDS.items() if able[kind.only])
 
