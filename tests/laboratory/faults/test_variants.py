@@ -25,7 +25,6 @@ NEW = {
     "starved": Fault("starved", 6.0, 1.0, HOST, amount=0.1),
     "links-lost": Fault("links-lost", 6.0, 0.5, AGENTS, AGENTS),
     "silent-links": Fault("silent-links", 6.0, 0.8, AGENTS, ("robot",), 1.0),
-    "host-clock-step": Fault("host-clock-step", 6.0, 1.0, HOST, amount=2.0),
     "biased-sonar": Fault("biased-sonar", 6.0, 2.0, HERE, amount=0.2),
     "repeating-sonar": Fault("repeating-sonar", 6.0, 2.0, HERE),
     "frozen-sonar": Fault("frozen-sonar", 6.0, 2.0, HERE),
@@ -83,13 +82,26 @@ def test_blocked_wheels_hold_the_robot_and_slipping_ones_show_another_speed() ->
         plant = workload.rehearsal.robot.plant
 
         def keep(_key: str, _message: Message, now: float, seen=seen, plant=plant) -> None:  # type: ignore[no-untyped-def]
-            if now > 6.5:
+            if 6.5 < now < 6.95:
                 seen.append((plant.speeds[0], plant.v))
 
         workload.mesh.watch(keep, Truth)
         workload.run()
     assert {true for true, _ in states["blocked-wheels"]} == {0.0}
     assert any(measured > 1.1 * true > 0.0 for true, measured in states["slip"])
+
+
+def test_a_clock_step_of_a_host_is_that_of_all_its_agents() -> None:
+    ahead = Fault("host-clock-step", 2.0, 1.0, HOST, amount=2.0)
+    times: list[dict[str, float]] = []
+    for faults in ((), (ahead,)):
+        workload = Workload(Case(1, "sc1", 4.0, faults))
+        workload.run()
+        times.append({node.name: node.time for node in workload.mesh.nodes})
+    usual, stepped = times
+    off = {name: round(stepped[name] - at, 6) for name, at in usual.items()}
+    assert {name for name, step in off.items() if step} == {*HOST}
+    assert {off[name] for name in HOST} == {2.0}
 
 
 @pytest.mark.long(but=("people",))
