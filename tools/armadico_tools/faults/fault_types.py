@@ -162,7 +162,12 @@ KINDS: Final = {
         Kind(
             "glass", "some walls turn to glass, which the laser sees from the front only", **_GLASS
         ),
-        Kind("slip", "one or both wheels turn more, or less, than they roll", breaks=False),
+        Kind(
+            *("slip", "one or both wheels turn more, or less, than they roll"),
+            breaks=False,
+            voids=frozenset({Promise.SMOOTH}),
+            why="wheels slip",
+        ),
         Kind("blocked-wheels", "the wheels are blocked", **_HELD),
         Kind("missing-wall", "a wall of the map is not there", breaks=False, only="walls"),
         Kind("unmapped-box", "a box is there that is not on the map", breaks=False, only="places"),
