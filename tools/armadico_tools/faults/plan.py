@@ -173,11 +173,11 @@ class Outcome(Struct, frozen=True):
     """The result of one case, or of one trial on real processes.
 
     `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
-    time from healing to moving again, `missions` the number of goals reached, and `again` how often
-    a forgotten mission was requested again. `contacts` and `moving_s` (s) are by the reason that
-    voided COLLISION then, "" for none. `sights` counts situations, and `overconfident_s` is the
-    longest time of moving with a pose wrong beyond its covariance. `ends` counts the missions by
-    how they ended (`workload.End`). `kind` is that of a trial, and `figures` are its measurements.
+    time from healing to moving again, and `missions` the number of goals reached. `contacts` and
+    `moving_s` (s) are by the reason that voided COLLISION then, "" for none. `sights` counts
+    situations, and `overconfident_s` is the longest time of moving with a pose wrong beyond its
+    covariance. `ends` counts the missions by how they ended (`workload.End`). `kind` is that of a
+    trial, and `figures` are its measurements.
     """
 
     case: Case
@@ -186,7 +186,6 @@ class Outcome(Struct, frozen=True):
     longest_s: float | None = None
     missions: int = 0
     driven_m: float = 0.0
-    again: int = 0
     contacts: dict[str, int] = {}
     moving_s: dict[str, float] = {}
     sights: dict[str, int] = {}

@@ -20,7 +20,7 @@ from armadico.config.profile import load_profile
 from armadico.config.scenarios import Scenario, load_scenario, society
 from armadico.config.slots import slot
 from armadico.config.worlds import Segment, World, load_world
-from armadico.core.config_errors import ConfigError
+from armadico.core.config_errors import ConfigError, ConfigNameError
 from armadico.launch.society import Options, names, prepared
 from armadico_tools.faults.fault_types import KINDS
 from armadico_tools.faults.plan import Case, Walker, draw, vary
@@ -202,6 +202,8 @@ def kinds_of(scenario: Scenario) -> tuple[str, ...]:
 
 def scenario_of(case: Case) -> tuple[Scenario, Options]:
     """The prepared scenario of a case, and the options of its run. Raises ConfigError."""
+    if case.variant not in VARIANTS:
+        raise ConfigNameError("variant", case.variant, VARIANTS)
     variant = VARIANTS[case.variant]
     scenario = _load(case.scenario, case.robot)
     besides = society().ideal.without

@@ -164,7 +164,6 @@ class Workload:
             longest_s=self.checker.longest,
             missions=self.ends[End.REACHED],
             driven_m=round(self._driven, 2),
-            again=self.ends[End.FORGOTTEN],
             contacts=dict(sorted(self.checker.contacts.items())),
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
             overconfident_s=round(self.checker.overconfident_s, 2),
