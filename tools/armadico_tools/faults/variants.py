@@ -243,15 +243,20 @@ def _company(case: Case, scenario: Scenario) -> list[Moving]:
     ]
     for fault in case.faults:
         if fault.kind == "missing-wall" and (inner := _inner(load_world(scenario.world))):
-            wall = inner[int(fault.amount * len(inner))]
+            wall = inner[_index(fault.amount, len(inner))]
             if all(wall != moving.wall for moving in found):
-                times = (0.0, fault.at, fault.until)
-                found.append(Moving(kind="door", wall=wall, times=times))
+                away = (0.0, fault.at, fault.until)  # it is there at first, and again at the end
+                found.append(Moving(kind="door", wall=wall, times=away))
         elif fault.kind == "unmapped-box" and (places := _places(scenario)):
-            at = places[int(fault.amount * len(places))]
+            at = places[_index(fault.amount, len(places))]
             size, times = (fault.spread, fault.spread), (fault.at, fault.until)
             found.append(Moving(kind="box", at=at, size=size, times=times))
     return found
+
+
+def _index(share: float, count: int) -> int:
+    """The place at a share of a list; a rounded share may be 1."""
+    return min(int(share * count), count - 1)
 
 
 @cache

@@ -126,8 +126,7 @@ class Workload:
         self._under_way = MissionState.NONE
         self._by_status = scenario.mission is None and not scenario.tasks
         if not self._by_status:
-            self.mesh.watch(lambda _, message, __: self._on_errands(message), *derived(Errands))
-            self.mesh.watch(lambda _, message, __: self._on_tasks(message), FleetStatus)
+            self.mesh.watch(self._on_progress, *derived(Errands), FleetStatus)
         hand = VARIANTS[case.variant].does == BY_HAND
         self._hand = Hand(self.rehearsal, case.seed) if hand else None
         self._truth: Truth | None = None
@@ -309,6 +308,12 @@ class Workload:
             return
         self._ordered, self._number, self._none_at = True, reply.mission, None
         self._under_way = MissionState.DRIVING
+
+    def _on_progress(self, _key: str, message: Message, _now: float) -> None:
+        if isinstance(message, Errands):
+            self._on_errands(message)
+        elif isinstance(message, FleetStatus):
+            self._on_tasks(message)
 
     def _on_errands(self, errands: Errands) -> None:
         """The progress of a mission of several tasks."""
