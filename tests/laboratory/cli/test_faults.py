@@ -40,6 +40,9 @@ def test_list_names_every_kind_and_promise(capsys: pytest.CaptureFixture[str]) -
         (["--first", "-1"], "at least 0"),
         (["--kind", "partitoin"], "partition"),
         (["--repeat", CALM, "--seeds", "3"], "--seeds is not used"),
+        (["--repeat", CALM, "--scenario", "sc1"], "--scenario is not used"),
+        (["--variant", "peple"], "people"),
+        (["--live", "--robot", "jackal"], "--robot is only for runs without --live"),
     ],
 )
 def test_what_makes_no_sense_is_refused(arguments: list[str], why: str) -> None:
@@ -48,7 +51,13 @@ def test_what_makes_no_sense_is_refused(arguments: list[str], why: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "why"), [("nowhere.json", "nowhere.json"), ('{"seed": 1}', "scenario")]
+    ("given", "why"),
+    [
+        ("nowhere.json", "nowhere.json"),
+        ('{"seed": 1}', "scenario"),
+        (CALM[:-1] + ',"variant":"peple"}', "people"),
+        (CALM[:-1] + ',"robot":"jakal"}', "jackal"),
+    ],
 )
 def test_a_case_that_is_none_is_refused(given: str, why: str) -> None:
     with pytest.raises(ConfigError, match=why):
@@ -146,20 +155,22 @@ def test_contacts_and_what_happened_are_told(
 
     def touched(case: Case) -> Outcome:
         outcome = ran(replace(case, faults=()))
-        return replace(outcome, contacts={"pose": 2}, moving_s={"": 3.0, "pose": 1.0}, again=1)
+        moving = {"": 3.0, "pose": 1.0}
+        return replace(outcome, contacts={"pose": 2}, moving_s=moving, ends={"FORGOTTEN": 1})
 
     monkeypatch.setattr(series, "run", touched)
     arguments = ["--seeds", "2", "--minutes", "0.2", "--jobs", "1", "--out", str(tmp_path)]
     assert faults.main(arguments) == 0
     out = capsys.readouterr().out
     assert "contacts 0, void 4: pose 4" in out
-    assert "moving 8 s, contacts void 25.0% of it: pose 25.0%" in out
-    assert "requested again: 2" in out
+    assert "moving 8 s, contacts void 25.0% of it (goal: 2%): pose 25.0%" in out
+    assert "requested again 2" in out
     assert "a better bid takes over" in out
     assert faults.main([*arguments, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["void_contacts"] == {"pose": 4}
     assert said["void_share"] == {"pose": 0.25}
+    assert sum(part["seeds"] for part in said["variants"].values()) == 2
     assert {*said["sights"]} == {sight.name for sight in Sight}
 
 

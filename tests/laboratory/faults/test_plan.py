@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from armadico.core import discovery
 from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import installed
 from armadico_tools.faults.fault_types import KINDS
 from armadico_tools.faults.plan import (
-    AGENTS,
     BEGIN_S,
     CALM_END_S,
     Case,
@@ -32,7 +33,7 @@ def test_a_seed_draws_faults_within_the_run_that_survive_json(seed: int, lasts: 
     for fault in case.faults:
         assert BEGIN_S <= fault.at <= fault.until <= lasts
         assert fault.targets
-        assert {*fault.targets, *fault.to} <= {*AGENTS}
+        assert {*fault.targets, *fault.to} <= {*installed(discovery.AGENTS)}
     assert [fault.at for fault in case.faults] == sorted(fault.at for fault in case.faults)
 
 

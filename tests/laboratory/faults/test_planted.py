@@ -415,7 +415,7 @@ def test_what_a_bug_breaks_is_shrunk_to_the_faults_that_matter(
     outcome = next(
         found
         for seed in range(30)
-        if Promise.FRESH.name in promises(found := run(case_of(seed, 40.0)))
+        if Promise.FRESH.name in promises(found := run(case_of(seed, 40.0, variant="sonar")))
         and found.violations[0][0] == Promise.FRESH.name
         and len(found.case.faults) >= 4
     )

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from msgspec.structs import replace
 
 from armadico.bridge.p2os.profile import P2osRobot
+from armadico.bridge.simulator.broken import Readings
 from armadico.bridge.simulator.plant import Driver
 from armadico.config.loading import find, load, load_entry
 from armadico.config.profile import SensorProfile
@@ -33,6 +34,7 @@ class Wheels:
         self.encoder_counts = (12, -34)
         self.battery = SimpleNamespace(volts=12.7, charging=False)
         self.blocked = False
+        self.sonar_readings = Readings[float | None](lambda echo, _: echo)
         self.pings: list[int] = []
         self.echo: float | None = 1.5
         self.true_pose = (0.0, 0.0, 0.0)

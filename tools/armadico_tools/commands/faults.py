@@ -14,6 +14,7 @@ EXAMPLES: Final = """\
   armadico faults --list                       list the kinds of faults, and the promises
   armadico faults --seeds 100 --minutes 2      run the next hundred seeds
   armadico faults --seeds 50 --kind partition --kind hang
+  armadico faults --variant people --robot turtlebot4 --scenario house
   armadico faults --repeat case.json           repeat a case, as printed with a violation
   armadico faults --live --list                list the kinds of trials, and what they measure
   armadico faults --live --kind holder-killed --trials 5
@@ -35,6 +36,9 @@ def run(args: Options) -> int:
     for kind in args.kind:
         if kind not in known:
             raise UsageError(no_such("kind of trial" if live else "kind of fault", kind, known))
+    variant = args.virtual.variant
+    if variant is not None and variant not in campaign.VARIANTS:
+        raise UsageError(no_such("variant", variant, campaign.VARIANTS))
     if args.list:
         return campaign.show_kinds(live=live, as_json=as_json)
     if args.virtual.repeat is not None:
@@ -46,12 +50,12 @@ main = Command(
     "armadico faults",
     Options,
     run,
-    "Run the whole society in shipped scenarios on the virtual mesh with random faults from a"
-    " seed, and check its promises. With --live, kill, hang and disconnect real processes"
-    " instead, and measure the times to recover. Results are kept in a file. A violation on the"
-    " virtual mesh prints one command that repeats it, with as few faults as possible. Exit"
-    " code 1 if a promise was broken, if a trial failed or missed its aim, or if in 1000 seeds"
-    " some situation never occurred.",
+    "Run whole societies on the virtual mesh with random faults, and check their promises. A seed"
+    " draws the variant (the robot's task and company), scenario, robot and faults. With --live,"
+    " kill, hang and disconnect real processes instead, and measure the times to recover. Results"
+    " are kept in a file. A violation on the virtual mesh prints one command that repeats it, with"
+    " as few faults as possible. Exit code 1 if a promise was broken, if a trial failed or missed"
+    " its aim, or if in 1000 seeds some situation never occurred.",
     EXAMPLES,
 )
 
@@ -68,7 +72,8 @@ def _check(args: Options) -> None:
         raise UsageError(f"--{virtual[0]} is only for runs without --live")
     if not args.real.live and (real := _given(args.real)):
         raise UsageError(f"--{real[0]} is only for runs with --live")
-    others = [*(name for name in virtual if name != "repeat"), *(["kind"] if args.kind else [])]
+    chosen = [name for name in ("kind", "scenario") if getattr(args, name)]
+    others = [*(name for name in virtual if name != "repeat"), *chosen]
     if args.virtual.repeat is not None and others:
         raise UsageError(f"--{others[0]} is not used with --repeat: the case determines it")
     record = args.real.record

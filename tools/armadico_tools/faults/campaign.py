@@ -26,10 +26,13 @@ from armadico_tools.faults import TRIALS as COUNT
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.live import ROAD
 from armadico_tools.faults.plan import Outcome
-from armadico_tools.faults.series import Ledger, Line, Summary
+from armadico_tools.faults.series import EVERYTHING, Ledger, Line, Only, Summary
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.trials import TABLE, TRIALS, Trial, place_for
 from armadico_tools.faults.trials import run_trials as make_trials
+from armadico_tools.faults.variants import VARIANTS as VARIANTS  # noqa: PLC0414 (exported)
+from armadico_tools.faults.variants import among
+from armadico_tools.faults.workload import End
 from armadico_tools.hosts.namespaces import lacking
 from armadico_tools.testbed import TABLE as HOSTS
 
@@ -38,6 +41,9 @@ if TYPE_CHECKING:
 
 SHRUNK: Final = 3
 """Most cases with a broken promise that are shrunk."""
+
+VOID_GOAL: Final = 0.02
+"""The share of the moving time in which contacts may be void."""
 
 SHOWN: Final = 10
 """Most violations of a recording that are printed; --json has them all."""
@@ -52,7 +58,8 @@ def show_kinds(*, live: bool, as_json: bool) -> int:
     promises = {promise.name: promise.value for promise in Promise}
     if as_json:
         texts = {t.name: t.text for t in TRIALS.values()} if live else _meanings()
-        print(json.dumps({"kinds": texts, "promises": promises}))
+        variants = {} if live else {"variants": _variants()}
+        print(json.dumps({"kinds": texts, **variants, "promises": promises}))
         return 0
     if live:
         for trial in TRIALS.values():
@@ -61,7 +68,8 @@ def show_kinds(*, live: bool, as_json: bool) -> int:
             for figure in trial.figures:
                 print(f"    {figure.name}: {figure.text}{_aim(figure.median, figure.worst)}")
         return 0
-    for title, texts in (("kinds of faults", _meanings()), ("promises", promises)):
+    lists = (("kinds of faults", _meanings()), ("variants", _variants()), ("promises", promises))
+    for title, texts in lists:
         print(title)
         for name, text in texts.items():
             print(f"  {name:<18} {text}")
@@ -70,6 +78,10 @@ def show_kinds(*, live: bool, as_json: bool) -> int:
 
 def _meanings() -> dict[str, str]:
     return {kind.name: kind.meaning for kind in KINDS.values()}
+
+
+def _variants() -> dict[str, str]:
+    return {variant.name: variant.meaning for variant in VARIANTS.values()}
 
 
 def _aim(median: float | None, worst: float | None) -> str:
@@ -135,12 +147,14 @@ def run_seeds(args: Options) -> int:
     first = ledger.next_seed() if given.first is None else given.first
     lasts = 60.0 * (given.minutes or MINUTES)
     seeds = range(first, first + (given.seeds or SEEDS))
-    tasks = [series.Task(seed, lasts, args.kind) for seed in seeds]
-    summary = Summary(narrowed=bool(args.kind))
+    only = Only(args.kind, args.scenario, given.robot, given.variant)
+    among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
+    tasks = [series.Task(seed, lasts, only) for seed in seeds]
+    summary = Summary(narrowed=only != EVERYTHING)
 
     def done(task: series.Task, outcome: Outcome) -> None:
         summary.add(outcome)
-        _keep(ledger, outcome, task.kinds)
+        _keep(ledger, outcome, task.only.kinds)
 
     complete = over(series.Task.run, tasks, args.series.processes, "seeds", done)
     commands = _commands(summary) if complete else []
@@ -159,7 +173,7 @@ def run_trials(args: Options) -> int:
     """Run trials on real processes; on Ctrl-C what was measured is kept."""
     chosen = _chosen(args.kind)
     given = args.real
-    scenario = load_scenario(given.scenario) if given.scenario else ROAD
+    scenario = load_scenario(args.scenario) if args.scenario else ROAD
     table, seed, count = load_hosts(HOSTS), given.seed or 0, given.trials or COUNT
     options.end_as_by_ctrl_c()
     ledger = _ledger(args.out, series.TRIALS)
@@ -265,15 +279,18 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
     by = ", ".join(f"{why} {share:.1%}" for why, share in shares.items())
     moving = sum(summary.moving_s.values())
     print(f"faults: {counts or 'none'}")
+    _show_variants(console, summary)
+    ends = ", ".join(f"{End[name].value} {count}" for name, count in summary.ends.items())
+    hour = f"{summary.reached_per_hour():.1f} reached per simulated hour"
+    print(f"missions: {hour}; {ends or 'none'}")
     print(f"longest time from healing to moving again: {summary.longest_s:.2f} s")
     print(
         f"longest drive with the pose wrong beyond its covariance: {summary.overconfident_s:.1f} s"
     )
     print(f"contacts {summary.contacts['']}, void {sum(void.values())}: {reasons or 'none'}")
-    void_share = f"contacts void {sum(shares.values()):.1%} of it: {by or 'never'}"
+    share = sum(shares.values())
+    void_share = f"contacts void {share:.1%} of it (goal: {VOID_GOAL:.0%}): {by or 'never'}"
     print(f"moving {moving:.0f} s, {void_share}")
-    if summary.again:
-        print(f"missions forgotten, and requested again: {summary.again}")
     table = Table("situation", "seen")
     for sight in Sight:
         table.add_row(sight.value, str(summary.sights[sight.name]))
@@ -283,6 +300,15 @@ def _show_seeds(summary: Summary, commands: Sequence[str]) -> None:
     _show_broken(summary)
     for command in commands:
         print(command)
+
+
+def _show_variants(console: Console, summary: Summary) -> None:
+    table = Table("variant", *("seeds", "missions/h", "contacts", "void", "broken"))
+    for name, part in sorted(summary.variants.items()):
+        void = f"{sum(part.void_shares().values()):.1%}"
+        counts = str(part.seeds), f"{part.reached_per_hour():.1f}", str(part.contacts[""])
+        table.add_row(name, *counts, void, str(len(part.broken)))
+    console.print(table)
 
 
 def _show_trials(summary: Summary, lines: Sequence[Line], *, as_json: bool) -> None:
@@ -310,4 +336,6 @@ def _show_broken(summary: Summary) -> None:
     for outcome in summary.broken:
         for promise, at, what in outcome.violations:
             about = outcome.kind or f"seed {outcome.case.seed}"
-            print(f"{about} ({outcome.case.scenario}), {at:.2f} s: {promise}: {what}")
+            where = f"{outcome.case.scenario} {outcome.case.robot}".strip()
+            where = where if outcome.kind else f"{outcome.case.variant}: {where}"
+            print(f"{about} ({where}), {at:.2f} s: {promise}: {what}")

@@ -21,7 +21,8 @@ class Kind:
     network wait for its end. `excuses`: the robot need not move meanwhile. `voids`: promises that
     do not count while it lasts, and until the robot has come to rest or driven on for a while, if
     the fault's amount is at least `least`; `why` is the reason. `weight`: of the kind in a draw.
-    `only`: the robots that can have it: those with `sonar`, with `laser`, or on a serial line.
+    `only`: what a robot or world must have: `sonar`, `laser`, a `serial` line, inner `walls`, or
+    free `places`.
     """
 
     name: str
@@ -80,14 +81,16 @@ _HELD: Final[dict[str, Any]] = {
 }
 
 UNNOTICED_M: Final = 0.05
-"""Ranges that are too long by less than this void nothing: the robot keeps this distance from what it
-detects, which is a choice."""
+"""Ranges that are too long by less than this void nothing (a choice): the robot keeps more than
+this distance from what it detects."""
 
 
 def _ranges(name: str, sensors: str) -> tuple[Kind, ...]:
     """The faults of range sensors."""
     repeats: dict[str, Any] = {
-        **{"breaks": False, "voids": _BLIND, "only": name},
+        "breaks": False,
+        "voids": _BLIND,
+        "only": name,
         "why": f"{sensors} repeat readings",
     }
     biased: dict[str, Any] = {**repeats, "why": f"{sensors} biased", "least": UNNOTICED_M}
@@ -117,7 +120,9 @@ KINDS: Final = {
         Kind("links-lost", "no agent reaches another, and all connections end or their lease does"),
         Kind("silent-links", "connections stay up, but nothing flows between some hosts"),
         Kind("clock-step", "an agent's clock jumps ahead", breaks=False),
-        Kind("host-clock-step", "the clock of a host, for all its agents, jumps ahead", breaks=False),
+        Kind(
+            "host-clock-step", "the clock of a host, for all its agents, jumps ahead", breaks=False
+        ),
         Kind("clock-drift", "an agent's clock runs fast or slow", breaks=False),
         Kind(
             *("serial-garbage", "bytes on the line to the controller are corrupted"),
@@ -135,11 +140,18 @@ KINDS: Final = {
         ),
         *_ranges("sonar", "sonars"),
         *_ranges("laser", "laser"),
-        Kind("glass", "some walls turn to glass, which the laser sees from the front only", **_GLASS),
-        Kind("slip", "one or both wheels turn more, or less, than they roll", breaks=False),
+        Kind(
+            "glass", "some walls turn to glass, which the laser sees from the front only", **_GLASS
+        ),
+        Kind(
+            *("slip", "one or both wheels turn more, or less, than they roll"),
+            breaks=False,
+            voids=frozenset({Promise.SMOOTH}),
+            why="wheels slip",
+        ),
         Kind("blocked-wheels", "the wheels are blocked", **_HELD),
-        Kind("missing-wall", "a wall of the map is not there", breaks=False),
-        Kind("unmapped-box", "a box is there that is not on the map", breaks=False),
+        Kind("missing-wall", "a wall of the map is not there", breaks=False, only="walls"),
+        Kind("unmapped-box", "a box is there that is not on the map", breaks=False, only="places"),
         Kind("version-skew", "an agent of another protocol or package version joins", breaks=False),
         Kind("nan", "an agent's bids are not numbers", breaks=False),
         Kind("flap", "an agent comes and goes, several times a second"),

@@ -149,7 +149,9 @@ class VirtualInjector(Injector):
         """The live processes of an agent, the oldest first."""
         strange = [*self._stranger.nodes, *self._skews.values()]
         ours = (node for node in self._mesh.nodes if node not in strange)
-        return [node for node in ours if node.alive and node.name == name]
+        where = self._rehearsal.namespace
+        mine = (node for node in ours if node.namespace == where)
+        return [node for node in mine if node.alive and node.name == name]
 
     def refused(self, node: Node) -> None:
         """Retry later if a process may not join or stay, and none is left."""
@@ -168,7 +170,8 @@ class VirtualInjector(Injector):
 
     def _mend_links(self, _fault: Fault | None = None, _begins: bool = True) -> None:
         """Set every link to its state in this run, with the active faults."""
-        names = sorted({node.name for node in self._mesh.nodes})
+        where = self._rehearsal.namespace
+        names = sorted({node.name for node in self._mesh.nodes if node.namespace == where})
         usual = replace(WHOLE, delay=self._variation.delay, jitter=self._variation.jitter)
         wrong = {(source, target): usual for source in names for target in names}
         for fault in self._on:

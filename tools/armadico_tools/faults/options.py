@@ -19,6 +19,10 @@ class Virtual:
     minutes: float | None = option(
         f"simulate M minutes (default: {MINUTES})", metavar="M", must=between(0.2, 60)
     )
+    robot: str | None = option(
+        "drive this robot: a shipped profile, or a file (default: drawn)", metavar="NAME"
+    )
+    variant: str | None = option("run only this variant (see --list; default: drawn)", metavar="V")
     repeat: str | None = option("repeat a case, given as JSON or as a file", metavar="CASE")
 
 
@@ -27,11 +31,6 @@ class Live:
     live: bool = flag("run trials; those with hosts use network namespaces and need root")
     trials: int | None = option(
         f"N of each kind (default: {TRIALS})", metavar="N", must=at_least(1)
-    )
-    scenario: str | None = option(
-        "drive SCENARIO to and fro (default: straight ahead in an empty world, where only goto"
-        " bids; the aims are meant for that)",
-        metavar="SCENARIO",
     )
     seed: int | None = option("seed of moments and links (default: 0)")
     record: Path | None = option("record the trials of one kind", metavar="FILE.mcap")
@@ -48,7 +47,12 @@ class Options:
     kind: tuple[str, ...] = several(
         "use only this kind of fault, or of trial; repeatable (see --list)", metavar="K"
     )
-    list: bool = flag("list the kinds, and the promises")
+    scenario: str | None = option(
+        "drive SCENARIO to and fro: a shipped one, or a file (default: drawn; with --live straight"
+        " ahead in an empty world, where only goto bids; the aims are meant for that)",
+        metavar="SCENARIO",
+    )
+    list: bool = flag("list the kinds, the variants and the promises")
     out: Path = option(
         "write results into DIR (default: results/faults)",
         default=Path("results/faults"),

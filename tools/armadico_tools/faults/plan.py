@@ -58,7 +58,7 @@ VICTIMS: Final = {
     **dict.fromkeys(("nan", "lone-restart", "version-skew"), BEHAVIOURS),
     **dict.fromkeys(("serial-garbage", "serial-loss", "robot-restart"), ("robot",)),
     **dict.fromkeys((name for name, kind in KINDS.items() if kind.only), ("robot",)),
-    **dict.fromkeys(("slip", "blocked-wheels", "missing-wall", "unmapped-box"), ("robot",)),
+    **dict.fromkeys(("slip", "blocked-wheels"), ("robot",)),
     **dict.fromkeys(("stop", "stop-and-release", "two-robot-agents"), ("robot",)),
     "interface-restart": ("interface",),
 }
@@ -68,8 +68,12 @@ PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9
 """Pauses between faults, s: mostly long enough for every promise about recovery to be due."""
 
 LEAST_S: Final = {
-    **{"in-turn": 2.5, "two-robot-agents": 2.5, "stop": 1.0, "version-skew": 1.0},
-    **{"missing-wall": 30.0, "unmapped-box": 30.0},  # the robot has to get there
+    "in-turn": 2.5,
+    "two-robot-agents": 2.5,
+    "stop": 1.0,
+    "version-skew": 1.0,
+    "missing-wall": 30.0,
+    "unmapped-box": 30.0,  # the robot has to get there
 }
 MOST_S: Final = {"starved": 2.0, "links-lost": 2.0, "blocked-wheels": 3.0}
 """Such faults last a moment, s."""
@@ -169,11 +173,11 @@ class Outcome(Struct, frozen=True):
     """The result of one case, or of one trial on real processes.
 
     `faults` counts them by kind, `violations` are (promise, at, text), `longest_s` is the longest
-    time from healing to moving again, `missions` the number of goals reached, and `again` how often
-    a forgotten mission was requested again. `contacts` and `moving_s` (s) are by the reason that
-    voided COLLISION then, "" for none. `sights` counts situations, and `overconfident_s` is the
-    longest time of moving with a pose wrong beyond its covariance. `ends` counts the missions by
-    how they ended (`workload.End`). `kind` is that of a trial, and `figures` are its measurements.
+    time from healing to moving again, and `missions` the number of goals reached. `contacts` and
+    `moving_s` (s) are by the reason that voided COLLISION then, "" for none. `sights` counts
+    situations, and `overconfident_s` is the longest time of moving with a pose wrong beyond its
+    covariance. `ends` counts the missions by how they ended (`workload.End`). `kind` is that of a
+    trial, and `figures` are its measurements.
     """
 
     case: Case
@@ -182,7 +186,6 @@ class Outcome(Struct, frozen=True):
     longest_s: float | None = None
     missions: int = 0
     driven_m: float = 0.0
-    again: int = 0
     contacts: dict[str, int] = {}
     moving_s: dict[str, float] = {}
     sights: dict[str, int] = {}

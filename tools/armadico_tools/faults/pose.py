@@ -67,6 +67,7 @@ class Localized:
         self._slow_at = self._spoilt_at = -inf
         self._truth: Truth | None = None
         self._epochs: set[int] = set()
+        self._slips = False  # the wheels do, by a fault
         self._lost = False  # an agent has followed another robot, and lost this one's origin
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
@@ -77,6 +78,7 @@ class Localized:
             self._spoilt_at = seen.at
         if now.faults.befalls("robot", "slow", "hang"):
             self._slow_at = seen.at
+        self._slips = now.faults.befalls("robot", "slip")
         self._lost = self._lost or isinstance(seen, Astray)
         if isinstance(seen, Published):
             message = seen.message
@@ -101,7 +103,7 @@ class Localized:
         moves = abs(truth.v) >= MOVING_M_S or abs(truth.w) >= MOVING_RAD_S
         if self._wrong and moves:
             self._overconfident_s += max(truth.t - before.t, 0.0)
-        if min(_clearance(truth), _clearance(before)) < TOUCH_M:
+        if self._slips or min(_clearance(truth), _clearance(before)) < TOUCH_M:
             dt = max(truth.t - before.t, 0.0)  # the wheels may have turned at top speed
             self._off_m += self._v * dt
             self._off_rad += self._w * dt

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from msgspec import Struct, json
 
@@ -30,17 +30,29 @@ CAMPAIGN_S: Final = 60.0
 (an equal bid that is about to collide takes over) occurs in one of a hundred seeds of a minute."""
 
 
+class Only(NamedTuple):
+    """What seeds do not draw."""
+
+    kinds: tuple[str, ...] = ()
+    scenario: str | None = None
+    robot: str | None = None
+    variant: str | None = None
+
+
+EVERYTHING: Final = Only()
+
+
 @dataclass(frozen=True)
 class Task:
     """One seed, for a worker process."""
 
     seed: int
     lasts: float  # s
-    kinds: tuple[str, ...] = ()
+    only: Only = EVERYTHING
 
     def run(self) -> Outcome:
         """Draw the seed's case, and run it."""
-        return run(case_of(self.seed, self.lasts, self.kinds))
+        return run(case_of(self.seed, self.lasts, *self.only))
 
 
 @dataclass
@@ -59,7 +71,9 @@ class Summary:
     contacts: Counter[str] = field(default_factory=Counter)  # by the reason that voids them, or ""
     moving_s: dict[str, float] = field(default_factory=dict)  # likewise
     sights: Counter[str] = field(default_factory=Counter)
-    again: int = 0  # missions that were forgotten, and requested again
+    ends: Counter[str] = field(default_factory=Counter)  # of missions (`workload.End`)
+    variants: dict[str, Summary] = field(default_factory=dict)  # the same of each variant
+    nested: bool = False  # whether it is that of a variant
     narrowed: bool = False  # whether only some kinds were selected
     figures: dict[str, list[dict[str, float]]] = field(default_factory=dict)  # by kind of trial
     failed: dict[str, list[str]] = field(default_factory=dict)  # errors of trials, by kind
@@ -77,11 +91,19 @@ class Summary:
         for why, seconds in outcome.moving_s.items():
             self.moving_s[why] = self.moving_s.get(why, 0.0) + seconds
         self.sights.update(outcome.sights)
-        self.again += outcome.again
+        self.ends.update(outcome.ends)
         if outcome.figures:
             self.figures.setdefault(outcome.kind, []).append(outcome.figures)
         if outcome.violations:
             self.broken.append(outcome)
+
+        if not self.nested and not outcome.kind:
+            part = self.variants.setdefault(outcome.case.variant, Summary(nested=True))
+            part.add(outcome)
+
+    def reached_per_hour(self) -> float:
+        """Missions reached in an hour of simulation."""
+        return 3600.0 * self.missions / self.seconds if self.seconds else 0.0
 
     def void_contacts(self) -> dict[str, int]:
         """Contacts that do not count, by reason."""
@@ -92,12 +114,25 @@ class Summary:
         whole = sum(self.moving_s.values()) or 1.0
         return {why: s / whole for why, s in sorted(self.moving_s.items()) if why and s}
 
+    def figures_of(self) -> dict[str, object]:
+        """The figures of a variant, for JSON."""
+        return {
+            "seeds": self.seeds,
+            "missions_per_hour": round(self.reached_per_hour(), 1),
+            "contacts": dict(sorted(self.contacts.items())),
+            "void_share": round(sum(self.void_shares().values()), 4),
+            "broken": len(self.broken),
+        }
+
     def plain(self) -> dict[str, object]:
         """The sums, for JSON."""
         return {
             "seeds": self.seeds,
             "simulated_s": round(self.seconds, 1),
             "missions": self.missions,
+            "missions_per_hour": round(self.reached_per_hour(), 1),
+            "ends": dict(sorted(self.ends.items())),
+            "variants": {name: part.figures_of() for name, part in sorted(self.variants.items())},
             "driven_m": round(self.driven_m, 1),
             "longest_to_move_s": round(self.longest_s, 3),
             "longest_unsaid_s": round(self.overconfident_s, 2),
@@ -106,12 +141,17 @@ class Summary:
             "void_contacts": self.void_contacts(),
             "moving_s": round(sum(self.moving_s.values()), 1),
             "void_share": {why: round(share, 4) for why, share in self.void_shares().items()},
-            "missions_asked_again": self.again,
             "sights": {sight.name: self.sights[sight.name] for sight in Sight},
             "never": [sight.name for sight in missing(self)],
             "violations": {promise.name: self.violations[promise.name] for promise in Promise},
             "broken": [
-                {"seed": o.case.seed, "scenario": o.case.scenario, "violations": o.violations}
+                {
+                    "seed": o.case.seed,
+                    "variant": o.case.variant,
+                    "scenario": o.case.scenario,
+                    "robot": o.case.robot,
+                    "violations": o.violations,
+                }
                 for o in self.broken
             ],
         }
@@ -186,8 +226,8 @@ class Ledger:
         broken = Counter(promise for promise, _, _ in outcome.violations)
         counted = outcome.figures or {
             name: getattr(outcome, name)
-            for name in ("longest_s", "missions", "driven_m", "contacts", "moving_s", "again")
-        }
+            for name in ("longest_s", "missions", "driven_m", "contacts", "moving_s", "ends")
+        } | {"variant": case.variant, "robot": case.robot}
         self._rows.add(
             Ran(
                 *(self._commit, case.seed, case.scenario, case.lasts),

@@ -20,10 +20,10 @@ from armadico.config.profile import load_profile
 from armadico.config.scenarios import Scenario, load_scenario, society
 from armadico.config.slots import slot
 from armadico.config.worlds import Segment, World, load_world
-from armadico.core.config_errors import ConfigError
+from armadico.core.config_errors import ConfigError, ConfigNameError
 from armadico.launch.society import Options, names, prepared
 from armadico_tools.faults.fault_types import KINDS
-from armadico_tools.faults.plan import Case, Fault, Walker, draw, vary
+from armadico_tools.faults.plan import Case, Walker, draw, vary
 
 HERE: Final = ""
 """The robot of the scenario."""
@@ -119,7 +119,7 @@ def drivable(scenario: str, robot: str) -> bool:
 def _load(scenario: str, robot: str) -> Scenario:
     """A scenario with a robot, unprepared. Raises ConfigError."""
     loaded = load_scenario(scenario)
-    if robot == HERE or robot == loaded.robot:
+    if robot in (HERE, loaded.robot):
         return loaded
     # An own goal's check only: a mission's robots may turn in each of its rooms.
     return replace(prepared(loaded, Options(), profile=robot), agents=loaded.agents)
@@ -187,19 +187,23 @@ def case_of(
 
 
 def kinds_of(scenario: Scenario) -> tuple[str, ...]:
-    """The kinds of faults that a scenario's robot can have."""
+    """The kinds of faults that a scenario's robot and world can have."""
     profile = load_profile(scenario.robot)
     able = {
         "": True,
         "sonar": profile.sonar is not None,
         "laser": profile.laser is not None,
         "serial": profile.section == "p2os",
+        "walls": not scenario.others and bool(_inner(load_world(scenario.world))),
+        "places": not scenario.others and bool(_places(scenario)),
     }
     return tuple(name for name, kind in KINDS.items() if able[kind.only])
 
 
 def scenario_of(case: Case) -> tuple[Scenario, Options]:
     """The prepared scenario of a case, and the options of its run. Raises ConfigError."""
+    if case.variant not in VARIANTS:
+        raise ConfigNameError("variant", case.variant, VARIANTS)
     variant = VARIANTS[case.variant]
     scenario = _load(case.scenario, case.robot)
     besides = society().ideal.without
@@ -219,7 +223,7 @@ def scenario_of(case: Case) -> tuple[Scenario, Options]:
     return prepared(scenario, options, mission=variant.mission or None), options
 
 
-# The company ---------------------------------------------------------------------------------------
+# The company --------------------------------------------------------------------------------------
 
 
 def _people(rng: Random, scenario: Scenario, count: int) -> tuple[Walker, ...]:
@@ -228,8 +232,7 @@ def _people(rng: Random, scenario: Scenario, count: int) -> tuple[Walker, ...]:
     speeds = [rng.choice((0.5, 1.0, 1.3)) for _ in chosen]
     heeds = [rng.random() < 0.75 for _ in chosen]
     return tuple(
-        Walker(x, y, speed, heed)
-        for (x, y), speed, heed in zip(chosen, speeds, heeds, strict=True)
+        Walker(x, y, speed, heed) for (x, y), speed, heed in zip(chosen, speeds, heeds, strict=True)
     )
 
 
@@ -240,15 +243,20 @@ def _company(case: Case, scenario: Scenario) -> list[Moving]:
     ]
     for fault in case.faults:
         if fault.kind == "missing-wall" and (inner := _inner(load_world(scenario.world))):
-            wall = inner[int(fault.amount * len(inner))]
+            wall = inner[_index(fault.amount, len(inner))]
             if all(wall != moving.wall for moving in found):
-                times = (0.0, fault.at, fault.until)
-                found.append(Moving(kind="door", wall=wall, times=times))
+                away = (0.0, fault.at, fault.until)  # it is there at first, and again at the end
+                found.append(Moving(kind="door", wall=wall, times=away))
         elif fault.kind == "unmapped-box" and (places := _places(scenario)):
-            at = places[int(fault.amount * len(places))]
+            at = places[_index(fault.amount, len(places))]
             size, times = (fault.spread, fault.spread), (fault.at, fault.until)
             found.append(Moving(kind="box", at=at, size=size, times=times))
     return found
+
+
+def _index(share: float, count: int) -> int:
+    """The place at a share of a list; a rounded share may be 1."""
+    return min(int(share * count), count - 1)
 
 
 @cache
@@ -261,9 +269,7 @@ def _places_in(world: str) -> tuple[tuple[float, float], ...]:
         for i in range(columns)
         for j in range(rows)
     ]
-    return tuple(
-        p for p in points if here.inside(*p) and here.clearance(*p) >= ROOM_M
-    )
+    return tuple(p for p in points if here.inside(*p) and here.clearance(*p) >= ROOM_M)
 
 
 def _places(scenario: Scenario) -> list[tuple[float, float]]:
@@ -284,4 +290,8 @@ def _inner(world: World) -> Sequence[Segment]:
         a, b, c, d = wall
         return (a == c and a in (x1, x2)) or (b == d and b in (y1, y2))
 
-    return [wall for wall in world.walls if not outer(wall) and hypot(wall[2] - wall[0], wall[3] - wall[1]) > GRID_M]
+    return [
+        wall
+        for wall in world.walls
+        if not outer(wall) and hypot(wall[2] - wall[0], wall[3] - wall[1]) > GRID_M
+    ]

@@ -17,6 +17,7 @@ from typing import Final
 
 from msgspec import structs
 
+from armadico.agents.fleet.messages import FleetReply, FleetRequest, FleetStatus, FleetTask
 from armadico.bridge.robot import Robot
 from armadico.config.profile import load_profile
 from armadico.config.scenarios import Scenario
@@ -32,7 +33,6 @@ from armadico.mesh.virtual_network import Clock
 from armadico.mobile.errand import Errands
 from armadico.mobile.messages import (
     MissionReply,
-    MissionRequest,
     MissionState,
     MissionStatus,
     Pose,
@@ -63,11 +63,20 @@ from armadico_tools.faults.record import bounds_of
 from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
 from armadico_tools.faults.sightings import Sight
-from armadico_tools.faults.variants import BY_HAND, VARIANTS, scenario_of
+from armadico_tools.faults.variants import BY_HAND, FLEET, VARIANTS, scenario_of
 from armadico_tools.faults.variants import case_of as case_of  # noqa: PLC0414 (exported)
 
 ORDER_S: Final = 0.5
 """Period of checking whether there is a mission."""
+
+SKEW_S: Final = 0.1
+"""Without status packets a cycle's odometry may be so much older than the truth, s: a cycle."""
+
+COMPANY: Final = 3
+"""Robots of a fleet: the first is watched and has the faults."""
+
+NAMESAKE: Final = "robot"
+"""The namespaces of a fleet: the first is the default one, robot1."""
 
 BOOTED_S: Final = 1e5
 """The clocks of processes begin within this range."""
@@ -90,7 +99,9 @@ class Workload:
         self.case = case
         varied = case.variation
         scenario, options = scenario_of(case)
-        self.checker = checker or Checker(replace(bounds_of(scenario), skew_s=0.0))
+        serial = load_profile(scenario.robot).section == "p2os"
+        skew_s = 0.0 if serial else SKEW_S
+        self.checker = checker or Checker(replace(bounds_of(scenario), skew_s=skew_s))
         self._clocks = Random(f"clocks/{case.seed}")
         ties = Random(f"ties/{case.seed}") if varied.ties else None
         self.rehearsal = Rehearsal(
@@ -99,6 +110,7 @@ class Workload:
             self._clock,
             mesh=VirtualMesh(case.seed, ties=ties, lease=varied.lease),
         )
+        self._others = _others(self.rehearsal) if VARIANTS[case.variant].does == FLEET else []
         self.mesh = self.rehearsal.mesh
         self.mesh.refused = self._refused
         self.mesh.watch(self._on_message, *SEEN)
@@ -109,11 +121,12 @@ class Workload:
         self._orders = _orders_of(self.rehearsal.scenario, options)
         self._heading_for = 0
         self._requested = self._ordered = False
-        self._number = 0  # of the mission
+        self._number = self._done = 0  # of the mission; of a fleet's list, and its tasks done
         self._none_at: float | None = None  # since when there is none
         self._under_way = MissionState.NONE
-        if scenario.mission is not None:
-            self.mesh.watch(lambda _, message, __: self._on_errands(message), *derived(Errands))
+        self._by_status = scenario.mission is None and not scenario.tasks
+        if not self._by_status:
+            self.mesh.watch(self._on_progress, *derived(Errands), FleetStatus)
         hand = VARIANTS[case.variant].does == BY_HAND
         self._hand = Hand(self.rehearsal, case.seed) if hand else None
         self._truth: Truth | None = None
@@ -150,7 +163,6 @@ class Workload:
             longest_s=self.checker.longest,
             missions=self.ends[End.REACHED],
             driven_m=round(self._driven, 2),
-            again=self.ends[End.FORGOTTEN],
             contacts=dict(sorted(self.checker.contacts.items())),
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
             overconfident_s=round(self.checker.overconfident_s, 2),
@@ -177,7 +189,7 @@ class Workload:
         if isinstance(message, Claim) and message.utility is None:
             self._show_bids()  # to know whether an agent that releases still bids
         self.observe(Published(now, message))
-        if isinstance(message, MissionStatus) and self.rehearsal.scenario.mission is None:
+        if isinstance(message, MissionStatus) and self._by_status:
             self._on_status(message)
         elif isinstance(message, Truth):
             if self._truth is not None:
@@ -194,7 +206,7 @@ class Workload:
     def _show_bids(self) -> None:
         """Observe new bids, and agents that have gone."""
         there = set()
-        for node in self.mesh.nodes:
+        for node in self._nodes:
             agent = node.agent
             if not node.alive or not agent.competes_for or agent.instance in self._injector.skewed:
                 continue
@@ -208,21 +220,34 @@ class Workload:
             del self._last_bids[instance]
             self.observe(Left(self.mesh.now, instance))
 
+    @property
+    def _nodes(self) -> list[Node]:
+        """The processes of the watched robot."""
+        where = self.rehearsal.namespace
+        return [node for node in self.mesh.nodes if node.namespace == where]
+
     def check_obeyed(self, command: Command) -> None:
         """An agent of another protocol must not drive: its messages may mean something else."""
         if command.ballot.instance in self._injector.skewed and self.error is None:
-            self.error = (self.mesh.now, f"{command.ballot.instance}, of another protocol, is obeyed")
+            self.error = (
+                self.mesh.now,
+                f"{command.ballot.instance}, of another protocol, is obeyed",
+            )
 
     def _refused(self, node: Node) -> None:
+        if node.namespace != self.rehearsal.namespace:
+            return
         self.observe(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
         self._injector.refused(node)
 
     def _joined(self, node: Node) -> None:
         """Tap a robot agent's line and verdicts, and any agent's false losses of others."""
         agent, orders = node.agent, Orders()
+        if node.namespace != self.rehearsal.namespace:
+            return
 
         def disappears(_name: str, instance: str, _now: float) -> None:
-            nodes = self.mesh.nodes
+            nodes = self._nodes
             if any(other.alive and other.agent.instance == instance for other in nodes):
                 self.observe(Missed(self.mesh.now, instance))
 
@@ -274,6 +299,8 @@ class Workload:
 
     def _answered(self, reply: Message | None) -> None:
         self._requested = False
+        if isinstance(reply, FleetReply):
+            reply = MissionReply(reply.list, reply.refusal)
         if not isinstance(reply, MissionReply):
             return
         if reply.refusal:
@@ -282,12 +309,26 @@ class Workload:
         self._ordered, self._number, self._none_at = True, reply.mission, None
         self._under_way = MissionState.DRIVING
 
+    def _on_progress(self, _key: str, message: Message, _now: float) -> None:
+        if isinstance(message, Errands):
+            self._on_errands(message)
+        elif isinstance(message, FleetStatus):
+            self._on_tasks(message)
+
     def _on_errands(self, errands: Errands) -> None:
         """The progress of a mission of several tasks."""
-        for errand in errands.errands:
-            if errand.number == self._number and self._ordered:
-                ended = MissionState.FAILED if errand.failed else MissionState.REACHED
-                self._under_way = ended if errand.over else MissionState.DRIVING
+        for each in errands.errands:
+            if each.number == self._number and self._ordered:
+                ended = MissionState.FAILED if each.failed else MissionState.REACHED
+                self._under_way = ended if each.over else MissionState.DRIVING
+
+    def _on_tasks(self, status: FleetStatus) -> None:
+        """The progress of a fleet's list; each task is a mission."""
+        if self._ordered and status.list == self._number:
+            self.ends[End.REACHED] += max(status.done - self._done, 0)
+            self._done = status.done
+            if status.done >= status.tasks:
+                self._ordered, self._under_way, self._done = False, MissionState.NONE, 0
 
     def _on_status(self, status: MissionStatus) -> None:
         """The progress of a goal."""
@@ -308,6 +349,10 @@ def _orders_of(scenario: Scenario, options: Options) -> tuple[Message, ...]:
 
     Raises ConfigError for a scenario without either.
     """
+    if scenario.tasks:
+        look_s = scenario.look_s
+        tasks = tuple(FleetTask(Waypoint(*pose), look_s) for pose in scenario.tasks)
+        return (FleetRequest(tasks, replace=True),)
     if scenario.mission is not None:
         order = errand(scenario, options)
         assert order is not None, "it is a mission"
@@ -317,6 +362,17 @@ def _orders_of(scenario: Scenario, options: Options) -> tuple[Message, ...]:
         raise ConfigError(f"{scenario.name}: no goal and no mission; faults need one")
     back = Waypoint(*scenario.start)
     return there, structs.replace(there, goal=back, waypoints=there.waypoints[::-1])
+
+
+def _others(rehearsal: Rehearsal) -> list[Rehearsal]:
+    """The other robots of a fleet, in the world of the first and on its mesh."""
+    scenario, options, mesh = rehearsal.scenario, rehearsal.options, rehearsal.mesh
+    found = []
+    for number, start in enumerate(scenario.others[: COMPANY - 1], 2):
+        mine = replace(options, namespace=f"{NAMESAKE}{number}")
+        found.append(Rehearsal(structs.replace(scenario, start=start), mine, mesh=mesh))
+    rehearsal.robot.meet(*(other.robot for other in found))
+    return found
 
 
 def _before(agent: object, name: str, then: Callable[..., None]) -> None:
