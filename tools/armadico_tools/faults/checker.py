@@ -8,7 +8,7 @@ yields a text per violation. A promise that a fault voids is not checked (`fault
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,6 +19,7 @@ from armadico.mobile.messages import Truth
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
+from armadico_tools.faults.contacts import Cause, unknowable
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
@@ -61,6 +62,7 @@ class Checker:
         bounds = bounds or Bounds()
         self.auditor = Auditor(excuses=excuses, v_max=bounds.limit)
         self.contacts: Counter[str] = Counter()  # by what voids them; "": they break the promise
+        self.contact_cause: Callable[[], Cause | None] = lambda: None  # of the present contact
         self.record = Record(bounds)
         self.sights = Sightings()
         self.violations: list[Violation] = []
@@ -138,7 +140,10 @@ class Checker:
     def _void(self, finding: Finding) -> bool:
         if finding.promise is not Promise.COLLISION:
             return self.record.void(finding.promise)
-        why = self.record.contact_reason()
+        why = self.record.fault_reason()
+        if not why:
+            cause = self.contact_cause()
+            why = self.record.contact_reason() if cause is None else unknowable(cause)
         self.contacts[why] += 1
         return bool(why)
 

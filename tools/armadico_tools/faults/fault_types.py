@@ -94,8 +94,6 @@ KINDS: Final = {
         Kind(
             *("frozen-sonar", "the sonars repeat their last ranges"),
             breaks=False,
-            voids=_BLIND,
-            why="sonars repeat readings",
         ),
         Kind("nan", "an agent's bids are not numbers", breaks=False),
         Kind("flap", "an agent comes and goes, several times a second"),
@@ -145,6 +143,9 @@ CLAIMS: Final = frozenset({"huge-term", "flood"})
 
 STRANGE_UTILITY: Final = 0.9
 """The utility of a stranger's claims."""
+
+ALTERS: Final = frozenset({"frozen-sonar"})
+"""Kinds that alter readings: the raw data show what is not there."""
 
 FORGETS: Final = frozenset({"crash", "flap"})
 """Kinds after which the sonar agent has forgotten obstacles out of its sonars' view: beside and

@@ -430,6 +430,11 @@ class Record:
         wedged = self.now - self.body.wedged_at < WEDGED_S
         return self._contact_voids() or ("wedged" if wedged else "")
 
+    def fault_reason(self) -> str:
+        """The fault that voids a contact, in words: without it the robot could have braked."""
+        why = self.faults.voids(Promise.COLLISION, self.now, self.body.rested_at)
+        return "" if why.startswith(JUST_AFTER) and self.now > self.faults.left_near_until else why
+
     def contact_reason(self) -> str:
         """What voids a contact, in a word; "": nothing does.
 

@@ -31,12 +31,15 @@ from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Pose,
+    Scan,
+    Sonar,
     Truth,
     Waypoint,
 )
 from armadico.observe.audit.auditor import watched
 from armadico_tools.faults.checker import Checker, Violation
-from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.contacts import Cause, Surroundings, Witness
+from armadico_tools.faults.fault_types import ALTERS, Promise
 from armadico_tools.faults.injector import VirtualInjector
 from armadico_tools.faults.observations import (
     Astray,
@@ -52,7 +55,7 @@ from armadico_tools.faults.observations import (
     of_the_wheels,
 )
 from armadico_tools.faults.plan import Case, Outcome, draw, vary
-from armadico_tools.faults.record import bounds_of
+from armadico_tools.faults.record import SONARS_S, bounds_of
 from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
 from armadico_tools.faults.sightings import Sight
@@ -110,6 +113,13 @@ class Workload:
         for node in self.mesh.nodes:
             self._joined(node)
         self._injector = VirtualInjector(self.rehearsal, self.observe, case.variation)
+        self._surroundings = Surroundings(self.rehearsal.robot.plant)
+        stops_s, decel = SONARS_S + self.checker.record.bounds.stop_s, bounds_of(scenario).v_decel
+        self._witness = Witness(
+            self._surroundings.outline, lambda v: v * stops_s + v * v / (2.0 * decel)
+        )
+        self.checker.contact_cause = self._contact_cause
+        self.mesh.watch(self._on_reading, Sonar, Scan)
         self._ends = _ends(self.rehearsal)
         self._heading_for = 0
         self._requested = False
@@ -188,6 +198,18 @@ class Workload:
                 self._driven += hypot(message.x - self._truth.x, message.y - self._truth.y)
             self._truth = message
             self._show_bids()
+
+    def _on_reading(self, _key: str, message: Message, now: float) -> None:
+        assert isinstance(message, Sonar | Scan), "only readings are watched"
+        around, faults = self._surroundings, self.checker.record.faults.active
+        around.look(now)
+        speed = abs(self.rehearsal.robot.plant.speeds[0])
+        altered = any(fault.kind in ALTERS for fault in faults)
+        self._witness.on_reading(now, around.pose, speed, message, altered=altered)
+
+    def _contact_cause(self) -> Cause | None:
+        place_at = self._surroundings.touched()
+        return None if place_at is None else self._witness.judge(place_at)
 
     def _show_bids(self) -> None:
         """Observe new bids, and agents that have gone."""
