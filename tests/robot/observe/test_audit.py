@@ -261,7 +261,7 @@ def sonar_is_biased(drive: Drive) -> None:
         near = Truth(d.now, d.x, 0, 0, d.v, 0, 0, 0.5, "sim")
         return near, Sonar(Cycle(1, d.number), 5.0, (echo(0.7 + 0.01 * (d.number % 5)),))
 
-    drive.go(16, says=readings, ahead=(Point(0.7, 0.5),))
+    drive.go(22, says=readings, ahead=(Point(0.7, 0.5),))
 
 
 TABLE = [
