@@ -1,4 +1,4 @@
-"""A situation as data: a hostile holder, people, delays and lost readings, from a vector of numbers.
+"""A situation as data: a hostile holder, people, delays, lost readings; from a vector of numbers.
 
 The search works in the unit cube; `Setting.case` maps a point of it to a case that can be driven.
 """

@@ -5,7 +5,6 @@ So whatever prevents contacts is in the robot agent.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import replace
 from math import atan2, cos, inf, sin
 from typing import Final
@@ -26,9 +25,9 @@ from armadico.core.exchange import Bid
 from armadico.core.messages import Message, RobotState
 from armadico.core.resources import WHEELS
 from armadico.mesh.link_faults import LinkFaults
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_place import address
-from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.mobile.scans import points_of
 from armadico_tools.falsify.cases import Case
@@ -45,8 +44,6 @@ SLOW_M_S: Final = 0.05
 SPARED_S: Final = 1.0
 """The worth of a case that ends by a contact that no sensor could have prevented, s."""
 
-RAN_INTO: Final = "something ran into the robot"
-
 
 class Plan(agent.Parameters, frozen=True, kw_only=True):
     """What the hostile holder commands: see `Case`."""
@@ -54,7 +51,6 @@ class Plan(agent.Parameters, frozen=True, kw_only=True):
     commands: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
     towards: float = 0.0
     each_s: float = 1.0
-    v_max: float = 1.0
     w_max: float = 1.0
 
 
@@ -68,9 +64,15 @@ class Hostile(agent.Agent):
     parameters = Plan
     p: Plan
 
-    def bid(self, message: RobotState) -> Bid:
+    def __init__(self, identity: agent.Identity, parameters: Plan) -> None:
+        super().__init__(identity, parameters)
+        self._began: float | None = None
+
+    def bid(self, _state: RobotState) -> Bid:
         """Bid the command of the present phase, turned towards what is nearest."""
-        phase = int((message.cycle.number * 0.1) / self.p.each_s) % len(self.p.commands)
+        if self._began is None:
+            self._began = self.now
+        phase = int((self.now - self._began) / self.p.each_s) % len(self.p.commands)
         v, w = self.p.commands[phase]
         w += self.p.towards * self._bearing()
         return Bid(UTILITY, (v, max(-self.p.w_max, min(w, self.p.w_max))))
@@ -122,7 +124,6 @@ class Trial:
             commands=case.commands,
             towards=case.towards,
             each_s=case.lasts / len(case.commands),
-            v_max=profile.limits.v_max,
             w_max=profile.limits.w_max,
         )
         own = Parameters(port="memory:", profile=case.robot)
@@ -136,7 +137,6 @@ class Trial:
         self._reach = self.robot.plant.body.reach_m
         self.cycles, self.worth = 0, inf
         self._speed = self._hit_at = self._hit_speed = 0.0
-        self._bumps: Counter[str] = Counter()
         self._hits, self.cause = 0, ""
         self.mesh.watch(self._on_reading, Sonar, Scan)
         self.mesh.watch(self._on_truth, Truth)
