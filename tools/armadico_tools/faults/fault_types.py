@@ -87,7 +87,9 @@ detects, which is a choice."""
 def _ranges(name: str, sensors: str) -> tuple[Kind, ...]:
     """The faults of range sensors."""
     repeats: dict[str, Any] = {
-        **{"breaks": False, "voids": _BLIND, "only": name},
+        "breaks": False,
+        "voids": _BLIND,
+        "only": name,
         "why": f"{sensors} repeat readings",
     }
     biased: dict[str, Any] = {**repeats, "why": f"{sensors} biased", "least": UNNOTICED_M}

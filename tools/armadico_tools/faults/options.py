@@ -19,6 +19,10 @@ class Virtual:
     minutes: float | None = option(
         f"simulate M minutes (default: {MINUTES})", metavar="M", must=between(0.2, 60)
     )
+    planted: str | None = option(
+        "plant defect D of --list in the product, or each (all), and count the seeds that find it",
+        metavar="D",
+    )
     repeat: str | None = option("repeat a case, given as JSON or as a file", metavar="CASE")
 
 

@@ -68,8 +68,12 @@ PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9
 """Pauses between faults, s: mostly long enough for every promise about recovery to be due."""
 
 LEAST_S: Final = {
-    **{"in-turn": 2.5, "two-robot-agents": 2.5, "stop": 1.0, "version-skew": 1.0},
-    **{"missing-wall": 30.0, "unmapped-box": 30.0},  # the robot has to get there
+    "in-turn": 2.5,
+    "two-robot-agents": 2.5,
+    "stop": 1.0,
+    "version-skew": 1.0,
+    "missing-wall": 30.0,
+    "unmapped-box": 30.0,  # the robot has to get there
 }
 MOST_S: Final = {"starved": 2.0, "links-lost": 2.0, "blocked-wheels": 3.0}
 """Such faults last a moment, s."""
@@ -146,7 +150,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     The seed is that of all noise. `variation` describes the network, `sensors` the simulated
     robot's sensors. `variant` is the society's task (`variants.VARIANTS`), `robot` the profile (by
     default the scenario's), `people` are there besides the scenario's, and `charge` is the
-    battery's at the beginning, as a share.
+    battery's at the beginning, as a share. `planted` is a defect of `planted.DEFECTS`.
     """
 
     seed: int
@@ -159,6 +163,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     robot: str = ""
     people: tuple[Walker, ...] = ()
     charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    planted: str = ""
 
     def dumps(self) -> str:
         """The case as one line of JSON."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Final
 
-from msgspec import Struct, json
+from msgspec import Struct, json, structs
 
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case, Outcome
@@ -37,10 +37,12 @@ class Task:
     seed: int
     lasts: float  # s
     kinds: tuple[str, ...] = ()
+    planted: str = ""
 
     def run(self) -> Outcome:
         """Draw the seed's case, and run it."""
-        return run(case_of(self.seed, self.lasts, self.kinds))
+        case = case_of(self.seed, self.lasts, self.kinds)
+        return run(structs.replace(case, planted=self.planted))
 
 
 @dataclass

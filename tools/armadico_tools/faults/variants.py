@@ -23,7 +23,7 @@ from armadico.config.worlds import Segment, World, load_world
 from armadico.core.config_errors import ConfigError
 from armadico.launch.society import Options, names, prepared
 from armadico_tools.faults.fault_types import KINDS
-from armadico_tools.faults.plan import Case, Fault, Walker, draw, vary
+from armadico_tools.faults.plan import Case, Walker, draw, vary
 
 HERE: Final = ""
 """The robot of the scenario."""

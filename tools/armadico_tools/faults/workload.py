@@ -32,7 +32,6 @@ from armadico.mesh.virtual_network import Clock
 from armadico.mobile.errand import Errands
 from armadico.mobile.messages import (
     MissionReply,
-    MissionRequest,
     MissionState,
     MissionStatus,
     Pose,
@@ -61,8 +60,9 @@ from armadico_tools.faults.observations import (
     Refused,
     of_the_wheels,
 )
-from armadico_tools.faults.record import SONARS_S, bounds_of
 from armadico_tools.faults.plan import Case, Outcome
+from armadico_tools.faults.planted import plant
+from armadico_tools.faults.record import SONARS_S, bounds_of
 from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
 from armadico_tools.faults.sightings import Sight
@@ -267,6 +267,8 @@ class Workload:
             if session is not None and "drive" not in vars(session):
                 _before(session, "drive", drives)
 
+        if self.case.planted:
+            plant(self.case.planted, agent)
         _before(agent.kernel, "disappeared", disappears)
         if not isinstance(agent, Robot):
             return
