@@ -269,6 +269,15 @@ class Plant:
         poses = np.column_stack([np.interp(times, steps, each) for each in places])
         return laser.scan(poses if shape.time_order >= 0 else poses[::-1])
 
+    @property
+    def profile(self) -> IdentifiedRobot | ModelledRobot:
+        return self._profile
+
+    @property
+    def walls(self) -> Walls:
+        """Its surroundings, as they are now."""
+        return self._walls
+
     def clearance(self) -> float:
         """True distance from footprint to the nearest wall, m; 0: touching, inf: without walls."""
         nearest = self._walls.clearance(self.pose, self._box)

@@ -15,6 +15,7 @@ EXAMPLES: Final = """\
   armadico faults --seeds 100 --minutes 2      run the next hundred seeds
   armadico faults --seeds 50 --kind partition --kind hang
   armadico faults --variant people --robot turtlebot4 --scenario house
+  armadico faults --planted all --seeds 20     which promises find defects of the product
   armadico faults --repeat case.json           repeat a case, as printed with a violation
   armadico faults --live --list                list the kinds of trials, and what they measure
   armadico faults --live --kind holder-killed --trials 5
@@ -43,6 +44,8 @@ def run(args: Options) -> int:
         return campaign.show_kinds(live=live, as_json=as_json)
     if args.virtual.repeat is not None:
         return campaign.repeat(args.virtual.repeat, as_json=as_json)
+    if args.virtual.planted is not None:
+        return campaign.run_planted(args)
     return campaign.run_trials(args) if live else campaign.run_seeds(args)
 
 

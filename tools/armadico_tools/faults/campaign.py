@@ -6,6 +6,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Final
 
 import msgspec
@@ -18,6 +19,7 @@ from armadico.config.hosts import load_hosts
 from armadico.config.loading import read_text
 from armadico.config.scenarios import load_scenario
 from armadico.core.config_errors import ConfigError
+from armadico.core.errors import no_such
 from armadico.core.judgement import Answer, all_of, no, unknown, yes
 from armadico.observe.conditions import software
 from armadico_tools.command_options import over
@@ -26,6 +28,7 @@ from armadico_tools.faults import TRIALS as COUNT
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.live import ROAD
 from armadico_tools.faults.plan import Outcome
+from armadico_tools.faults.planted import DEFECTS, Found
 from armadico_tools.faults.series import EVERYTHING, Ledger, Line, Only, Summary
 from armadico_tools.faults.sightings import Sight
 from armadico_tools.faults.trials import TABLE, TRIALS, Trial, place_for
@@ -58,7 +61,7 @@ def show_kinds(*, live: bool, as_json: bool) -> int:
     promises = {promise.name: promise.value for promise in Promise}
     if as_json:
         texts = {t.name: t.text for t in TRIALS.values()} if live else _meanings()
-        variants = {} if live else {"variants": _variants()}
+        variants = {} if live else {"variants": _variants(), "planted": _planted()}
         print(json.dumps({"kinds": texts, **variants, "promises": promises}))
         return 0
     if live:
@@ -68,7 +71,10 @@ def show_kinds(*, live: bool, as_json: bool) -> int:
             for figure in trial.figures:
                 print(f"    {figure.name}: {figure.text}{_aim(figure.median, figure.worst)}")
         return 0
-    lists = (("kinds of faults", _meanings()), ("variants", _variants()), ("promises", promises))
+    lists = (
+        *(("kinds of faults", _meanings()), ("variants", _variants()), ("promises", promises)),
+        ("defects that can be planted", _planted()),
+    )
     for title, texts in lists:
         print(title)
         for name, text in texts.items():
@@ -82,6 +88,10 @@ def _meanings() -> dict[str, str]:
 
 def _variants() -> dict[str, str]:
     return {variant.name: variant.meaning for variant in VARIANTS.values()}
+
+
+def _planted() -> dict[str, str]:
+    return {name: defect.text for name, defect in DEFECTS.items()}
 
 
 def _aim(median: float | None, worst: float | None) -> str:
@@ -167,6 +177,43 @@ def run_seeds(args: Options) -> int:
     if not complete:
         return options.INTERRUPTED
     return 1 if summary.broken or series.missing(summary) else 0
+
+
+def run_planted(args: Options) -> int:
+    """Run seeds with defects, and with none; 1 if a defect was not found, or something without."""
+    given, name = args.virtual, args.virtual.planted
+    if name not in ("all", *DEFECTS):
+        raise UsageError(no_such("planted defect", str(name), ("all", *DEFECTS)))
+    first, lasts = given.first or 0, 60.0 * (given.minutes or MINUTES)
+    seeds = range(first, first + (given.seeds or SEEDS))
+    names = ("", *DEFECTS) if name == "all" else ("", str(name))
+    found = {each: Found() for each in names}
+    only = Only(args.kind, args.scenario, given.robot, given.variant)
+    among(only.variant, only.scenario, only.robot)  # raises here, not in a worker
+    tasks = [series.Task(seed, lasts, only, each) for each in names for seed in seeds]
+
+    def done(task: series.Task, outcome: Outcome) -> None:
+        found[task.planted].add(outcome)
+
+    complete = over(series.Task.run, tasks, args.series.processes, "seeds", done)
+    if args.series.json:
+        print(json.dumps({each or "none": vars(of) for each, of in found.items()}))
+    else:
+        _show_planted(found)
+    if not complete:
+        return options.INTERRUPTED
+    missed = [each for each, of in found.items() if each and not of.found]
+    return 1 if missed or found[""].found else 0
+
+
+def _show_planted(found: Mapping[str, Found]) -> None:
+    table = Table("planted", "found in", "after s (median)", "first by")
+    for name, of in found.items():
+        text = DEFECTS[name].text if name else "nothing: the product as it is"
+        by = ", ".join(f"{promise} {count}" for promise, count in of.by.most_common())
+        after = f"{median(of.first_s):.0f}" if of.first_s else "-"
+        table.add_row(f"{name or 'none'}: {text}", f"{of.found} of {of.seeds}", after, by or "-")
+    Console().print(table)
 
 
 def run_trials(args: Options) -> int:

@@ -8,7 +8,7 @@ yields a text per violation. A promise that a fault voids is not checked (`fault
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -20,7 +20,7 @@ from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
-from armadico_tools.faults.contacts import PREVENTABLE, Witness, nearest_place
+from armadico_tools.faults.contacts import PREVENTABLE, PlaceAt, Witness, nearest_place
 from armadico_tools.faults.fault_types import KINDS, Promise
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
@@ -72,6 +72,7 @@ class Checker:
         self._moves = Moves(bounds)
         self._moving = Moving()
         self._witness = Witness(bounds.outline, bounds.stopping_m)
+        self.touched: Callable[[], PlaceAt | None] = self._wall
         self._localized = Localized(bounds)
         self._watches: tuple[Watch, ...] = (
             OneDriver(),
@@ -163,8 +164,16 @@ class Checker:
     def _unseen(self) -> str:
         """Why no sensor could have known of what is touched now, in words; "" if one could.
 
-        What is not of the walls, such as a person or a box, counts as seen.
+        Without a simulator at hand, what is not of the walls counts as seen.
         """
+        place_at = self.touched()
+        if place_at is None:
+            return ""
+        cause = self._witness.judge(place_at)
+        return "" if cause in PREVENTABLE else cause.value
+
+    def _wall(self) -> PlaceAt | None:
+        """The place of the wall that is touched now; None: it is no wall."""
         truth, bounds = self.record.body.truth, self.record.bounds
         assert truth is not None, "it counts contacts"
         here = truth.x, truth.y, truth.theta
@@ -173,9 +182,8 @@ class Checker:
             place is None
             or bounds.outline.clearance(*relative(here, (*place, 0.0))[:2]) > TOUCHES_M
         ):
-            return ""
-        cause = self._witness.judge(lambda _: place)
-        return "" if cause in PREVENTABLE else cause.value
+            return None
+        return lambda _: place
 
     def update_all(self, seen: Iterable[Observation]) -> list[Violation]:
         """Check a recording. Returns all violations."""

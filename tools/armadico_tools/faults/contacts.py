@@ -11,17 +11,25 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from enum import StrEnum
-from math import atan2, hypot, radians, sin
+from itertools import pairwise
+from math import atan2, hypot, radians, sin, tau
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from armadico.bridge.simulator.plant import Plant
+from armadico.bridge.simulator.walls import Columns, Segments
 from armadico.mobile.geometry import Pose2, relative, wrap
 from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import bearings_of, ranges_of
 from armadico.mobile.swept_path import Outline
 
 Place = tuple[float, float]
+PlaceAt = Callable[[float], Place]
+"""Where an obstacle was at a time, s."""
+
+Line = tuple[float, float, float, float]
+"""Both ends, m."""
 
 NEAR_M: Final = 2.0
 """Readings count since the robot was last farther from the place than this."""
@@ -34,6 +42,9 @@ SAME_M: Final = 0.15
 
 STEP_M: Final = 0.02
 """Step along walls in the search for the nearest place."""
+
+SIDES: Final = 16
+"""Sides of a column's outline."""
 
 HALF_CONE: Final = radians(15.0)
 """Half the opening angle of a sonar's cone."""
@@ -51,6 +62,11 @@ class Cause(StrEnum):
 
 PREVENTABLE: Final = frozenset({Cause.SEEN, Cause.TOO_FAST})
 """Contacts that the robot could have prevented by what its sensors read."""
+
+
+def unknowable(cause: Cause) -> str:
+    """Why no sensor could have known, in words; "" if one could."""
+    return "" if cause in PREVENTABLE else cause.value
 
 
 class Ray(NamedTuple):
@@ -94,12 +110,12 @@ class Witness:
         rays = _of_sonars(seen) if isinstance(seen, Sonar) else _of_laser(seen)
         self._readings.append(Reading(at, pose, speed, tuple(rays), altered))
 
-    def judge(self, place_at: Callable[[float], Place]) -> Cause:
+    def judge(self, place_at: PlaceAt) -> Cause:
         """The cause of a contact with an obstacle, by its true place at each time (s)."""
         late = mute = altered = False
         for reading in reversed(self._readings):
             x, y, _ = relative(reading.pose, (*place_at(reading.at), 0.0))
-            gap = self._gap(x, y)
+            gap = self._outline.clearance(x, y)
             if gap > NEAR_M:
                 break
             shown = [_shows(ray, x, y) for ray in reading.rays]
@@ -118,11 +134,6 @@ class Witness:
     def _count(self, cause: Cause) -> Cause:
         self.counts[cause] += 1
         return cause
-
-    def _gap(self, x: float, y: float) -> float:
-        """Distance of a place in the body frame to the footprint, m; 0 within."""
-        front, rear, half = self._outline
-        return hypot(max(x - front, -rear - x, 0.0), max(abs(y) - half, 0.0))
 
 
 def _shows(ray: Ray, x: float, y: float) -> bool | None:
@@ -153,12 +164,9 @@ def _of_laser(seen: Scan) -> Iterable[Ray]:
             yield Ray(seen.x, seen.y, float(bearing), half, float(measured), seen.reach)
 
 
-def nearest_place(
-    pose: Pose2, outline: Outline, walls: Iterable[tuple[float, float, float, float]]
-) -> Place | None:
+def nearest_place(pose: Pose2, outline: Outline, walls: Iterable[Line]) -> Place | None:
     """The place of the walls (x1, y1, x2, y2) that is nearest to the footprint; None without."""
     found: tuple[float, Place] | None = None
-    front, rear, half = outline
     for x1, y1, x2, y2 in walls:
         length = hypot(x2 - x1, y2 - y1)
         if hypot(x1 - pose[0], y1 - pose[1]) > NEAR_M + length:
@@ -166,7 +174,64 @@ def nearest_place(
         for share in np.linspace(0.0, 1.0, 2 + round(length / STEP_M)).tolist():
             place = x1 + share * (x2 - x1), y1 + share * (y2 - y1)
             x, y, _ = relative(pose, (*place, 0.0))
-            gap = hypot(max(x - front, -rear - x, 0.0), max(abs(y) - half, 0.0))
+            gap = outline.clearance(x, y)
             if found is None or gap < found[0]:
                 found = gap, place
     return None if found is None else found[1]
+
+
+class Surroundings:
+    """The simulated robot's surroundings: where what it touches is, and has been."""
+
+    def __init__(self, plant: Plant) -> None:
+        body = plant.profile.body
+        self._plant = plant
+        self.outline = Outline(body.front_m, body.rear_m, 0.5 * body.width_m)
+        self._moving: deque[tuple[float, Place | None]] = deque(maxlen=KEPT)
+
+    @property
+    def pose(self) -> Pose2:
+        return self._plant.pose
+
+    def look(self, at: float) -> None:
+        """Remember where the nearest moving obstacle is at a time, s."""
+        self._moving.append((at, self._nearest(_lines(self._plant.walls.all()[1]))))
+
+    def touched(self) -> PlaceAt | None:
+        """The place of what is touched now, by the time; None: nothing is there."""
+        walls, moving, columns = self._plant.walls.all()
+        standing = self._nearest([*_lines(walls), *_round(columns)])
+        moves = self._nearest(_lines(moving))
+        if standing is None and moves is None:
+            return None
+        if moves is None or (standing is not None and self._gap(standing) <= self._gap(moves)):
+            found = standing
+            assert found is not None, "one of both is there"
+            return lambda _: found
+
+        def place_at(at: float) -> Place:
+            known = (place for when, place in self._moving if when >= at and place is not None)
+            return next(known, moves)
+
+        return place_at
+
+    def _nearest(self, lines: Iterable[Line]) -> Place | None:
+        return nearest_place(self.pose, self.outline, lines)
+
+    def _gap(self, place: Place) -> float:
+        return self.outline.clearance(*relative(self.pose, (*place, 0.0))[:2])
+
+
+def _lines(walls: Segments) -> list[Line]:
+    ends = walls.start + walls.along * walls.length
+    return [(a.real, a.imag, b.real, b.imag) for a, b in zip(walls.start, ends, strict=True)]
+
+
+def _round(columns: Columns) -> list[Line]:
+    """Columns as polygons."""
+    angles = np.linspace(0.0, tau, SIDES + 1)
+    found: list[Line] = []
+    for middle, radius in zip(columns.middle, columns.radius, strict=True):
+        rim = middle + radius * np.exp(1j * angles)
+        found += [(a.real, a.imag, b.real, b.imag) for a, b in pairwise(rim)]
+    return found

@@ -47,7 +47,7 @@ ROBOT_VOIDS: Final = frozenset({Promise.SILENCE, Promise.COLLISION, Promise.SMOO
 _LINE: Final = frozenset({Promise.COLLISION, Promise.SMOOTH})
 """With the line to the controller broken a stop is ordered, but may not arrive."""
 
-_BLIND: Final = frozenset({Promise.COLLISION, Promise.SENSORS})
+_BLIND: Final = frozenset({Promise.SENSORS})
 """Wrong readings look like right ones; missing readings are noticed."""
 
 LOSSY: Final = 0.25
@@ -202,6 +202,7 @@ CLAIMS: Final = frozenset({"huge-term", "flood"})
 
 STRANGE_UTILITY: Final = 0.9
 """The utility of a stranger's claims."""
+
 
 def voided(kind: str, targets: tuple[str, ...], amount: float = inf) -> dict[Promise, str]:
     """The promises that a fault voids, with the reasons."""

@@ -233,7 +233,7 @@ def _least_window(winner: Claim, now: Record, published: float) -> float:
     if agent_of(winner.ballot.instance) not in HURRIED:
         return LONGEST
     truth = now.body.truth
-    if truth is None or truth.clearance is None or now.void(Promise.COLLISION):
+    if truth is None or truth.clearance is None or now.void(Promise.SENSORS):
         return 0.0  # its sensing may show it anything
     v = max(truth.v, 0.0)
     near = min(truth.clearance, published)

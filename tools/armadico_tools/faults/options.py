@@ -23,6 +23,10 @@ class Virtual:
         "drive this robot: a shipped profile, or a file (default: drawn)", metavar="NAME"
     )
     variant: str | None = option("run only this variant (see --list; default: drawn)", metavar="V")
+    planted: str | None = option(
+        "plant defect D of --list in the product, or each (all), and count the seeds that find it",
+        metavar="D",
+    )
     repeat: str | None = option("repeat a case, given as JSON or as a file", metavar="CASE")
 
 

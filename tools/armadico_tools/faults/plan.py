@@ -150,7 +150,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     The seed is that of all noise. `variation` describes the network, `sensors` the simulated
     robot's sensors. `variant` is the society's task (`variants.VARIANTS`), `robot` the profile (by
     default the scenario's), `people` are there besides the scenario's, and `charge` is the
-    battery's at the beginning, as a share.
+    battery's at the beginning, as a share. `planted` is a defect of `planted.DEFECTS`.
     """
 
     seed: int
@@ -163,6 +163,7 @@ class Case(Struct, frozen=True, omit_defaults=True):
     robot: str = ""
     people: tuple[Walker, ...] = ()
     charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    planted: str = ""
 
     def dumps(self) -> str:
         """The case as one line of JSON."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from msgspec import Struct, json
+from msgspec import Struct, json, structs
 
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.plan import Case, Outcome
@@ -49,10 +49,12 @@ class Task:
     seed: int
     lasts: float  # s
     only: Only = EVERYTHING
+    planted: str = ""
 
     def run(self) -> Outcome:
         """Draw the seed's case, and run it."""
-        return run(case_of(self.seed, self.lasts, *self.only))
+        case = case_of(self.seed, self.lasts, *self.only)
+        return run(structs.replace(case, planted=self.planted))
 
 
 @dataclass

@@ -36,11 +36,14 @@ from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Pose,
+    Scan,
+    Sonar,
     Truth,
     Waypoint,
 )
 from armadico.observe.audit.auditor import watched
 from armadico_tools.faults.checker import Checker, Violation
+from armadico_tools.faults.contacts import Surroundings
 from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.hand import Hand
 from armadico_tools.faults.injector import VirtualInjector
@@ -59,6 +62,7 @@ from armadico_tools.faults.observations import (
     of_the_wheels,
 )
 from armadico_tools.faults.plan import Case, Outcome
+from armadico_tools.faults.planted import plant
 from armadico_tools.faults.record import bounds_of
 from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
@@ -118,6 +122,9 @@ class Workload:
         for node in self.mesh.nodes:
             self._joined(node)
         self._injector = VirtualInjector(self.rehearsal, self.observe, case.variation)
+        around = Surroundings(self.rehearsal.robot.plant)
+        self.mesh.watch(lambda _, __, now: around.look(now), Sonar, Scan)
+        self.checker.touched = around.touched
         self._orders = _orders_of(self.rehearsal.scenario, options)
         self._heading_for = 0
         self._requested = self._ordered = False
@@ -267,6 +274,8 @@ class Workload:
             if session is not None and "drive" not in vars(session):
                 _before(session, "drive", drives)
 
+        if self.case.planted:
+            plant(self.case.planted, agent)
         _before(agent.kernel, "disappeared", disappears)
         if not isinstance(agent, Robot):
             return

@@ -1,0 +1,1 @@
+"""A search for contacts that the robot's sensors could have prevented, whoever holds the wheels."""

@@ -1,0 +1,194 @@
+"""The work of `armadico falsify`: seeds until so many cycles were driven, kept in a file."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from msgspec import Struct
+from rich.console import Console
+from rich.table import Table
+
+from armadico.cli import options
+from armadico.cli.options import FailedError
+from armadico.config.loading import read_text
+from armadico.observe.conditions import software
+from armadico_tools.command_options import over
+from armadico_tools.falsify.cases import loads
+from armadico_tools.falsify.search import Found, Search, preventable, smaller
+from armadico_tools.falsify.trial import Outcome, run
+from armadico_tools.results import Rows
+
+FILE = "falsify.csv"
+
+CYCLES_A_SEED = 10_000
+"""Assumed before the first seeds."""
+
+
+class Row(Struct, frozen=True):
+    """A row for a seed; `contacts` are by cause, and `case` is the worst one, both as JSON."""
+
+    commit: str
+    robot: str
+    worlds: str
+    seed: int
+    cycles: int
+    cases: int
+    contacts: str
+    worth: float
+    cause: str = ""
+    case: str = ""
+
+    @property
+    def of(self) -> tuple[str, str, str]:
+        """What a series has in common."""
+        return self.commit, self.robot, self.worlds
+
+    @property
+    def by_cause(self) -> Counter[str]:
+        return Counter(json.loads(self.contacts))
+
+
+class Ledger:
+    """The seeds that were searched on this commit, for one robot and some worlds."""
+
+    def __init__(self, folder: Path, robot: str, worlds: Sequence[str]) -> None:
+        """Open the file, and make its folder if needed. Raises FailedError."""
+        self._of = software().commit, robot, " ".join(worlds)
+        try:
+            self._rows = Rows(folder / FILE, Row)
+        except OSError as error:
+            raise FailedError(f"cannot keep results in {folder}: {error}") from None
+        known = (
+            row for row in self._rows.read() if (row.commit, row.robot, row.worlds) == self._of
+        )
+        self.rows = {row.seed: row for row in known}
+
+    @property
+    def cycles(self) -> int:
+        """Cycles driven."""
+        return sum(row.cycles for row in self.rows.values())
+
+    def add(self, found: Found) -> None:
+        worst = found.worst
+        row = Row(
+            *self._of,
+            found.seed,
+            found.cycles,
+            found.cases,
+            json.dumps(found.contacts),
+            worst.worth,
+            worst.cause,
+            worst.case.dumps(),
+        )
+        self._rows.add(row)
+        self.rows[found.seed] = row
+
+
+def repeat(given: str, *, as_json: bool) -> int:
+    """Repeat one case, given as JSON or as a file of it. Raises ConfigError."""
+    outcome = run(loads(given if given.lstrip().startswith("{") else read_text(given)))
+    if as_json:
+        print(json.dumps({**_plain(outcome), "cycles": outcome.cycles}))
+    elif outcome.cause:
+        print(f"{outcome.at:.2f} s: a contact at {outcome.speed:.2f} m/s: {outcome.cause}")
+    else:
+        print(f"no contact in {outcome.cycles} cycles; the nearest was {outcome.worth:.2f} s away")
+    return 1 if outcome.found else 0
+
+
+def search(
+    robots: Sequence[str],
+    worlds: Sequence[str],
+    cycles: int,
+    first: int,
+    folder: Path,
+    jobs: int,
+    *,
+    as_json: bool,
+) -> int:
+    """Search seeds for each robot; Ctrl-C ends with what was found so far. Raises ConfigError."""
+    ledgers = {robot: Ledger(folder, robot, worlds) for robot in robots}
+    complete = all(
+        _until(ledger, robot, tuple(worlds), cycles, first, jobs)
+        for robot, ledger in ledgers.items()
+    )
+    found = any(preventable(row.by_cause) for le in ledgers.values() for row in le.rows.values())
+    commands = [text for ledger in ledgers.values() if (text := _worst(ledger))] if complete else []
+    if as_json:
+        rows = {robot: _summary(ledger) for robot, ledger in ledgers.items()}
+        print(json.dumps({"robots": rows, "repeat": commands}, indent=2))
+    else:
+        _show(ledgers)
+        for command in commands:
+            print(command)
+    if not complete:
+        return options.INTERRUPTED
+    return 1 if found else 0
+
+
+def _until(
+    ledger: Ledger, robot: str, worlds: tuple[str, ...], cycles: int, first: int, jobs: int
+) -> bool:
+    """Search seeds until so many cycles were driven. Returns False after Ctrl-C."""
+    seed = first
+    while (left := cycles - ledger.cycles) > 0:
+        mean = ledger.cycles / len(ledger.rows) if ledger.rows else CYCLES_A_SEED
+        tasks: list[Search] = []
+        while len(tasks) < max(1, round(left / mean)):
+            if seed not in ledger.rows:
+                tasks.append(Search(robot, worlds, seed))
+            seed += 1
+        if not over(Search.run, tasks, jobs, f"seeds of {robot}", lambda _, f: ledger.add(f)):
+            return False
+    return True
+
+
+def _worst(ledger: Ledger) -> str:
+    """The command that repeats the worst case, made simpler; "" if nothing was found."""
+    rows = [row for row in ledger.rows.values() if preventable(row.by_cause)]
+    if not rows:
+        return ""
+    outcome = run(loads(min(rows, key=lambda row: row.worth).case))
+    if not outcome.found:
+        raise FailedError(f"a case of {outcome.case.robot} is not repeatable: a fault of this tool")
+    return f"armadico falsify --repeat {shlex.quote(smaller(outcome).case.dumps())}"
+
+
+def _summary(ledger: Ledger) -> dict[str, object]:
+    rows = ledger.rows.values()
+    contacts = sum((row.by_cause for row in rows), Counter())
+    return {
+        "seeds": len(rows),
+        "cases": sum(row.cases for row in rows),
+        "cycles": ledger.cycles,
+        "preventable": preventable(contacts),
+        "contacts": dict(contacts),
+    }
+
+
+def _show(ledgers: dict[str, Ledger]) -> None:
+    table = Table("robot")
+    for title in ("seeds", "cases", "cycles", "contacts to prevent"):
+        table.add_column(title, justify="right")
+    table.add_column("contacts by cause")
+    for robot, ledger in ledgers.items():
+        found = _summary(ledger)
+        contacts = sum((row.by_cause for row in ledger.rows.values()), Counter[str]())
+        causes = "\n".join(f"{count} {cause}" for cause, count in contacts.most_common())
+        numbers = (str(found[name]) for name in ("seeds", "cases", "cycles", "preventable"))
+        table.add_row(robot, *numbers, causes or "none")
+    Console().print(table)
+
+
+def _plain(outcome: Outcome) -> dict[str, object]:
+    return {
+        "found": outcome.found,
+        "cause": outcome.cause,
+        "at": outcome.at,
+        "speed": outcome.speed,
+        "worth": outcome.worth,
+    }

@@ -1,0 +1,197 @@
+"""Planted defects: mutants of the product, by which the promises are tested.
+
+A defect is planted in one agent when it joins. The bed must find each by a broken promise, and none
+in the product as it is.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from dataclasses import replace as alike
+from math import hypot
+from typing import Any, Final, NamedTuple
+
+from msgspec.structs import replace
+
+from armadico.core.agent import Agent
+from armadico.core.messages import Description, Message
+from armadico.mobile.messages import Pose, Sonar
+from armadico_tools.faults.plan import Outcome
+
+GIVES_UP_M: Final = 1.5
+"""The lazy goto comes no nearer than this."""
+
+EARLY_M: Final = 1.0
+"""So far from its goal a mission counts as reached, early."""
+
+LOST_AFTER_S: Final = 20.0
+FLICKER: Final = 3
+"""Cycles with a bid, and without one."""
+
+FAILS_AFTER_S: Final = 5.0
+BIAS_M: Final = 0.3
+BRAKES: Final = 3.0
+"""The published deceleration, relative to the true one."""
+
+
+class Defect(NamedTuple):
+    """What is planted, in which agent."""
+
+    agent: str
+    text: str
+    plant: Callable[[Any], None]
+
+
+def plant(name: str, agent: Agent) -> None:
+    """Plant a defect in an agent that has joined, if it is the one."""
+    defect = DEFECTS[name]
+    if agent.name == defect.agent:
+        defect.plant(agent)
+
+
+def _wrap(agent: Agent, name: str, by: Callable[..., Any]) -> None:
+    """Replace a method of one agent by a function of the method and its arguments."""
+    method = getattr(agent, name)
+    vars(agent)[name] = lambda *args, **named: by(method, *args, **named)
+
+
+def _lazy(goto: Any) -> None:
+    def propose(method: Callable[..., Any], pose: Pose, *others: Any) -> Any:
+        bid = method(pose, *others)
+        far = goto.route.to_go(pose.x, pose.y) > GIVES_UP_M
+        return bid if bid is None or far else alike(bid, action=(0.0, 0.0))
+
+    _wrap(goto, "propose", propose)
+
+
+def _early(interface: Any) -> None:
+    def arrived(method: Callable[..., bool], pose: Pose) -> bool:
+        goal = interface._mission.route.goal
+        near = goal is not None and hypot(goal.x - pose.x, goal.y - pose.y) < EARLY_M
+        return near or method(pose)
+
+    _wrap(interface, "_arrived", arrived)
+
+
+def _half(robot: Any) -> None:
+    def obey(method: Callable[..., None], resource: Any, action: tuple[float, float]) -> None:
+        method(resource, (0.5 * action[0], 0.5 * action[1]))
+
+    _wrap(robot, "obey", obey)
+
+
+def _no_reflex(robot: Any) -> None:
+    robot.p = replace(robot.p, reflex=False)
+
+
+def _fails(interface: Any) -> None:
+    """Each tenth mission by its number, which is drawn."""
+    begun: dict[int, float] = {}
+
+    def on_pose(method: Callable[..., None], pose: Pose) -> None:
+        method(pose)
+        number = interface._mission.number
+        at = begun.setdefault(number, interface.now)
+        due = number % 10 == 0 and interface.now - at > FAILS_AFTER_S
+        if due and interface._stage == "driving":
+            interface._fail("it did not work out")
+
+    _wrap(interface, "on_pose", on_pose)
+
+
+def _stands(goto: Any) -> None:
+    def propose(method: Callable[..., Any], *inputs: Any) -> Any:
+        bid = method(*inputs)
+        return None if bid is None else alike(bid, action=(0.0, 0.0))
+
+    _wrap(goto, "propose", propose)
+
+
+def _publishes(agent: Any, change: Callable[[Message], Message]) -> None:
+    _wrap(agent, "publish", lambda method, message: method(change(message)))
+
+
+def _lost(encoder: Any) -> None:
+    joined = encoder.now
+
+    def change(message: Message) -> Message:
+        if isinstance(message, Pose) and encoder.now - joined > LOST_AFTER_S:
+            return replace(message, covariance=(1.0, 0.0, 0.0, 1.0, 0.0, 0.1))
+        return message
+
+    _publishes(encoder, change)
+
+
+def _flickers(goto: Any) -> None:
+    calls = Counter[str]()
+
+    def propose(method: Callable[..., Any], *inputs: Any) -> Any:
+        calls["all"] += 1
+        bid = method(*inputs)
+        return bid if calls["all"] // FLICKER % 2 else None
+
+    _wrap(goto, "propose", propose)
+
+
+def _biased(robot: Any) -> None:
+    def change(message: Message) -> Message:
+        if not isinstance(message, Sonar):
+            return message
+        echoes = tuple(
+            each if each.range is None else replace(each, range=each.range + BIAS_M)
+            for each in message.echoes
+        )
+        return replace(message, echoes=echoes)
+
+    _publishes(robot, change)
+
+
+def _brakes(robot: Any) -> None:
+    def change(message: Message) -> Message:
+        if not isinstance(message, Description):
+            return message
+        return replace(message, v_decel=BRAKES * message.v_decel)
+
+    _publishes(robot, change)
+
+
+DEFECTS: Final = {
+    "lazy": Defect("goto", f"goto stops {GIVES_UP_M:g} m before its goal", _lazy),
+    "early": Defect("interface", f"a mission is reached {EARLY_M:g} m before its goal", _early),
+    "half-speed": Defect("robot", "the robot agent orders half the speed", _half),
+    "no-reflex": Defect("robot", "the robot agent lets every command through", _no_reflex),
+    "fails": Defect("interface", "each tenth mission fails without a cause", _fails),
+    "stands": Defect("goto", "goto takes the wheels and stands", _stands),
+    "lost": Defect("encoder", f"the robot is lost for ever after {LOST_AFTER_S:g} s", _lost),
+    "flickers": Defect("goto", f"goto withdraws its bid every {FLICKER} cycles", _flickers),
+    "biased": Defect("robot", f"sonars are published {BIAS_M:g} m too long", _biased),
+    "slow-brake": Defect("robot", f"it brakes {BRAKES:g} times as slowly as described", _brakes),
+}
+"""The defects by name."""
+
+
+@dataclass
+class Found:
+    """In which seeds a defect was found, and by what.
+
+    Attributes:
+        seeds: The number of seeds that were run.
+        found: Those with a broken promise.
+        by: How often each promise was the first.
+        first_s: When the first promise was broken, in each of these, s.
+    """
+
+    seeds: int = 0
+    found: int = 0
+    by: Counter[str] = field(default_factory=Counter)
+    first_s: list[float] = field(default_factory=list)
+
+    def add(self, outcome: Outcome) -> None:
+        self.seeds += 1
+        if outcome.violations:
+            promise, at, _ = min(outcome.violations, key=lambda each: each[1])
+            self.found += 1
+            self.by[promise] += 1
+            self.first_s.append(at)
