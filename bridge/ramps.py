@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import copysign, isfinite
 
 from armadico.config.profile import Limits
+from armadico.core.outgoing import STEP_S
 
-RAMP_S = 0.04
+RAMP_S = STEP_S
 """Time from one step of a ramp to the next."""
 
 Speeds = tuple[float, float]
@@ -49,6 +50,23 @@ class Ramps:
         self.at = now
         self.due = None if self.sent == self._requested else now + RAMP_S
         return self.sent
+
+    def braking(self) -> list[Speeds]:
+        """The speeds from those sent down to rest, one for each step; at least rest."""
+        found = [self._slower(self.sent)]
+        while found[-1] != REST:
+            found.append(self._slower(found[-1]))
+        return found
+
+    def braked(self) -> None:
+        """Continue from the next speeds of `braking`, which were sent by another."""
+        self.sent = self._slower(self.sent)
+        if self.sent != self._requested:
+            self.due = self.at + RAMP_S if self.due is None else self.due
+
+    def _slower(self, speeds: Speeds) -> Speeds:
+        v, w = speeds
+        return _towards(v, 0.0, self._v, RAMP_S), _towards(w, 0.0, self._w, RAMP_S)
 
     def resume(self, measured: Speeds) -> None:
         """Continue from the measured speeds, as far as they lie between rest and the request."""

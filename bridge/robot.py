@@ -23,6 +23,7 @@ from armadico.bridge.readings import Readings, sound
 from armadico.bridge.reflex import Reflex, Touch
 from armadico.bridge.response import Response
 from armadico.bridge.session import (
+    Brakes,
     Connected,
     Differs,
     LinkLost,
@@ -33,9 +34,9 @@ from armadico.bridge.session import (
     Unfit,
     Unread,
 )
-from armadico.config.profile import load_profile
+from armadico.config.profile import NEVER_S, load_profile
 from armadico.core import agent
-from armadico.core.agent import ERROR, WARNING, DeviceAgent
+from armadico.core.agent import ERROR, INFO, WARNING, DeviceAgent
 from armadico.core.config_errors import ConfigError
 from armadico.core.cycles import CycleCounter
 from armadico.core.discovery import TRANSPORTS, installed
@@ -54,6 +55,7 @@ from armadico.core.messages import (
     TopSpeed,
     line,
 )
+from armadico.core.outgoing import EXPIRY_S
 from armadico.core.resources import WHEELS, Resource
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Origin, Scan, Sonar
@@ -61,6 +63,9 @@ from armadico.mobile.scans import points_of
 
 PULSE_S = 0.5
 """Period of feeding the watchdog when nothing else is sent."""
+
+RENEW_S = EXPIRY_S / 2
+"""Period of renewing a command, which its guard lets hold for `EXPIRY_S`."""
 
 HEALTHY_S = 0.5
 """The watchdog is fed only while status packets arrive at least this often."""
@@ -113,6 +118,7 @@ class Known:
     unfit: str = ""  # why it was refused
     unread: str = ""  # why no node reads its commands
     differs: tuple[str, ...] = ()  # where the robot differs from the profile
+    rolls: bool = False  # it stopped answering while it moved, which was logged
     faults: int = 0  # reports with something that is no number
     doubts: tuple[str, ...] = ()  # what is wrong with its motion and its reports now
 
@@ -174,9 +180,11 @@ class Robot(DeviceAgent):
         self._session: Session | None = None
         self._awaited = ""  # before the port was first open: the reason
         self._known = Known()
+        self._guarded = False  # a guard brakes the robot without this agent
+        self._guard_v_max = inf  # m/s: by how far the robot would roll if one of both failed
         self._orders = Orders()
         self._reported_at = float("-inf")
-        self._pulsed_at = float("-inf")
+        self._pulsed_at = self._written_at = float("-inf")
         self._described = 0  # cycles since the last description
         self._readings = Readings(self.profile)
         self._reflex = Reflex(self.profile)
@@ -223,6 +231,30 @@ class Robot(DeviceAgent):
             self._on_events(self._session.receive(data, self.now))
             self._send()
 
+    def on_guard(self, acts_s: float, restarts_s: float) -> None:
+        """Limit the speed by how far the robot would roll until something brakes it."""
+        watchdog_s, roll_m = self.profile.watchdog_s, self.profile.stop_within_m
+        braked = self._session is None or isinstance(self._session, Brakes)
+        rolls_s = min(acts_s if braked else inf, watchdog_s)
+        why = ""
+        if acts_s == inf or not braked:
+            why = "no guard brakes it if the robot agent fails"
+        elif acts_s > EXPIRY_S:
+            why = "its guard may not have priority over other programs, and may be late"
+        if watchdog_s >= NEVER_S:
+            rolls_s = max(rolls_s, restarts_s)
+            why = why or "the base has no watchdog: if its guard fails, it drives on until the next"
+        self._guarded = acts_s < inf
+        self._guard_v_max = roll_m / rolls_s
+        slower = self._guard_v_max < self._v_max
+        if why:
+            limit = f", so it drives at most {self._guard_v_max:.2f} m/s" if slower else ""
+            self.log(f"{why}, {rolls_s:.2f} s{limit}", WARNING if slower else INFO)
+
+    def on_braked(self) -> None:
+        if isinstance(self._session, Brakes):
+            self._session.braked()
+
     def on_wakeup(self) -> None:
         """Timeouts: of the session, of the last valid command, of the watchdog."""
         if self._session is None:
@@ -232,7 +264,46 @@ class Robot(DeviceAgent):
         if self._healthy and self.now - self._pulsed_at >= PULSE_S:
             self._session.pulse()
             self._pulsed_at = self.now
+        if self._renews and self.now - self._written_at >= RENEW_S:
+            self._renew()
         self._send()
+
+    def _renew(self) -> None:
+        """Tell the guard that this agent lives; order rest again if it was ordered."""
+        assert self._session is not None
+        if self._orders.moving:
+            self.write(b"", self._brakes(), moves=True)
+            self._written_at = self.now
+            return
+        self._session.stop()
+        if not self._healthy and not self._known.rolls:
+            self._known.rolls = True
+            v, w = self._orders.measured
+            self.log(
+                f"the controller stopped answering at {v:.2f} m/s, {w:.2f} rad/s; rest is repeated",
+                ERROR,
+            )
+
+    @property
+    def _renews(self) -> bool:
+        """Whether an order is repeated if no other follows soon: a guard's command, or rest."""
+        return self._rolls and (self._guarded or not self._orders.moving)
+
+    @property
+    def _rolls(self) -> bool:
+        """Whether the robot moves, or is to, as far as it is known."""
+        v, w = self._orders.measured
+        rim = abs(v) + abs(w) * self.profile.body.half_track_m  # the faster one's
+        session = self._session
+        open_ = session is not None and session.is_open
+        return open_ and (self._orders.moving or rim > AT_REST_M_S)
+
+    def _brakes(self) -> tuple[bytes, ...]:
+        """What brakes the robot without this agent; empty if it rests."""
+        session = self._session
+        if self._guarded and self._rolls and isinstance(session, Brakes):
+            return session.brakes()
+        return ()
 
     @property
     def _healthy(self) -> bool:
@@ -341,9 +412,11 @@ class Robot(DeviceAgent):
         assert self._session is not None
         data = self._session.outgoing()
         if data:
-            self._pulsed_at = self.now
-            self.write(data)
+            self._pulsed_at = self._written_at = self.now
+            self.write(data, self._brakes(), moves=self._orders.moving)
         due = [self._session.next_wakeup]
+        if self._renews:
+            due.append(self._written_at + RENEW_S)
         if self._session.is_open and self._healthy:
             due.append(self._pulsed_at + PULSE_S)
         soonest = min((at for at in due if at is not None), default=None)
@@ -355,6 +428,7 @@ class Robot(DeviceAgent):
     def _report(self, report: Reported) -> None:
         pose = report.pose
         self._reported_at, self._known.openings, self._known.connections = self.now, 0, 0
+        self._known.rolls = False
         cycle = self._counter.next(self.now)
         self.cycles.advance(cycle, self.now)
         v, w = self._orders.measured = report.v, report.w
@@ -414,7 +488,7 @@ class Robot(DeviceAgent):
     @property
     def _top(self) -> float:
         """The top speed, by the profile, the scenario, and the laser's resolution, m/s."""
-        return min(self._v_max, self._gaps.v_max)
+        return min(self._v_max, self._gaps.v_max, self._guard_v_max)
 
     def description(self) -> Description:
         """The robot's footprint and limits, by its profile."""

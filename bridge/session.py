@@ -12,7 +12,7 @@ never keeps a robot moving by itself: if its owner hangs or dies, the robot's wa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from msgspec import Struct
@@ -175,3 +175,20 @@ class Session(Protocol):
 
     def close(self) -> None:
         """Stop, and end the session; `restart` begins another."""
+
+
+@runtime_checkable
+class Brakes(Protocol):
+    """A session whose robot a guard can brake without it (`armadico.runtime.guard`).
+
+    A session without these methods works as well. Its robot is braked by its watchdog only.
+    """
+
+    def brakes(self) -> tuple[bytes, ...]:
+        """What brakes the robot from the speeds last sent, down its ramps: one each `STEP_S`.
+
+        The last one keeps it at rest. Empty while the robot does not obey.
+        """
+
+    def braked(self) -> None:
+        """One of these was sent, by the guard: the next speeds begin there."""

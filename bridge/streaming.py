@@ -185,6 +185,14 @@ class Streaming(Generic[T]):
         self._ramps.begin()
         self._out += self.speeds(*REST)
 
+    def brakes(self) -> tuple[bytes, ...]:
+        if not self.is_open:
+            return ()
+        return tuple(self.speeds(*speeds) for speeds in self._ramps.braking())
+
+    def braked(self) -> None:
+        self._ramps.braked()
+
     def pulse(self) -> None:
         if self.is_open:
             self._out += self.speeds(*self._ramps.sent)
@@ -206,4 +214,4 @@ class Streaming(Generic[T]):
         if self.profile.watchdog_s < NEVER_S:
             return []
         name = self.profile.name
-        return [Noted(f"{name} has no watchdog: if this process is killed, it drives on")]
+        return [Noted(f"{name} has no watchdog: only the guard of its line brakes it")]

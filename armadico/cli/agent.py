@@ -107,7 +107,7 @@ def _serve(args: Options) -> int:
     from armadico.core.agent import DeviceAgent
     from armadico.core.resources import WHEELS
     from armadico.runtime.blame import attributed
-    from armadico.runtime.port_reader import open_port
+    from armadico.runtime.port_reader import open_line, open_port
     from armadico.runtime.process import identity, serve
 
     parameters = [_parameters(kind, args) for kind in kinds]
@@ -124,7 +124,12 @@ def _serve(args: Options) -> int:
         with attributed(kind):
             agents.append(kind(identity(kind.name, where.name, where.digest), values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
-    connect = {device.instance: partial(open_port, device.address) for device in devices}
+    connect = {
+        device.instance: partial(open_line, device.address, mesh.namespace)
+        if any(resource.stops for resource in device.owns)
+        else partial(open_port, device.address)
+        for device in devices
+    }
     serve(agents, mesh, connect, head=_head() if args.journal else None)
 
 

@@ -294,6 +294,8 @@ class RobotProfile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     body: Body
     limits: Limits
     battery: Battery
+    stop_within_m: Length = 0.5
+    """The way it may go on, before it begins to brake, if the robot agent or its guard fails."""
     caster: Caster | None = None
     inertia: Inertia | None = None
     motor: Motor | None = None

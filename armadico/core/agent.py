@@ -200,7 +200,20 @@ class DeviceAgent(Agent, hooks=("address",)):
     def on_link(self, up: bool, why: str) -> None:
         """Called when the device was opened or lost."""
 
-    def write(self, data: bytes) -> None:
-        """Write to the device. Bytes that a pause of the process delays by 0.3 s are dropped."""
-        if data:
-            self.kernel.outbox.append(Write(data))
+    def on_guard(self, acts_s: float, restarts_s: float) -> None:
+        """Called when a guard holds the device's line, after `on_link`.
+
+        Without this agent it brakes the device after `acts_s`; inf: there is no guard. If it fails
+        itself, another one brakes after `restarts_s`.
+        """
+
+    def on_braked(self) -> None:
+        """Called when the guard has written one step of the last write's `brakes`."""
+
+    def write(self, data: bytes, brakes: tuple[bytes, ...] = (), *, moves: bool = False) -> None:
+        """Write to the device; see `Write`.
+
+        Bytes that a pause of the process delays by 0.3 s are dropped.
+        """
+        if data or brakes:
+            self.kernel.outbox.append(Write(data, brakes, moves))

@@ -320,6 +320,14 @@ class Driver:
         assert isinstance(self.agent, DeviceAgent), f"{self.agent.name} owns no device"
         self.kernel.on_link(up, why, self._pass(now))
 
+    def guarded(self, acts_s: float, restarts_s: float, now: float) -> None:
+        """Process that the device's line has a guard; see `DeviceAgent.on_guard`."""
+        self.kernel.on_guard(acts_s, restarts_s, self._pass(now))
+
+    def braked(self, now: float) -> None:
+        """Process that the guard has braked the device by one step."""
+        self.kernel.on_braked(self._pass(now))
+
     def slow(self, took: float) -> None:
         """Count a delivery or wake-up that took `took` s, if that is longer than a cycle.
 

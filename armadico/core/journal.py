@@ -15,6 +15,7 @@ An *entry* is an array: one of the numbers below, then the agent's time, s:
     ASKED, now, key, payload, call, clock       `clock` is the host's clock, s
     REPLIED, now, question, payload             none: timed out
     RECEIVED, now, data            LINK, now, up, why           ROUTER, now, there
+    GUARDED, now, acts_s, restarts_s             BRAKED, now     LATCH, now, by
     SLOW, now, took                REFUSE, now, key, why       REPORT, now, dropped
     TAKE, outputs, due             the outputs, encoded: an array of arrays; and the next wake-up,
                                    s, or none
@@ -43,8 +44,8 @@ from armadico.core.messages import JournalPiece, JournalRequest, Message, Messag
 from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.services import service_of
 
-FORMAT: Final = 3  # the version of this format
-READABLE: Final = (2, FORMAT)  # format 2 has no `ROUTER`
+FORMAT: Final = 4  # the version of this format
+READABLE: Final = (2, 3, FORMAT)  # format 2 has no `ROUTER`, and 3 no `GUARDED`, `BRAKED`, `LATCH`
 EVERY_S: Final = 0.5  # how long entries are collected, s; a killed agent's journal lacks as much
 PIECE: Final = 60_000  # largest piece, bytes: less than `messages.LARGEST_PAYLOAD`
 
@@ -63,6 +64,9 @@ REFUSE: Final = 11
 REPORT: Final = 12
 TAKE: Final = 13
 ROUTER: Final = 14
+GUARDED: Final = 15
+BRAKED: Final = 16
+LATCH: Final = 17
 
 PUBLISH: Final = 0
 ASK_FOR: Final = 1
@@ -216,6 +220,18 @@ class Journalled(Driver):
     def link(self, up: bool, why: str, now: float) -> None:
         self._note((LINK, now, up, why))
         super().link(up, why, now)
+
+    def guarded(self, acts_s: float, restarts_s: float, now: float) -> None:
+        self._note((GUARDED, now, acts_s, restarts_s))
+        super().guarded(acts_s, restarts_s, now)
+
+    def braked(self, now: float) -> None:
+        self._note((BRAKED, now))
+        super().braked(now)
+
+    def latch(self, by: str, now: float) -> None:
+        self._note((LATCH, now, by))
+        super().latch(by, now)
 
     def router(self, there: bool, now: float) -> None:
         self._note((ROUTER, now, there))

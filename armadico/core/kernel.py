@@ -256,6 +256,16 @@ class Kernel(Desk):
         self.now = now
         cast("Any", self.agent).on_link(up, why)
 
+    def on_guard(self, acts_s: float, restarts_s: float, now: float) -> None:
+        """Process that the device's line has a guard."""
+        self.now = now
+        cast("Any", self.agent).on_guard(acts_s, restarts_s)
+
+    def on_braked(self, now: float) -> None:
+        """Process that the guard has braked the device."""
+        self.now = now
+        cast("Any", self.agent).on_braked()
+
     def appeared(self, name: str, instance: str, now: float) -> None:
         """Process a new liveliness token."""
         self.now = now

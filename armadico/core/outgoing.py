@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from msgspec import Struct
 
 from armadico.core.messages import Message
 
 DEBUG, INFO, WARNING, ERROR = 10, 20, 30, 40  # levels of log lines
+
+
+EXPIRY_S: Final = 0.25  # a command to a guarded device holds so long, unless it is renewed, s
+STEP_S: Final = 0.04  # time from one step of braking to the next, s
 
 
 class Publish(Struct, frozen=True):  # made for each publication: a dataclass costs more
@@ -44,9 +49,16 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """Write bytes to the agent's device."""
+    """Write bytes to the agent's device.
+
+    A guarded device is braked without the agent if no other write follows within `EXPIRY_S`.
+    """
 
     data: bytes
+    brakes: tuple[bytes, ...] = ()
+    """What brakes the device from there, written one after another, each `STEP_S`; the last is
+    repeated. Empty: the device rests."""
+    moves: bool = False  # the bytes may move the device: they are dropped after a stop at the guard
 
 
 @dataclass(frozen=True, slots=True)

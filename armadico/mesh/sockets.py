@@ -88,6 +88,26 @@ def socket_of(namespace: str) -> Path:
     )
 
 
+def guard_of(namespace: str) -> Path:
+    """Return the path of the socket for stops of a robot's guard (`armadico.runtime.guard`).
+
+    Raises TopologyError if it is too long.
+    """
+    return socket_of(namespace).with_suffix(".guard")
+
+
+def stop_at_guard(namespace: str) -> bool:
+    """Order a robot's guard on this computer to stop it; return whether there is one."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sender:
+        try:
+            sender.sendto(b"stop", str(guard_of(namespace)))
+        except BlockingIOError:  # it has stops enough to read
+            return True
+        except OSError:
+            return False
+    return True
+
+
 def stem(name: str) -> str:
     """Return a name escaped for a file's name; different names stay different."""
     return re.sub(r"[^A-Za-z0-9_.-]", lambda found: f"%{ord(found[0]):02x}", name)

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 import threading
 from collections.abc import Callable
+from math import inf
 from typing import Final, Protocol
 from urllib.parse import urlsplit
 
 from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.driver import Driver
+from armadico.core.outgoing import EXPIRY_S, Write
+from armadico.mesh import sockets
+from armadico.runtime import guard
+from armadico.runtime.guarded import HUNG_S, GuardedPort, open_guarded
 from armadico.runtime.inbox import Inbox
 
 RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)  # pauses between attempts to open the port; the last repeats
@@ -17,6 +24,8 @@ CLOSE_S: Final = 0.5  # timeout of closing
 READ_S: Final = 0.1  # timeout of a read; closing may take as long
 CHUNKS: Final = 256  # chunks of bytes that wait for a busy agent; the oldest are dropped
 LINK: Final = "link"  # the lane of link changes in the inbox; no key of the mesh has this name
+LATE_S: Final = 0.25  # how late a guard without priority may act on a loaded machine, s
+BY_GUARD: Final = "armadico stop, at the guard of its line"
 
 
 class Port(Protocol):
@@ -40,6 +49,16 @@ def open_port(url: str) -> Port:
         raise ValueError(f"{url!r} begins with none of {', '.join(known)}")
     port: Port = known[scheme].load()(url)
     return port
+
+
+def open_line(url: str, namespace: str) -> Port:
+    """Open an address by a guard for the robot of a namespace; raises as `open_port`.
+
+    Without a guard where there can be none: on systems whose sockets keep no bounds of messages.
+    """
+    if sys.platform != "linux":
+        return open_port(url)
+    return open_guarded(url, sockets.guard_of(namespace))
 
 
 class Device:
@@ -69,6 +88,7 @@ class Device:
         self._clock = clock
         self._at_once = at_once
         self._stopping = threading.Event()
+        self._guards = any(resource.stops for resource in driver.agent.owns)
         self._up: bool | None = None
         self._failures = 0
         self._broken = ""  # why a write failed, for the reading thread to act upon
@@ -83,13 +103,16 @@ class Device:
         if self._thread.is_alive():
             self._thread.join(CLOSE_S)
 
-    def write(self, data: bytes) -> None:
+    def write(self, item: Write) -> None:
         """Send to the device; bytes that it does not accept are lost."""
         port = self._port
         if port is None:
             return
         try:
-            port.write(data)
+            if isinstance(port, GuardedPort):
+                port.command(item.data, item.brakes, moves=item.moves)
+            elif item.data:
+                port.write(item.data)
         except OSError as error:
             self._broken = f"cannot write: {error}"
 
@@ -110,6 +133,7 @@ class Device:
         self._broken = ""
         self._port = port
         self._link(True, "")
+        self._guarded(port)
         why = self._read(port, self._clock() + LASTS_S)
         self._port = None
         self._link(False, why)
@@ -135,6 +159,33 @@ class Device:
 
     def _received(self, data: bytes) -> None:
         self._driver.received(data, self._clock())
+
+    def _guarded(self, port: Port) -> None:
+        """Report to the agent of something that moves by how much its guard may be late."""
+        acts_s = restarts_s = inf
+        if isinstance(port, GuardedPort):
+            port.told = self._told
+            acts_s = EXPIRY_S + (0.0 if port.has_priority else LATE_S)
+            restarts_s = HUNG_S + READ_S + RETRY_S[0] + port.opened_s
+        if self._guards:
+            self._inbox.put(
+                "guard", lambda: self._driver.guarded(acts_s, restarts_s, self._clock()), keep=1
+            )
+
+    def _told(self, notice: bytes) -> None:
+        """Process a notice of the guard: it has braked, or a stop was ordered there."""
+        if notice == guard.BRAKED:
+            self._inbox.put("braked", lambda: self._driver.braked(self._clock()), keep=CHUNKS)
+        elif notice == guard.STOP:
+            self._inbox.put("stop", self._latch, keep=1)
+
+    def _latch(self) -> None:
+        """Latch the stop, and let the guard know, which rests the robot until then."""
+        self._driver.latch(BY_GUARD, self._clock())
+        port = self._port
+        if isinstance(port, GuardedPort) and self._driver.kernel.stopped is not None:
+            with contextlib.suppress(OSError):  # the reading thread finds it
+                port.latched()
 
     def _link(self, up: bool, why: str) -> None:
         """Report a change of the link, as a state: a flood of bytes cannot displace it."""

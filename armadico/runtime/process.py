@@ -355,7 +355,7 @@ class AgentHost:
         if device is None:
             return
         if now - driver.now < LEAST_SILENCE_S or self._leaving:
-            device.write(item.data)
+            device.write(item)
         else:
             driver.refuse("its device", f"written over {LEAST_SILENCE_S:g} s late", now)
 

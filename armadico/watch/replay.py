@@ -329,6 +329,16 @@ def _on_link(driver: Driver, e: Entry, _listens: object, _: object) -> None:
         driver.link(e[2], e[3], e[1])
 
 
+def _on_guard(driver: Driver, e: Entry, _listens: object, _: object) -> None:
+    if isinstance(driver.agent, DeviceAgent):
+        driver.guarded(e[2], e[3], e[1])
+
+
+def _on_braked(driver: Driver, e: Entry, _listens: object, _: object) -> None:
+    if isinstance(driver.agent, DeviceAgent):
+        driver.braked(e[1])
+
+
 _DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Queries], None]]] = {
     j.BEGIN: lambda d, e, _l, _a: d.begin(e[1]),
     j.WAKE: lambda d, e, _l, _a: d.wake(e[1]),
@@ -339,6 +349,9 @@ _DO: Final[Mapping[int, Callable[[Driver, Entry, Subscriptions, Queries], None]]
     j.REPLIED: _on_reply,
     j.RECEIVED: _on_bytes,
     j.LINK: _on_link,
+    j.GUARDED: _on_guard,
+    j.BRAKED: _on_braked,
+    j.LATCH: lambda d, e, _l, _a: d.latch(e[2], e[1]),
     j.ROUTER: lambda d, e, _l, _a: d.router(e[2], e[1]),
     j.SLOW: lambda d, e, _l, _a: d.slow(e[2]),
     j.REFUSE: lambda d, e, _l, _a: d.refuse(e[2], e[3], e[1]),

@@ -201,6 +201,13 @@ class Session:
             self._out += command(Cmd.E_STOP)
             self._speeds = ZERO
 
+    def brakes(self) -> tuple[bytes, ...]:
+        """See `bridge.session.Brakes`: the ramp is the controller's."""
+        return (ZERO,) if self.is_open else ()
+
+    def braked(self) -> None:
+        """See `bridge.session.Brakes`."""
+
     def pulse(self) -> None:
         """Feed the watchdog, if no queued packet does."""
         if self.is_open and not self._out and not self._speeds:

@@ -62,9 +62,7 @@ SEVERAL = "more than one robot publishes odometry here, and would obey"
 
 TINY = 1e-9  # m/s or rad/s: tolerance where the top speed is a whole number of steps
 
-UNWATCHED = (
-    "this make of robot has no watchdog for commands: if the robot agent is killed, it drives on"
-)
+UNWATCHED = "this make of robot has no watchdog for commands: only the guard of its line brakes it"
 
 
 class Session:
@@ -164,6 +162,16 @@ class Session:
             self._ramps.begin()
             self._ramps.at = self._now
             self._out += self._command(*REST)
+
+    def brakes(self) -> tuple[bytes, ...]:
+        """See `bridge.session.Brakes`. Without a stamp: a base would reject it as old."""
+        if not self.is_open:
+            return ()
+        return tuple(self._command(*speeds, types.Time()) for speeds in self._ramps.braking())
+
+    def braked(self) -> None:
+        """See `bridge.session.Brakes`."""
+        self._ramps.braked()
 
     def pulse(self) -> None:
         """See `bridge.session`: a base at rest needs none."""
@@ -361,14 +369,14 @@ class Session:
 
     # Sent -----------------------------------------------------------------------------------------
 
-    def _command(self, v: float, w: float) -> bytes:
-        """The frame of a command, rounded to speeds that the base can obey."""
+    def _command(self, v: float, w: float, stamp: types.Time | None = None) -> bytes:
+        """The frame of a command, rounded to speeds that the base can obey; stamped now."""
         ros2, limits = self._profile.ros2, self._profile.limits
         v, w = _rounded(v, ros2.v_step, limits.v_max), _rounded(w, ros2.w_step, limits.w_max)
         twist = types.Twist(linear=types.Vector3(x=v), angular=types.Vector3(z=w))
         if not ros2.stamped:
             return frame(ros2.cmd_vel.name, encode(twist))
-        header = types.Header(stamp=self._robots_time(), frame_id=ros2.base_frame)
+        header = types.Header(stamp=stamp or self._robots_time(), frame_id=ros2.base_frame)
         return frame(ros2.cmd_vel.name, encode(types.TwistStamped(header=header, twist=twist)))
 
     def _robots_time(self) -> types.Time:

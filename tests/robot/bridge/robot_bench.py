@@ -35,6 +35,7 @@ class Bench:
         self.x_m = 0.0
         self.published: list[tuple[float, Message]] = []
         self.written: list[tuple[float, int, int]] = []  # when, which command, its value
+        self.writes: list[Write] = []
         self.raw = b""
         self._decoder = Decoder()
         self.robot.kernel.start(0.0)
@@ -122,6 +123,7 @@ class Bench:
         """Collect what it has written and published since."""
         for item in self.robot.kernel.outbox:
             if isinstance(item, Write):
+                self.writes.append(item)
                 self.raw += item.data
                 for payload in self._decoder.feed(item.data, self.now):
                     one = decode_command(payload)
