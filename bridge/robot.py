@@ -53,6 +53,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
     TopSpeed,
+    Twist,
     line,
 )
 from armadico.core.outgoing import EXPIRY_S
@@ -129,7 +130,8 @@ class Orders:
 
     measured: tuple[float, float] = (0.0, 0.0)
     ordered: tuple[float, float] = (0.0, 0.0)  # the last command obeyed
-    driven: tuple[float, float] = (0.0, 0.0)  # that command after the reflexes
+    driven: tuple[float, float] = (0.0, 0.0)  # what was sent to the controller
+    capped: str = ""  # why it is not what was ordered, for people
     moving: bool = False  # whether the controller was last commanded to move
 
 
@@ -453,6 +455,9 @@ class Robot(DeviceAgent):
                 line=self._line(),
                 charging=report.charging,
                 fault=line(self._fault),
+                ordered=Twist(*self._orders.ordered),
+                admitted=Twist(*self._orders.driven),
+                capped=line(self._orders.capped),
             )
         )
         self.acknowledge()
@@ -624,10 +629,17 @@ class Robot(DeviceAgent):
     def _order(self, v: float, w: float) -> None:
         """Send a command, m/s and rad/s, capped by the reflexes."""
         assert self._session is not None
-        self._orders.ordered = v, w
-        v = self._touch.cap(v)
-        self._orders.driven = (self._reflex.cap(v, w) if self.p.reflex else v, w)
-        self._session.drive(*self._orders.driven)
+        orders, why = self._orders, ""
+        orders.ordered = v, w
+        if abs(v) > (top := self._top):
+            v, w = copysign(top, v), w * top / abs(v)
+            why = f"the top speed is {top:.2f} m/s"
+        if self._touch.cap(v) != v:
+            v, why = 0.0, "it touches an obstacle on that side"
+        if self.p.reflex and (safe := self._reflex.cap(v, w)) < v:
+            v, why = safe, "something is sensed ahead"
+        orders.driven, orders.capped = (v, w), why
+        self._session.drive(v, w)
 
     # The wheels ----------------------------------------------------------------------------------
 
@@ -640,16 +652,15 @@ class Robot(DeviceAgent):
         assert self._session is not None, "unavailable without one"
         self._catch_up()
         v, w = action
-        if abs(v) > (top := self._top):
-            v, w = copysign(top, v), w * top / abs(v)
         self._orders.moving = v != 0.0 or w != 0.0
         self._order(v, w)
         self._send()
 
     def rest(self, resource: Resource) -> None:  # noqa: ARG002 - it owns one
         """Command zero speeds, down the controller's ramps."""
-        self._orders.moving = False
-        self._orders.driven = (0.0, 0.0)
+        orders = self._orders
+        orders.moving, orders.capped = False, ""
+        orders.ordered = orders.driven = (0.0, 0.0)
         self._catch_up()
         if self._session is not None:
             self._session.stop()
