@@ -248,6 +248,7 @@ class Robot(DeviceAgent):
             why = why or "the base has no watchdog: if its guard fails, it drives on until the next"
         self._guarded = acts_s < inf
         self._guard_v_max = roll_m / rolls_s
+        self._described = 0  # with the next status packet
         slower = self._guard_v_max < self._v_max
         if why:
             limit = f", so it drives at most {self._guard_v_max:.2f} m/s" if slower else ""
@@ -505,7 +506,7 @@ class Robot(DeviceAgent):
             front=body.front_m,
             rear=body.rear_m,
             half_width=body.width_m / 2,
-            v_max=self._v_max,
+            v_max=min(self._v_max, self._guard_v_max),
             w_max=limits.w_max,
             v_accel=limits.v_accel,
             v_decel=limits.v_decel,

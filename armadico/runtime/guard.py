@@ -117,8 +117,8 @@ class Guard:
                 message = self._agent.recv(LARGEST * 2, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 return
-            except OSError:
-                message = b""
+            except ConnectionResetError:  # it left notices unread; its last writes come first
+                continue
             if not message:
                 self._gone = True
                 self._inputs.remove(self._agent)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import marshal
+import os
 import select
 import socket
 import subprocess
@@ -43,7 +44,7 @@ class GuardedPort:
                 [sys.executable, "-m", guard.__name__, *words],
                 pass_fds=[theirs.fileno()],
                 # A signal to the agent's group, such as SIGKILL, would take the brakes, too.
-                start_new_session=not sys.stdin.isatty(),
+                start_new_session=not os.isatty(0),
             )
         except OSError:
             self._line.close()

@@ -14,6 +14,7 @@ from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.driver import Driver
 from armadico.core.outgoing import EXPIRY_S, Write
 from armadico.mesh import sockets
+from armadico.mesh.topology import TopologyError
 from armadico.runtime import guard
 from armadico.runtime.guarded import HUNG_S, GuardedPort, open_guarded
 from armadico.runtime.inbox import Inbox
@@ -58,7 +59,11 @@ def open_line(url: str, namespace: str) -> Port:
     """
     if sys.platform != "linux":
         return open_port(url)
-    return open_guarded(url, sockets.guard_of(namespace))
+    try:
+        place = sockets.guard_of(namespace)
+    except TopologyError as error:
+        raise OSError(f"its guard has no place for its socket: {error}") from None
+    return open_guarded(url, place)
 
 
 class Device:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
 import signal
@@ -10,6 +11,7 @@ import stat
 import subprocess
 import sys
 import tempfile
+import termios
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -155,7 +157,7 @@ def test_no_guard_is_left_without_its_agent_which_is_killed_or_hangs_first(
 ) -> None:
     words = ["-m", "tests.core.runtime.unix_line", bench.url, str(bench.place)]
     with subprocess.Popen(
-        [sys.executable, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE
     ) as agent:
         try:
             bench.accept()
@@ -167,6 +169,30 @@ def test_no_guard_is_left_without_its_agent_which_is_killed_or_hangs_first(
             agent.kill()
     ended(pid)
     assert not psutil.pid_exists(pid)
+
+
+def test_enter_at_the_agents_terminal_is_a_stop(bench: Bench) -> None:
+    ours, theirs = os.openpty()
+    words = ["-m", "tests.core.runtime.unix_line", bench.url, str(bench.place)]
+    with subprocess.Popen(
+        [sys.executable, *words],
+        stdin=theirs,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - no threads yet
+    ) as agent:
+        try:
+            bench.accept()
+            assert agent.stdout is not None
+            agent.stdout.readline()
+            bench.received(b"rest.")
+            os.write(ours, b"\n")
+            assert bench.received(b"latched.").endswith(b"latched.")
+        finally:
+            agent.kill()
+    os.close(ours)
+    os.close(theirs)
 
 
 @pytest.mark.parametrize("way", ["socket", "signal"])

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from armadico.runtime import guard
 from armadico.runtime.guarded import GuardedPort
 
 
@@ -38,8 +39,24 @@ def open_unix(url: str) -> UnixLine:
 LOADER = f"{UnixLine.__module__}:{open_unix.__name__}"
 
 
-if __name__ == "__main__":  # an agent: it drives, tells its guard's process, and waits for its end
-    port = GuardedPort("tests.core.runtime.unix_line:open_unix", sys.argv[1], Path(sys.argv[2]))
+def main() -> None:
+    """Be an agent that drives, and waits; it reports a stop to the controller."""
+
+    def told(notice: bytes) -> None:
+        if notice == guard.STOP:
+            port.write(b"latched.")
+
+    port = GuardedPort(f"tests.core.runtime.unix_line:{open_unix.__name__}", *_places())
+    port.told = told
     port.command(b"go.", (b"slow.", b"rest."), moves=True)
     print(port.pid, flush=True)
-    sys.stdin.read()
+    while True:
+        port.read(0.1)
+
+
+def _places() -> tuple[str, Path]:
+    return sys.argv[1], Path(sys.argv[2])
+
+
+if __name__ == "__main__":
+    main()

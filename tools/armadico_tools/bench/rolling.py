@@ -32,7 +32,6 @@ from armadico.core.services import service_of
 from armadico.mesh.ports import free_port
 from armadico.mobile.messages import Truth
 from armadico.runtime.process import AgentHost, identity
-from armadico_tools.bench.figures import Figure, figure
 from armadico_tools.testbed import Place
 
 BASE: Final = Path(__file__).with_name("ros2_base.py")
@@ -291,19 +290,6 @@ def roll(
         rig = Rig(line, place, program, python or sys.executable)
         with rig.driving():
             return [rig.make(fault) for _ in range(count)]
-
-
-def rolling(quick: bool) -> list[Figure]:
-    """Time and way to rest of simulated robots."""
-    found = []
-    for name in ("serial", "tcp"):
-        for fault in ("kill", "hang"):
-            trials = roll(LINES[name], fault, 3 if quick else 20)
-            found += [
-                figure(f"rest-{name}-{fault}", "s", [trial.rest_s for trial in trials]),
-                figure(f"roll-{name}-{fault}", "m", [trial.roll_m for trial in trials]),
-            ]
-    return found
 
 
 def main() -> None:
