@@ -27,7 +27,7 @@ RULES: Final[tuple[type[Rule], ...]] = (
 
 def watched() -> tuple[type[Message], ...]:
     """The installed messages that an auditor needs; a base stands for its subclasses."""
-    kinds = dict.fromkeys((*SHOWN, *(kind for rule in RULES for kind in rule.needs)))
+    kinds = dict.fromkeys((*SHOWN, *(kind for rule in RULES for kind in (*rule.needs, *rule.sees))))
     return tuple(kind for base in kinds for kind in derived(base))
 
 

@@ -211,20 +211,16 @@ class Reached(Rule):
             yield self.found(now, "interface", text, answer=Answer.UNKNOWN)
             return
         by_pose, truly = _off(goal, pose), None if truth is None else _off(goal, truth)
-        if truly is not None and _beyond(*truly) and not _beyond(*by_pose) and now.unsure:
-            what = f"reported as reached, {_so(truly)} off, by a pose that does not claim to know"
+        by = "" if truly is None else _by(pose, by_pose)
+        off = by_pose if truly is None else truly
+        if _beyond(*by_pose):
+            yield self.found(now, "interface", f"reported as reached, {_so(off)} off", by)
+        elif (truly is None or _beyond(*truly)) and now.unsure:
+            what = "reported as reached, by a pose that does not claim to know"
+            what += "" if truly is None else f": {_so(truly)} off"
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
         elif truly is not None and _beyond(*truly):
-            who = "interface" if _beyond(*by_pose) else "localization"
-            yield self.found(now, who, f"reported as reached, {_so(truly)} off", _by(pose, by_pose))
-        elif truly is None and _beyond(*by_pose):
-            yield self.found(
-                now, "interface", f"reported as reached, {_so(by_pose)} off by its pose"
-            )
-        elif truly is None and _beyond(pose.deviation, pose.heading_deviation):
-            about = f"+-{_so((pose.deviation, pose.heading_deviation))}"
-            what = f"reported as reached, and the pose is known by {about} only"
-            yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
+            yield self.found(now, "localization", f"reported as reached, {_so(truly)} off", by)
 
 
 def _off(goal: Waypoint, at: Pose | Truth) -> tuple[float, float]:

@@ -17,11 +17,13 @@ class Rule:
     Attributes:
         promise: The promise.
         needs: Messages without which nothing is known of it.
+        sees: Further messages that it uses.
         checked: Whether there was an occasion to break the promise.
     """
 
     promise: ClassVar[Promise]
     needs: ClassVar[tuple[type[Message], ...]] = ()
+    sees: ClassVar[tuple[type[Message], ...]] = ()
 
     def __init__(self) -> None:
         self.checked = False

@@ -88,6 +88,7 @@ class Changes(Rule):
 
     promise = Promise.SENSORS
     needs = (RobotState,)
+    sees = (Sonar, Scan)
 
     def __init__(self) -> None:
         super().__init__()
@@ -152,6 +153,7 @@ class Unbiased(Rule):
 
     promise = Promise.SENSORS
     needs = (RobotState, Truth)
+    sees = (Sonar, Scan)
 
     def __init__(self) -> None:
         super().__init__()

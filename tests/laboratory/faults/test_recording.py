@@ -90,7 +90,7 @@ def test_everything_that_is_recorded_is_shown_in_order(tmp_path: Path) -> None:
         Published,
         Published,
         Bids,
-        Passed,
+        Published,
         Left,
     ]
     (bids,) = [each for each in seen if isinstance(each, Bids)]

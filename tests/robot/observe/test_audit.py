@@ -1,0 +1,457 @@
+"""The auditor on small sequences of messages: what each rule finds, and what excuses a robot."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import cos, inf, sin
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from armadico.core.judgement import Answer
+from armadico.core.messages import (
+    Ack,
+    Ballot,
+    Command,
+    Cycle,
+    Description,
+    Message,
+    Parameter,
+    ParametersReply,
+    Point,
+    RobotState,
+    Stop,
+    Twist,
+)
+from armadico.mobile.messages import (
+    Echo,
+    MissionState,
+    MissionStatus,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+    Truth,
+    Waypoint,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.observe.audit.auditor import RULES, Auditor
+from armadico.observe.audit.promises import Excuse, Finding, Promise
+
+GOTO, AVOID = "goto-0123456789ab", "avoid-0123456789ab"
+SURE = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
+LOST = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+ROBOT = Description(
+    *("pioneer", 0.1, 0.2, 0.2, 0.2, 1.2, 3.0, 0.3, 0.6, 1.0, 1.0, 0.3, 2.0),
+    simulator="sim",
+)
+
+
+GOES = Stop()
+
+
+@dataclass
+class Drive:
+    """A robot that drives straight on along a free path of 10 m, as it should."""
+
+    auditor: Auditor = field(default_factory=lambda: Auditor(v_max=inf))
+    now: float = 0.0
+    number: int = 0
+    x: float = 0.0
+    v: float = 0.75  # measured
+    w: float = 0.0
+    ordered: float = 0.75
+    admitted: float | None = None  # None: as ordered
+    capped: str = ""
+    holder: str = GOTO
+    term: int = 1
+    stop: Stop = GOES
+    fault: str = ""
+    stalled: bool = False
+    covariance: tuple[float, ...] = SURE
+    ahead: tuple[Point, ...] = ()
+    waits: bool = False
+    contacts: int = 0
+    off: float = 0.0  # of the pose, m
+    to_go: float = 10.0
+    mission: int = 1
+    says: Callable[[Drive], tuple[Message, ...]] = lambda _: ()
+    theta: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.say(ROBOT)
+        self.begin()
+
+    def say(self, *messages: Message) -> None:
+        for message in messages:
+            self.auditor.update(self.now, "", message)
+
+    def begin(self, length: float = 10.0) -> None:
+        way = (Waypoint(self.x + length, 0.0, 0.0),)
+        self.say(Trajectory(1, self.mission, way, Point(self.x, 0.0), waits=self.waits))
+        self.say(MissionStatus(self.mission, MissionState.DRIVING, length))
+
+    def end(self, state: MissionState, note: str = "") -> None:
+        self.say(MissionStatus(self.mission, state, 0.0, note=note))
+
+    def go(self, seconds: float, **now: object) -> Drive:
+        for name, value in now.items():
+            setattr(self, name, value)
+        for _ in range(round(10 * seconds)):
+            self._cycle()
+        return self
+
+    def _cycle(self) -> None:
+        self.now, self.number = round(self.now + 0.1, 3), self.number + 1
+        self.theta += 0.1 * self.w
+        self.x += 0.1 * self.v * cos(self.theta)
+        cycle = Cycle(1, self.number)
+        admitted = self.ordered if self.admitted is None else self.admitted
+        rests, ballot = Twist(0.0, 0.0), Ballot(self.term, 0.6, False, self.holder or "nobody")
+        by = ballot if self.holder else None
+        self.say(
+            Truth(self.now, self.x, 0, 0, self.v, self.w, self.contacts, 1.0, "sim"),
+            RobotState(
+                *(cycle, self.x, 0, self.theta, self.v, self.w, 12, True, self.stalled, self.stop),
+                fault=self.fault,
+                ordered=Twist(self.ordered, 0.0) if self.holder else rests,
+                admitted=Twist(admitted, 0.0) if self.holder else rests,
+                capped=self.capped,
+            ),
+            Ack("wheels", cycle, ballot, by, cycle if by else None, 0.6, False, (self.v, 0.0)),
+            Pose(cycle, self.x + self.off, 0, 0, self.covariance),
+            Obstacles(cycle, None, None, None, None, self.ahead),
+            *self.says(self),
+        )
+        if by is not None:
+            self.say(Command("wheels", cycle, by, (self.ordered, 0.0)))
+
+    @property
+    def found(self) -> list[tuple[Promise, str]]:
+        broken = (each for each in self.auditor.findings if each.answer is Answer.NO)
+        return [(each.promise, each.who) for each in broken]
+
+
+def test_a_drive_as_it_should_be_breaks_nothing_and_leaves_the_rest_unknown() -> None:
+    drive = Drive().go(13.3)
+    drive.end(MissionState.REACHED)
+    assert drive.auditor.findings == [], "10 m in 13.3 s"
+    verdicts = {each.promise: each for each in drive.auditor.report()}
+    assert verdicts[Promise.ARRIVES].answer is Answer.YES
+    assert verdicts[Promise.FAILED].answer is Answer.UNKNOWN, "none failed"
+    assert "occasion" in verdicts[Promise.FAILED].what
+
+
+def test_what_was_not_received_is_unknown_and_named() -> None:
+    verdicts = {each.promise: each for each in Auditor().report()}
+    assert {each.answer for each in verdicts.values()} == {Answer.UNKNOWN}
+    assert "MissionStatus" in verdicts[Promise.ARRIVES].what
+
+
+# What each rule finds -----------------------------------------------------------------------------
+
+Story = Callable[[Drive], object]
+
+
+def lazy(drive: Drive) -> None:
+    drive.go(70, v=0.1, ordered=0.1, ahead=(Point(1.5, 0.4),))
+
+
+def nobody(drive: Drive) -> None:
+    drive.go(70, v=0.0, holder="", ahead=(Point(0.5, 0.4),))
+
+
+def early(drive: Drive) -> None:
+    drive.go(5)
+    drive.end(MissionState.REACHED)
+
+
+def elsewhere(drive: Drive) -> None:
+    drive.go(12.7, off=0.5)
+    drive.end(MissionState.REACHED)
+
+
+def fails(drive: Drive) -> None:
+    drive.go(5)
+    drive.end(MissionState.FAILED, "no more")
+
+
+def stays_lost(drive: Drive) -> None:
+    drive.go(62, v=0.0, ordered=0.0, covariance=LOST)
+
+
+def touches(drive: Drive) -> None:
+    drive.go(2)
+    drive.go(1, contacts=1)
+
+
+def half(drive: Drive) -> None:
+    drive.go(4, v=0.37, ordered=0.37)
+
+
+def base_is_slow(drive: Drive) -> None:
+    drive.go(4, v=0.3)
+
+
+def stands(drive: Drive) -> None:
+    drive.go(16, v=0.0, ordered=0.0)
+
+
+def lies(drive: Drive) -> None:
+    drive.go(1, v=0.2, ordered=0.5, ahead=(Point(0.22, 0.0),))
+
+
+def is_capped(drive: Drive) -> None:
+    drive.go(1, v=0.2, ordered=0.5, admitted=0.2, capped="0.2 m ahead are free")
+
+
+def hunts(drive: Drive) -> None:
+    for _ in range(11):
+        drive.go(0.3, holder=GOTO, term=drive.term + 1)
+        drive.go(0.3, holder=AVOID, term=drive.term + 1)
+
+
+def rolls_on(drive: Drive) -> None:
+    drive.go(2)
+    drive.go(3, ordered=0.0, v=0.7)
+
+
+def goes_down(drive: Drive) -> None:
+    drive.go(1, term=5)
+    drive.go(0.1, term=4)
+
+
+def moves_sideways(drive: Drive) -> None:
+    drive.go(1)
+    state = drive.auditor.scene.state
+    assert state is not None
+    drive.say(replace(state, cycle=Cycle(1, drive.number + 1), y=0.1))
+
+
+def obeys_the_past(drive: Drive) -> None:
+    drive.go(1)
+    ballot = Ballot(drive.term, 0.6, False, GOTO)
+    for back in (0, 6):
+        cycle = Cycle(1, drive.number + 1)
+        at = Cycle(1, drive.number - back)
+        drive.say(Ack("wheels", cycle, ballot, ballot, at))
+
+
+def echo(far: float | None, bearing: float = 0.0) -> Echo:
+    return Echo(0.2 * cos(bearing), 0.2 * sin(bearing), bearing, far)
+
+
+def sonar_repeats(drive: Drive) -> None:
+    drive.go(3, says=lambda d: (Sonar(Cycle(1, d.number), 5.0, (echo(2.0), echo(1.0, 1.5))),))
+
+
+def laser_repeats(drive: Drive) -> None:
+    def scan(d: Drive) -> tuple[Message, ...]:
+        return (Scan(Cycle(1, d.number), 0.1, 0, -1.0, 0.1, 8.0, b"\x10\x20" * 20, d.number),)
+
+    drive.go(3, says=scan)
+
+
+def sonar_is_biased(drive: Drive) -> None:
+    def readings(d: Drive) -> tuple[Message, ...]:
+        near = Truth(d.now, d.x, 0, 0, d.v, 0, 0, 0.5, "sim")
+        return near, Sonar(Cycle(1, d.number), 5.0, (echo(0.7 + 0.01 * (d.number % 5)),))
+
+    drive.go(16, says=readings, ahead=(Point(0.7, 0.5),))
+
+
+TABLE = [
+    (lazy, Promise.ARRIVES, "goto"),
+    (nobody, Promise.ARRIVES, ""),
+    (early, Promise.REACHED, "interface"),
+    (elsewhere, Promise.REACHED, "localization"),
+    (fails, Promise.FAILED, "interface"),
+    (stays_lost, Promise.FOUND, "localization"),
+    (touches, Promise.COLLISION, "goto"),
+    (half, Promise.SPEED, "goto"),
+    (base_is_slow, Promise.SPEED, "robot"),
+    (stands, Promise.STANDS, "goto"),
+    (lies, Promise.HONEST, "goto"),
+    (is_capped, Promise.HONEST, "goto"),
+    (hunts, Promise.STEADY, "goto"),
+    (rolls_on, Promise.BRAKES, "robot"),
+    (goes_down, Promise.ONE_DRIVER, "goto"),
+    (obeys_the_past, Promise.FRESH, "goto"),
+    (moves_sideways, Promise.ODOMETRY, "robot"),
+    (sonar_repeats, Promise.SENSORS, "sonar"),
+    (laser_repeats, Promise.SENSORS, "laser"),
+    (sonar_is_biased, Promise.SENSORS, "sonar"),
+]
+
+
+@pytest.mark.parametrize(("story", "promise", "who"), TABLE)
+def test_a_rule_finds_what_breaks_its_promise_and_names_who(
+    story: Story, promise: Promise, who: str
+) -> None:
+    drive = Drive()
+    story(drive)
+    assert (promise, who) in drive.found
+    verdicts = [each for each in drive.auditor.report() if each.promise is promise]
+    assert Answer.NO in {each.answer for each in verdicts}
+
+
+def test_every_rule_has_a_story() -> None:
+    assert {promise for _, promise, _ in TABLE} == {rule.promise for rule in RULES}
+
+
+# What does not count ------------------------------------------------------------------------------
+
+
+def slow_at(ahead: Point) -> Story:
+    return lambda drive: drive.go(4, v=0.3, ordered=0.3, ahead=(ahead,))
+
+
+@pytest.mark.parametrize(
+    "story",
+    [
+        slow_at(Point(1.0, 0.3)),
+        lambda d: d.go(0.4, v=0.3, ordered=0.3, ahead=(Point(0.22, 0.0),)),  # a person steps in
+        lambda d: d.go(
+            3, v=0.05, ordered=0.08, admitted=0.04, ahead=(Point(0.3, 0.0),), capped="x"
+        ),
+        lambda d: d.go(2).go(2, ordered=0.0, v=0.05, ahead=(Point(1.0, 0.0),)),
+        lambda d: [d.go(0.9, holder=who, term=d.term + 1) for who in (GOTO, AVOID) * 6],
+    ],
+)
+def test_what_looks_similar_is_no_finding(story: Story) -> None:
+    drive = Drive()
+    story(drive)
+    assert drive.found == []
+
+
+def test_readings_that_change_or_a_robot_that_stands_show_no_frozen_sensor() -> None:
+    def changes(d: Drive) -> tuple[Message, ...]:
+        return (Sonar(Cycle(1, d.number), 5.0, (echo(4.0 - 0.01 * d.number),)),)
+
+    drive = Drive().go(3, says=changes)
+    same = Sonar(Cycle(1, 1), 5.0, (echo(2.0),))
+    drive.go(5, says=lambda _: (same,), v=0.0, ordered=0.0)
+    assert drive.found == []
+
+
+def test_a_wall_beside_the_robot_may_stay_where_it_is() -> None:
+    same = Sonar(Cycle(1, 1), 5.0, (echo(2.0, 1.57), echo(2.0, -1.57)))
+    assert Drive().go(5, says=lambda _: (same,)).found == []
+
+
+@pytest.mark.parametrize("cause", ["contact", "waits", "fault", "stuck"])
+def test_a_mission_may_fail_for_a_cause_that_was_seen(cause: str) -> None:
+    drive = Drive(waits=cause == "waits")
+    drive.begin()
+    stalled, fault = cause == "contact", "no power" if cause == "fault" else ""
+    drive.go(12, stalled=stalled, fault=fault)
+    if cause == "stuck":
+        drive.go(50, v=0.0, ordered=0.0, ahead=(Point(0.5, 0.0),))
+    drive.end(MissionState.FAILED, "no more")
+    assert Promise.FAILED not in [promise for promise, _ in drive.found]
+
+
+def test_a_published_cap_explains_a_slow_robot_and_gives_it_time() -> None:
+    capped = {"ordered": 0.75, "admitted": 0.1, "v": 0.1, "capped": "a person ahead"}
+    drive = Drive().go(90, **capped, ahead=(Point(1.0, 0.5),))
+    broken = {promise for promise, _ in drive.found}
+    assert not broken & {Promise.ARRIVES, Promise.SPEED}
+    assert Promise.HONEST in broken, "who orders what is capped for a minute is named"
+
+
+def test_a_limit_that_is_not_known_leaves_the_speed_unknown_until_goto_says_it() -> None:
+    def slow(auditor: Auditor, *first: Message) -> list[Finding]:
+        drive = Drive(auditor)
+        drive.say(*first)
+        drive.go(4, v=0.37, ordered=0.37)
+        return auditor.findings
+
+    def limit(value: float | None) -> ParametersReply:
+        text = json.dumps(value)
+        return ParametersReply(GOTO, (Parameter("v_max", text, text, "m/s", "a number"),))
+
+    assert [each.answer for each in slow(Auditor())] == [Answer.UNKNOWN]
+    assert [each.answer for each in slow(Auditor(), limit(None))] == [Answer.NO]
+    assert slow(Auditor(), limit(0.4)) == []
+
+
+def test_without_a_truth_reached_is_judged_by_the_pose() -> None:
+    def reached(off: float, covariance: tuple[float, ...]) -> list[Finding]:
+        auditor = Auditor([rule for rule in RULES if rule.promise is Promise.REACHED])
+        auditor.update(0.0, "", Trajectory(1, 1, (Waypoint(5.0, 0.0, 0.0),)))
+        auditor.update(0.1, "", Pose(Cycle(1, 1), 5.0 + off, 0.0, 0.0, covariance))
+        return auditor.update(0.2, "", MissionStatus(1, MissionState.REACHED, 0.0))
+
+    assert reached(0.05, SURE) == []
+    assert [each.answer for each in reached(0.5, SURE)] == [Answer.NO]
+    assert [each.answer for each in reached(0.05, LOST)] == [Answer.UNKNOWN]
+    assert [each.answer for each in reached(0.05, ())] == [Answer.UNKNOWN]
+
+
+def test_the_truth_of_another_robots_simulator_counts_nothing() -> None:
+    drive = Drive().go(1)
+    for count in (0, 5):
+        drive.say(Truth(drive.now, 9, 9, 0, 0, 0, count, 0.0, "another"))
+    assert drive.found == []
+
+
+# Excuses ------------------------------------------------------------------------------------------
+
+STANDS_STILL = {"v": 0.0, "ordered": 0.0}
+
+
+def excused(drive: Drive, excuse: Excuse) -> None:
+    """A minute and more at rest, for a reason."""
+    if excuse is Excuse.DISTURBED:
+        drive.auditor.disturbed("the network is cut")
+    changes: dict[Excuse, dict[str, object]] = {
+        Excuse.STOPPED: {"stop": Stop(1, True, "a person", 7)},
+        Excuse.FAULT: {"fault": "no power"},
+        Excuse.LOST: {"covariance": LOST},
+        Excuse.BLOCKED: {"ahead": (Point(0.5, 0.0),)},
+        Excuse.WAITS: {"waits": True},
+    }
+    drive.go(0.1, **changes.get(excuse, {}))
+    drive.begin()
+    drive.go(30, **STANDS_STILL)
+
+
+@pytest.mark.parametrize(
+    "excuse",
+    [Excuse.STOPPED, Excuse.FAULT, Excuse.LOST, Excuse.BLOCKED, Excuse.WAITS, Excuse.DISTURBED],
+)
+def test_an_excuse_counts_and_without_it_the_same_is_a_finding(excuse: Excuse) -> None:
+    drive = Drive()
+    excused(drive, excuse)
+    assert Promise.STANDS not in [promise for promise, _ in drive.found]
+    assert drive.auditor.scene.needed[excuse]
+    strict = Drive(Auditor(v_max=inf).without(excuse))
+    excused(strict, excuse)
+    assert (Promise.STANDS, "goto") in strict.found
+
+
+def test_a_silent_robot_agent_takes_no_time_of_the_mission() -> None:
+    def silence(auditor: Auditor) -> list[Promise]:
+        drive = Drive(auditor)
+        drive.go(1)
+        for _ in range(100):
+            drive.now += 1.0
+            auditor.tick(drive.now)
+        return [promise for promise, _ in drive.found]
+
+    assert silence(Auditor(v_max=inf)) == []
+    assert Promise.ARRIVES in silence(Auditor(v_max=inf).without(Excuse.SILENT))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.75]), st.floats(-3, 3)), max_size=12))
+def test_gaps_and_late_messages_never_raise(steps: list[tuple[float, float]]) -> None:
+    drive = Drive()
+    for v, gap_s in steps:
+        drive.go(0.5, v=v, ordered=v)
+        drive.now += gap_s
+    assert {each.answer for each in drive.auditor.report()} <= {*Answer}
