@@ -61,6 +61,7 @@ class Sort(StrEnum):
     SLOW = "slow"  # an agent publishes less often than it promises
     MONITOR = "monitor"
     ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
+    PROMISE = "promise"  # a monitor found that the society did not do what it promises
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
 
 
