@@ -236,7 +236,7 @@ class Robot(DeviceAgent):
     def on_guard(self, acts_s: float, restarts_s: float) -> None:
         """Limit the speed by how far the robot would roll until something brakes it."""
         watchdog_s, roll_m = self.profile.watchdog_s, self.profile.stop_within_m
-        braked = self._session is None or isinstance(self._session, Brakes)
+        braked = self._session is None or self._braking is not None
         rolls_s = min(acts_s if braked else inf, watchdog_s)
         why = ""
         if acts_s == inf or not braked:
@@ -255,8 +255,8 @@ class Robot(DeviceAgent):
             self.log(f"{why}, {rolls_s:.2f} s{limit}", WARNING if slower else INFO)
 
     def on_braked(self) -> None:
-        if isinstance(self._session, Brakes):
-            self._session.braked()
+        if self._braking is not None:
+            self._braking.braked()
 
     def on_wakeup(self) -> None:
         """Timeouts: of the session, of the last valid command, of the watchdog."""
@@ -303,10 +303,14 @@ class Robot(DeviceAgent):
 
     def _brakes(self) -> tuple[bytes, ...]:
         """What brakes the robot without this agent; empty if it rests."""
-        session = self._session
-        if self._guarded and self._rolls and isinstance(session, Brakes):
-            return session.brakes()
-        return ()
+        braking = self._braking if self._guarded and self._rolls else None
+        return () if braking is None else braking.brakes()
+
+    @property
+    def _braking(self) -> Brakes | None:
+        """The session, if a guard can brake its robot."""
+        session: object = self._session
+        return session if isinstance(session, Brakes) else None
 
     @property
     def _healthy(self) -> bool:

@@ -201,10 +201,10 @@ class DeviceAgent(Agent, hooks=("address",)):
         """Called when the device was opened or lost."""
 
     def on_guard(self, acts_s: float, restarts_s: float) -> None:
-        """Called when a guard holds the device's line, after `on_link`.
+        """Called when the device was opened, before `on_link`.
 
-        Without this agent it brakes the device after `acts_s`; inf: there is no guard. If it fails
-        itself, another one brakes after `restarts_s`.
+        Without this agent its guard brakes the device after `acts_s`; inf: there is no guard. If
+        the guard fails itself, another one brakes after `restarts_s`.
         """
 
     def on_braked(self) -> None:

@@ -13,7 +13,6 @@ It ends when the agent's pipe closes and the robot was braked. It ignores the si
 agent, which has the last word. It imports nothing but the transport, so that it starts fast.
 """
 
-# ruff: noqa: PTH - `pathlib` takes longer to import than the rest of this module
 from __future__ import annotations
 
 import gc
@@ -33,12 +32,13 @@ TYPE_CHECKING = False  # importing `typing` is slow
 if TYPE_CHECKING:
     from typing import Final
 
-    from armadico.runtime.port_reader import Port
+    from armadico.runtime.port import Port
 
 # To the agent: the kind of a message is its first byte.
 DATA: Final = b"d"  # bytes from the controller
 BEAT: Final = b"b"  # the guard lives
-OPENED: Final = b"o"  # the line is open; followed by "1" with priority, "0" without
+OPENED: Final = b"o"  # the line is open; followed by "1" with priority, "0" without, and by the
+# time until the robot receives what is written, s: the transport's `settles_s`, if it has one
 FAILED: Final = b"f"  # the line cannot be opened, or broke; followed by the reason
 BRAKED: Final = b"r"  # one step of braking was written, without the agent
 STOP: Final = b"s"  # a stop was ordered at the guard
@@ -98,7 +98,8 @@ class Guard:
                 self._notices.popleft()
             until = beat_at if self._due is None else min(beat_at, self._due)
             ready = select.select(self._inputs, [], [], max(until - now, 0.0))[0]
-            if any([self._is_stop(source) for source in ready if source is not self._agent]):
+            stops = [self._is_stop(source) for source in ready if source is not self._agent]
+            if any(stops):
                 self._stop()
             if self._agent in ready:
                 self._on_agent()
@@ -180,6 +181,7 @@ class Guard:
 
     def _read(self) -> None:
         """Pass on what the controller sends; end the guard if the line breaks."""
+        _prioritise()
         try:
             while True:
                 data = self._port.read(READ_S)
@@ -243,9 +245,10 @@ def _keys() -> list[int]:
 
 
 def _prioritise() -> bool:
-    """Run this thread and those that it starts before ordinary processes, where allowed."""
+    """Run this thread before ordinary processes, where allowed; a transport's own do not."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
     except (AttributeError, OSError):
         try:
             os.nice(NICE)
@@ -260,6 +263,7 @@ def main() -> None:
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTTIN):
         signal.signal(each, signal.SIG_IGN)
     agent = socket.socket(fileno=int(number))
+    has_priority = _prioritise()  # at once: importing takes long on a busy computer
     module, _, name = loader.partition(":")
     try:
         port = getattr(importlib.import_module(module), name)(url)
@@ -270,7 +274,8 @@ def main() -> None:
     gc.freeze()
     guard = Guard(agent, port, place, float(expiry_s), float(step_s))
     try:
-        agent.send(OPENED + (b"1" if _prioritise() else b"0"))
+        settles = str(getattr(port, "settles_s", 0.0)).encode()
+        agent.send(OPENED + (b"1" if has_priority else b"0") + settles)
         guard.run()
     except OSError as error:
         with suppress(OSError):

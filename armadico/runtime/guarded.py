@@ -1,4 +1,4 @@
-"""The agent's side of a guarded line: starts the guard (`armadico.runtime.guard`), and watches it."""
+"""The agent's side of a guarded line: starts `armadico.runtime.guard`, and watches it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class GuardedPort:
     Attributes:
         told: Called with the guard's notices, `guard.BRAKED` and `guard.STOP`.
         has_priority: The guard runs before ordinary processes.
-        opened_s: How long starting it and opening the line took, s.
+        opened_s: How long starting it took, until the robot receives what is written, s.
     """
 
     def __init__(self, loader: str, url: str, place: Path) -> None:
@@ -58,8 +58,8 @@ class GuardedPort:
         except OSError:
             self.close()
             raise
-        self.has_priority = message[1:] == b"1"
-        self.opened_s = time.monotonic() - began
+        self.has_priority = message[1:2] == b"1"
+        self.opened_s = time.monotonic() - began + float(message[2:])
 
     @property
     def pid(self) -> int:
@@ -111,7 +111,10 @@ class GuardedPort:
         """The guard's next message; empty after the timeout. Raises OSError for its failure."""
         if not select.select([self._line], [], [], timeout_s)[0]:
             return b""
-        message = self._line.recv(2 * guard.LARGEST)
+        try:
+            message = self._line.recv(2 * guard.LARGEST)
+        except ConnectionResetError:  # it ended with writes unread
+            message = b""
         if message[:1] == guard.FAILED:
             raise OSError(message[1:].decode(errors="replace"))
         if not message:

@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Callable
 from math import inf
-from typing import Final, Protocol
+from typing import Final
 from urllib.parse import urlsplit
 
 from armadico.core.discovery import TRANSPORTS, installed
@@ -19,6 +19,7 @@ from armadico.mesh.topology import TopologyError
 from armadico.runtime import guard
 from armadico.runtime.guarded import HUNG_S, GuardedPort, open_guarded
 from armadico.runtime.inbox import Inbox
+from armadico.runtime.port import Port
 
 RETRY_S: Final = (0.1, 0.2, 0.5, 1.0)  # pauses between attempts to open the port; the last repeats
 LASTS_S: Final = 2.0  # if a port fails sooner, the pauses go on growing, s
@@ -28,19 +29,6 @@ CHUNKS: Final = 256  # chunks of bytes that wait for a busy agent; the oldest ar
 LINK: Final = "link"  # the lane of link changes in the inbox; no key of the mesh has this name
 LATE_S: Final = 0.25  # how late a guard without priority may act on a loaded machine, s
 BY_GUARD: Final = "armadico stop, at the guard of its line"
-
-
-class Port(Protocol):
-    """An open port. All its failures are OSErrors."""
-
-    def read(self, timeout_s: float) -> bytes:
-        """Wait for bytes; none after `timeout_s`."""
-
-    def write(self, data: bytes) -> None:
-        """Send all bytes."""
-
-    def close(self) -> None:
-        """Close it; may be called again."""
 
 
 def open_port(url: str) -> Port:
@@ -97,6 +85,7 @@ class Device:
         self._guards = any(resource.stops for resource in driver.agent.owns)
         self._up: bool | None = None
         self._failures = 0
+        self._brakes: tuple[bytes, ...] = ()  # of the last write
         self._broken = ""  # why a write failed, for the reading thread to act upon
         self._thread = threading.Thread(target=self._run, name="port", daemon=True)
 
@@ -114,6 +103,7 @@ class Device:
         port = self._port
         if port is None:
             return
+        self._brakes = item.brakes
         try:
             if isinstance(port, GuardedPort):
                 port.command(item.data, item.brakes, moves=item.moves)
@@ -137,9 +127,9 @@ class Device:
     def _use(self, port: Port) -> None:
         """Read an open port until it fails."""
         self._broken = ""
+        self._guarded(port)
         self._port = port
         self._link(True, "")
-        self._guarded(port)
         why = self._read(port, self._clock() + LASTS_S)
         self._port = None
         self._link(False, why)
@@ -171,6 +161,9 @@ class Device:
         acts_s = restarts_s = inf
         if isinstance(port, GuardedPort):
             port.told = self._told
+            if rest := self._brakes[-1:]:  # the guard before failed while the device moved
+                with contextlib.suppress(OSError):  # the reading thread finds it
+                    port.command(rest[0], rest, moves=False)
             acts_s = EXPIRY_S + (0.0 if port.has_priority else LATE_S)
             restarts_s = HUNG_S + READ_S + RETRY_S[0] + port.opened_s
         if self._guards:

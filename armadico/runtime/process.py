@@ -45,7 +45,8 @@ from armadico.mesh.base import Call, Mesh
 from armadico.mesh.topology import MeshError, TopologyError
 from armadico.runtime.blame import failure
 from armadico.runtime.inbox import Inbox
-from armadico.runtime.port_reader import Device, Port
+from armadico.runtime.port import Port
+from armadico.runtime.port_reader import Device
 
 if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh

@@ -201,11 +201,12 @@ def test_a_stop_rests_the_robot_and_holds_until_the_agent_has_latched_it(
 ) -> None:
     port = bench.open()
     port.command(b"go.", BRAKES, moves=True)
+    bench.received(b"go.")
     if way == "socket":
         bench.stop()
     else:
         os.kill(port.pid, signal.SIGUSR1)
-    assert bench.received(b"rest.") == b"go.slow.rest."
+    assert bench.received(b"rest.") == b"slow.rest."
     read(port, lambda _: guard.STOP in bench.notices)
     port.command(b"go.", BRAKES, moves=True)
     port.command(b"hello.", BRAKES, moves=False)

@@ -49,7 +49,8 @@ def main() -> None:
     port = GuardedPort(f"tests.core.runtime.unix_line:{open_unix.__name__}", *_places())
     port.told = told
     port.command(b"go.", (b"slow.", b"rest."), moves=True)
-    print(port.pid, flush=True)
+    sys.stdout.write(f"{port.pid}\n")
+    sys.stdout.flush()
     while True:
         port.read(0.1)
 

@@ -1,4 +1,4 @@
-"""The robot agent with a guard on its line: what it hands over, and what a guard's failure costs."""
+"""The robot agent with a guard on its line: what it hands over, and what a failure costs."""
 
 from __future__ import annotations
 

@@ -118,9 +118,7 @@ class Track:
     def steady(self, speed: float, since: float, lasts: float) -> bool:
         late = [s for s in self.samples if s[0] > max(since, self.samples[-1][0] - lasts)]
         return (
-            bool(late)
-            and late[-1][0] - since >= lasts
-            and all(s[2] > 0.93 * speed for s in late)
+            bool(late) and late[-1][0] - since >= lasts and all(s[2] > 0.93 * speed for s in late)
         )
 
     def at(self, when: float) -> float:
@@ -144,7 +142,7 @@ class Rig:
         """Start the robot. `program`: another `armadico-agent`; `python` has rclpy."""
         self.line, self.track = line, Track()
         self._place = place
-        self._program = [program] if program else ["armadico", "agent"]
+        self._program = program
         self._stack = ExitStack()
         self._agent: subprocess.Popen[bytes] | None = None
         self.address = self._ros2(python) if line.name == "ros2" else self._simulated()
@@ -215,15 +213,14 @@ class Rig:
         """Start a robot agent, once the one before has ended."""
         if self._agent is not None:
             self._agent.wait()
-        log = Path(f"/tmp/{self._place.namespace}.log").open("ab")
-        with log:
-            self._agent = self._place.popen(
-                "",
-                [*self._program, "robot", "--namespace", self._place.namespace]
-                + ["--set", f"port={self.address}", "--set", f"profile={self.line.profile}"],
-                stdout=log,
-                stderr=log,
-            )
+        words = ["robot", "--namespace", self._place.namespace]
+        words += ["--set", f"port={self.address}", "--set", f"profile={self.line.profile}"]
+        if self._program:
+            nowhere = subprocess.DEVNULL
+            command = [self._program, *words]
+            self._agent = self._place.popen("", command, stdout=nowhere, stderr=nowhere)
+        else:
+            self._agent = self._place.start("", "robot", ["agent", *words])
 
     def make(self, fault: str) -> Trial:
         """Drive, make a fault, and see what becomes of it. Raises TimeoutError."""
@@ -282,9 +279,7 @@ class Rig:
         return next(p for p in self.robot.children() if "armadico.runtime.guard" in p.cmdline())
 
 
-def roll(
-    line: Line, fault: str, count: int, *, program: str = "", python: str = ""
-) -> list[Trial]:
+def roll(line: Line, fault: str, count: int, *, program: str = "", python: str = "") -> list[Trial]:
     """Make one fault so often over one line."""
     with Place(f"rolling-{line.name}") as place:
         rig = Rig(line, place, program, python or sys.executable)
@@ -296,9 +291,7 @@ def main() -> None:
     """`python -m armadico_tools.bench.rolling LINE FAULT COUNT [PROGRAM [PYTHON]]`."""
     line, fault, count, *others = sys.argv[1:]
     program = "".join(others[:1])
-    trials = roll(
-        LINES[line], fault, int(count), program=program, python="".join(others[1:2])
-    )
+    trials = roll(LINES[line], fault, int(count), program=program, python="".join(others[1:2]))
     for trial in trials:
         print(trial)
     for name in ("begins_s", "rest_s", "roll_m"):
