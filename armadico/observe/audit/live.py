@@ -6,6 +6,7 @@ from typing import ClassVar, Final
 
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message, line
+from armadico.core.services import service_of
 from armadico.observe.audit.auditor import Auditor, watched
 from armadico.observe.audit.promises import Finding, Promise
 
@@ -20,11 +21,13 @@ class Live:
     """Judges the messages that one process receives.
 
     Attributes:
-        kinds: The messages that it needs.
+        kinds: The messages that it needs. A simulator's truth is for observers, not for agents.
         news: New findings that a promise is broken, until they are taken.
     """
 
-    kinds: ClassVar[tuple[type[Message], ...]] = watched()
+    kinds: ClassVar[tuple[type[Message], ...]] = tuple(
+        kind for kind in watched() if not service_of(kind).watchers_only
+    )
 
     def __init__(self) -> None:
         self.news: list[str] = []
