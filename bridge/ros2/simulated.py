@@ -217,10 +217,12 @@ class Base(Controller):
             ),
         )
 
-    def _range(self, order: Sequence[int]) -> types.Range:
+    def _range(self, order: Sequence[int]) -> types.Range | None:
         """The reading of the sonar whose turn it is."""
         ring = self._profile.sonar
         assert ring is not None, "published only with sonars"
+        if self._plant.sonar_readings.silent:
+            return None
         index = order[self._pings % len(order)]
         self._pings += 1
         range_m = self._plant.ping(index)
@@ -241,9 +243,11 @@ class Base(Controller):
         header = types.Header(stamp=self._stamp(), frame_id=self._ros2.base_frame)
         return types.HazardDetectionVector(header=header, detections=felt)
 
-    def _scan(self) -> types.LaserScan:
+    def _scan(self) -> types.LaserScan | None:
         laser = self._profile.laser
         assert laser is not None, "published only with a laser"
+        if self._plant.laser_readings.silent:
+            return None
         first, step = radians(laser.angle_min_deg), radians(laser.step_deg)
         lasts_s = self._plant.scan_lasts_s
         late = lasts_s / self._plant.step_s if laser.stamped == "first" else 0.0

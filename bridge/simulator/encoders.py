@@ -29,7 +29,10 @@ class Encoder:
         slips: Whether patches differ.
     """
 
-    __slots__ = ("_patch_m", "_rng", "_slip", "_unslipped", "scale", "slips", "ticks", "turned")
+    __slots__ = (
+        *("_patch_m", "_rng", "_slip", "_spin", "_unslipped"),
+        *("scale", "slips", "ticks", "turned"),
+    )
 
     def __init__(self, slip: float, scale: float, rng: Random) -> None:
         self.ticks = 0
@@ -37,6 +40,7 @@ class Encoder:
         self.scale = self._unslipped = scale
         self.slips = slip != 0.0
         self._slip = slip
+        self._spin = 1.0
         self._patch_m = 0.0  # the rest of the patch
         self._rng = rng
 
@@ -46,6 +50,12 @@ class Encoder:
         if self._patch_m <= 0.0:
             self._patch_m += PATCH_M
             self.scale = self._unslipped * (1.0 + self._rng.gauss(0.0, self._slip))
+
+    def spin(self, times: float) -> None:
+        """Turn so many times as far as it rolls, from now on."""
+        self.scale *= times / self._spin
+        self._unslipped *= times / self._spin
+        self._spin = times
 
 
 class Odometry:
@@ -93,6 +103,11 @@ class Odometry:
     def reset(self) -> None:
         """Set the odometry to (0, 0, 0)."""
         self.x = self.y = self.theta = 0.0
+
+    def slip(self, left: float, right: float) -> None:
+        """Let the wheels turn so many times as far as they roll."""
+        self._left.spin(left)
+        self._right.spin(right)
 
     def move(self, left_m: float, right_m: float) -> None:
         """The rims roll this far over the floor in one step."""

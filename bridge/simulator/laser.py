@@ -34,6 +34,9 @@ PART_M = 0.01
 PART_S = 0.04
 """A part of a scan is measured within this distance, about the noise of a range, and this time."""
 
+PANE_DEG = 5.0
+"""A pane is seen within this angle of its normal, as in the table `glass` of the sensors."""
+
 Indices = npt.NDArray[np.intp]
 
 
@@ -60,6 +63,9 @@ class LaserScanner:
         self._blackness, self._glazing = streams("black walls"), streams("glass walls")
         self._dark: list[float] = []  # by wall: the largest distance at which it is seen, m
         self._square: list[float] = []  # by wall: the least cosine of the angle to its normal
+        self._glass: list[float] = []  # by wall: a number from 0 to 1, and its cosine without glaze
+        self._unglazed: list[float] = []
+        self._panes, self._glazed = streams("panes"), 0.0
         turns = -1.0 if laser.upside_down else 1.0
         self._first = radians(laser.bearing_deg) + turns * radians(laser.angle_min_deg)
         self._step = turns * radians(laser.step_deg)
@@ -85,6 +91,14 @@ class LaserScanner:
         ranges[ranges < laser.min_m] = 0.0
         ranges[beyond] = inf
         return ranges
+
+    def glaze(self, share: float) -> None:
+        """Make this share of the walls glass; 0: only those that are so by the sensors' table."""
+        self._glazed = share
+        self._square = [
+            cos(radians(PANE_DEG)) if luck < share else usual
+            for luck, usual in zip(self._glass, self._unglazed, strict=True)
+        ]
 
     def _true(self, poses: Floats) -> Floats:
         laser = self._laser
@@ -158,7 +172,16 @@ class LaserScanner:
         for _ in range(len(self._dark), walls):
             self._dark.append(s.black_m if self._blackness.random() < s.black_walls else inf)
             glass = self._glazing.random() < s.glass_walls
-            self._square.append(cos(radians(s.glass_deg)) if glass else 0.0)
+            self._unglazed.append(cos(radians(s.glass_deg)) if glass else 0.0)
+            self._glass.append(self._panes.random())
+        if len(self._square) < walls:
+            self.glaze(self._glazed)
+
+
+def shifted(ranges: Floats, bias_m: float) -> Floats:
+    """The ranges that were measured, with a bias, m; infinite and too near ones stay so."""
+    measured = np.isfinite(ranges) & (ranges > 0.0)
+    return np.where(measured, np.maximum(ranges + bias_m, 0.0), ranges)
 
 
 def _meet_columns(

@@ -34,7 +34,7 @@ from armadico.bridge.simulator.motion import (
 )
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.simulated import Controller
-from armadico.bridge.simulator.sonar_schedule import ALL, Broken, Firing
+from armadico.bridge.simulator.sonar_schedule import ALL, Firing
 from armadico.bridge.simulator.speed_loops import SpeedLoops
 from armadico.bridge.simulator.traps import KIND, Trap
 
@@ -82,7 +82,7 @@ class Microcontroller(Controller):
         self.decoder = Decoder()
         self._profile, self._traps = profile, traps
         self._motion = Motion(profile, plant, loops)
-        self._firing = Firing(profile.sonar, plant.ping)
+        self._firing = Firing(profile.sonar, plant.ping, plant.sonar_readings)
         self._steps = Steps.of(profile, plant.step_s)
         self._received_at = self._fed_at = self._next_status = self._next_ping = 0
         self._sync = 0  # the SYNC awaited; 3 or more once in step
@@ -105,10 +105,6 @@ class Microcontroller(Controller):
         """
         idle = not self._open and self._now - self._received_at >= self._steps.idle
         return Trap.PORT not in self._traps and (self._closed or idle)
-
-    def break_sonars(self, how: Broken | None) -> None:
-        """Make the sonar board fail from now on; None: repair it."""
-        self._firing.broken = how
 
     def receive(self, data: bytes) -> None:
         """Process the client's bytes; they take effect at the time reached."""

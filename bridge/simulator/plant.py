@@ -20,12 +20,13 @@ from random import Random
 import numpy as np
 
 from armadico.bridge.simulator.battery import Battery
+from armadico.bridge.simulator.broken import Readings
 from armadico.bridge.simulator.company import Body, Company
 from armadico.bridge.simulator.contact import SKIN_M, Contact, Motion, Outline, box_of
 from armadico.bridge.simulator.dynamics import Dynamics
 from armadico.bridge.simulator.encoders import Odometry
 from armadico.bridge.simulator.kinematics import Kinematics
-from armadico.bridge.simulator.laser import LaserScanner
+from armadico.bridge.simulator.laser import LaserScanner, shifted
 from armadico.bridge.simulator.moving import STEP_S as MOVE_S
 from armadico.bridge.simulator.moving import Movement
 from armadico.bridge.simulator.sonar import Sonars, Surfaces
@@ -107,7 +108,9 @@ class Plant:
     """A robot among walls. Left is the thesis's motor 3, right its motor 2; SI and REP-103.
 
     `blocked`: in the last step the robot pushed a wall without advancing (rims below 2 cm/s).
-    `pose` is the true one in the world: m, m, rad (not wrapped).
+    `pose` is the true one in the world: m, m, rad (not wrapped). `sonar_readings` and
+    `laser_readings` are what the sensors report; they can be broken. `jammed`: the wheels are
+    blocked, so the robot stands whatever its motors do.
     """
 
     step_s = STEP_S
@@ -119,9 +122,12 @@ class Plant:
         site: Site,
         rng: Streams,
     ) -> None:
-        self.blocked = False
+        self.blocked = self.jammed = False
         self.touches = Touches()
         self.pose = site.start
+        self.sonar_readings = Readings[float | None](_farther)
+        self.laser_readings = Readings[Floats](shifted)
+        self._grip = 1.0  # way over the floor per way of a wheel's rim
         self.battery = Battery(profile.battery, site.charge, site.docks)
         self._profile = profile
         self._dynamics: Drive = (
@@ -166,6 +172,16 @@ class Plant:
         """Add columns; their surfaces are drawn like those of walls."""
         self._walls.add_columns(columns, [self._surfaces.draw() for _ in columns])
         self._margin = 0.0
+
+    def slip(self, left: float, right: float) -> None:
+        """Let the wheels turn so many times as far as they roll over the floor; 1: they grip."""
+        self._odometry.slip(left, right)
+        self._grip = 2.0 / (left + right)
+
+    def glaze(self, share: float) -> None:
+        """Let this share of the walls be of glass for the laser, besides those that are so."""
+        if self._laser is not None:
+            self._laser.glaze(share)
 
     def meet(self, others: Sequence[Body]) -> None:
         """Join other robots in one world; the caller then calls `locate_others`."""
@@ -228,7 +244,10 @@ class Plant:
 
     def ping(self, index: int) -> float | None:
         """Range that sonar `index` measures now, m; None without an echo."""
-        return None if self._sonars is None else self._sonars.ping(index, self.pose)
+        sonars = self._sonars
+        if sonars is None:
+            return None
+        return self.sonar_readings.reading(index, lambda: sonars.ping(index, self.pose))
 
     @property
     def scan_lasts_s(self) -> float:
@@ -237,6 +256,9 @@ class Plant:
 
     def scan(self) -> Floats:
         """A scan whose last ray is measured now: see `LaserScanner.scan`."""
+        return self.laser_readings.reading(0, self._scan)
+
+    def _scan(self) -> Floats:
         laser, shape = self._laser, self._profile.laser
         assert laser is not None, "the profile has a laser"
         assert shape is not None
@@ -276,7 +298,8 @@ class Plant:
         v, w = dynamics.v, dynamics.w
         pace = abs(v) + corner * abs(w)  # upper bound of the footprint's speeds, m/s
         self.blocked = self.blocked and not steps
-        moves = self._movement is not None
+        moves, jammed = self._movement is not None, self.jammed
+        grip = 1.0 if by_volts else self._grip  # motors with voltages are regulated by encoders
         battery.charge_in(self.pose)  # once per call, which is every 40 ms or more often
         rests = False  # the step before changed only the battery's charge
         for _ in range(steps):
@@ -293,7 +316,11 @@ class Plant:
                 most = battery.volts
                 if not (-most <= one <= most and -most <= other <= most):
                     one, other = truncated(one, other, most)
+            elif grip != 1.0:
+                one, other = grip * one, grip * other
             dynamics.accelerate(one, other)
+            if jammed:
+                dynamics.v = dynamics.w = 0.0
             v0, w0, v, w = v, w, dynamics.v, dynamics.w
             pace0, pace = pace, abs(v) + corner * abs(w)
             if not pace < FASTEST_M_S:  # also if it is NaN
@@ -323,6 +350,7 @@ class Plant:
             rests = by_volts and pace0 == 0.0 == pace == used == one == other and margin > 0.0
             rests = rests and not walls_push and odometry.v == 0.0 == odometry.w
         self.pose, self._margin = (x, y, theta), margin
+        self.blocked = self.blocked or (jammed and steps > 0)
         if self._laser is not None:
             self._went.append((self._steps, x, y, theta))
         self.show_body()
@@ -412,3 +440,8 @@ class Plant:
             f" of {1e3 * STEP_S:g} ms; compare its [body], [inertia] and [motor] with"
             " pioneer-2dx's"
         )
+
+
+def _farther(range_m: float | None, bias_m: float) -> float | None:
+    """A sonar's range with a bias, m."""
+    return None if range_m is None else max(0.0, range_m + bias_m)

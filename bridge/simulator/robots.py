@@ -29,12 +29,18 @@ class Stage:
 def staged(
     scenario: Scenario, streams: Streams, name: str, traps: frozenset[Trap], clock_s: float
 ) -> tuple[RobotProfile, Stage]:
-    """The profile of a scenario's robot, with the scenario's battery, and its stage."""
+    """The profile of a scenario's robot, with the scenario's battery, and its stage.
+
+    A wall of the world is left out where a moving door has its place: it is there only at times,
+    though it is on the map.
+    """
     start = scenario.start
     profile, world = load_profile(scenario.robot), load_world(scenario.world)
     capacity_ah = scenario.battery.capacity_ah or profile.battery.capacity_ah
     profile = replace(profile, battery=replace(profile.battery, capacity_ah=capacity_ah))
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     docks, charge = tuple(world.docks.values()), scenario.battery.charge
-    site = Site(world.walls, start, world.columns, scenario.moving, docks, charge)
+    doors = {moving.wall for moving in scenario.moving}
+    walls = tuple(wall for wall in world.walls if wall not in doors)
+    site = Site(walls, start, world.columns, scenario.moving, docks, charge)
     return profile, Stage(sensors, site, streams, name, traps, clock_s)

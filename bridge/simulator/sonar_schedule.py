@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import Enum
 
+from armadico.bridge.simulator.broken import Readings
 from armadico.config.profile import SonarRing
 
 ARRAYS = 4  # of eight sonars each; one sonar of each array pings at a time
@@ -12,23 +12,20 @@ ARRAY_SIZE = 8
 ALL = (1 << ARRAYS) - 1
 
 
-class Broken(Enum):
-    """A deliberate fault of the sonar board."""
-
-    SILENT = "no sonar fires"
-    REPEATING = "each sonar repeats its last echo"
-
-
 class Firing:
     """Pings the sonars in order, one of each array per turn."""
 
-    def __init__(self, ring: SonarRing, ping: Callable[[int], float | None]) -> None:
+    def __init__(
+        self,
+        ring: SonarRing,
+        ping: Callable[[int], float | None],
+        readings: Readings[float | None],
+    ) -> None:
         self.arrays = 0  # bit 0 to 3: array 1 to 4 is on
-        self.broken: Broken | None = None
         self._ring = ring
         self._ping = ping
+        self._readings = readings
         self._echoes: dict[int, float] = {}
-        self._last: dict[int, float] = {}
         self._turn = 0
         self._orders: list[tuple[int, ...]] = []
         self.restore_order()
@@ -53,14 +50,10 @@ class Firing:
     def fire(self) -> None:
         """Ping the next sonar of each array that is on."""
         for array, order in enumerate(self._orders):
-            if order and self.arrays >> array & 1:
+            if order and self.arrays >> array & 1 and not self._readings.silent:
                 index = order[self._turn % len(order)]
-                if self.broken is Broken.SILENT:
-                    continue
-                if self.broken is not Broken.REPEATING or index not in self._last:
-                    echo = self._ping(index)
-                    self._last[index] = self._ring.max_m if echo is None else echo
-                self._echoes[index] = self._last[index]
+                echo = self._ping(index)
+                self._echoes[index] = self._ring.max_m if echo is None else echo
         self._turn += 1
 
     def collect(self) -> tuple[tuple[int, float], ...]:

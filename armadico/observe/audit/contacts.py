@@ -15,11 +15,12 @@ class Touched(Rule):
     """Nothing is touched.
 
     The simulator's truth counts contacts; those of people who walk into the robot are not its own.
-    A robot without a truth feels some: by stall bits, bumpers, or wheels that do not turn.
+    A robot without a truth feels some: by stall bits, bumpers, or wheels that do not turn. That it
+    felt none is not known to be none.
     """
 
     promise = Promise.COLLISION
-    needs = (RobotState,)
+    needs = (RobotState, Truth)
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,7 +36,6 @@ class Touched(Rule):
             for _ in range(new):
                 yield self.found(now, now.who, "it touched something", at)
         elif isinstance(message, RobotState) and self._truth is None:
-            self.checked = True
             felt = now.before is not None and now.before.stalled
             if message.stalled and not felt:
                 touch = message.touch

@@ -27,6 +27,9 @@ GAP_S = 0.25
 MOVED_M, TURNED_RAD = 0.05, 0.05
 """A reading ahead changes over this way, and every reading over this turn."""
 
+MOVES_M_S = 0.05
+"""Slower than this, the same readings would count again and again."""
+
 AHEAD_RAD = 0.3
 """Bearings of readings ahead: others may stay the same along a wall."""
 
@@ -38,8 +41,11 @@ OFF_M = 0.06
 """The readings nearest to the truth are off by no more than this, m. On the shipped scenarios they
 were by -0.03 to 0.01 m."""
 
-PINGS = 150
-"""Readings near obstacles that show a bias."""
+PINGS = 100
+"""Readings near obstacles, of a robot that moves, that show a bias if as many again agree."""
+
+AGREES_M = 0.04
+"""A bias stays the same within this, m; obstacles that no sonar sees come and go."""
 
 NEAREST_SHARE = 0.1
 """The share of them that is too short: by people who walk, and by the time since a ping."""
@@ -158,6 +164,7 @@ class Unbiased(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._off: dict[str, list[float]] = {}
+        self._before: dict[str, float] = {}  # what the readings before were off by, m
         self._ring: dict[tuple[float, ...], float] = {}  # by sonar, from the footprint, m
         self._named: set[str] = set()
 
@@ -165,7 +172,7 @@ class Unbiased(Rule):
         truth, about = now.truth, now.description
         if truth is None or about is None or not isinstance(message, Sonar | Scan):
             return
-        if truth.clearance is None or truth.clearance > NEAR_M:
+        if truth.clearance is None or truth.clearance > NEAR_M or abs(truth.v) < MOVES_M_S:
             self._ring.clear()
         elif isinstance(message, Sonar):
             for echo in message.echoes:
@@ -188,11 +195,12 @@ class Unbiased(Rule):
         lowest = sorted(offs)[round(NEAREST_SHARE * PINGS)]
         offs.clear()
         self.checked = True
-        named = sensor in self._named or abs(lowest) <= OFF_M
-        if not named and now.excuse(Excuse.DISTURBED) is None:
+        before, self._before[sensor] = self._before.get(sensor, 0.0), lowest
+        agree = min(abs(lowest), abs(before)) > OFF_M and abs(lowest - before) < AGREES_M
+        if agree and sensor not in self._named and now.excuse(Excuse.DISTURBED) is None:
             self._named.add(sensor)
             what = f"the {sensor}'s readings are off by {lowest:+.2f} m"
-            yield self.found(now, sensor, what, f"a tenth of {PINGS} by less")
+            yield self.found(now, sensor, what, f"{NEAREST_SHARE:.0%} of {PINGS} by less, twice")
 
 
 def _outside(about: Description, x: float, y: float) -> float:

@@ -27,7 +27,7 @@ from armadico.observe.watching import Presence, Received
 from armadico.watch.recorder import Recording
 from armadico.watch.recordings import rows
 from armadico_tools.faults.fault_types import Promise
-from armadico_tools.faults.observations import Bids, Left, Passed, Published
+from armadico_tools.faults.observations import Bids, Left, Published
 from armadico_tools.faults.recording import check, observations
 
 SECOND = 1_000_000_000

@@ -261,7 +261,7 @@ def sonar_is_biased(drive: Drive) -> None:
         near = Truth(d.now, d.x, 0, 0, d.v, 0, 0, 0.5, "sim")
         return near, Sonar(Cycle(1, d.number), 5.0, (echo(0.7 + 0.01 * (d.number % 5)),))
 
-    drive.go(16, says=readings, ahead=(Point(0.7, 0.5),))
+    drive.go(22, says=readings, ahead=(Point(0.7, 0.5),))
 
 
 TABLE = [
@@ -455,3 +455,16 @@ def test_gaps_and_late_messages_never_raise(steps: list[tuple[float, float]]) ->
         drive.go(0.5, v=v, ordered=v)
         drive.now += gap_s
     assert {each.answer for each in drive.auditor.report()} <= {*Answer}
+
+
+def test_without_a_truth_a_contact_may_be_felt_and_none_felt_is_unknown() -> None:
+    def verdict(*stalled: bool) -> Answer:
+        auditor = Auditor([rule for rule in RULES if rule.promise is Promise.COLLISION])
+        for number, each in enumerate(stalled):
+            state = RobotState(Cycle(1, number), 0, 0, 0, 0, 0, 12, True, each)
+            auditor.update(0.1 * number, "", state)
+        (found,) = auditor.report()
+        return found.answer
+
+    assert verdict(False, True, True) is Answer.NO
+    assert verdict(False, False) is Answer.UNKNOWN

@@ -101,6 +101,8 @@ class Checker:
     def update(self, seen: Observation) -> list[Violation]:
         """Process one observation. Returns the promises that it breaks."""
         self.record.update(seen)
+        if isinstance(seen, Published) and isinstance(seen.message, Truth):
+            self._moving.update(seen.message, self.record)
         if seen.at != self.record.now:  # a late observation counts as of now
             seen = replace(seen, at=self.record.now)
         found = [
@@ -112,20 +114,19 @@ class Checker:
             Violation(
                 each.promise, seen.at, f"{each.what}{each.evidence and f' ({each.evidence})'}"
             )
-            for each in self._audit(seen)
+            for each in self.audit(self.auditor, seen)
             if each.answer is Answer.NO and not self._void(each)
         ]
         self.violations += found
         self.sights.update(seen, self.record)
         return found
 
-    def _audit(self, seen: Observation) -> list[Finding]:
-        self.auditor.disturbed(self._disturbance())
-        if not isinstance(seen, Published):
-            return self.auditor.tick(seen.at)
-        if isinstance(seen.message, Truth):
-            self._moving.update(seen.message, self.record)
-        return self.auditor.update(seen.at, "", seen.message)
+    def audit(self, auditor: Auditor, seen: Observation) -> list[Finding]:
+        """Pass an observation to an auditor, which is told of the faults that excuse the robot."""
+        auditor.disturbed(self._disturbance())
+        if isinstance(seen, Published):
+            return auditor.update(seen.at, "", seen.message)
+        return auditor.tick(seen.at)
 
     def _disturbance(self) -> str:
         """The faults that excuse the robot, or that did just before."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Final
+from typing import Any, Final
 
 from armadico.observe.audit.promises import Promise as Promise  # noqa: PLC0414 (exported)
 
@@ -21,6 +21,7 @@ class Kind:
     network wait for its end. `excuses`: the robot need not move meanwhile. `voids`: promises that
     do not count while it lasts, and until the robot has come to rest or driven on for a while, if
     the fault's amount is at least `least`; `why` is the reason. `weight`: of the kind in a draw.
+    `only`: the robots that can have it: those with `sonar`, with `laser`, or on a serial line.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Kind:
     least: float = 0.0
     blinds: bool = False
     weight: float = 1.0
+    only: str = ""
 
     @property
     def excuses(self) -> bool:
@@ -64,6 +66,41 @@ AGAIN_S: Final = 1.0
 """A process that may not join while no other of its name is alive is restarted after this, s, as by
 `armadico up`."""
 
+_GLASS: Final[dict[str, Any]] = {
+    "breaks": False,
+    "voids": _BLIND,
+    "why": "glass",
+    "only": "laser",
+}
+_HELD: Final[dict[str, Any]] = {
+    "breaks": False,
+    "blinds": True,
+    "voids": frozenset({Promise.SMOOTH}),
+    "why": "wheels blocked",
+}
+
+UNNOTICED_M: Final = 0.05
+"""Ranges that are too long by less than this void nothing: the robot keeps this distance from what it
+detects, which is a choice."""
+
+
+def _ranges(name: str, sensors: str) -> tuple[Kind, ...]:
+    """The faults of range sensors."""
+    repeats: dict[str, Any] = {
+        **{"breaks": False, "voids": _BLIND, "only": name},
+        "why": f"{sensors} repeat readings",
+    }
+    biased: dict[str, Any] = {**repeats, "why": f"{sensors} biased", "least": UNNOTICED_M}
+    return (
+        Kind(
+            f"silent-{name}", f"the {sensors} report nothing", breaks=False, blinds=True, only=name
+        ),
+        Kind(f"frozen-{name}", f"the {sensors} repeat their last ranges", **repeats),
+        Kind(f"repeating-{name}", f"the {sensors} repeat their last five readings", **repeats),
+        Kind(f"biased-{name}", f"the {sensors} report ranges too long or too short", **biased),
+    )
+
+
 KINDS: Final = {
     kind.name: kind
     for kind in (
@@ -76,27 +113,34 @@ KINDS: Final = {
         Kind("crash", "an agent is killed, and started again at the end", weight=2.0),
         Kind("hang", "an agent hangs, then resumes with all that waited", weight=2.0),
         Kind("slow", "an agent takes long for each message"),
+        Kind("starved", "all agents of a host take long for each message, for lack of processor"),
+        Kind("links-lost", "no agent reaches another, and all connections end or their lease does"),
+        Kind("silent-links", "connections stay up, but nothing flows between some hosts"),
         Kind("clock-step", "an agent's clock jumps ahead", breaks=False),
+        Kind("host-clock-step", "the clock of a host, for all its agents, jumps ahead", breaks=False),
         Kind("clock-drift", "an agent's clock runs fast or slow", breaks=False),
         Kind(
             *("serial-garbage", "bytes on the line to the controller are corrupted"),
             voids=_LINE,
             why="serial line",
             least=LOSSY,
+            only="serial",
         ),
         Kind(
             *("serial-loss", "bytes on the line to the controller are lost"),
             voids=_LINE,
             why="serial line",
             least=LOSSY,
+            only="serial",
         ),
-        Kind("silent-sonar", "no sonar fires", breaks=False, blinds=True),
-        Kind(
-            *("frozen-sonar", "the sonars repeat their last ranges"),
-            breaks=False,
-            voids=_BLIND,
-            why="sonars repeat readings",
-        ),
+        *_ranges("sonar", "sonars"),
+        *_ranges("laser", "laser"),
+        Kind("glass", "some walls turn to glass, which the laser sees from the front only", **_GLASS),
+        Kind("slip", "one or both wheels turn more, or less, than they roll", breaks=False),
+        Kind("blocked-wheels", "the wheels are blocked", **_HELD),
+        Kind("missing-wall", "a wall of the map is not there", breaks=False),
+        Kind("unmapped-box", "a box is there that is not on the map", breaks=False),
+        Kind("version-skew", "an agent of another protocol or package version joins", breaks=False),
         Kind("nan", "an agent's bids are not numbers", breaks=False),
         Kind("flap", "an agent comes and goes, several times a second"),
         Kind("lone-restart", "only one behaviour is left, and is restarted"),
@@ -137,7 +181,8 @@ KINDS: Final = {
 RESTARTS: Final = frozenset({"crash", "flap", "robot-restart"})
 """Kinds that replace a process; `in-turn` shows each as a crash."""
 
-DISABLES: Final = RESTARTS | {"hang", "slow"}
+SLOWS: Final = frozenset({"slow", "starved"})
+DISABLES: Final = RESTARTS | SLOWS | {"hang"}
 """Kinds that void `ROBOT_VOIDS` if the robot agent is the target."""
 
 CLAIMS: Final = frozenset({"huge-term", "flood"})
@@ -165,6 +210,6 @@ def voided(kind: str, targets: tuple[str, ...], amount: float = inf) -> dict[Pro
     voids = dict.fromkeys(made.voids, made.why) if amount >= made.least else {}
     if kind in FORGETS and "sonar" in targets:
         voids |= dict.fromkeys(_BLIND, "sonar agent restarted")
-    if kind in DISABLES and "robot" in targets and (kind != "slow" or amount >= SLOW_S):
+    if kind in DISABLES and "robot" in targets and (kind not in SLOWS or amount >= SLOW_S):
         voids |= dict.fromkeys(ROBOT_VOIDS, "robot agent away")
     return voids

@@ -13,15 +13,17 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 from math import inf, nan
-from typing import Final
+from typing import Any, Final
 
-from armadico.bridge.simulator.sonar_schedule import Broken
+from msgspec import structs
+
+from armadico.bridge.simulator.broken import Broken, Readings
 from armadico.core.exchange import Bid
-from armadico.core.messages import Claim, Command, Message
+from armadico.core.messages import PROTOCOL, Card, Claim, Command, Message
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.link_faults import WHOLE, LinkFaults
 from armadico.mesh.virtual import Node
-from armadico_tools.faults.fault_types import AGAIN_S
+from armadico_tools.faults.fault_types import AGAIN_S, SLOWS
 from armadico_tools.faults.observations import Faulted
 from armadico_tools.faults.plan import BEHAVIOURS, CUTS, NETWORK, Fault, Variation
 from armadico_tools.faults.stranger import Stranger
@@ -34,6 +36,17 @@ NONSENSE: Final = (
     Bid(1.0, (500.0, -90.0), critical=True),  # valid, but beyond every robot
 )
 """Bids of an agent with the fault `nan`."""
+
+BREAKS: Final = {
+    "silent": Broken.SILENT,
+    "frozen": Broken.FROZEN,
+    "repeating": Broken.REPEATING,
+    "biased": Broken.BIASED,
+}
+"""The faults of range sensors by the first word of their kinds; the first active one counts."""
+
+ANOTHER: Final = "999.0"
+"""Another version of the package."""
 
 LONE_AWAY_S: Final = 0.3
 """How long the last behaviour is away when it is restarted."""
@@ -93,16 +106,24 @@ class VirtualInjector(Injector):
         self._befallen: dict[Fault, list[Node]] = {}
         self._published: list[tuple[float, str, Message]] = []
         self._stranger = Stranger(rehearsal)
+        self.skewed: dict[str, Node] = {}  # of another protocol, by instance
+        self._skews: dict[Fault, Node] = {}
         self.acts = {
             **dict.fromkeys(NETWORK, self._mend_links),
             **dict.fromkeys(CUTS, self._part),
             **dict.fromkeys(("serial-garbage", "serial-loss"), self._mend_line),
             **dict.fromkeys(("crash", "interface-restart"), self._crash),
-            **dict.fromkeys(("silent-sonar", "frozen-sonar"), self._break_sonars),
+            **dict.fromkeys([f"{how}-sonar" for how in BREAKS], self._break_sonars),
+            **dict.fromkeys([f"{how}-laser" for how in BREAKS], self._break_laser),
+            **dict.fromkeys(("slow", "starved"), self._slow),
+            **dict.fromkeys(("clock-step", "host-clock-step"), self._clock_step),
+            **dict.fromkeys(("missing-wall", "unmapped-box"), _in_the_world),
             **self._stranger.acts,
             "hang": self._hang,
-            "slow": self._slow,
-            "clock-step": self._clock_step,
+            "glass": self._glaze,
+            "slip": self._slip,
+            "blocked-wheels": self._block_wheels,
+            "version-skew": self._version_skew,
             "clock-drift": self._clock_drift,
             "nan": self._nan,
             "flap": self._flap,
@@ -126,12 +147,13 @@ class VirtualInjector(Injector):
 
     def alive(self, name: str) -> list[Node]:
         """The live processes of an agent, the oldest first."""
-        ours = (node for node in self._mesh.nodes if node not in self._stranger.nodes)
+        strange = [*self._stranger.nodes, *self._skews.values()]
+        ours = (node for node in self._mesh.nodes if node not in strange)
         return [node for node in ours if node.alive and node.name == name]
 
     def refused(self, node: Node) -> None:
         """Retry later if a process may not join or stay, and none is left."""
-        if node not in self._stranger.nodes:
+        if node not in self._stranger.nodes and node not in self._skews.values():
             self._mesh.call_at(self._mesh.now + AGAIN_S, self._try_again, node.name)
 
     def _try_again(self, name: str, _: object) -> None:
@@ -170,7 +192,7 @@ class VirtualInjector(Injector):
             link.faults = replace(faults, cut=not link.up)
 
     def _part(self, fault: Fault, begins: bool) -> None:
-        both = [(fault.targets, fault.to)]
+        both = [(fault.targets, fault.to)]  # links-lost: all from all
         if fault.kind == "partition":
             both.append((fault.to, fault.targets))
         for sources, targets in both:
@@ -230,7 +252,7 @@ class VirtualInjector(Injector):
 
     def _slow(self, fault: Fault, _begins: bool) -> None:
         for node in self._befallen[fault]:
-            works = [f.amount for f in self._on if f.kind == "slow" and node in self._befallen[f]]
+            works = [f.amount for f in self._on if f.kind in SLOWS and node in self._befallen[f]]
             node.slow_down(max(works, default=0.0))
 
     def _befalls(self, node: Node, kind: str) -> bool:
@@ -310,17 +332,61 @@ class VirtualInjector(Injector):
     # The robot -----------------------------------------------------------------------------------
 
     def _break_sonars(self, _fault: Fault, _begins: bool) -> None:
-        kinds = {fault.kind for fault in self._on}
-        how = Broken.REPEATING if "frozen-sonar" in kinds else None
-        if "silent-sonar" in kinds:
-            how = Broken.SILENT
-        self._rehearsal.robot.controller.break_sonars(how)
+        self._break(self._rehearsal.robot.plant.sonar_readings, "sonar")
+
+    def _break_laser(self, _fault: Fault, _begins: bool) -> None:
+        self._break(self._rehearsal.robot.plant.laser_readings, "laser")
+
+    def _break(self, readings: Readings[Any], sensor: str) -> None:
+        """Set a sensor to its state with the active faults."""
+        amounts = {fault.kind: fault.amount for fault in self._on}
+        for name, how in BREAKS.items():
+            if f"{name}-{sensor}" in amounts:
+                readings.fail(how, amounts[f"{name}-{sensor}"])
+                return
+        readings.fail(None)
+
+    def _glaze(self, _fault: Fault, _begins: bool) -> None:
+        shares = [fault.amount for fault in self._on if fault.kind == "glass"]
+        self._rehearsal.robot.plant.glaze(max(shares, default=0.0))
+
+    def _slip(self, _fault: Fault, _begins: bool) -> None:
+        times = [(fault.amount, fault.spread) for fault in self._on if fault.kind == "slip"]
+        self._rehearsal.robot.plant.slip(*(times[-1] if times else (1.0, 1.0)))
+
+    def _block_wheels(self, _fault: Fault, _begins: bool) -> None:
+        blocked = any(fault.kind == "blocked-wheels" for fault in self._on)
+        self._rehearsal.robot.plant.jammed = blocked
+
+    # Versions ------------------------------------------------------------------------------------
+
+    def _version_skew(self, fault: Fault, begins: bool) -> None:
+        """Let an agent of another protocol (0) or package (1) join, which leaves at the end."""
+        if not begins:
+            node = self._skews.pop(fault)
+            if node.alive:
+                node.leave()
+            return
+        node = self._skews[fault] = self._rehearsal.enter(fault.targets[0])
+        changes = {"version": ANOTHER} if fault.amount else {"protocol": PROTOCOL + 1}
+        card = node.agent.kernel.card
+
+        def changed() -> Card:
+            return structs.replace(card(), **changes)
+
+        vars(node.agent.kernel)["card"] = changed
+        if not fault.amount:
+            self.skewed[node.agent.instance] = node
+
+
+def _in_the_world(_fault: Fault, _begins: bool) -> None:
+    """Do nothing: the simulated world has it from the beginning (`variants.scenario_of`)."""
 
 
 def _worse(faults: LinkFaults, fault: Fault) -> LinkFaults:
     """The faults of a link with one more."""
     kind, amount = fault.kind, fault.amount
-    if kind in {"drop", "serial-loss"}:
+    if kind in {"drop", "serial-loss", "silent-links"}:
         return replace(faults, loss=max(faults.loss, amount))
     if kind == "delay":
         delay, jitter = faults.delay + amount, faults.jitter + fault.spread

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import inf
 from random import Random
 from typing import Annotated, Final
 
 import msgspec
 from msgspec import Meta, Struct
+from msgspec.structs import replace
 
+from armadico.core import discovery
 from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import installed
 from armadico.mesh.virtual import LEASE
 from armadico_tools.faults.fault_types import KINDS
 
@@ -42,17 +46,19 @@ LAYOUTS: Final[tuple[tuple[tuple[str, ...], ...], ...]] = (
 BEGIN_S: Final = 4.0
 """There are no faults before this time, for the handshake and the start of the drive."""
 
-NETWORK: Final = frozenset({"drop", "delay", "duplicate", "reorder"})
-CUTS: Final = frozenset({"one-way", "partition"})
+NETWORK: Final = frozenset({"drop", "delay", "duplicate", "reorder", "silent-links"})
+CUTS: Final = frozenset({"one-way", "partition", "links-lost"})
+HOSTS: Final = frozenset({"starved", "host-clock-step"})
+"""Kinds that befall all agents of a host."""
 
 EVERYWHERE: Final = frozenset({"stray-state", "huge-term", "huge-counter", "flood", "huge-message"})
 """Kinds in which a stranger's messages reach all agents."""
 
 VICTIMS: Final = {
-    **dict.fromkeys(("nan", "lone-restart"), BEHAVIOURS),
+    **dict.fromkeys(("nan", "lone-restart", "version-skew"), BEHAVIOURS),
     **dict.fromkeys(("serial-garbage", "serial-loss", "robot-restart"), ("robot",)),
-    **dict.fromkeys(("silent-sonar", "frozen-sonar"), ("robot",)),
-    **dict.fromkeys(("flap", "twin"), AGENTS[1:]),
+    **dict.fromkeys((name for name, kind in KINDS.items() if kind.only), ("robot",)),
+    **dict.fromkeys(("slip", "blocked-wheels", "missing-wall", "unmapped-box"), ("robot",)),
     **dict.fromkeys(("stop", "stop-and-release", "two-robot-agents"), ("robot",)),
     "interface-restart": ("interface",),
 }
@@ -61,13 +67,19 @@ VICTIMS: Final = {
 PACES: Final[tuple[tuple[float, float], ...]] = ((2.5, 4.0), (5.5, 9.0), (5.5, 9.0), (12.0, 25.0))
 """Pauses between faults, s: mostly long enough for every promise about recovery to be due."""
 
-LEAST_S: Final = {"in-turn": 2.5, "two-robot-agents": 2.5, "stop": 1.0}
+LEAST_S: Final = {
+    **{"in-turn": 2.5, "two-robot-agents": 2.5, "stop": 1.0, "version-skew": 1.0},
+    **{"missing-wall": 30.0, "unmapped-box": 30.0},  # the robot has to get there
+}
+MOST_S: Final = {"starved": 2.0, "links-lost": 2.0, "blocked-wheels": 3.0}
+"""Such faults last a moment, s."""
 """Least durations of such faults, s; shorter ones have no effect."""
 
 TOGETHER: Final = (0.0, 0.3, 0.3, 0.7)
 """Share of the faults that begin while another is active."""
 
-LENGTHS: Final = ((0.05, 0.6), (0.4, 2.5), (2.0, 6.0))
+LONGEST_S: Final = 6.0
+LENGTHS: Final = ((0.05, 0.6), (0.4, 2.5), (2.0, LONGEST_S))
 """Durations of a fault, s, of one of these ranges."""
 
 CALM_END: Final = 0.2
@@ -119,11 +131,22 @@ class Variation(Struct, frozen=True, omit_defaults=True):
     margin: Annotated[float, Meta(ge=0, le=1)] | None = None
 
 
+class Walker(Struct, frozen=True, array_like=True):
+    """A person in the robot's world: the place (m) at the beginning, speed (m/s), heed."""
+
+    x: float
+    y: float
+    speed: float = 1.0
+    heeds: bool = True
+
+
 class Case(Struct, frozen=True, omit_defaults=True):
     """A run that can be repeated exactly: seed, scenario, duration (s), faults.
 
     The seed is that of all noise. `variation` describes the network, `sensors` the simulated
-    robot's sensors.
+    robot's sensors. `variant` is the society's task (`variants.VARIANTS`), `robot` the profile (by
+    default the scenario's), `people` are there besides the scenario's, and `charge` is the
+    battery's at the beginning, as a share.
     """
 
     seed: int
@@ -132,6 +155,10 @@ class Case(Struct, frozen=True, omit_defaults=True):
     faults: tuple[Fault, ...]
     variation: Variation = Variation()
     sensors: str = "real"
+    variant: str = "sonar"
+    robot: str = ""
+    people: tuple[Walker, ...] = ()
+    charge: Annotated[float, Meta(ge=0, le=1)] = 1.0
 
     def dumps(self) -> str:
         """The case as one line of JSON."""
@@ -145,8 +172,8 @@ class Outcome(Struct, frozen=True):
     time from healing to moving again, `missions` the number of goals reached, and `again` how often
     a forgotten mission was requested again. `contacts` and `moving_s` (s) are by the reason that
     voided COLLISION then, "" for none. `sights` counts situations, and `overconfident_s` is the
-    longest time of moving with a pose wrong beyond its covariance. `kind` is that of a trial, and
-    `figures` are its measurements.
+    longest time of moving with a pose wrong beyond its covariance. `ends` counts the missions by
+    how they ended (`workload.End`). `kind` is that of a trial, and `figures` are its measurements.
     """
 
     case: Case
@@ -160,6 +187,7 @@ class Outcome(Struct, frozen=True):
     moving_s: dict[str, float] = {}
     sights: dict[str, int] = {}
     overconfident_s: float = 0.0
+    ends: dict[str, int] = {}
     kind: str = ""
     figures: dict[str, float] = {}
 
@@ -173,7 +201,7 @@ def loads(text: str | bytes) -> Case:
     for fault in case.faults:
         if fault.kind not in KINDS:
             raise ConfigError(f"no kind of fault is called {fault.kind!r}: {', '.join(KINDS)}")
-        strangers = {*fault.targets, *fault.to} - {*AGENTS}
+        strangers = {*fault.targets, *fault.to} - {*AGENTS, *installed(discovery.AGENTS)}
         if strangers:
             raise ConfigError(f"{fault.kind}: no agent is called {', '.join(sorted(strangers))}")
     return case
@@ -189,10 +217,10 @@ class Swarm(Struct, frozen=True):
     together: float
 
 
-def swarm(rng: Random, kinds: Sequence[str] = ()) -> Swarm:
-    """Draw one; all given kinds take part, else a random choice of all."""
-    taking = tuple(kinds) or tuple(kind for kind in KINDS if rng.random() < SWARM)
-    taking = taking or (rng.choice([*KINDS]),)
+def swarm(rng: Random, kinds: Sequence[str] = (), able: Sequence[str] = tuple(KINDS)) -> Swarm:
+    """Draw one; all given kinds take part, else a random choice of those that are `able` to."""
+    taking = tuple(kinds) or tuple(kind for kind in able if rng.random() < SWARM)
+    taking = taking or (rng.choice([*able]),)
     weights = tuple(KINDS[kind].weight * rng.choice((1.0, 1.0, 3.0)) for kind in taking)
     lengths = tuple(rng.choice((0.2, 1.0, 1.0)) for _ in LENGTHS)
     return Swarm(taking, weights, lengths, rng.choice(PACES), rng.choice(TOGETHER))
@@ -207,49 +235,88 @@ def vary(rng: Random) -> Variation:
     return Variation(delay, jitter, lease, ties, margin)
 
 
-def draw(rng: Random, until: float, kinds: Sequence[str] = ()) -> tuple[Fault, ...]:
-    """Draw the faults for a run of so many seconds, in order of their begins."""
-    drawn = swarm(rng, kinds)
+def draw(
+    rng: Random,
+    until: float,
+    kinds: Sequence[str] = (),
+    able: Sequence[str] = tuple(KINDS),
+    agents: Sequence[str] = AGENTS,
+) -> tuple[Fault, ...]:
+    """Draw the faults for a run of so many seconds, in order of their begins.
+
+    They are of `kinds`, else of some of those that the robot is `able` to have. `agents` are those
+    of the society.
+    """
+    drawn = swarm(rng, kinds, able)
     if until > CALM_END_S + 2 * BEGIN_S and rng.random() < CALM_END:
         until = max(until - CALM_END_S, 3 * BEGIN_S)
     faults: list[Fault] = []
     at = BEGIN_S
     while True:
         if faults and rng.random() < drawn.together:
-            at = rng.uniform(faults[-1].at, faults[-1].until)
+            last = faults[-1]
+            at = rng.uniform(last.at, last.at + min(last.lasts, LONGEST_S))
         elif faults:
-            at = max(fault.until for fault in faults) + rng.uniform(*drawn.calm)
-        fault = _draw_one(rng, drawn, round(at, 3))
-        if fault.until > until:
+            ends = [fault.until for fault in faults if fault.kind not in LONG]
+            at = max([faults[-1].at, *ends]) + rng.uniform(*drawn.calm)
+        fault = _draw_one(rng, drawn, round(at, 3), agents)
+        if fault.kind in LONG and fault.until > until:
+            fault = replace(fault, lasts=round(max(until - fault.at, 0.0), 3))
+        if fault.until > until or not fault.lasts:
             return tuple(sorted(faults, key=lambda f: f.at))
         faults.append(fault)
 
 
-def _draw_one(rng: Random, drawn: Swarm, at: float) -> Fault:
+LONG: Final = frozenset({"missing-wall", "unmapped-box"})
+"""Kinds that are shortened to fit in a run."""
+
+
+def _draw_one(rng: Random, drawn: Swarm, at: float, agents: Sequence[str]) -> Fault:
     (kind,) = rng.choices(drawn.kinds, drawn.weights)
     (between,) = rng.choices(LENGTHS, drawn.lengths)
-    lasts = max(rng.uniform(*between), LEAST_S.get(kind, 0.0))
-    targets, to = _targets(rng, kind)
+    lasts = min(max(rng.uniform(*between), LEAST_S.get(kind, 0.0)), MOST_S.get(kind, inf))
+    targets, to = _targets(rng, kind, tuple(agents))
     amount, spread = DRAWS[kind](rng) if kind in DRAWS else (0.0, 0.0)
     return Fault(kind, at, round(lasts, 3), targets, to, round(amount, 4), round(spread, 4))
 
 
-def _targets(rng: Random, kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _targets(
+    rng: Random, kind: str, agents: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The targets of a fault, and the receivers."""
-    if kind in NETWORK and rng.random() < 0.4:
-        return AGENTS, AGENTS
+    if (kind in NETWORK and rng.random() < 0.4) or kind == "links-lost":
+        return agents, agents
     if kind in NETWORK or kind in CUTS:
-        return _sides(rng)
+        return _sides(rng, agents)
+    if kind in HOSTS:
+        return rng.choice(_machines(rng, agents)), ()
     if kind == "in-turn":
         return tuple(rng.sample(PLACERS, len(PLACERS))), ()
     if kind in EVERYWHERE:
-        return AGENTS, ()
-    return (rng.choice(VICTIMS.get(kind, AGENTS)),), ()
+        return agents, ()
+    victims = VICTIMS.get(kind)
+    if kind in ("flap", "twin"):
+        victims = tuple(name for name in agents if name != "robot")
+    return (rng.choice(victims or agents),), ()
 
 
-def _sides(rng: Random) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _machines(rng: Random, agents: Sequence[str]) -> list[tuple[str, ...]]:
+    """A society's agents by machine; those that no layout has share its last machine."""
+    layout = rng.choice(LAYOUTS)
+    placed = {name for machine in layout for name in machine}
+    ranger = next((name for name in agents if name == "laser"), "sonar")
+    more = tuple(name for name in agents if name not in placed and name != ranger)
+    machines = [
+        tuple(ranger if name == "sonar" else name for name in machine) for machine in layout
+    ]
+    machines[-1] += more
+    kept = [tuple(name for name in machine if name in agents) for machine in machines]
+    return [machine for machine in kept if machine]
+
+
+def _sides(rng: Random, agents: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Some machines, and some of the others."""
-    layout = list(rng.choice(LAYOUTS))
+    layout = _machines(rng, agents)
     rng.shuffle(layout)
     here = rng.randint(1, len(layout) - 1)
     there = rng.randint(here + 1, len(layout))
@@ -258,6 +325,11 @@ def _sides(rng: Random) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def _names(machines: Sequence[Sequence[str]]) -> tuple[str, ...]:
     return tuple(name for machine in machines for name in machine)
+
+
+def _bias(rng: Random) -> tuple[float, float]:
+    """A bias of ranges, m: too long or too short."""
+    return rng.choice((-1.0, 1.0)) * rng.uniform(0.02, 0.3), 0.0
 
 
 def _either(rng: Random) -> float:
@@ -273,6 +345,17 @@ DRAWS: Final[dict[str, Callable[[Random], tuple[float, float]]]] = {
     "partition": lambda rng: (_either(rng), 0.0),
     "twin": lambda rng: (_either(rng), 0.0),  # 1: it leaves in order
     "slow": lambda rng: (rng.choice((0.005, 0.01, rng.uniform(0.02, 0.08))), 0.0),  # s each
+    "starved": lambda rng: (rng.uniform(0.01, 0.1), 0.0),  # s each
+    "silent-links": lambda rng: (1.0, 0.0),  # noqa: ARG005 - share
+    "links-lost": lambda rng: (_either(rng), 0.0),  # 1: a lease runs out
+    "host-clock-step": lambda rng: (rng.choice((rng.uniform(0.05, 3.0), 3600.0)), 0.0),  # s
+    "biased-sonar": _bias,
+    "biased-laser": _bias,
+    "glass": lambda rng: (rng.choice((0.3, 1.0)), 0.0),  # share of the walls
+    "slip": lambda rng: (rng.uniform(0.5, 2.0), rng.choice((1.0, rng.uniform(0.5, 2.0)))),  # times
+    "missing-wall": lambda rng: (rng.random(), 0.0),  # which, as a share of all
+    "unmapped-box": lambda rng: (rng.random(), rng.uniform(0.1, 0.6)),  # where, and its side, m
+    "version-skew": lambda rng: (_either(rng), 0.0),  # 1: another package, of the same protocol
     "clock-step": lambda rng: (rng.choice((rng.uniform(0.05, 3.0), 3600.0)), 0.0),  # s
     "clock-drift": lambda rng: (rng.uniform(0.95, 1.05), 0.0),  # times as fast
     "serial-garbage": lambda rng: (rng.uniform(0.05, 1.0), float(rng.randrange(3))),  # share, and

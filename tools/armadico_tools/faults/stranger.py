@@ -41,7 +41,7 @@ from armadico.mesh.virtual import Node
 from armadico.mobile.messages import Origin, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico_tools.faults.fault_types import STRANGE_UTILITY
-from armadico_tools.faults.plan import AGENTS, Fault
+from armadico_tools.faults.plan import Fault
 
 INSTANCE: Final = "stranger-0123456789abcdef"
 RATCHET: Final = 40
@@ -104,7 +104,7 @@ class Stranger:
             self._latched[type(message)] = message
 
     def _deliver(self, message: Message, _a: object = None, _b: object = None) -> None:
-        for name in AGENTS:
+        for name in dict.fromkeys(node.name for node in self._mesh.nodes):
             self._mesh.arrive(message, name, _key(message))
 
     # The stop ------------------------------------------------------------------------------------

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import traceback
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from enum import StrEnum
 from math import hypot
 from random import Random
 from typing import Final
@@ -17,14 +18,18 @@ from typing import Final
 from msgspec import structs
 
 from armadico.bridge.robot import Robot
-from armadico.config.scenarios import load_scenario, society
+from armadico.config.profile import load_profile
+from armadico.config.scenarios import Scenario
+from armadico.core.config_errors import ConfigError
 from armadico.core.coordination import Owner, Verdict
 from armadico.core.messages import Claim, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
-from armadico.launch.society import Options, mission, prepared
+from armadico.core.services import derived
+from armadico.launch.society import Options, errand, mission
 from armadico.launch.virtual import Rehearsal
 from armadico.mesh.virtual import Node, VirtualMesh
 from armadico.mesh.virtual_network import Clock
+from armadico.mobile.errand import Errands
 from armadico.mobile.messages import (
     MissionReply,
     MissionRequest,
@@ -37,6 +42,7 @@ from armadico.mobile.messages import (
 from armadico.observe.audit.auditor import watched
 from armadico_tools.faults.checker import Checker, Violation
 from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.hand import Hand
 from armadico_tools.faults.injector import VirtualInjector
 from armadico_tools.faults.observations import (
     Astray,
@@ -46,25 +52,22 @@ from armadico_tools.faults.observations import (
     Missed,
     Obeyed,
     Observation,
+    Ordered,
     Passed,
     Published,
     Refused,
     of_the_wheels,
 )
-from armadico_tools.faults.plan import Case, Outcome, draw, vary
+from armadico_tools.faults.plan import Case, Outcome
 from armadico_tools.faults.record import bounds_of
 from armadico_tools.faults.recovery import FORGOTTEN_S
 from armadico_tools.faults.serial_tap import Orders
 from armadico_tools.faults.sightings import Sight
-
-SCENARIOS: Final = ("sc1", "sc2", "sc3", "sc4", "rooms-a", "rooms-b", "offices", "house")
+from armadico_tools.faults.variants import BY_HAND, VARIANTS, scenario_of
+from armadico_tools.faults.variants import case_of as case_of  # noqa: PLC0414 (exported)
 
 ORDER_S: Final = 0.5
 """Period of checking whether there is a mission."""
-
-MISSION_S: Final = 90.0
-"""After this time the robot gets another goal, because it may have lost its way with its pose. The
-society has to correct the pose."""
 
 BOOTED_S: Final = 1e5
 """The clocks of processes begin within this range."""
@@ -72,28 +75,21 @@ BOOTED_S: Final = 1e5
 SEEN: Final = (*watched(), Claim, Stop)
 
 
-def case_of(seed: int, lasts: float, only: Sequence[str] = (), scenario: str | None = None) -> Case:
-    """The case of a seed: a scenario and faults, for so many s.
+class End(StrEnum):
+    """How a mission ended; the bed itself ends none."""
 
-    The faults are of the kinds in `only`, else of some that the seed draws.
-    """
-    rng = Random(f"faults/{seed}")
-    drawn = rng.choice(SCENARIOS)
-    varied = vary(Random(f"variation/{seed}"))
-    return Case(seed, scenario or drawn, lasts, draw(rng, lasts, tuple(only)), varied)
+    REACHED = "reached"
+    FAILED = "failed"
+    REFUSED = "refused"
+    FORGOTTEN = "forgotten, and requested again"
+    UNFINISHED = "unfinished at the end of the run"
 
 
 class Workload:
     def __init__(self, case: Case, checker: Checker | None = None) -> None:
         self.case = case
         varied = case.variation
-        options = Options(
-            seed=case.seed,
-            margin=varied.margin,
-            sensors=case.sensors,
-            besides=society().ideal.without,
-        )
-        scenario = prepared(load_scenario(case.scenario), options)
+        scenario, options = scenario_of(case)
         self.checker = checker or Checker(replace(bounds_of(scenario), skew_s=0.0))
         self._clocks = Random(f"clocks/{case.seed}")
         ties = Random(f"ties/{case.seed}") if varied.ties else None
@@ -110,17 +106,21 @@ class Workload:
         for node in self.mesh.nodes:
             self._joined(node)
         self._injector = VirtualInjector(self.rehearsal, self.observe, case.variation)
-        self._ends = _ends(self.rehearsal)
+        self._orders = _orders_of(self.rehearsal.scenario, options)
         self._heading_for = 0
-        self._requested = False
-        self._mission_at = 0.0  # when it was accepted
+        self._requested = self._ordered = False
+        self._number = 0  # of the mission
         self._none_at: float | None = None  # since when there is none
-        self._status = MissionState.NONE
+        self._under_way = MissionState.NONE
+        if scenario.mission is not None:
+            self.mesh.watch(lambda _, message, __: self._on_errands(message), *derived(Errands))
+        hand = VARIANTS[case.variant].does == BY_HAND
+        self._hand = Hand(self.rehearsal, case.seed) if hand else None
         self._truth: Truth | None = None
         self._driven = 0.0
         self._last_bids: dict[str, int] = {}  # ids of the last records, by instance
         self._elsewhere: set[int] = set()  # epochs of robot agents with other controllers
-        self.missions = self.again = 0
+        self.ends: Counter[End] = Counter()
         self.error: tuple[float, str] | None = None
         self._broken: set[Promise] = set()
 
@@ -135,6 +135,7 @@ class Workload:
             where = next((x.strip() for x in reversed(lines) if x.startswith("  File")), "")
             self.error = (self.mesh.now, f"{lines[-1]} ({where})")
         self.observe(Passed(self.mesh.now))
+        self.ends[End.UNFINISHED] += self._under_way is MissionState.DRIVING
         return self.outcome()
 
     def outcome(self) -> Outcome:
@@ -147,12 +148,13 @@ class Workload:
             faults=dict(Counter(fault.kind for fault in self.case.faults)),
             violations=tuple(found),
             longest_s=self.checker.longest,
-            missions=self.missions,
+            missions=self.ends[End.REACHED],
             driven_m=round(self._driven, 2),
-            again=self.again,
+            again=self.ends[End.FORGOTTEN],
             contacts=dict(sorted(self.checker.contacts.items())),
             moving_s={why: round(s, 1) for why, s in sorted(self.checker.moving_s.items())},
             overconfident_s=round(self.checker.overconfident_s, 2),
+            ends={end.name: count for end, count in sorted(self.ends.items()) if count},
             sights={sight.name: self.checker.sights.counts[sight] for sight in Sight},
         )
 
@@ -165,7 +167,7 @@ class Workload:
         return found
 
     def _on_message(self, _key: str, message: Message, now: float) -> None:
-        if not of_the_wheels(message):
+        if not of_the_wheels(message) or self._of_a_stranger(message):
             return
         cycle = getattr(message, "cycle", None)
         if cycle is not None and cycle.epoch in self._elsewhere:
@@ -175,26 +177,26 @@ class Workload:
         if isinstance(message, Claim) and message.utility is None:
             self._show_bids()  # to know whether an agent that releases still bids
         self.observe(Published(now, message))
-        if isinstance(message, MissionStatus):
-            ended = self._status is MissionState.REACHED and message.state is MissionState.NONE
-            if not ended:  # a new interface agent publishes nothing of a mission that has ended
-                self._status = message.state
-            if message.state is not MissionState.NONE:
-                self._none_at = None
-            elif self._none_at is None:
-                self._none_at = now
+        if isinstance(message, MissionStatus) and self.rehearsal.scenario.mission is None:
+            self._on_status(message)
         elif isinstance(message, Truth):
             if self._truth is not None:
                 self._driven += hypot(message.x - self._truth.x, message.y - self._truth.y)
             self._truth = message
             self._show_bids()
 
+    def _of_a_stranger(self, message: Message) -> bool:
+        """Whether it is a claim or command of an agent of another protocol."""
+        if not self._injector.skewed or not isinstance(message, Claim | Command):
+            return False
+        return message.ballot.instance in self._injector.skewed
+
     def _show_bids(self) -> None:
         """Observe new bids, and agents that have gone."""
         there = set()
         for node in self.mesh.nodes:
             agent = node.agent
-            if not node.alive or not agent.competes_for:
+            if not node.alive or not agent.competes_for or agent.instance in self._injector.skewed:
                 continue
             there.add(agent.instance)
             if agent.kernel.bids and id(agent.kernel.bids[-1]) != self._last_bids.get(
@@ -205,6 +207,11 @@ class Workload:
         for instance in [name for name in self._last_bids if name not in there]:
             del self._last_bids[instance]
             self.observe(Left(self.mesh.now, instance))
+
+    def check_obeyed(self, command: Command) -> None:
+        """An agent of another protocol must not drive: its messages may mean something else."""
+        if command.ballot.instance in self._injector.skewed and self.error is None:
+            self.error = (self.mesh.now, f"{command.ballot.instance}, of another protocol, is obeyed")
 
     def _refused(self, node: Node) -> None:
         self.observe(Denied(self.mesh.now, node.agent.instance, node.driver.refusal))
@@ -227,11 +234,20 @@ class Workload:
             if isinstance(message, RobotState):
                 self._elsewhere.add(message.cycle.epoch)
 
+        def drives(v: float, w: float) -> None:
+            self.observe(Ordered(self.mesh.now, v, w))
+
+        def connects(_data: bytes) -> None:
+            session = vars(agent).get("_session")
+            if session is not None and "drive" not in vars(session):
+                _before(session, "drive", drives)
+
         _before(agent.kernel, "disappeared", disappears)
         if not isinstance(agent, Robot):
             return
         if node.device is self.rehearsal.robot:
-            _before(agent, "write", writes)
+            serial = load_profile(self.rehearsal.scenario.robot).section == "p2os"
+            _before(agent, "write", writes if serial else connects)
             _tap_owner(agent.owner(WHEELS), self)
         else:
             _before(agent.kernel, "publish", publishes)
@@ -239,36 +255,67 @@ class Workload:
     # Missions ------------------------------------------------------------------------------------
 
     def _order(self, _a: object = None, _b: object = None) -> None:
-        """Send the robot on when it has arrived, or has no mission."""
+        """Order the next mission when the last one has ended, or is forgotten."""
         self.mesh.call_at(self.mesh.now + ORDER_S, self._order)
-        late = self.mesh.now - self._mission_at > MISSION_S
-        if self._requested or (self._status is MissionState.DRIVING and not late):
+        if self._requested or self._under_way in (MissionState.DRIVING, MissionState.PLANNING):
             return
-        if self._status is MissionState.REACHED or late:
-            self.missions += self._status is MissionState.REACHED
+        if self._under_way in (MissionState.REACHED, MissionState.FAILED):
+            reached = self._under_way is MissionState.REACHED
+            self.ends[End.REACHED if reached else End.FAILED] += 1
             self._heading_for = 1 - self._heading_for
-        elif self._mission_at:  # it was forgotten
+        elif self._ordered:  # it was forgotten
             if self._none_at is None or self.mesh.now - self._none_at < 2 * FORGOTTEN_S:
                 return  # a restarted agent has a while to receive it
-            self.again += 1
-        self._requested = True
-        self.mesh.query(self._ends[self._heading_for], self._answered, timeout=5.0)
+            self.ends[End.FORGOTTEN] += 1
+        self._requested, self._ordered = True, False
+        self._under_way = MissionState.NONE
+        order = self._orders[self._heading_for % len(self._orders)]
+        self.mesh.query(order, self._answered, timeout=5.0)
 
     def _answered(self, reply: Message | None) -> None:
         self._requested = False
-        if isinstance(reply, MissionReply) and not reply.refusal:
-            self._mission_at = self.mesh.now
-            self._status = MissionState.DRIVING
+        if not isinstance(reply, MissionReply):
+            return
+        if reply.refusal:
+            self.ends[End.REFUSED] += 1
+            return
+        self._ordered, self._number, self._none_at = True, reply.mission, None
+        self._under_way = MissionState.DRIVING
+
+    def _on_errands(self, errands: Errands) -> None:
+        """The progress of a mission of several tasks."""
+        for errand in errands.errands:
+            if errand.number == self._number and self._ordered:
+                ended = MissionState.FAILED if errand.failed else MissionState.REACHED
+                self._under_way = ended if errand.over else MissionState.DRIVING
+
+    def _on_status(self, status: MissionStatus) -> None:
+        """The progress of a goal."""
+        ended = self._under_way in (MissionState.REACHED, MissionState.FAILED)
+        if not (ended and status.state is MissionState.NONE):
+            self._under_way = status.state  # a new interface agent knows of no mission that ended
+        if status.state is not MissionState.NONE:
+            self._none_at = None
+        elif self._none_at is None:
+            self._none_at = self.mesh.now
 
     def _clock(self, _name: str) -> Clock:
         return Clock(self._clocks.uniform(0.0, BOOTED_S))
 
 
-def _ends(rehearsal: Rehearsal) -> tuple[MissionRequest, MissionRequest]:
-    """The missions to the scenario's goal, and back to its start."""
-    there = mission(rehearsal.scenario)
-    assert there is not None, "faults are injected on the way to a goal"
-    back = Waypoint(*rehearsal.scenario.start)
+def _orders_of(scenario: Scenario, options: Options) -> tuple[Message, ...]:
+    """The missions to the scenario's goal and back to its start, or its mission of several tasks.
+
+    Raises ConfigError for a scenario without either.
+    """
+    if scenario.mission is not None:
+        order = errand(scenario, options)
+        assert order is not None, "it is a mission"
+        return (order,)
+    there = mission(scenario)
+    if there is None:
+        raise ConfigError(f"{scenario.name}: no goal and no mission; faults need one")
+    back = Waypoint(*scenario.start)
     return there, structs.replace(there, goal=back, waypoints=there.waypoints[::-1])
 
 
@@ -289,6 +336,7 @@ def _tap_owner(owner: Owner, workload: Workload) -> None:
     def tapped(command: Command, now: float, *, stopped: bool = False, fault: str = "") -> Verdict:
         verdict = judge(command, now, stopped=stopped, fault=fault)
         if verdict is Verdict.OBEYED:
+            workload.check_obeyed(command)
             workload.observe(Obeyed(workload.mesh.now, command.ballot, command.cycle))
         elif verdict is not Verdict.RELEASED:
             workload.observe(Refused(workload.mesh.now, command.ballot, verdict.name))
