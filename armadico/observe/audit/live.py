@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Final
 
 from armadico.core.judgement import Answer
-from armadico.core.messages import Message, line
+from armadico.core.messages import Command, Message, line
 from armadico.core.services import service_of
 from armadico.observe.audit.auditor import Auditor, watched
 from armadico.observe.audit.promises import Finding, Promise
@@ -21,12 +21,15 @@ class Live:
     """Judges the messages that one process receives.
 
     Attributes:
-        kinds: The messages that it needs. A simulator's truth is for observers, not for agents.
+        kinds: The messages that it needs. A simulator's truth is for observers, not for agents, and
+            the states say what was ordered.
         news: New findings that a promise is broken, until they are taken.
     """
 
     kinds: ClassVar[tuple[type[Message], ...]] = tuple(
-        kind for kind in watched() if not service_of(kind).watchers_only
+        kind
+        for kind in watched()
+        if not service_of(kind).watchers_only and kind is not Command
     )
 
     def __init__(self) -> None:
