@@ -27,9 +27,7 @@ class Live:
     """
 
     kinds: ClassVar[tuple[type[Message], ...]] = tuple(
-        kind
-        for kind in watched()
-        if not service_of(kind).watchers_only and kind is not Command
+        kind for kind in watched() if not service_of(kind).watchers_only and kind is not Command
     )
 
     def __init__(self) -> None:

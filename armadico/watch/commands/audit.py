@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 TICK_S: Final = 0.1
 """Time without a message is judged so often, s."""
 
-PAUSE_S: Final = 60.0
-"""A longer pause in a recording, s, is judged at its end only."""
+GAP_S: Final = 2.0
+"""Nothing was received for so long, s: a gap, in which nothing is judged."""
 
 MEGABYTE: Final = 1_000_000
 
@@ -96,7 +96,7 @@ class _Audit:
         self.unread: list[str] = []  # why something was not judged at all
         self._loud = loud
         self._began: float | None = None
-        self._at = 0.0
+        self._at = self._heard = 0.0
         self._printed = 0
 
     def update(self, at: float, key: str, message: object) -> None:
@@ -105,6 +105,7 @@ class _Audit:
         from armadico.observe.audit.auditor import watched
 
         self.tick(at)
+        self._heard = at - (self._began or 0.0)
         if isinstance(message, Message) and isinstance(message, watched()):
             self.auditor.update(at - (self._began or 0.0), key, message)
             self._print()
@@ -113,8 +114,9 @@ class _Audit:
         """Judge that time has passed."""
         self._began = at if self._began is None else self._began
         at -= self._began
-        if at - self._at > PAUSE_S:
-            self._at = at
+        if at - self._heard > GAP_S:
+            self.unread.append(f"nothing was received from {self._heard:.1f} to {at:.1f} s")
+            self._at = self._heard = at
         while self._at + TICK_S <= at:
             self._at += TICK_S
             self.auditor.tick(self._at)
@@ -184,7 +186,9 @@ def _by_promise(verdicts: list[Finding]) -> list[Finding]:
     """One verdict for each promise: of several rules, the worst; what is broken comes first."""
     rank = list(_WORDS)
     found: dict[Promise, Finding] = {}
-    for each in sorted(verdicts, key=lambda one: (one.answer is Answer.YES, rank.index(one.answer))):
+    for each in sorted(
+        verdicts, key=lambda one: (one.answer is Answer.YES, rank.index(one.answer))
+    ):
         found.setdefault(each.promise, each)
     return sorted(found.values(), key=lambda each: rank.index(each.answer))
 
@@ -220,7 +224,7 @@ def _read(args: Options, past: Past, audit: _Audit) -> None:
                 continue
             rows += 1
             message = row.received
-            lost += message is None and bool(row.schema) and row.key.endswith(REFUSED)
+            lost += message is None and row.key.endswith(REFUSED)
             audit.update(row.t / 1e9, row.key, message)
     if not args.mesh.namespace and others:
         names = ", ".join(sorted({namespace, *others}))
