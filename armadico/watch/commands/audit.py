@@ -272,20 +272,26 @@ def _live(args: Options, audit: _Audit) -> None:
     import signal
     import time
 
+    from armadico.core.messages import Message
     from armadico.observe.view import View
     from armadico.observe.watching import Observer
 
     class Account:
-        """A view beside the auditor."""
+        """A view, and the auditor beside it."""
 
         def __init__(self) -> None:
             self.view = View()
             self.ahead = self.view.ahead
-            self.token, self.learn = self.view.token, self.view.learn
 
-        def update(self, key: str, message: object, t: float) -> None:
-            self.view.update(key, message, t)  # type: ignore[arg-type]
+        def token(self, instance: str, *, there: bool, t: float) -> None:
+            self.view.token(instance, there=there, t=t)
+
+        def update(self, key: str, message: Message | None, t: float) -> None:
+            self.view.update(key, message, t)
             audit.update(t, key, message)
+
+        def learn(self, message: Message, t: float) -> None:
+            self.view.learn(message, t)
 
     signals: list[int] = []
     with robot.joined() as mesh:
