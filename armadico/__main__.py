@@ -8,13 +8,13 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BufferedWriter, FileIO, TextIOWrapper
-from pathlib import Path
-from typing import TYPE_CHECKING
 
+TYPE_CHECKING = False  # importing `typing` is slow, and `armadico stop` is urgent
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from _typeshed import ReadableBuffer
 
 INTERRUPTED = 130
@@ -24,6 +24,10 @@ UNPRINTABLE = "backslashreplace"  # for characters that the terminal or UTF-8 ca
 
 def main() -> int:
     with _silently():
+        if sys.argv[1:2] == ["stop"]:
+            from armadico.urgent import stop
+
+            stop(sys.argv[2:])
         from armadico.cli import main as command
     return run(command)
 
@@ -55,7 +59,7 @@ def run(command: Callable[[], int]) -> int:
     """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by the parent: the output is discarded
-            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: PTH123, SIM115
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors=UNPRINTABLE)
     if isinstance(sys.stderr, TextIOWrapper):

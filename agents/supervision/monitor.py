@@ -18,6 +18,9 @@ agent drives. If the society cannot be completed, it latches the emergency stop.
 Several monitors watch each other as they watch other agents. The monitor with the longest tenure
 acts. Two that act at once do no harm: a wakeup agent restarts a process once, however many request
 it.
+
+Each monitor also judges by all messages whether the society keeps its promises
+(`armadico.observe.audit`), and reports those that were broken. It restarts no agent for that.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from collections import deque
 from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
 from math import inf
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from msgspec import Meta
 
@@ -40,6 +43,7 @@ from armadico.agents.supervision.messages import (
 )
 from armadico.core import agent
 from armadico.core.agent import ERROR, INFO, WARNING, Agent
+from armadico.core.discovery import AUDITORS, installed
 from armadico.core.membership import LITTLE
 from armadico.core.messages import (
     LABEL,
@@ -98,6 +102,11 @@ WATCHED: Final = tuple(
     if "{" not in service.key.replace("{name}", "")
 )
 """States published at a fixed rate, by one agent per key."""
+
+AUDITOR: Final[Any] = next((each.load() for each in installed(AUDITORS).values()), None)
+"""What judges the messages (`armadico.observe.audit.live.Live`); None without one."""
+
+AUDITED: Final[tuple[type[Message], ...]] = AUDITOR.kinds if AUDITOR else ()
 
 
 class Parameters(agent.Parameters, frozen=True, kw_only=True):
@@ -182,7 +191,9 @@ class Monitor(Agent):
     """Detects agents that hang or are missing, and requests restarts and starts. Sans-IO."""
 
     name = "monitor"
-    receives: ClassVar[tuple[type[Message], ...]] = (*WATCHED, HostShare, MonitorReport, Trajectory)
+    receives: ClassVar[tuple[type[Message], ...]] = tuple(
+        dict.fromkeys((*WATCHED, HostShare, MonitorReport, Trajectory, *AUDITED))
+    )
     provides: ClassVar[tuple[type[Message], ...]] = (MonitorReport,)
     queries: ClassVar[tuple[type[Message], ...]] = (WakeupRequest,)
     parameters = Parameters
@@ -211,7 +222,8 @@ class Monitor(Agent):
         self._stopped_for: set[str] = set()
         self._check_at = self._report_at = 0.0
         self._note = ""
-        self._reported: tuple[bool, tuple[str, ...], str] | None = None
+        self._reported: tuple[bool, tuple[str, ...], str, tuple[str, ...]] | None = None
+        self._auditor: Any = AUDITOR() if AUDITOR else None
 
     # Inputs --------------------------------------------------------------------------------------
 
@@ -227,9 +239,25 @@ class Monitor(Agent):
 
     def on_message(self, message: Message) -> None:
         kind = type(message)
+        if kind in AUDITED:
+            self._audit(message)
         name = message.sensor if isinstance(message, Obstacles) else ""
         if kind in WATCHED:
             self._note_publication(self.key_of(kind, name=name), service_of(kind).rate_hz or 1.0)
+
+    def _audit(self, message: Message | None = None) -> None:
+        """Judge a message, or that time has passed; an error there must not end the monitor."""
+        if self._auditor is None:
+            return
+        try:
+            self._auditor.update(self.now, message)
+        except Exception as error:
+            self._auditor = None
+            self.log(line(f"the auditor failed, promises are not judged: {error!r}"), ERROR)
+            return
+        for text in self._auditor.news:
+            self.log(text, WARNING)
+        self._auditor.news.clear()
 
     def _note_publication(self, key: str, rate_hz: float) -> None:
         habit = self._habits.setdefault(key, _Habit(self.now, self.now))
@@ -302,6 +330,7 @@ class Monitor(Agent):
             self._restart_timers()
         self._check_at = self.now + PERIOD_S
         self.wake_at(self._check_at)
+        self._audit()
         self._probe()
         lost = self._find_lost_tokens()
         faulty = {known.instance: why for known, why in self._faulty()}
@@ -325,6 +354,8 @@ class Monitor(Agent):
     def _restart_timers(self) -> None:
         """Restart all timers, because this monitor could not receive anything."""
         self._late_from = self._linked_at = self.now
+        if self._auditor is not None:
+            self._auditor.begin()
         for known in self._known.values():
             known.answered_at = self.now
         for habit in self._habits.values():
@@ -668,14 +699,14 @@ class Monitor(Agent):
 
     def _report(self) -> None:
         """Publish the report, every second and when it changes."""
-        content = (self._acts, tuple(self._missing), self._note)
+        broken = () if self._auditor is None else self._auditor.broken(self.now)
+        content = (self._acts, tuple(self._missing), self._note, broken)
         if self.now < self._report_at and content == self._reported:
             return
         if self._reported is not None and not self._missing and self._reported[1]:
             self.log(f"the society is complete again: {', '.join(self._reported[1])}", INFO)
         self._reported, self._report_at = content, self.now + REPORT_S
-        acts, missing, note = content
-        self.publish(MonitorReport(self.instance, self._tenure, acts, missing, note))
+        self.publish(MonitorReport(self.instance, self._tenure, *content))
 
 
 def _card_handler(monitor: Monitor, known: _Known) -> Callable[[Card | None], None]:

@@ -21,11 +21,11 @@ class Options:
 def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
     """Publish the stop or its release until the robot agent acknowledges it.
 
-    A robot agent on this computer is stopped by a signal, too. Raises UnknownError if it has not
-    confirmed that.
+    The society's processes on this computer are told without the mesh, too. Raises UnknownError if
+    the robot agent has not confirmed that.
     """
     pid = None
-    if stopped and not (args.mesh.connect or args.mesh.hosts):
+    if stopped and not args.mesh.connect:
         from armadico.mesh.sockets import stop
 
         pid = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
@@ -43,8 +43,8 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
         except AbsentError:
             if pid is not None:
                 raise options.UnknownError(
-                    f"process {pid}, the robot agent, was signalled to stop the robot, and has not"
-                    " confirmed it: look at the robot; `armadico why --live` tells more"
+                    f"process {pid} of the society was told to stop the robot, and the robot agent"
+                    " has not confirmed it: look at the robot; `armadico why --live` tells more"
                 ) from None
             if mesh.wait_joined(0.0):
                 raise

@@ -70,6 +70,9 @@ RECORDINGS: Final = "armadico.recordings"
 PICTURES: Final = "armadico.pictures"
 """By what is drawn: the function that draws a picture of it."""
 
+AUDITORS: Final = "armadico.auditors"
+"""What judges a society's messages, within the monitor."""
+
 MAPPERS: Final = "armadico.mappers"
 """Makers of an occupancy grid from readings at known poses."""
 

@@ -258,9 +258,9 @@ class Driver:
             self.kernel.reachable = there
 
     def latch(self, by: str, now: float) -> None:
-        """Latch the robot's stop if this agent owns a resource that stops."""
+        """Latch the robot's stop."""
         own = self._pass(now)
-        if self.stage is Stage.JOINED and any(each.stops for each in self.agent.owns):
+        if self.stage is Stage.JOINED:
             self.kernel.now = own
             self.kernel.latch(by)
 

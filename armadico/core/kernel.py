@@ -434,8 +434,8 @@ class Kernel(Desk):
 
     def _accept_ack(self, ack: m.Ack) -> bool:
         bidding = self._bidding.get(ack.resource)
-        if bidding is None:
-            return False
+        if bidding is None:  # of a resource that it only watches
+            return m.Ack in self.agent.receives
         clock, key = bidding.clock, bidding.resource.ack_key
         counts = (
             clock.fresh(ack.cycle)

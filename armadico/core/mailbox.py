@@ -11,6 +11,9 @@ from __future__ import annotations
 from collections import Counter, deque
 from typing import Final, Generic, TypeVar
 
+URGENT: Final = "stop"
+"""The key of a stop that did not come by the mesh: it is delivered before all that waits."""
+
 EVENTS: Final = 64  # events kept per key; beyond, the oldest is dropped
 
 # Keys with waiting items that differ in their last part only. Items of further such keys are
@@ -57,10 +60,10 @@ class Mailbox(Generic[T]):
             if len(self.dropped) < LANES:
                 self.dropped[key] += 1
         self._arrivals += 1
-        lane.append((self._arrivals, item))
+        lane.append((0 if key == URGENT else self._arrivals, item))
 
     def get(self) -> T | None:
-        """Return the oldest item; None if there is none."""
+        """Return the oldest item, the stop first; None if there is none."""
         lanes = self.lanes
         if not lanes:
             return None

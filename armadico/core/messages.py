@@ -609,6 +609,9 @@ class MonitorReport(Message, frozen=True):
     acts: bool
     missing: tuple[Name, ...] = ()  # essential agents without a working instance
     note: Text = ""  # its last action, or what the society lacks
+    broken: tuple[Text, ...] = ()  # promises that were broken within the last minute, and by what
+
+    appended: ClassVar[int] = 1
 
 
 class JournalPiece(Message, frozen=True):

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
-from armadico.mesh.sockets import folder, is_held, stem
+from armadico.mesh.sockets import is_held, share_of, shares_of
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class PidFile:
     """A context manager that holds the lock and removes the file at the end."""
 
     def __init__(self, namespace: str, host: str) -> None:
-        self.path = folder() / f"{stem(namespace)}@{stem(host)}.json"
+        self.path = share_of(namespace, host)
         self._file: IO[str] | None = None
 
     def __enter__(self) -> PidFile:
@@ -66,7 +66,7 @@ class PidFile:
 
 def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
     """The running shares of a namespace on this machine, of one host or of all."""
-    for path in sorted(folder().glob(f"{stem(namespace)}@{stem(host) if host else '*'}.json")):
+    for path in [share_of(namespace, host)] if host else shares_of(namespace):
         if is_held(path) and (share := read(path)) is not None:
             yield share
 

@@ -37,7 +37,7 @@ from armadico.launch.programs import LEAVE_S
 from armadico.launch.society import Member, processes
 from armadico.observe.journals import head
 from armadico.runtime.errors import RunFailedError
-from armadico.runtime.process import AgentHost, identity
+from armadico.runtime.process import AgentHost, await_stop, identity
 
 if TYPE_CHECKING:
     from armadico.config.scenarios import Scenario
@@ -205,6 +205,7 @@ class Upkeep:
 
     def start(self) -> None:
         """Start all processes. Raises RunFailedError if the simulator does not start."""
+        await_stop(self._agents.latch)  # for `armadico stop` on this host
         self._thread.start()
         if self.plan.simulated is not None:
             self._start(SIMULATOR)

@@ -8,18 +8,15 @@ does not block the next one.
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
 import re
 import signal
 import socket
 import stat
 import struct
-import tempfile
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from armadico.mesh.topology import TopologyError
 
@@ -35,8 +32,7 @@ _ANSWER_S: Final = 0.5
 _SLASH: Final = "%2f"
 
 
-@dataclass(frozen=True)
-class Holder:
+class Holder(NamedTuple):
     """The process that listens on a socket."""
 
     pid: int
@@ -49,6 +45,8 @@ def folder() -> Path:
     if base and os.access(base, os.W_OK):
         path = Path(base) / "armadico"
     else:
+        import tempfile  # slow, and `armadico stop` is urgent
+
         path = Path(tempfile.gettempdir()) / f"armadico-{os.getuid()}.run"
         # Another user can make it first, in a folder that everyone may write to.
         if path.is_symlink() or (path.exists() and path.lstat().st_uid != os.getuid()):
@@ -131,12 +129,26 @@ def holder(path: Path) -> Holder | None:
     return Holder(pid, uid)
 
 
-def owner(path: Path) -> int | None:
-    """Return the pid of this user's process that has a socket's lock; None if none has.
+def lock_of(path: Path) -> Path:
+    """Return the path of a socket's lock."""
+    return path.with_name(f"{path.name}.lock")
+
+
+def share_of(namespace: str, host: str) -> Path:
+    """Return the path of the file that `armadico up` locks for a host's share of a society."""
+    return folder() / f"{stem(namespace)}@{stem(host)}.json"
+
+
+def shares_of(namespace: str) -> list[Path]:
+    """Return such files on this computer, locked or not."""
+    return sorted(folder().glob(f"{stem(namespace)}@*.json"))
+
+
+def owner(lock: Path) -> int | None:
+    """Return the pid of this user's process that has a file locked; None if none has.
 
     Unlike `holder` it needs nothing of that process, however busy it is.
     """
-    lock = path.with_name(f"{path.name}.lock")
     try:
         inode = lock.stat().st_ino
         rows = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
@@ -157,11 +169,19 @@ def _has_open(pid: int, path: Path) -> bool:
 
 
 def stop(namespace: str) -> int | None:
-    """Order a robot agent on this computer to stop, without a connection to it.
+    """Order a robot to stop, without a connection to it.
 
-    Returns its pid; None if it is not this user's, or would be ended by the signal.
+    On the robot's computer its guard and its robot agent get the order, on another one `armadico
+    up`, which is on the mesh already and passes it on. Returns the pid of one that will confirm it;
+    None without one: it is not there, not this user's, or the signal would end it.
     """
-    pid = owner(socket_of(namespace))
+    stop_at_guard(namespace)
+    locks = (lock_of(socket_of(namespace)), *shares_of(namespace))
+    return next((pid for lock in locks if (pid := _signal(owner(lock))) is not None), None)
+
+
+def _signal(pid: int | None) -> int | None:
+    """Send a process the signal to stop; return its pid, None if it does not know the signal."""
     if pid is None:
         return None
     try:
@@ -189,7 +209,7 @@ def is_held(path: Path) -> bool:
 
 def is_deleted(path: Path) -> bool:
     """Return whether a router listens on a deleted socket, to which no process can connect."""
-    return not path.exists() and is_held(path.with_name(f"{path.name}.lock"))
+    return not path.exists() and is_held(lock_of(path))
 
 
 def answers(endpoint: str, within: float) -> bool:
@@ -229,5 +249,7 @@ def peer_sockets(namespace: str) -> list[Path]:
 
 def _short(namespace: str) -> str:
     """Return a namespace as a short name, whose first part is that of the robots beside it."""
+    import hashlib  # slow
+
     beside, _, robot = namespace.rpartition("/")
     return _SLASH.join(hashlib.sha256(part.encode()).hexdigest()[:10] for part in (beside, robot))

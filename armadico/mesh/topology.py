@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from armadico.core.shared import is_shared, shared
 
@@ -33,8 +33,7 @@ class MeshError(RuntimeError):
     """The mesh cannot be joined."""
 
 
-@dataclass(frozen=True)
-class Topology:
+class Topology(NamedTuple):  # importing `dataclasses` is slow, and `armadico stop` is urgent
     """How one process joins the mesh.
 
     Attributes:

@@ -461,6 +461,14 @@ def _monitors(case: _Case) -> Iterator[Finding]:
         yield fine(Sort.MONITOR, report.instance, f"{report.instance}: {lacks}{others}.")
 
 
+def _promises(case: _Case) -> Iterator[Finding]:
+    """What the monitors' auditors found; several find the same."""
+    reports = (r for r in case.view.reports.values() if r.instance in case.view.alive)
+    for text in dict.fromkeys(text for report in reports for text in report.broken):
+        what = f"Within the last minute a promise was broken: {text}."
+        yield Finding(Sort.PROMISE, text, what, "record a run, and `armadico audit` the recording")
+
+
 def _clocks(case: _Case) -> Iterator[Finding]:
     off = [host for host in case.hosts if host.skew]
     for host in off:
@@ -477,19 +485,8 @@ Check = Callable[[_Case], Iterator[Finding]]
 ROOTS: Final[tuple[Check, ...]] = (_router, _nobody, _deaf)
 
 CHECKS: Final[tuple[Check, ...]] = (
-    *(
-        _hosts,
-        _agents,
-        _versions,
-        _tables,
-        _twice,
-        _simulators,
-        _faults,
-        _standing,
-        _late,
-        _by_hand,
-    ),
-    *(_robot, _pose, _rates, _monitors, _clocks),
+    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _faults, _standing, _late),
+    *(_by_hand, _robot, _pose, _rates, _promises, _monitors, _clocks),
 )
 
 

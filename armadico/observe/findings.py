@@ -63,6 +63,7 @@ class Sort(StrEnum):
     LATE = "late"  # the mission is not reached in the time that its path should take
     MONITOR = "monitor"
     ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
+    PROMISE = "promise"  # a monitor found that the society did not do what it promises
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
 
 

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 
 from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.driver import Driver
+from armadico.core.mailbox import URGENT
 from armadico.core.outgoing import EXPIRY_S, Write
 from armadico.mesh import sockets
 from armadico.mesh.topology import TopologyError
@@ -175,7 +176,7 @@ class Device:
         if notice == guard.BRAKED:
             self._inbox.put("braked", lambda: self._driver.braked(self._clock()), keep=CHUNKS)
         elif notice == guard.STOP:
-            self._inbox.put("stop", self._latch, keep=1)
+            self._inbox.put(URGENT, self._latch, keep=1)
 
     def _latch(self) -> None:
         """Latch the stop, and let the guard know, which rests the robot until then."""

@@ -34,7 +34,7 @@ from armadico.core.agent import Agent, DeviceAgent, Identity
 from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.kernel import Subscription
-from armadico.core.mailbox import BURST_S, EVENTS
+from armadico.core.mailbox import BURST_S, EVENTS, URGENT
 from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
 from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import LEAST_SILENCE_S
@@ -166,13 +166,13 @@ class AgentHost:
         self.inbox.ring()
 
     def latch(self) -> None:
-        """Latch the robot's stop, ordered by a signal; may be called from another thread."""
+        """Latch the robot's stop, ordered by a signal; may be called from another thread.
 
-        def stop() -> None:
-            for driver in self.drivers:
-                driver.latch(BY_SIGNAL, self._clock())
-
-        self.inbox.put("signal", stop, keep=1)
+        The robot agent does it where it runs; elsewhere any agent publishes the stop.
+        """
+        owners = (d for d in self.drivers if any(each.stops for each in d.agent.owns))
+        driver = next(owners, self.drivers[0])
+        self.inbox.put(URGENT, lambda: driver.latch(BY_SIGNAL, self._clock()), keep=1)
 
     def _join(self) -> None:
         """Subscribe before the drivers announce their agents."""
@@ -496,7 +496,7 @@ def serve(
     """
     host = AgentHost(agents, mesh, connect, wall=wall, head=head)
     _await_signal(host.request_stop)
-    _await_stop(host.latch)
+    await_stop(host.latch)
     _log_from_a_thread()
     code = 0
     try:
@@ -555,8 +555,8 @@ def _log_from_a_thread() -> None:
     _listeners.append(listener)
 
 
-def _await_stop(stop: Callable[[], None]) -> None:
-    """Start a thread that stops the robot at each `STOP_SIGNAL`.
+def await_stop(stop: Callable[[], None]) -> None:
+    """Start a thread that stops the robot at each `STOP_SIGNAL`; from the main thread.
 
     It needs no connection, so no program can be in its way. Zenoh's threads may receive the signal:
     Python then writes its number to the pipe, whatever the main thread does.

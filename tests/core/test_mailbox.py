@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armadico.core import mailbox as box
-from armadico.core.mailbox import EVENTS, LANES, Mailbox
+from armadico.core.mailbox import EVENTS, LANES, URGENT, Mailbox
 
 LIMIT = 4
 
@@ -51,6 +51,14 @@ def test_beyond_the_limit_the_oldest_event_of_its_key_goes_and_is_counted() -> N
         mailbox.put("log/a", value)
     assert mailbox.dropped == {"log/a": 3}
     assert drain(mailbox) == [100, *range(3, EVENTS + 3)]
+
+
+def test_a_stop_overtakes_all_that_waits() -> None:
+    mailbox: Mailbox[int] = Mailbox()
+    for value in range(3):
+        mailbox.put(f"log/{value}", value)
+    mailbox.put(URGENT, 9, keep=1)
+    assert drain(mailbox) == [9, 0, 1, 2]
 
 
 def test_no_flood_on_other_keys_pushes_out_a_stop_a_token_a_reply_or_the_devices_bytes() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from armadico import urgent
 from armadico.mesh.sockets import (
     LONGEST,
     RUNTIME_VARIABLE,
@@ -21,6 +22,7 @@ from armadico.mesh.sockets import (
     holder,
     peer_sockets,
     peers_here,
+    share_of,
     socket_of,
     stop,
 )
@@ -159,6 +161,49 @@ def test_a_stop_is_a_signal_to_the_process_that_has_the_lock_if_it_knows_the_sig
         assert stop("robot1") is None, "the signal would end it"
         process.communicate("")
         assert process.returncode == 0
+
+
+def test_where_the_robot_is_not_the_hosts_launcher_gets_the_signal(base: Path) -> None:
+    assert base.exists()
+    pipe = subprocess.PIPE
+    words = [sys.executable, "-c", CAUGHT, str(share_of("lab/r1", "desk"))]
+    with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "locked\n"
+        assert stop("lab/r2") is None, "another robot's"
+        assert stop("lab/r1") == process.pid
+        assert process.stdout.readline() == "stopped\n"
+        process.communicate("")
+        assert stop("lab/r1") is None, "it has ended, and its file stays"
+
+
+@pytest.mark.parametrize(
+    ("words", "stopped"),
+    [
+        ("", ["robot1"]),
+        ("--namespace lab/r1 --timeout=3", ["lab/r1"]),
+        ("--hosts lab.toml --host desk", ["robot1"]),
+        ("--help", []),
+        ("--namespace", []),
+        ("--namespace lab/", []),
+        ("--connect tcp/10.0.0.1:7447", []),
+        ("now", []),
+    ],
+)
+def test_a_stop_goes_first_only_if_its_words_are_certain(
+    words: str, stopped: list[str], base: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert base.exists()
+    monkeypatch.delenv("ARMADICO_NAMESPACE", raising=False)
+    monkeypatch.setattr(os, "sched_setscheduler", _refuse)
+    found: list[str] = []
+    monkeypatch.setattr("armadico.mesh.sockets.stop", found.append)
+    urgent.stop(words.split())
+    assert found == stopped
+
+
+def _refuse(*_: object) -> None:
+    raise PermissionError
 
 
 @pytest.mark.live

@@ -1,0 +1,326 @@
+"""Judge a recording or a live robot: which promises were broken, kept, or could not be checked."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import FILE, Command, argument, flag, group, option, several
+from armadico.core.judgement import Answer, Judgement, all_of
+from armadico.mesh.topology import default_namespace
+from armadico.observe.audit.promises import Finding, Promise
+from armadico.runtime.errors import AbsentError
+
+if TYPE_CHECKING:
+    from armadico.observe.audit.auditor import Auditor
+    from armadico.watch.recordings import Past
+
+TICK_S: Final = 0.1
+"""Time without a message is judged so often, s."""
+
+GAP_S: Final = 2.0
+"""Nothing was received for so long, s: a gap, in which nothing is judged."""
+
+MEGABYTE: Final = 1_000_000
+
+EXAMPLES: Final = """\
+  armadico audit run.mcap
+  armadico audit run.mcap --only collision --only reached   the exit code is that of these
+  armadico audit run.mcap --json | jq '.promises[] | select(.answer != "yes")'
+  armadico audit --live                                     until Ctrl-C
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Robot(options.Mesh):
+    """The mesh; the recording of one robot needs no namespace."""
+
+    namespace: str = option(options.NAMESPACE_HELP, default="", metavar="NS")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    file: Path | None = argument("the recording", nargs="?", metavar="FILE.mcap", must=FILE)
+    live: bool = flag("judge a running society instead, until Ctrl-C")
+    for_s: float | None = option(
+        "with --live: judge for S seconds (default: until Ctrl-C)",
+        "--for",
+        default=None,
+        read=options.seconds,
+        metavar="S",
+    )
+    only: tuple[str, ...] = several(
+        "judge only this promise; may be repeated (default: all)", metavar="PROMISE"
+    )
+    json: bool = flag("print one JSON object")
+    mesh: _Robot = group(_Robot, "the mesh")
+
+
+def run(args: Options) -> int:
+    """Print what was found; the exit code is that of its judgement."""
+    if args.live == (args.file is not None):
+        raise UsageError("give either a recording or --live")
+    if args.for_s is not None and not args.live:
+        raise UsageError("--for S is for --live; a recording is judged to its end")
+    from armadico.observe.audit.auditor import RULES, Auditor
+
+    only = {_name(promise): promise for promise in dict.fromkeys(rule.promise for rule in RULES)}
+    if unknown := sorted(set(args.only) - set(only)):
+        raise UsageError(f"--only {unknown[0]}: expected one of {', '.join(only)}")
+    chosen = {only[name] for name in args.only or only}
+    auditor = Auditor(rule for rule in RULES if rule.promise in chosen)
+    audit = _Audit(auditor, loud=not args.json)
+    if args.file is None:
+        _live(args, audit)
+    else:
+        _recorded(args, args.file, audit)
+    return audit.conclude()
+
+
+def _name(promise: Promise) -> str:
+    return promise.name.lower().replace("_", "-")
+
+
+class _Audit:
+    """Judges messages, prints findings as they come, and then the verdict on each promise."""
+
+    def __init__(self, auditor: Auditor, *, loud: bool) -> None:
+        self.auditor = auditor
+        self.unread: list[str] = []  # why something was not judged at all
+        self._loud = loud
+        self._began: float | None = None
+        self._at = self._heard = 0.0
+        self._printed = 0
+
+    def update(self, at: float, key: str, message: object) -> None:
+        """Judge a message, and the time before it; `at` is in s of any clock."""
+        from armadico.core.messages import Message
+        from armadico.observe.audit.auditor import watched
+
+        self.tick(at)
+        self._heard = at - (self._began or 0.0)
+        if isinstance(message, Message) and isinstance(message, watched()):
+            self.auditor.update(at - (self._began or 0.0), key, message)
+            self._print()
+
+    def tick(self, at: float) -> None:
+        """Judge that time has passed."""
+        self._began = at if self._began is None else self._began
+        at -= self._began
+        if at - self._heard > GAP_S:
+            self.unread.append(f"nothing was received from {self._heard:.1f} to {at:.1f} s")
+            self._at = self._heard = at
+        while self._at + TICK_S <= at:
+            self._at += TICK_S
+            self.auditor.tick(self._at)
+            self._print()
+
+    def _print(self) -> None:
+        found = self.auditor.findings
+        if self._loud:
+            for finding in found[self._printed :]:
+                print(options.shown(f"{finding.at:8.2f} s  {_words(finding)}"), flush=True)
+        self._printed = len(found)
+
+    def conclude(self) -> int:
+        """Print the verdict on each promise; return the exit code."""
+        verdicts = _by_promise(self.auditor.report())
+        judged = [Judgement(each.answer, each.text) for each in verdicts]
+        judged += [Judgement(Answer.UNKNOWN, why) for why in self.unread]
+        verdict = all_of(judged)
+        if not self._loud:
+            import msgspec
+
+            found = {
+                "answer": verdict.answer,
+                "findings": [_plain(each) for each in self.auditor.findings],
+                "promises": [_plain(each) for each in verdicts],
+                "unread": self.unread,
+            }
+            print(json.dumps(msgspec.to_builtins(found), indent=2))
+            return verdict.exit_code
+        for each in verdicts:
+            counted = sum(
+                one.answer is each.answer and one.promise is each.promise
+                for one in self.auditor.findings
+            )
+            times = f", {counted} times" if counted > 1 else ""
+            what = "" if each.answer is Answer.YES else f": {each.text}{times}"
+            word = _WORDS[each.answer]
+            print(options.shown(f"{word:<12} {_name(each.promise)} ({each.promise}){what}"))
+        for why in self.unread:
+            print(options.shown(f"{_WORDS[Answer.UNKNOWN]:<12} {why}"))
+        counts = (sum(each.answer is answer for each in judged) for answer in _WORDS)
+        words = zip(_WORDS.values(), counts, strict=True)
+        print(f"\n{', '.join(f'{word} {count}' for word, count in words)}")
+        return verdict.exit_code
+
+
+_WORDS: Final = {Answer.NO: "broken", Answer.YES: "kept", Answer.UNKNOWN: "not checked"}
+
+
+def _words(finding: Finding) -> str:
+    return f"{_WORDS[finding.answer]} {_name(finding.promise)}: {finding.text}"
+
+
+def _plain(finding: Finding) -> dict[str, object]:
+    return {
+        "promise": _name(finding.promise),
+        "means": finding.promise,
+        "answer": finding.answer,
+        "at": round(finding.at, 3),
+        "who": finding.who,
+        "what": finding.what,
+        "evidence": finding.evidence,
+    }
+
+
+def _by_promise(verdicts: list[Finding]) -> list[Finding]:
+    """One verdict for each promise: of several rules, the worst; what is broken comes first."""
+    rank = list(_WORDS)
+    found: dict[Promise, Finding] = {}
+    for each in sorted(
+        verdicts, key=lambda one: (one.answer is Answer.YES, rank.index(one.answer))
+    ):
+        found.setdefault(each.promise, each)
+    return sorted(found.values(), key=lambda each: rank.index(each.answer))
+
+
+# A recording --------------------------------------------------------------------------------------
+
+
+def _recorded(args: Options, file: Path, audit: _Audit) -> None:
+    options.need("mcap", "record")
+    from armadico.watch.recordings import Past, RecordingError
+
+    try:
+        past = Past(file, options.reporter("armadico audit"))
+        past.check()
+        _read(args, past, audit)
+    except RecordingError as error:
+        raise UsageError(str(error)) from None
+
+
+def _read(args: Options, past: Past, audit: _Audit) -> None:
+    """Judge a recording. Raises UsageError if it holds several robots, FailedError without one."""
+    from armadico.watch.recorder import REFUSED
+
+    namespace, others = args.mesh.namespace, set[str]()
+    lost = rows = 0
+    size = sum(path.stat().st_size for path in past.paths)
+    with _progress(size) as progress:
+        for row in past.rows():
+            progress(row.place.at, str(row.place.path))
+            namespace = namespace or row.namespace
+            if row.namespace != namespace:
+                others.add(row.namespace)
+                continue
+            rows += 1
+            message = row.received
+            lost += message is None and row.key.endswith(REFUSED)
+            audit.update(row.t / 1e9, row.key, message)
+    if not args.mesh.namespace and others:
+        names = ", ".join(sorted({namespace, *others}))
+        raise UsageError(f"{past.path} holds {names}; name one robot: --namespace NS")
+    if not rows:
+        of = f" of {args.mesh.namespace!r}" if args.mesh.namespace else ""
+        raise FailedError(f"{past.path} holds no messages{of}")
+    audit.unread += past.damage
+    if lost:
+        audit.unread.append(f"{lost} messages that could not be decoded")
+
+
+@contextmanager
+def _progress(size: int) -> Iterator[Callable[[int, str], None]]:
+    """A function to call with the place of each record: a bar on a terminal."""
+    if not sys.stderr.isatty():
+        yield lambda *_: None
+        return
+    from armadico.cli.pool import progress
+
+    done: dict[str, int] = {}
+    total = size // MEGABYTE + 1
+    with progress("megabytes", total) as step:
+        stepped = 0
+
+        def show(at: int, path: str) -> None:
+            nonlocal stepped
+            done[path] = at
+            while stepped < min(sum(done.values()) // MEGABYTE, total):
+                stepped += 1
+                step()
+
+        yield show
+        for _ in range(total - stepped):
+            step()
+
+
+# A running society --------------------------------------------------------------------------------
+
+
+def _live(args: Options, audit: _Audit) -> None:
+    """Judge what a society publishes, until Ctrl-C or for a time."""
+    robot = args.mesh.of(args.mesh.namespace or default_namespace())
+    demand = robot.demand()
+    import signal
+    import time
+
+    from armadico.core.messages import Message
+    from armadico.observe.view import View
+    from armadico.observe.watching import Observer
+
+    class Account:
+        """A view, and the auditor beside it."""
+
+        def __init__(self) -> None:
+            self.view = View()
+            self.ahead = self.view.ahead
+
+        def token(self, instance: str, *, there: bool, t: float) -> None:
+            self.view.token(instance, there=there, t=t)
+
+        def update(self, key: str, message: Message | None, t: float) -> None:
+            self.view.update(key, message, t)
+            audit.update(t, key, message)
+
+        def learn(self, message: Message, t: float) -> None:
+            self.view.learn(message, t)
+
+    signals: list[int] = []
+    with robot.joined() as mesh:
+        # A KeyboardInterrupt raised within `cbor2.dumps` is ignored (cbor2 6.2).
+        before = signal.signal(signal.SIGINT, lambda number, _: signals.append(number))
+        try:
+            observer = Observer(mesh, demand, Account())
+            end = time.monotonic() + (float("inf") if args.for_s is None else args.for_s)
+            while not signals and time.monotonic() < end:
+                observer.take(min(TICK_S, max(end - time.monotonic(), 0.0)))
+                audit.tick(observer.now)
+                if not mesh.reachable:
+                    audit.unread.append("the robot's router was not reachable all the time")
+                    break
+        finally:
+            signal.signal(signal.SIGINT, before)
+        if observer.watcher.dropped:
+            audit.unread.append(f"{observer.watcher.dropped} messages that were not read in time")
+        if not observer.view.alive:
+            raise AbsentError("no agent is alive", robot.namespace)
+
+
+main: Final = Command(
+    "armadico audit",
+    Options,
+    run,
+    "Judge by its messages whether a robot's society keeps its promises, such as: a goal that is"
+    " reported as reached is reached. Each promise is broken, kept, or was not checked, with the"
+    " reason. The exit code is 0 if all were kept, 1 if one was broken, 3 if one was not checked:"
+    " messages are missing, or there was no occasion.",
+    EXAMPLES,
+)

@@ -1,0 +1,149 @@
+"""`armadico audit` of recordings: what is broken, kept, and not checked, and why not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mcap")
+
+from armadico import cli
+from armadico.core.messages import PROTOCOL, Stop, encode
+from armadico.launch.society import Options
+from armadico.launch.virtual import Rehearsal
+from armadico.mobile.messages import MissionState, MissionStatus
+from armadico.observe.watching import Presence, Received
+from armadico.watch.recorder import Recording
+from armadico.watch.recordings import rows
+from armadico.watch.virtual_recording import BEGUN, Recorded
+from tests.watch.observed import LINE
+
+Audit = Callable[..., tuple[int, dict[str, Any]]]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """It drives for 8 s."""
+    path = tmp_path_factory.mktemp("audit") / "run.mcap"
+    run = Rehearsal(LINE, Options(seed=4))
+    with Recorded(run.mesh, path, run.namespace):
+        run.start()
+        run.begin()
+        run.mesh.run(8.0)
+    return path
+
+
+@pytest.fixture
+def audit(capsys: pytest.CaptureFixture[str]) -> Audit:
+    def judge(path: Path, *words: str) -> tuple[int, dict[str, Any]]:
+        code = cli.main(["audit", str(path), "--json", *words])
+        out, err = capsys.readouterr()
+        return code, json.loads(out) if out else {"error": err}
+
+    return judge
+
+
+def answers(found: dict[str, Any]) -> dict[str, str]:
+    return {each["promise"]: each["answer"] for each in found["promises"]}
+
+
+def test_promises_are_kept_and_one_without_an_occasion_is_not(
+    recording: Path, audit: Audit
+) -> None:
+    code, found = audit(recording)
+    assert (code, found["answer"], found["findings"]) == (3, "unknown", [])
+    judged = answers(found)
+    assert (judged["one-driver"], judged["collision"], judged["odometry"]) == ("yes",) * 3
+    assert judged["failed"] == "unknown", "no mission ended"
+    assert audit(recording, "--only", "one-driver", "--only", "collision")[0] == 0
+
+
+def test_a_mission_that_is_reported_as_reached_under_way_is_broken(
+    audit: Audit, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    run = Rehearsal(LINE, Options(seed=4))
+    with Recorded(run.mesh, path, run.namespace):
+        run.start()
+        run.begin()
+        run.mesh.run(5.0)
+        number = run.watch.view.mission.mission if run.watch.view.mission else 1
+        run.mesh.publish(MissionStatus(number, MissionState.REACHED, 0.0))
+        run.mesh.run(5.5)
+    code, found = audit(path)
+    assert (code, answers(found)["reached"]) == (1, "no")
+
+
+def test_a_recording_that_was_cut_is_never_all_kept(
+    recording: Path, audit: Audit, tmp_path: Path
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    data = recording.read_bytes()
+    cut.write_bytes(data[: len(data) // 2])
+    code, found = audit(cut, "--only", "one-driver")
+    assert answers(found) == {"one-driver": "yes"}
+    assert (code, found["answer"]) == (3, "unknown")
+    assert "cut short" in found["unread"][0]
+
+
+def test_without_the_messages_that_it_needs_a_promise_is_not_checked(
+    audit: Audit, tmp_path: Path
+) -> None:
+    path = tmp_path / "run.mcap"
+    kept = Recording(path)
+    kept.add(Received("robot1", "robot/stop", encode(Stop(1, True, "anna", 7)), 10**9))
+    kept.close()
+    code, found = audit(path)
+    assert (code, set(answers(found).values())) == (3, {"unknown"})
+    assert all("received" in each["what"] for each in found["promises"])
+
+
+def test_a_gap_is_not_blamed_on_the_robot_and_not_passed_over(
+    recording: Path, audit: Audit, tmp_path: Path
+) -> None:
+    gap = tmp_path / "gap.mcap"
+    kept = Recording(gap)
+    for row in rows(recording, pytest.fail):
+        if not 3e9 < row.t - BEGUN * 10**9 < 6e9 and (message := row.received) is not None:
+            kept.add(Received(row.namespace, row.key, encode(message), row.t))
+    kept.close()
+    code, found = audit(gap, "--only", "one-driver")
+    assert (code, found["findings"], answers(found)) == (3, [], {"one-driver": "yes"})
+    assert "nothing was received from" in found["unread"][0]
+
+
+def test_a_recording_of_another_protocol_or_of_several_robots_is_not_judged(
+    audit: Audit, tmp_path: Path
+) -> None:
+    newer = tmp_path / "newer.mcap"
+    Recording(newer, {"protocol": str(PROTOCOL + 1), "version": "9.9"}).close()
+    code, found = audit(newer)
+    assert (code, f"protocol {PROTOCOL + 1}" in found["error"]) == (2, True)
+    both = tmp_path / "both.mcap"
+    kept = Recording(both)
+    for name in ("robot1", "robot2"):
+        kept.add(Presence(name, "goto", f"goto-{name}", True, 10**9))
+    kept.close()
+    code, found = audit(both)
+    assert (code, "name one robot" in found["error"]) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (("--only", "speedy"), "expected one of"),
+        (("--live",), "either a recording or --live"),
+        (("--for", "3"), "for --live"),
+        (("--namespace", "robot9"), "no messages of 'robot9'"),
+    ],
+)
+def test_a_wrong_command_line_says_what_is_wrong(
+    recording: Path, audit: Audit, words: tuple[str, ...], what: str
+) -> None:
+    code, found = audit(recording, *words)
+    assert code in (1, 2)
+    assert what in found["error"]
