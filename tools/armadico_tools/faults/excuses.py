@@ -46,7 +46,7 @@ class Strict(Checker):
 
 
 def _broken(auditor: Auditor) -> Counter[Promise]:
-    return Counter(each.promise for each in auditor.findings if each.answer is not Answer.YES)
+    return Counter(each.promise for each in auditor.findings if each.answer is Answer.NO)
 
 
 def main(first: int = 1, seeds: int = 20, minutes: float = 2.0) -> int:
