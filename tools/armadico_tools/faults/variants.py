@@ -58,7 +58,9 @@ VARIANTS: Final = {
     for variant in (
         Variant("sonar", "a Pioneer by sonar, to and fro", weight=3.0),
         Variant("laser", "a ROS 2 robot by laser, to and fro", LASERS, weight=3.0),
-        Variant("ros2-sonar", "a ROS 2 robot by sonar, to and fro", ("jackal-sonars",)),
+        Variant(
+            "ros2-sonar", "a ROS 2 robot with sonars and a laser, to and fro", ("jackal-sonars",)
+        ),
         Variant(
             "people",
             "to and fro among people, some of whom do not heed the robot",

@@ -211,18 +211,22 @@ class Workload:
         return message.ballot.instance in self._injector.skewed
 
     def _show_bids(self) -> None:
-        """Observe new bids, and agents that have gone."""
+        """Observe new bids for the wheels, and agents that have gone."""
         there = set()
         for node in self._nodes:
-            agent = node.agent
-            if not node.alive or not agent.competes_for or agent.instance in self._injector.skewed:
-                continue
-            there.add(agent.instance)
-            if agent.kernel.bids and id(agent.kernel.bids[-1]) != self._last_bids.get(
-                agent.instance
+            agent, instance = node.agent, node.agent.instance
+            if (
+                not node.alive
+                or WHEELS not in agent.competes_for
+                or instance in self._injector.skewed
             ):
-                self._last_bids[agent.instance] = id(agent.kernel.bids[-1])
-                self.observe(Bids(self.mesh.now, agent.instance, agent.kernel.bids[-1]))
+                continue
+            there.add(instance)
+            bids = agent.kernel.bids
+            newest = next((bid for bid in reversed(bids) if of_the_wheels(bid)), None)
+            if newest is not None and id(newest) != self._last_bids.get(instance):
+                self._last_bids[instance] = id(newest)
+                self.observe(Bids(self.mesh.now, instance, newest))
         for instance in [name for name in self._last_bids if name not in there]:
             del self._last_bids[instance]
             self.observe(Left(self.mesh.now, instance))
