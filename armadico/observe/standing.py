@@ -239,7 +239,9 @@ class _Chain:
         since = min(self.now - begun, self.now - (view.rests_since or self.now))
         if since < STARTS_S:
             return self.end(Sort.STARTING, name, f"{name} has just started to drive.")
-        if slowed := self._recent(LogEvent.SLOWED):
+        state = view.state
+        stands = state is None or (state.capped and abs(state.admitted.v) <= RESTS)
+        if stands and (slowed := self._recent(LogEvent.SLOWED)):
             what = f"{name} drives, but {self._owner()} slows down for an obstacle: {slowed}."
             return self.end(Sort.BLOCKED, name, what, "clear the obstacles near the robot")
         what = f"{name} drives, but the wheels do not turn: "

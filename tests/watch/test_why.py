@@ -312,15 +312,17 @@ def test_a_moment_has_the_refused_commands_and_the_reason() -> None:
 @pytest.mark.long
 def test_during_an_exchange_a_moment_names_the_agents_whose_actions_are_blended() -> None:
     society = Observed(scenario=scenario("sc4", *LINE.agents, "gothrough")).drive(6.0)
-    for _ in range(100):
+    for _ in range(300):
         society.let_pass(0.1)
         society.chronicle.mark(society.mesh.now)
     society.chronicle.finish()
-    first = next(each for each in society.chronicle.exchanges if each.t > 7.0 and each.cycles > 1)
+    first = next(each for each in society.chronicle.exchanges if each.t > 7.0 and each.cycles > 2)
     during = [
         each.contests[0]
         for each in society.chronicle.moments
-        if each.contests[0].loser and each.contests[0].holder == first.winner
+        if abs(each.t - first.t) < 1.0
+        and each.contests[0].loser
+        and each.contests[0].holder == first.winner
     ]
     assert during
     assert all(each.loser == first.loser for each in during)

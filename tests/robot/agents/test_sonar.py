@@ -229,7 +229,7 @@ def test_the_walls_are_where_the_robot_is_now_and_not_where_its_last_pose_was() 
     ring.ping((AHEAD, None), odometry=(1.0, 0.0, 0.0), pose=(4.2, 0.0, 0.0))
     found = ring.ping((AHEAD, None), odometry=(1.1, 0.0, 0.0))
     assert found.front is not None
-    assert found.front.x == pytest.approx(0.72, abs=0.03)
+    assert 0.6 < found.front.x < 0.75  # by the pose's error nearer, since no echo shows it
 
 
 @pytest.mark.parametrize("lost", [None, 1.0])
@@ -245,7 +245,7 @@ def test_a_lost_robot_is_for_a_while_where_its_odometry_has_it(lost: float | Non
         assert found.front is not None
         front.append(found.front.x + way)
     assert front[0] == pytest.approx(0.8, abs=0.03)
-    assert front == sorted(front)  # the wall is taken to be farther off the longer it is so
+    assert front == sorted(front, reverse=True)  # the longer it is so, the nearer it may be
     ring.now += Parameters().walls.kept_s
     assert ring.ping((AHEAD, None), odometry=(0.2, 0.0, 0.0)).points == ()
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from armadico.launch.pidfile import PidFile, Share, TakenError, folder, shares
+from armadico.launch.pidfile import PidFile, Share, TakenError, shares
+from armadico.mesh.sockets import folder
 from armadico.mesh.sockets import RUNTIME_VARIABLE
 
 HOLDER = """
