@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from armadico.launch.pidfile import PidFile, Share, TakenError, shares
-from armadico.mesh.sockets import folder
-from armadico.mesh.sockets import RUNTIME_VARIABLE
+from armadico.mesh.sockets import RUNTIME_VARIABLE, folder
 
 HOLDER = """
 import sys
