@@ -322,7 +322,7 @@ def test_during_an_exchange_a_moment_names_the_agents_whose_actions_are_blended(
         for each in society.chronicle.moments
         if any(
             abs(each.t - change.t) < 1.0
-            and each.contests[0].loser == change.loser
+            and each.contests[0].loser
             and each.contests[0].holder == change.winner
             for change in blended
         )
