@@ -11,7 +11,7 @@ from armadico.core.services import derived
 from armadico.mobile.messages import Truth
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, OneDriver
-from armadico.observe.audit.driving import Brakes, Honest, Speed, Stands, Steady
+from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady
 from armadico.observe.audit.missions import Arrives, Failed, Found, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
@@ -20,7 +20,7 @@ from armadico.observe.audit.sensing import Changes, Heading, Unbiased
 
 RULES: Final[tuple[type[Rule], ...]] = (
     *(Touched, Arrives, Reached, Failed, Found),
-    *(Stands, Honest, Steady, Speed, Brakes),
+    *(Stands, Honest, Earned, Steady, Speed, Brakes),
     *(OneDriver, Fresh, Heading, Changes, Unbiased),
 )
 

@@ -23,6 +23,7 @@ class Promise(StrEnum):
     STANDS = "a robot with a free path does not stand"
     FOUND = "a robot that is lost finds its place again"
     HONEST = "no agent keeps commanding what readings forbid"
+    EARNED = "no speed is let through that the robot's readings forbid"
     STEADY = "no agent takes and loses the wheels again and again"
     SENSORS = "readings change as the robot moves, and agree with what is there"
     BRAKES = "the robot brakes along its ramp"

@@ -190,6 +190,27 @@ KINDS: Final = {
 }
 """Every kind by its name."""
 
+TOLERATED: Final = frozenset(
+    {
+        *("duplicate", "reorder", "version-skew", "stray-state", "glass", "slip", "stop"),
+        *("nan", "huge-term", "huge-counter", "huge-message", "flood"),
+    }
+)
+"""Kinds under which a robot drives on: they excuse it from no outcome."""
+
+LOSES, LATE_S = 0.3, 0.1
+"""A network that loses a smaller share, or is late by less, s, excuses from no outcome."""
+
+
+def hinders(kind: str, amount: float = inf) -> bool:
+    """Whether a fault may keep a robot from driving, or make its readings wrong."""
+    if kind in TOLERATED:
+        return False
+    made = KINDS[kind]
+    least = {"drop": LOSES, "delay": LATE_S}.get(kind, made.least)
+    return (made.excuses or bool(made.voids)) and amount >= least
+
+
 RESTARTS: Final = frozenset({"crash", "flap", "robot-restart"})
 """Kinds that replace a process; `in-turn` shows each as a crash."""
 
