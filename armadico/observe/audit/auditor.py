@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Final
 
 from armadico.core.judgement import Answer
@@ -78,7 +79,7 @@ class Auditor:
         self.scene.disturbed = why
 
     def report(self) -> list[Finding]:
-        """One finding for each promise: broken, unknown, or kept. What was broken comes first."""
+        """One finding for each promise: broken, unknown, or kept."""
         return [self._verdict(rule) for rule in self._rules]
 
     def _verdict(self, rule: Rule) -> Finding:
@@ -94,7 +95,8 @@ class Auditor:
             what = "not checked: there was no occasion"
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
-        return rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
+        found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
+        return replace(found, occasion=bool(lacking))
 
     def _has(self, kind: type[Message]) -> bool:
         return any(issubclass(each, kind) for each in self._seen)

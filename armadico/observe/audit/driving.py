@@ -28,13 +28,16 @@ RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
 STANDS_S: Final = 15.0
 """Standing on a free path for this time, s, needs a reason."""
 
-FORBIDDEN: Final = 5
+FORBIDDEN: Final = 8
 OF_CYCLES: Final = 10
 """A holder that commands what the readings forbid in so many of so many cycles is not honest. A
-second has ten; a person who steps in front of the robot costs a few, in which it brakes."""
+second has ten; people who step in front of the robot cost it five or six, in which it brakes."""
 
 FAST_M_S: Final = 0.1
 """Slower commands may be attempts to creep away from what is touched."""
+
+PRESSES_M_S: Final = 0.15
+"""Slower orders that are capped creep along what is near, and the cap is part of it, m/s."""
 
 ADMITTED_SHARE: Final = 0.5
 """A command of which less is let through is forbidden."""
@@ -174,7 +177,7 @@ class Honest(Rule):
             return None
         v, w = order
         forbids = state.capped not in ("", UNSEEN)  # no reading forbids what nobody has seen
-        if forbids and v >= FAST_M_S and state.admitted.v < ADMITTED_SHARE * v:
+        if forbids and v >= PRESSES_M_S and state.admitted.v < ADMITTED_SHARE * v:
             return f"{v:.2f} m/s, of which {state.admitted.v:.2f} are let through: {state.capped}"
         if v < FAST_M_S or v < state.v - RESTS_M_S:
             return ""
@@ -425,6 +428,7 @@ class Follows:
         """Whether it drives much more than was let through all the time, and gets no slower."""
         gains = self._of_ramp(about.v_decel, LAG_CYCLES + BRAKES_CYCLES)
         fast = all(
-            v >= 0.0 and m > v + ROLLS_M_S for _, v, m in [*self._last][-LAG_CYCLES - BRAKES_CYCLES :]
+            v >= 0.0 and m > v + ROLLS_M_S
+            for _, v, m in [*self._last][-LAG_CYCLES - BRAKES_CYCLES :]
         )
         return gains is not None and fast and -gains < BRAKES_SHARE

@@ -67,6 +67,10 @@ EXCUSES: Final = (
     *(Excuse.LED, Excuse.LOST, Excuse.WAITS),
 )
 
+IN_THE_WAY_S: Final = 30.0
+"""Obstacles ahead, such as people, may cost a mission so much time, s, and no more: going round
+them is a behaviour's work. A choice."""
+
 
 class Arrives(Rule):
     """A mission is reached in the time that its path takes.
@@ -115,8 +119,10 @@ class Arrives(Rule):
         dt, self._last_at = now.now - self._last_at, now.now
         self._measure(now)
         excuse = now.excuse(*EXCUSES)
+        if excuse is None and self._excused.get(IN_THE_WAY, 0.0) < IN_THE_WAY_S:
+            excuse = now.excuse(Excuse.IN_THE_WAY)
         before = self._excuse
-        if before is not None and before[0] not in (excuse, Excuse.DISTURBED):  # it lasts longer
+        if before is not None and before[0] not in (excuse, *NO_MORE):
             self._bonus_s += min(now.now - before[1], RESUMES_S)
         if excuse is not None:
             self._excuse = (
@@ -127,7 +133,7 @@ class Arrives(Rule):
                     now.now,
                 )
             )
-            _add(self._excused, excuse.name.lower().replace("_", " "), dt)
+            _add(self._excused, _name(excuse), dt)
             return
         self._excuse = None
         share = now.capped_share()
@@ -168,6 +174,15 @@ class Arrives(Rule):
             f"; nobody drove for {most:.0f} s of them" if who == NOBODY else f"; {who} drives it"
         )
         return self.found(now, "" if who == NOBODY else who, what, f"{', '.join(parts)}; {went}")
+
+
+def _name(excuse: Excuse) -> str:
+    return excuse.name.lower().replace("_", " ")
+
+
+IN_THE_WAY: Final = _name(Excuse.IN_THE_WAY)
+NO_MORE: Final = (Excuse.DISTURBED, Excuse.IN_THE_WAY)
+"""Excuses that give no further time to get going: a disturbance has it already."""
 
 
 def _add(to: dict[str, float], name: str, seconds: float) -> None:
@@ -305,7 +320,10 @@ class Found(Rule):
         self.checked = self.checked or now.pose is not None
         if not now.lost:
             self._lost_s = 0.0
-        elif now.driving and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None:
+        elif (
+            now.driving
+            and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
+        ):
             self._lost_s += dt
             if self._lost_s > LOST_S:
                 self._lost_s = -inf  # once, until it is found

@@ -48,6 +48,7 @@ class Excuse(StrEnum):
     LOST = "the pose is too uncertain to drive"
     WAITS = "no path is free"
     BLOCKED = "an obstacle is near its front or flanks"
+    IN_THE_WAY = "an obstacle is right ahead"
     BY_HAND = "a person drives"
     LED = "an agent leads it, such as into a dock"
     FAULT = "the robot agent says why it cannot be driven"
@@ -68,6 +69,7 @@ class Finding:
         who: The agent, sensor or instance that is responsible; "" if nobody is.
         what: A sentence.
         evidence: The numbers and messages that it follows from.
+        occasion: Whether there was one to break the promise. Without one nothing is missing.
         answer: No: the promise was broken. Unknown: it could not be checked, and `what` says what
             was missing. Yes: it was kept so far.
     """
@@ -78,6 +80,7 @@ class Finding:
     what: str
     evidence: str = ""
     answer: Answer = Answer.NO
+    occasion: bool = True
 
     @property
     def text(self) -> str:
