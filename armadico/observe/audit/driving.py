@@ -36,6 +36,9 @@ second has ten; people who step in front of the robot cost it five or six, in wh
 FAST_M_S: Final = 0.1
 """Slower commands may be attempts to creep away from what is touched."""
 
+CAPPED_CYCLES: Final = 15
+"""The robot agent's own readings may show first what others learn some cycles later."""
+
 PRESSES_M_S: Final = 0.15
 """Slower orders that are capped creep along what is near, and the cap is part of it, m/s."""
 
@@ -48,7 +51,7 @@ REACTION_S: Final = 0.2
 Spots = tuple[tuple[tuple[float, float], ...], ...]
 """What readings show: of each, points of which one is an obstacle, body frame, m."""
 
-EARNED_CYCLES: Final = 4
+EARNED_CYCLES: Final = 3
 """A speed that readings forbid is reduced within a cycle or two of them."""
 
 READ_S: Final = 0.25
@@ -148,6 +151,7 @@ class Honest(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._lately: dict[str, deque[bool]] = {}
+        self._capped: Counter[str] = Counter()  # by instance, cycles in a row
         self._named_at: dict[str, float] = {}
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
@@ -157,17 +161,22 @@ class Honest(Rule):
         if forbidden is None:
             return
         self.checked = True
+        capped = _presses(message)
+        self._capped[now.holder] += 1
+        if not capped:
+            self._capped[now.holder] = 0
         lately = self._lately.setdefault(now.holder, deque(maxlen=OF_CYCLES))
         lately.append(bool(forbidden))
-        if sum(lately) < FORBIDDEN or now.excuse(Excuse.DISTURBED) is not None:
+        often = bool(forbidden) and sum(lately) >= FORBIDDEN
+        if not often and self._capped[now.holder] < CAPPED_CYCLES:
+            return
+        if now.excuse(Excuse.DISTURBED) is not None:
             return
         lately.clear()
         if now.now - self._named_at.get(now.holder, -inf) > TAKES_S:
             self._named_at[now.holder] = now.now
-            what = (
-                f"keeps commanding what the readings forbid, in {FORBIDDEN} of {OF_CYCLES} cycles"
-            )
-            yield self.found(now, now.who, what, forbidden)
+            what = "keeps commanding what the readings forbid"
+            yield self.found(now, now.who, what, forbidden if often else capped)
 
     @staticmethod
     def _forbidden(now: Scene) -> str | None:
@@ -176,9 +185,6 @@ class Honest(Rule):
         if order is None or about is None or seen is None or state is None:
             return None
         v, w = order
-        forbids = state.capped not in ("", UNSEEN)  # no reading forbids what nobody has seen
-        if forbids and v >= PRESSES_M_S and state.admitted.v < ADMITTED_SHARE * v:
-            return f"{v:.2f} m/s, of which {state.admitted.v:.2f} are let through: {state.capped}"
         if v < FAST_M_S or v < state.v - RESTS_M_S:
             return ""
         bend = 0.5 * w / v
@@ -192,11 +198,20 @@ class Honest(Rule):
         return f"{v:.2f} m/s, where {max(free, 0.0):.2f} m ahead are free"
 
 
+def _presses(state: RobotState) -> str:
+    """Why the order is one of which less than half is let through; "" if it is not."""
+    v, admitted = state.ordered.v, state.admitted.v
+    forbids = state.capped not in ("", UNSEEN)  # no reading forbids what nobody has seen
+    if not forbids or v < PRESSES_M_S or admitted >= ADMITTED_SHARE * v:
+        return ""
+    return f"{v:.2f} m/s, of which {admitted:.2f} are let through: {state.capped}"
+
+
 class Earned(Rule):
     """The robot agent lets no speed through from which a reading of it forbids to drive on.
 
-    Whoever commands it: even if it braked at once, it would touch what a sensor showed just before,
-    on the arc of its order. An echo counts if its whole cone is in the robot's way.
+    Whoever commands it: even if the wheels braked as soon as they can, it would touch what a sensor
+    showed just before, on the arc of its order. An echo counts if its whole cone is in the way.
     """
 
     promise = Promise.EARNED
@@ -235,7 +250,7 @@ class Earned(Rule):
         ]
         free = min(ahead, default=inf) - about.front
         drives_on = v >= FAST_M_S and v >= state.v - RESTS_M_S
-        forbidden = drives_on and free < state.v**2 / (2.0 * about.v_decel)
+        forbidden = drives_on and free < state.v * REACTION_S + state.v**2 / (2.0 * about.v_decel)
         at = f"{v:.2f} m/s, where a reading shows {free:.2f} m" if forbidden else ""
         self._lately.append(at)
         named = now.now - self._named_at < TAKES_S

@@ -206,7 +206,7 @@ def lies(drive: Drive) -> None:
 
 
 def is_capped(drive: Drive) -> None:
-    drive.go(1, v=0.2, ordered=0.5, admitted=0.2, capped="0.2 m ahead are free")
+    drive.go(2, v=0.2, ordered=0.5, admitted=0.2, capped="0.2 m ahead are free")
 
 
 def lets_through(drive: Drive) -> None:

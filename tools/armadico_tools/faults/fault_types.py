@@ -190,12 +190,7 @@ KINDS: Final = {
 }
 """Every kind by its name."""
 
-TOLERATED: Final = frozenset(
-    {
-        *("duplicate", "reorder", "version-skew", "stray-state", "glass", "slip", "stop"),
-        *("nan", "huge-term", "huge-counter", "huge-message", "flood"),
-    }
-)
+TOLERATED: Final = frozenset({"duplicate", "reorder", "version-skew", "stop"})
 """Kinds under which a robot drives on: they excuse it from no outcome."""
 
 LOSES, LATE_S = 0.3, 0.1
