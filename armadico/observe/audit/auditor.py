@@ -9,7 +9,7 @@ from typing import Final
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.core.services import derived
-from armadico.mobile.messages import Truth
+from armadico.mobile.messages import MissionStatus, Trajectory, Truth
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, OneDriver
 from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady
@@ -54,6 +54,7 @@ class Auditor:
         self._kinds = tuple(rules)
         self._rules = [rule() for rule in self._kinds]
         self._seen: set[type[Message]] = set()
+        self._driven = False  # there was a mission, so it must have had a path
 
     def without(self, excuse: Excuse) -> Auditor:
         """A new auditor with the same rules that does not accept an excuse."""
@@ -65,6 +66,7 @@ class Auditor:
             return []
         self._seen.add(type(message))
         self.scene.update(at, message)
+        self._driven = self._driven or self.scene.driving
         return self._keep(
             each for rule in self._rules for each in rule.on_message(message, self.scene)
         )
@@ -89,6 +91,8 @@ class Auditor:
             if those:
                 return those[0]
         lacking = [kind.__name__ for kind in rule.needs if not self._has(kind)]
+        if not self._driven and self._has(MissionStatus):
+            lacking = [name for name in lacking if name != Trajectory.__name__]
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
         elif not rule.checked:

@@ -54,8 +54,10 @@ Spots = tuple[tuple[tuple[float, float], ...], ...]
 EARNED_CYCLES: Final = 3
 """A speed that readings forbid is reduced within a cycle or two of them."""
 
-READ_S: Final = 0.25
-"""A reading older than this, s, forbids nothing: the robot may have turned away."""
+READ_S: Final = 0.45
+TURNS_RAD_S: Final = 0.3
+"""A reading older than the first, a turn of the sonars, or of a robot that turns faster than the
+second, forbids nothing: it may have turned away."""
 
 TAKES: Final = 10
 TAKES_S: Final = 10.0
@@ -249,7 +251,7 @@ class Earned(Rule):
             if all(x > about.front and abs(y - bend * x * x) < half for x, y in spot)
         ]
         free = min(ahead, default=inf) - about.front
-        drives_on = v >= FAST_M_S and v >= state.v - RESTS_M_S
+        drives_on = v >= FAST_M_S and v >= state.v - RESTS_M_S and abs(state.w) < TURNS_RAD_S
         forbidden = drives_on and free < state.v * REACTION_S + state.v**2 / (2.0 * about.v_decel)
         at = f"{v:.2f} m/s, where a reading shows {free:.2f} m" if forbidden else ""
         self._lately.append(at)
