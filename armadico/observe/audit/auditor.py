@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Final
 
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message
 from armadico.core.services import derived
-from armadico.mobile.messages import Truth
+from armadico.mobile.messages import MissionStatus, Trajectory, Truth
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, OneDriver
-from armadico.observe.audit.driving import Brakes, Honest, Speed, Stands, Steady
+from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady
 from armadico.observe.audit.missions import Arrives, Failed, Found, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
@@ -20,7 +21,7 @@ from armadico.observe.audit.sensing import Changes, Heading, Unbiased
 
 RULES: Final[tuple[type[Rule], ...]] = (
     *(Touched, Arrives, Reached, Failed, Found),
-    *(Stands, Honest, Steady, Speed, Brakes),
+    *(Stands, Honest, Earned, Steady, Speed, Brakes),
     *(OneDriver, Fresh, Heading, Changes, Unbiased),
 )
 
@@ -53,6 +54,7 @@ class Auditor:
         self._kinds = tuple(rules)
         self._rules = [rule() for rule in self._kinds]
         self._seen: set[type[Message]] = set()
+        self._driven = False  # there was a mission, so it must have had a path
 
     def without(self, excuse: Excuse) -> Auditor:
         """A new auditor with the same rules that does not accept an excuse."""
@@ -64,6 +66,7 @@ class Auditor:
             return []
         self._seen.add(type(message))
         self.scene.update(at, message)
+        self._driven = self._driven or self.scene.driving
         return self._keep(
             each for rule in self._rules for each in rule.on_message(message, self.scene)
         )
@@ -78,7 +81,7 @@ class Auditor:
         self.scene.disturbed = why
 
     def report(self) -> list[Finding]:
-        """One finding for each promise: broken, unknown, or kept. What was broken comes first."""
+        """One finding for each promise: broken, unknown, or kept."""
         return [self._verdict(rule) for rule in self._rules]
 
     def _verdict(self, rule: Rule) -> Finding:
@@ -88,13 +91,16 @@ class Auditor:
             if those:
                 return those[0]
         lacking = [kind.__name__ for kind in rule.needs if not self._has(kind)]
+        if not self._driven and self._has(MissionStatus):
+            lacking = [name for name in lacking if name != Trajectory.__name__]
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
         elif not rule.checked:
             what = "not checked: there was no occasion"
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
-        return rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
+        found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
+        return replace(found, occasion=bool(lacking))
 
     def _has(self, kind: type[Message]) -> bool:
         return any(issubclass(each, kind) for each in self._seen)

@@ -40,4 +40,4 @@ class Touched(Rule):
             if message.stalled and not felt:
                 touch = message.touch
                 at = "" if touch is None else f"at ({touch.x:.2f}, {touch.y:.2f}) on its edge"
-                yield self.found(now, now.who, "it touched something", at)
+                yield self.found(now, now.who, "it touched something, or is held", at)

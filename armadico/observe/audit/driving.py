@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterator
-from math import atan2, inf
+from math import atan2, cos, inf, sin
 from typing import Final
 
 from armadico.core.cycles import PERIOD
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Description, Message, RobotState
 from armadico.core.resources import WHEELS
+from armadico.mobile.admissible import UNSEEN
 from armadico.mobile.geometry import relative
-from armadico.mobile.messages import MissionStatus, Pose, Trajectory
+from armadico.mobile.messages import Echo, MissionStatus, Pose, Scan, Sonar, Trajectory
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.route import Route
+from armadico.mobile.scans import points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
@@ -26,19 +28,36 @@ RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
 STANDS_S: Final = 15.0
 """Standing on a free path for this time, s, needs a reason."""
 
-FORBIDDEN: Final = 5
+FORBIDDEN: Final = 8
 OF_CYCLES: Final = 10
 """A holder that commands what the readings forbid in so many of so many cycles is not honest. A
-second has ten; a person who steps in front of the robot costs a few, in which it brakes."""
+second has ten; people who step in front of the robot cost it five or six, in which it brakes."""
 
 FAST_M_S: Final = 0.1
 """Slower commands may be attempts to creep away from what is touched."""
+
+CAPPED_CYCLES: Final = 15
+"""The robot agent's own readings may show first what others learn some cycles later."""
+
+PRESSES_M_S: Final = 0.15
+"""Slower orders that are capped creep along what is near, and the cap is part of it, m/s."""
 
 ADMITTED_SHARE: Final = 0.5
 """A command of which less is let through is forbidden."""
 
 REACTION_S: Final = 0.2
 """Least time from a reading until the wheels follow, s (`bridge.reflex`)."""
+
+Spots = tuple[tuple[tuple[float, float], ...], ...]
+"""What readings show: of each, points of which one is an obstacle, body frame, m."""
+
+EARNED_CYCLES: Final = 3
+"""A speed that readings forbid is reduced within a cycle or two of them."""
+
+READ_S: Final = 0.45
+TURNS_RAD_S: Final = 0.3
+"""A reading older than the first, a turn of the sonars, or of a robot that turns faster than the
+second, forbids nothing: it may have turned away."""
 
 TAKES: Final = 10
 TAKES_S: Final = 10.0
@@ -60,6 +79,10 @@ GAINS_SHARE: Final = 0.35
 
 LAG_CYCLES: Final = 4
 """Cycles from an order until the wheels follow, and one status packet lost."""
+
+BRAKES_CYCLES: Final = 4
+BRAKES_SHARE: Final = 0.5
+"""After the lag it brakes over so many cycles by at least this share of its ramp."""
 
 ROLLS_M_S: Final = 0.12
 """Driving faster than ordered by this, m/s, is not the lag of the ramp alone."""
@@ -86,7 +109,7 @@ class Stands(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._since = inf
+        self._stood_s, self._last_at = 0.0, -inf
         self._holders: Counter[str] = Counter()
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
@@ -94,21 +117,24 @@ class Stands(Rule):
             return
         moves = abs(message.v) > RESTS_M_S or abs(message.w) > RESTS_RAD_S
         self.checked = self.checked or now.driving
+        dt, self._last_at = min(now.now - self._last_at, 3.0 * PERIOD), now.now
         if moves or not now.driving or now.excuse(*STANDING) is not None:
-            self._since = inf
+            self._stood_s = 0.0
             self._holders.clear()
             return
-        self._since = min(self._since, now.now)
+        if now.excuse(Excuse.DISTURBED) is not None:
+            return  # a disturbance postpones what is due; while it stands, it forgives nothing
+        self._stood_s += dt
         self._holders[now.who] += 1
-        if now.now - self._since > STANDS_S:
+        if self._stood_s > STANDS_S:
             who, _ = self._holders.most_common(1)[0]
             what = f"stands for {STANDS_S:.0f} s on a free path"
             yield self.found(now, who, what if who else f"{what}, and nobody drives it")
-            self._since = inf
+            self._stood_s = 0.0
 
 
 STANDING: Final = (
-    *(Excuse.DISTURBED, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND, Excuse.LED, Excuse.LOST),
+    *(Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND, Excuse.LED, Excuse.LOST),
     *(Excuse.WAITS, Excuse.BLOCKED),
 )
 
@@ -127,6 +153,7 @@ class Honest(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._lately: dict[str, deque[bool]] = {}
+        self._capped: Counter[str] = Counter()  # by instance, cycles in a row
         self._named_at: dict[str, float] = {}
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
@@ -136,17 +163,22 @@ class Honest(Rule):
         if forbidden is None:
             return
         self.checked = True
+        capped = _presses(message)
+        self._capped[now.holder] += 1
+        if not capped:
+            self._capped[now.holder] = 0
         lately = self._lately.setdefault(now.holder, deque(maxlen=OF_CYCLES))
         lately.append(bool(forbidden))
-        if sum(lately) < FORBIDDEN or now.excuse(Excuse.DISTURBED) is not None:
+        often = bool(forbidden) and sum(lately) >= FORBIDDEN
+        if not often and self._capped[now.holder] < CAPPED_CYCLES:
+            return
+        if now.excuse(Excuse.DISTURBED) is not None:
             return
         lately.clear()
         if now.now - self._named_at.get(now.holder, -inf) > TAKES_S:
             self._named_at[now.holder] = now.now
-            what = (
-                f"keeps commanding what the readings forbid, in {FORBIDDEN} of {OF_CYCLES} cycles"
-            )
-            yield self.found(now, now.who, what, forbidden)
+            what = "keeps commanding what the readings forbid"
+            yield self.found(now, now.who, what, forbidden if often else capped)
 
     @staticmethod
     def _forbidden(now: Scene) -> str | None:
@@ -155,8 +187,6 @@ class Honest(Rule):
         if order is None or about is None or seen is None or state is None:
             return None
         v, w = order
-        if state.capped and v >= FAST_M_S and state.admitted.v < ADMITTED_SHARE * v:
-            return f"{v:.2f} m/s, of which {state.admitted.v:.2f} are let through: {state.capped}"
         if v < FAST_M_S or v < state.v - RESTS_M_S:
             return ""
         bend = 0.5 * w / v
@@ -168,6 +198,77 @@ class Honest(Rule):
         if free >= needs:
             return ""
         return f"{v:.2f} m/s, where {max(free, 0.0):.2f} m ahead are free"
+
+
+def _presses(state: RobotState) -> str:
+    """Why the order is one of which less than half is let through; "" if it is not."""
+    v, admitted = state.ordered.v, state.admitted.v
+    forbids = state.capped not in ("", UNSEEN)  # no reading forbids what nobody has seen
+    if not forbids or v < PRESSES_M_S or admitted >= ADMITTED_SHARE * v:
+        return ""
+    return f"{v:.2f} m/s, of which {admitted:.2f} are let through: {state.capped}"
+
+
+class Earned(Rule):
+    """The robot agent lets no speed through from which a reading of it forbids to drive on.
+
+    Whoever commands it: even if the wheels braked as soon as they can, it would touch what a sensor
+    showed just before, on the arc of its order. An echo counts if its whole cone is in the way.
+    """
+
+    promise = Promise.EARNED
+    needs = (RobotState, Description)
+    sees = (Sonar, Scan)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._read: dict[tuple[float, ...], tuple[float, Spots]] = {}  # by sonar, or of the laser
+        self._lately: deque[str] = deque(maxlen=EARNED_CYCLES)
+        self._named_at = -inf
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Scan):
+            self._read[()] = now.now, tuple(((x, y),) for x, y in points_of(message))
+        elif isinstance(message, Sonar) and now.description is not None:
+            for echo in message.echoes:
+                key = echo.x, echo.y, echo.bearing
+                self._read[key] = now.now, _cone(echo, now.description)
+        elif isinstance(message, RobotState) and now.admitted is not None:
+            yield from self._judge(message, now)
+
+    def _judge(self, state: RobotState, now: Scene) -> Iterator[Finding]:
+        about, v = now.description, now.admitted
+        fresh = [spots for at, spots in self._read.values() if now.now - at <= READ_S]
+        if about is None or v is None or not fresh:
+            return
+        self.checked = True
+        bend = 0.5 * state.admitted.w / v if v >= FAST_M_S else 0.0
+        half = about.half_width
+        ahead = [
+            min(x for x, _ in spot)
+            for spots in fresh
+            for spot in spots
+            if all(x > about.front and abs(y - bend * x * x) < half for x, y in spot)
+        ]
+        free = min(ahead, default=inf) - about.front
+        drives_on = v >= FAST_M_S and v >= state.v - RESTS_M_S and abs(state.w) < TURNS_RAD_S
+        forbidden = drives_on and free < state.v * REACTION_S + state.v**2 / (2.0 * about.v_decel)
+        at = f"{v:.2f} m/s, where a reading shows {free:.2f} m" if forbidden else ""
+        self._lately.append(at)
+        named = now.now - self._named_at < TAKES_S
+        if len(self._lately) == EARNED_CYCLES and all(self._lately) and not named:
+            self._named_at = now.now
+            what = f"lets through what its readings forbid, for {EARNED_CYCLES} cycles"
+            yield self.found(now, "robot", what, at)
+
+
+def _cone(echo: Echo, about: Description) -> Spots:
+    """The middle and the ends of an echo's arc, body frame, m; nothing without an echo."""
+    far = echo.range
+    if far is None or far < about.nearest:
+        return ()
+    angles = (echo.bearing + share * about.cone for share in (-0.5, 0.0, 0.5))
+    return (tuple((echo.x + far * cos(a), echo.y + far * sin(a)) for a in angles),)
 
 
 class Steady(Rule):
@@ -280,7 +381,7 @@ class Speed(Rule):
                 return False
         reach, half = about.front + LONG_M, about.half_width + ASIDE_M
         near = any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
-        return not near and now.excuse(*STANDING, Excuse.CAPPED) is None
+        return not near and now.excuse(*STANDING, Excuse.DISTURBED, Excuse.CAPPED) is None
 
 
 class Brakes(Rule):
@@ -327,21 +428,24 @@ class Follows:
         """The time that these cycles took, s."""
         return self._last[-1][0] - self._last[0][0]
 
-    def _of_ramp(self, ramp: float) -> float | None:
+    def _of_ramp(self, ramp: float, cycles: int) -> float | None:
         """The change of speed as a share of what the ramp would have made; None: too few cycles."""
-        if len(self._last) < OF_CYCLES + LAG_CYCLES:
+        if len(self._last) < cycles:
             return None
-        (begun, _, before), (ended, _, after) = self._last[LAG_CYCLES], self._last[-1]
+        (begun, _, before), (ended, _, after) = self._last[LAG_CYCLES - cycles], self._last[-1]
         return (after - before) / (ramp * (ended - begun))
 
     def lags(self, about: Description) -> bool:
         """Whether it drives much less than was let through all the time, and gets no faster."""
-        gains = self._of_ramp(about.v_accel)
+        gains = self._of_ramp(about.v_accel, OF_CYCLES + LAG_CYCLES)
         slow = all(v > FAST_M_S and m < DRIVEN_SHARE * v for _, v, m in self._last)
         return gains is not None and slow and gains < GAINS_SHARE
 
     def rolls(self, about: Description) -> bool:
         """Whether it drives much more than was let through all the time, and gets no slower."""
-        gains = self._of_ramp(about.v_decel)
-        fast = all(v >= 0.0 and m > v + ROLLS_M_S for _, v, m in self._last)
-        return gains is not None and fast and -gains < GAINS_SHARE
+        gains = self._of_ramp(about.v_decel, LAG_CYCLES + BRAKES_CYCLES)
+        fast = all(
+            v >= 0.0 and m > v + ROLLS_M_S
+            for _, v, m in [*self._last][-LAG_CYCLES - BRAKES_CYCLES :]
+        )
+        return gains is not None and fast and -gains < BRAKES_SHARE

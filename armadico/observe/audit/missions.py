@@ -48,9 +48,12 @@ STUCK_S: Final = 60.0
 """Coming no nearer counts as the cause of a failure after this time, s. The interface agent gives
 up after two minutes; that it is late is another finding."""
 
-LOST_S: Final = 60.0
-"""The longest, s, that an undisturbed robot on a mission may be lost. A search of a floor takes
+LOST_S: Final = 30.0
+"""The longest, s, that an undisturbed robot with missions may be lost. A search of a floor takes
 some seconds of turning and driving."""
+
+LATELY_S: Final = 10.0
+"""What was seen within this time before a failure may be its cause, s."""
 
 NEARER_M: Final = 0.1
 """Coming nearer by this, m, is progress."""
@@ -63,6 +66,10 @@ EXCUSES: Final = (
     *(Excuse.DISTURBED, Excuse.SILENT, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND),
     *(Excuse.LED, Excuse.LOST, Excuse.WAITS),
 )
+
+IN_THE_WAY_S: Final = 30.0
+"""Obstacles ahead, such as people, may cost a mission so much time, s, and no more: going round
+them is a behaviour's work. A choice."""
 
 
 class Arrives(Rule):
@@ -112,8 +119,10 @@ class Arrives(Rule):
         dt, self._last_at = now.now - self._last_at, now.now
         self._measure(now)
         excuse = now.excuse(*EXCUSES)
+        if excuse is None and self._excused.get(IN_THE_WAY, 0.0) < IN_THE_WAY_S:
+            excuse = now.excuse(Excuse.IN_THE_WAY)
         before = self._excuse
-        if before is not None and before[0] is not excuse:
+        if before is not None and before[0] not in (excuse, *NO_MORE):
             self._bonus_s += min(now.now - before[1], RESUMES_S)
         if excuse is not None:
             self._excuse = (
@@ -124,7 +133,7 @@ class Arrives(Rule):
                     now.now,
                 )
             )
-            _add(self._excused, excuse.name.lower().replace("_", " "), dt)
+            _add(self._excused, _name(excuse), dt)
             return
         self._excuse = None
         share = now.capped_share()
@@ -165,6 +174,15 @@ class Arrives(Rule):
             f"; nobody drove for {most:.0f} s of them" if who == NOBODY else f"; {who} drives it"
         )
         return self.found(now, "" if who == NOBODY else who, what, f"{', '.join(parts)}; {went}")
+
+
+def _name(excuse: Excuse) -> str:
+    return excuse.name.lower().replace("_", " ")
+
+
+IN_THE_WAY: Final = _name(Excuse.IN_THE_WAY)
+NO_MORE: Final = (Excuse.DISTURBED, Excuse.IN_THE_WAY)
+"""Excuses that give no further time to get going: a disturbance has it already."""
 
 
 def _add(to: dict[str, float], name: str, seconds: float) -> None:
@@ -249,39 +267,40 @@ class Failed(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._mission = 0
-        self._causes: set[str] = set()
+        self._judged = False
+        self._seen_at = -inf  # when a cause was last seen
         self._waits_s = 0.0
         self._to_go, self._nearer_at, self._last_at = inf, -inf, -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, MissionStatus):
             if message.mission != self._mission:
-                self._mission, self._causes, self._waits_s = message.mission, set(), 0.0
-                self._to_go, self._nearer_at = inf, now.now
+                self._mission, self._judged, self._waits_s = message.mission, False, 0.0
+                self._to_go, self._nearer_at, self._seen_at = inf, now.now, -inf
             if message.state is MissionState.DRIVING and message.to_go < self._to_go - NEARER_M:
                 self._to_go, self._nearer_at = message.to_go, now.now
             if message.state is MissionState.FAILED:
                 yield from self._judge(message, now)
         elif isinstance(message, Trajectory):
             if message.mission != self._mission and message.waypoints:
-                self._causes.add("another mission")
+                self._seen_at = now.now  # it is for another mission
         elif isinstance(message, RobotState):
             dt, self._last_at = now.now - self._last_at, now.now
             if message.stalled:
-                self._causes.add("contact")
+                self._seen_at = now.now
             excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.WAITS)
             if excuse is Excuse.WAITS:
                 self._waits_s += min(dt, 1.0)
             elif excuse is not None:
-                self._causes.add(excuse.name)
+                self._seen_at = now.now
 
     def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
-        first, self.checked = "judged" not in self._causes, True
+        first, self._judged, self.checked = not self._judged, True, True
         stuck = now.now - self._nearer_at > STUCK_S
-        if first and not self._causes and not stuck and self._waits_s < LONG_S:
+        seen = now.now - self._seen_at < LATELY_S
+        if first and not seen and not stuck and self._waits_s < LONG_S:
             what = "the mission failed, and no contact, blocked path or fault of the robot was seen"
             yield self.found(now, "interface", what, status.note)
-        self._causes.add("judged")
 
 
 class Found(Rule):
@@ -299,9 +318,12 @@ class Found(Rule):
             return
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
         self.checked = self.checked or now.pose is not None
-        if not now.driving or not now.lost:
+        if not now.lost:
             self._lost_s = 0.0
-        elif now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None:
+        elif (
+            now.driving
+            and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
+        ):
             self._lost_s += dt
             if self._lost_s > LOST_S:
                 self._lost_s = -inf  # once, until it is found

@@ -23,6 +23,7 @@ class Promise(StrEnum):
     STANDS = "a robot with a free path does not stand"
     FOUND = "a robot that is lost finds its place again"
     HONEST = "no agent keeps commanding what readings forbid"
+    EARNED = "no speed is let through that the robot's readings forbid"
     STEADY = "no agent takes and loses the wheels again and again"
     SENSORS = "readings change as the robot moves, and agree with what is there"
     BRAKES = "the robot brakes along its ramp"
@@ -47,6 +48,7 @@ class Excuse(StrEnum):
     LOST = "the pose is too uncertain to drive"
     WAITS = "no path is free"
     BLOCKED = "an obstacle is near its front or flanks"
+    IN_THE_WAY = "an obstacle is right ahead"
     BY_HAND = "a person drives"
     LED = "an agent leads it, such as into a dock"
     FAULT = "the robot agent says why it cannot be driven"
@@ -67,6 +69,7 @@ class Finding:
         who: The agent, sensor or instance that is responsible; "" if nobody is.
         what: A sentence.
         evidence: The numbers and messages that it follows from.
+        occasion: Whether there was one to break the promise. Without one nothing is missing.
         answer: No: the promise was broken. Unknown: it could not be checked, and `what` says what
             was missing. Yes: it was kept so far.
     """
@@ -77,6 +80,7 @@ class Finding:
     what: str
     evidence: str = ""
     answer: Answer = Answer.NO
+    occasion: bool = True
 
     @property
     def text(self) -> str:

@@ -27,6 +27,9 @@ GAP_S = 0.25
 MOVED_M, TURNED_RAD = 0.05, 0.05
 """A reading ahead changes over this way, and every reading over this turn."""
 
+NOTHING = {0x00, 0xFF}
+"""The bytes of rays without an echo: where nothing is in reach, all scans are the same."""
+
 MOVES_M_S = 0.05
 """Slower than this, the same readings would count again and again."""
 
@@ -125,7 +128,7 @@ class Changes(Rule):
                     continue
                 self._echoes[key] = echo.range, self._way_m, state.theta
                 yield from self._reads("sonar", now, same=last[0] == echo.range)
-        elif isinstance(message, Scan) and message.rays:
+        elif isinstance(message, Scan) and set(message.packed) - NOTHING:
             self.checked, scan = True, self._scan
             if scan is None or message.number == scan[0]:
                 self._scan = scan or (message.number, message.packed, self._way_m, state.theta)

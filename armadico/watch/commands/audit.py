@@ -132,7 +132,10 @@ class _Audit:
     def conclude(self) -> int:
         """Print the verdict on each promise; return the exit code."""
         verdicts = _by_promise(self.auditor.report())
-        judged = [Judgement(each.answer, each.text) for each in verdicts]
+        tested = [each for each in verdicts if each.occasion]
+        judged = [Judgement(each.answer, each.text) for each in tested]
+        if not tested:
+            self.unread.append("there was no occasion to break any of these promises")
         judged += [Judgement(Answer.UNKNOWN, why) for why in self.unread]
         verdict = all_of(judged)
         if not self._loud:
@@ -152,18 +155,26 @@ class _Audit:
                 for one in self.auditor.findings
             )
             times = f", {counted} times" if counted > 1 else ""
-            what = "" if each.answer is Answer.YES else f": {each.text}{times}"
-            word = _WORDS[each.answer]
+            what = (
+                f": {each.text}{times}" if each.occasion and each.answer is not Answer.YES else ""
+            )
+            word = _WORDS[each.answer] if each.occasion else NO_OCCASION
             print(options.shown(f"{word:<12} {_name(each.promise)} ({each.promise}){what}"))
         for why in self.unread:
             print(options.shown(f"{_WORDS[Answer.UNKNOWN]:<12} {why}"))
         counts = (sum(each.answer is answer for each in judged) for answer in _WORDS)
         words = zip(_WORDS.values(), counts, strict=True)
-        print(f"\n{', '.join(f'{word} {count}' for word, count in words)}")
+        without = len(verdicts) - len(tested)
+        counted = [*words, (NO_OCCASION, without)]
+        print(f"\n{', '.join(f'{word} {count}' for word, count in counted)}")
         return verdict.exit_code
 
 
 _WORDS: Final = {Answer.NO: "broken", Answer.YES: "kept", Answer.UNKNOWN: "not checked"}
+
+
+NO_OCCASION: Final = "no occasion"
+"""Nothing happened that could break it: no mission failed, nothing was near."""
 
 
 def _words(finding: Finding) -> str:
@@ -175,6 +186,7 @@ def _plain(finding: Finding) -> dict[str, object]:
         "promise": _name(finding.promise),
         "means": finding.promise,
         "answer": finding.answer,
+        "occasion": finding.occasion,
         "at": round(finding.at, 3),
         "who": finding.who,
         "what": finding.what,
@@ -183,14 +195,17 @@ def _plain(finding: Finding) -> dict[str, object]:
 
 
 def _by_promise(verdicts: list[Finding]) -> list[Finding]:
-    """One verdict for each promise: of several rules, the worst; what is broken comes first."""
-    rank = list(_WORDS)
+    """One verdict for each promise: of several rules, the worst; those without an occasion last."""
     found: dict[Promise, Finding] = {}
-    for each in sorted(
-        verdicts, key=lambda one: (one.answer is Answer.YES, rank.index(one.answer))
-    ):
+    for each in sorted(verdicts, key=_rank):
         found.setdefault(each.promise, each)
-    return sorted(found.values(), key=lambda each: rank.index(each.answer))
+    order = list(_WORDS)
+    return sorted(found.values(), key=lambda each: (not each.occasion, order.index(each.answer)))
+
+
+def _rank(verdict: Finding) -> tuple[bool, int]:
+    """What was broken comes first, then what was not checked."""
+    return not verdict.occasion, (Answer.NO, Answer.UNKNOWN, Answer.YES).index(verdict.answer)
 
 
 # A recording --------------------------------------------------------------------------------------
@@ -320,7 +335,8 @@ main: Final = Command(
     run,
     "Judge by its messages whether a robot's society keeps its promises, such as: a goal that is"
     " reported as reached is reached. Each promise is broken, kept, or was not checked, with the"
-    " reason. The exit code is 0 if all were kept, 1 if one was broken, 3 if one was not checked:"
-    " messages are missing, or there was no occasion.",
+    " reason, or it had no occasion: if no mission failed, none failed without a cause. The exit"
+    " code is 1 if one was broken, else 3 if one was not checked since messages are missing, else"
+    " 0.",
     EXAMPLES,
 )

@@ -41,9 +41,11 @@ SEEDS = 16
 """Some bugs show only where utilities cross at the wrong moment."""
 
 
-def case(*faults: Fault, scenario: str = "sc4", lasts: float = 25.0, seed: int = 1) -> Case:
+def case(
+    *faults: Fault, scenario: str = "sc4", lasts: float = 25.0, seed: int = 1, planted: str = ""
+) -> Case:
     """The seed is the first that is tried."""
-    return Case(seed, scenario, lasts, faults, sensors="ideal")
+    return Case(seed, scenario, lasts, faults, sensors="ideal", planted=planted)
 
 
 # The bugs -----------------------------------------------------------------------------------------
@@ -321,6 +323,10 @@ def rests_half_the_time(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Goto, "propose", proposed)
 
 
+def nothing_else(_patch: pytest.MonkeyPatch) -> None:
+    """The case itself has a defect planted (`Case.planted`)."""
+
+
 @dataclass(frozen=True)
 class Bug:
     """A bug, the promise that it breaks, and a case in which it does."""
@@ -380,6 +386,15 @@ BUGS = (
     Bug(measures_turns_the_wrong_way, Promise.ODOMETRY, case(lasts=12.0)),
     Bug(rests_half_the_time, Promise.ARRIVES, case(scenario="sc3", lasts=60.0)),
     Bug(raises_when_an_agent_goes, Promise.NO_ERROR, case(_GONE)),
+    *(
+        Bug(nothing_else, promise, case(planted=name, lasts=60.0))
+        for name, promise in (
+            *(("early", Promise.REACHED), ("fails", Promise.FAILED), ("half-speed", Promise.SPEED)),
+            *(("stands", Promise.STANDS), ("lost", Promise.FOUND), ("flickers", Promise.STEADY)),
+            *(("biased", Promise.SENSORS), ("slow-brake", Promise.BRAKES)),
+            *(("lies", Promise.HONEST), ("no-reflex", Promise.EARNED)),
+        )
+    ),
 )
 
 
@@ -388,7 +403,7 @@ def promises(outcome: Outcome) -> set[str]:
 
 
 @pytest.mark.long(but=("measures_turns_the_wrong_way",))
-@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.plant.__name__)
+@pytest.mark.parametrize("bug", BUGS, ids=lambda bug: bug.case.planted or bug.plant.__name__)
 def test_it_is_caught_and_without_it_nothing_is_broken(
     bug: Bug, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -400,7 +415,7 @@ def test_it_is_caught_and_without_it_nothing_is_broken(
             break
     assert at is not None, f"in none of {SEEDS} runs"
     monkeypatch.undo()
-    assert run(replace(caught, lasts=at + AFTER_S)).violations == ()
+    assert run(replace(caught, lasts=at + AFTER_S, planted="")).violations == ()
 
 
 def test_every_promise_has_a_bug_that_breaks_it() -> None:

@@ -206,7 +206,12 @@ def lies(drive: Drive) -> None:
 
 
 def is_capped(drive: Drive) -> None:
-    drive.go(1, v=0.2, ordered=0.5, admitted=0.2, capped="0.2 m ahead are free")
+    drive.go(2, v=0.2, ordered=0.5, admitted=0.2, capped="0.2 m ahead are free")
+
+
+def lets_through(drive: Drive) -> None:
+    near = echo(0.1, 0.0)
+    drive.go(1, v=0.4, ordered=0.4, says=lambda d: (Sonar(Cycle(1, d.number), 5.0, (near,)),))
 
 
 def hunts(drive: Drive) -> None:
@@ -277,6 +282,7 @@ TABLE = [
     (stands, Promise.STANDS, "goto"),
     (lies, Promise.HONEST, "goto"),
     (is_capped, Promise.HONEST, "goto"),
+    (lets_through, Promise.EARNED, "robot"),
     (hunts, Promise.STEADY, "goto"),
     (rolls_on, Promise.BRAKES, "robot"),
     (goes_down, Promise.ONE_DRIVER, "goto"),

@@ -21,7 +21,7 @@ from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
 from armadico_tools.faults.contacts import PREVENTABLE, PlaceAt, Witness, nearest_place
-from armadico_tools.faults.fault_types import KINDS, Promise
+from armadico_tools.faults.fault_types import Promise, hinders
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
 from armadico_tools.faults.motion import Moving, Silence, Smooth, Watchdog
@@ -145,12 +145,8 @@ class Checker:
     def _disturbance(self) -> str:
         """The faults that excuse the robot, or that did just before."""
         faults = self.record.faults
-        kinds = {
-            fault.kind
-            for fault in faults.active
-            if KINDS[fault.kind].excuses or KINDS[fault.kind].voids
-        }
-        if not kinds and self.record.now - faults.ended_at < self.record.bounds.stood_back_s:
+        kinds = {fault.kind for fault in faults.active if hinders(fault.kind, fault.amount)}
+        if not kinds and self.record.now - faults.hindered_at < self.record.bounds.stood_back_s:
             return "just after a fault"
         return ", ".join(sorted(kinds))
 

@@ -190,6 +190,23 @@ KINDS: Final = {
 }
 """Every kind by its name."""
 
+TOLERATED: Final = frozenset({"duplicate", "reorder", "version-skew", "stop"})
+"""Kinds under which a robot drives on: they excuse it from no outcome."""
+
+LOSES, LATE_S = 0.3, 0.1
+"""A network that loses a smaller share, or is late by less, s, excuses from no outcome."""
+
+
+def hinders(kind: str, amount: float = inf) -> bool:
+    """Whether a fault may keep a robot from driving, or make its readings wrong."""
+    if kind in TOLERATED:
+        return False
+    made = KINDS[kind]
+    serial = kind.startswith("serial")  # a wrong reading now and then halts the robot
+    least = {"drop": LOSES, "delay": LATE_S}.get(kind, 0.0 if serial else made.least)
+    return (made.excuses or bool(made.voids)) and abs(amount) >= least
+
+
 RESTARTS: Final = frozenset({"crash", "flap", "robot-restart"})
 """Kinds that replace a process; `in-turn` shows each as a crash."""
 

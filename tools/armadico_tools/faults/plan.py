@@ -89,6 +89,11 @@ LENGTHS: Final = ((0.05, 0.6), (0.4, 2.5), (2.0, LONGEST_S))
 CALM_END: Final = 0.2
 """Share of the longer runs whose faults end early, so that the mission must be reached."""
 
+LONG_RUN_S: Final = 60.0
+QUIET_SHARE: Final = 0.25
+"""Other runs of at least the first, in s, are free from faults for the second, a share, at their
+end: what is wrong then is wrong for good."""
+
 CALM_END_S: Final = 95.0
 """Length of the calm end of such a run, s."""
 
@@ -254,6 +259,8 @@ def draw(
     drawn = swarm(rng, kinds, able)
     if until > CALM_END_S + 2 * BEGIN_S and rng.random() < CALM_END:
         until = max(until - CALM_END_S, 3 * BEGIN_S)
+    elif until >= LONG_RUN_S:
+        until -= QUIET_SHARE * until
     faults: list[Fault] = []
     at = BEGIN_S
     while True:

@@ -1,13 +1,13 @@
 """Planted defects: mutants of the product, by which the promises are tested.
 
-A defect is planted in one agent when it joins. The bed must find each by a broken promise, and none
-in the product as it is.
+A defect is planted in an agent, or in two, when they join. The bed must find each by a broken
+promise, and none in the product as it is.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as alike
 from math import hypot
@@ -30,6 +30,12 @@ LOST_AFTER_S: Final = 20.0
 FLICKER: Final = 3
 """Cycles with a bid, and without one."""
 
+PRESSES: Final = (0.3, 0.0)
+SURE: Final = 0.99
+EACH_S: Final = 20.0
+TRUE_S: Final = 10.0
+"""The liar drives on like this with this utility, after a time of each such one, s."""
+
 FAILS_AFTER_S: Final = 5.0
 BIAS_M: Final = 0.3
 BRAKES: Final = 3.0
@@ -37,18 +43,17 @@ BRAKES: Final = 3.0
 
 
 class Defect(NamedTuple):
-    """What is planted, in which agent."""
+    """What is planted, by agent."""
 
-    agent: str
     text: str
-    plant: Callable[[Any], None]
+    plants: Mapping[str, Callable[[Any], None]]
 
 
 def plant(name: str, agent: Agent) -> None:
-    """Plant a defect in an agent that has joined, if it is the one."""
-    defect = DEFECTS[name]
-    if agent.name == defect.agent:
-        defect.plant(agent)
+    """Plant a defect in an agent that has joined, if it is one of those."""
+    change = DEFECTS[name].plants.get(agent.name)
+    if change is not None:
+        change(agent)
 
 
 def _wrap(agent: Agent, name: str, by: Callable[..., Any]) -> None:
@@ -80,6 +85,15 @@ def _half(robot: Any) -> None:
         method(resource, (0.5 * action[0], 0.5 * action[1]))
 
     _wrap(robot, "obey", obey)
+
+
+def _lies(goto: Any) -> None:
+    def propose(method: Callable[..., Any], *inputs: Any) -> Any:
+        bid = method(*inputs)
+        near = goto.now % EACH_S > TRUE_S
+        return alike(bid, action=PRESSES, utility=SURE) if bid is not None and near else bid
+
+    _wrap(goto, "propose", propose)
 
 
 def _no_reflex(robot: Any) -> None:
@@ -158,16 +172,20 @@ def _brakes(robot: Any) -> None:
 
 
 DEFECTS: Final = {
-    "lazy": Defect("goto", f"goto stops {GIVES_UP_M:g} m before its goal", _lazy),
-    "early": Defect("interface", f"a mission is reached {EARLY_M:g} m before its goal", _early),
-    "half-speed": Defect("robot", "the robot agent orders half the speed", _half),
-    "no-reflex": Defect("robot", "the robot agent lets every command through", _no_reflex),
-    "fails": Defect("interface", "each tenth mission fails without a cause", _fails),
-    "stands": Defect("goto", "goto takes the wheels and stands", _stands),
-    "lost": Defect("encoder", f"the robot is lost for ever after {LOST_AFTER_S:g} s", _lost),
-    "flickers": Defect("goto", f"goto withdraws its bid every {FLICKER} cycles", _flickers),
-    "biased": Defect("robot", f"sonars are published {BIAS_M:g} m too long", _biased),
-    "slow-brake": Defect("robot", f"it brakes {BRAKES:g} times as slowly as described", _brakes),
+    "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
+    "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
+    "half-speed": Defect("the robot agent orders half the speed", {"robot": _half}),
+    "no-reflex": Defect(
+        "the robot agent lets every command through, of a liar, too",
+        {"robot": _no_reflex, "goto": _lies},
+    ),
+    "lies": Defect("goto bids high and drives on, whatever is ahead", {"goto": _lies}),
+    "fails": Defect("each tenth mission fails without a cause", {"interface": _fails}),
+    "stands": Defect("goto takes the wheels and stands", {"goto": _stands}),
+    "lost": Defect(f"the robot is lost for ever after {LOST_AFTER_S:g} s", {"encoder": _lost}),
+    "flickers": Defect(f"goto withdraws its bid every {FLICKER} cycles", {"goto": _flickers}),
+    "biased": Defect(f"sonars are published {BIAS_M:g} m too long", {"robot": _biased}),
+    "slow-brake": Defect(f"it brakes {BRAKES:g} times as slowly as described", {"robot": _brakes}),
 }
 """The defects by name."""
 

@@ -37,6 +37,7 @@ from armadico_tools.faults.fault_types import (
     AGAIN_S,
     KINDS,
     Promise,
+    hinders,
     voided,
 )
 from armadico_tools.faults.figures import Kept
@@ -314,7 +315,7 @@ class Faults:
     whole_since: float = inf  # inf while a fault breaks the network
     free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
     healed_at: float = -inf  # end of the last excuse
-    ended_at: float = -inf  # when the last fault of any kind ended
+    hindered_at: float = -inf  # when the last fault that excuses from outcomes ended
     unable_until: float = -inf  # until when a robot that could not act may still be braking
     unable_why: str = ""
     again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
@@ -330,7 +331,8 @@ class Faults:
         self.active[key] += 1 if fault.began else -1
         self.active += Counter()  # drops zero counts
         if not fault.began:
-            self.ended_at = now
+            if hinders(fault.kind, fault.amount):
+                self.hindered_at = now
             taken = voided(fault.kind, fault.targets, fault.amount)
             if Promise.COLLISION in taken and Promise.SENSORS not in taken:
                 self.unable_until, self.unable_why = now + stops_in_s, taken[Promise.COLLISION]
