@@ -10,6 +10,10 @@ there. A place counts as free for `LATELY_S` after a reading showed it:
   echo. Nearer, a sonar of the ring that is square to the wall hears it, or this one its edge.
 
 An echo may come from any place of an arc. Its points are those that no other sonar looked through.
+Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each tangent
+of the arc that no other sonar's silence excludes, there is an obstacle for `BESIDE_M`, and space is
+not seen to be free for `ALONG_M`. Nearer than a sonar's least range it only knows that something is
+there: what was heard before stays where it was.
 
 Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
 m, rad, s.
@@ -56,6 +60,21 @@ ARC_M: Final = 1.0
 ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
 """Places on the arc, as shares of half the cone."""
 
+SURE_RAD: Final = radians(25)
+"""A smooth wall answers for certain whose normal is within this of the sonar's axis (`gone_deg`)."""
+
+TANGENTS: Final = SURE_RAD * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+BESIDE_M: Final = np.array([-0.1, -0.05, 0.05, 0.1])
+ALONG_M: Final = np.array([-0.5, -0.4, -0.3, -0.2, 0.2, 0.3, 0.4, 0.5])
+"""Normals of walls, from the axis, and places on the wall, from the foot of the normal. At 0.6 m/s
+the robot stops within the last one."""
+
+NOISE_M: Final = 0.01
+"""Twice the noise of echoes from near."""
+
+INSIDE_M: Final = 0.05
+"""A point counts until it is so far inside the footprint: it came there by noise and drift."""
+
 THROUGH_M: Final = 0.1
 """A sonar looked through a place that is nearer than its echo by this."""
 
@@ -80,6 +99,10 @@ AROUND_M: Final = 0.05
 """Beyond the footprint, where the robot stands, space counts as free."""
 
 
+Mount = tuple[float, float, float]
+"""x, y and bearing of a sonar."""
+
+
 def met_within(step: float, width: float) -> float:
     """The range within which a ray meets every object of a width, m; rays are `step` rad apart."""
     return width / (2.0 * sin(0.5 * abs(step))) if step else inf
@@ -93,12 +116,16 @@ class Seen:
         self._footprint = -body.rear_m, body.front_m, body.width_m / 2
         self._width = SHARE * body.width_m
         ring, laser = profile.sonar, profile.laser
-        self._noise = 0.0 if laser is None else laser.noise_m
+        self._noise = max(
+            0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M
+        )
+        self._least = 0.0 if ring is None else ring.min_m + NOISE_M
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
         # x, y in the odometry's frame, when, and the direction of the sonar that hit it
         self._echoed: Floats = np.empty((0, 5))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
-        self._readings: dict[tuple[float, float, float], tuple[float, float]] = {}
+        self._readings: dict[Mount, tuple[float, float]] = {}
+        self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
         self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
@@ -127,7 +154,11 @@ class Seen:
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
-        return View(points, np.column_stack([x[unseen], y[unseen]]), 0.5 * CELL_M, self._noise)
+        cells = np.column_stack([x[unseen], y[unseen]])
+        walls = [places for places, at in self._walls.values() if self._now - at < TWICE_S]
+        if walls:
+            cells = np.concatenate([cells, self._from_world(np.concatenate(walls))])
+        return View(points, cells, 0.5 * CELL_M, self._noise)
 
     def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
         """Add an echo, or its absence."""
@@ -142,8 +173,13 @@ class Seen:
         old = self._now - known[:, 2] > TWICE_S
         gone = facing & old & self._through(self._from_world(known[:, :2]), echo)
         known = self._echoed = known[~gone]
-        self._readings[echo.x, echo.y, echo.bearing] = away, self._now
+        mount = echo.x, echo.y, echo.bearing
+        self._readings[mount] = away, self._now
+        self._walls.pop(mount, None)
         if echo.range is None:
+            return
+        blind = away < self._least
+        if blind and self._knows(echo, self._from_world(known[:, :2])):
             return
         bearings = echo.bearing + self._cone * (ARC if away < ARC_M else ARC[:1])
         places = np.column_stack(
@@ -153,11 +189,36 @@ class Seen:
             if self._now - at < TWICE_S and 0.0 < abs(mount[2] - echo.bearing) < BESIDE_RAD:
                 look = Echo(*mount, None if other == inf else other)
                 places = places[~self._through(places, look)]
+        if blind:
+            rear, front, half = self._footprint
+            places = np.clip(places, (rear, -half), (front, half))
+        elif away < ARC_M:
+            normals = echo.bearing + TANGENTS
+            normals = normals[[self._may_be(normal, echo, away) for normal in normals]]
+            places = np.concatenate([places, _on_walls(echo, away, normals, BESIDE_M)])
+            along = self._to_world(_on_walls(echo, away, normals, ALONG_M))
+            self._walls[mount] = along, self._now
         off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
         new = np.empty((len(places), 5))
         new[:, :2] = self._to_world(places)
         new[:, 2:] = self._now, cos(heading), sin(heading)
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
+
+    def _knows(self, echo: Echo, known: Floats) -> bool:
+        """Whether a known point explains an echo from the least range."""
+        dx, dy = known[:, 0] - echo.x, known[:, 1] - echo.y
+        off = np.arctan2(dy, dx) - echo.bearing
+        facing = np.cos(off) > cos(SURE_RAD)
+        return bool((facing & (np.hypot(dx, dy) < self._least + SAME_M)).any())
+
+    def _may_be(self, normal: float, echo: Echo, away: float) -> bool:
+        """Whether no sonar's newest reading excludes a wall with this normal."""
+        for (x, y, bearing), (other, at) in self._readings.items():
+            if self._now - at < TWICE_S and abs(bearing - normal) < SURE_RAD:
+                due = away + cos(normal) * (echo.x - x) + sin(normal) * (echo.y - y)
+                if due < HEARD_M and other > due + THROUGH_M:
+                    return False
+        return True
 
     def _through(self, places: Floats, echo: Echo) -> Flags:
         """Whether a sonar looked through places in its cone."""
@@ -197,7 +258,7 @@ class Seen:
         ahead = np.maximum(at[:, 0] - front, rear - at[:, 0])
         beside = np.maximum(ahead, np.abs(at[:, 1]) - half)
         stays = (self._now - points[:, 2] <= KEPT_S) | (beside < NEAR_M)
-        return points[stays & (beside >= 0.0)]
+        return points[stays & (beside > -INSIDE_M)]
 
     def _shift(self, pose: Pose2) -> None:
         """Move the cells so that the robot is in the middle one."""
@@ -237,3 +298,10 @@ def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, F
     shown = np.minimum(ranges[low], ranges[high])
     valid: Flags = inside & ~np.isnan(shown)
     return np.hypot(dx, dy), np.where(valid, shown, 0.0), valid
+
+
+def _on_walls(echo: Echo, away: float, normals: Floats, along: Floats) -> Floats:
+    """Places on walls with these normals, from the feet of an echo."""
+    c, s = np.cos(normals)[:, None], np.sin(normals)[:, None]
+    x, y = echo.x + away * c - along * s, echo.y + away * s + along * c
+    return np.column_stack([x.ravel(), y.ravel()])
