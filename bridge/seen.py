@@ -11,9 +11,8 @@ there. A place counts as free for `LATELY_S` after a reading showed it:
 
 An echo may come from any place of an arc. Its points are those that no other sonar looked through.
 Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each tangent
-of the arc that no other sonar's silence excludes, there is an obstacle for `BESIDE_M`, and space is
-not seen to be free for `ALONG_M`. Nearer than a sonar's least range it only knows that something is
-there: what was heard before stays where it was.
+of the arc that no other sonar's silence excludes, space is not seen to be free. Nearer than a
+sonar's least range it only knows that something is there: what was heard before stays where it was.
 
 Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
 m, rad, s.
@@ -64,8 +63,7 @@ SURE_RAD: Final = radians(25)
 """A smooth wall answers for certain whose normal is within this of the sonar's axis (`gone_deg`)."""
 
 TANGENTS: Final = SURE_RAD * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-BESIDE_M: Final = np.array([-0.1, -0.05, 0.05, 0.1])
-ALONG_M: Final = np.array([-0.5, -0.4, -0.3, -0.2, 0.2, 0.3, 0.4, 0.5])
+ALONG_M: Final = np.linspace(-0.5, 0.5, 11)
 """Normals of walls, from the axis, and places on the wall, from the foot of the normal. At 0.6 m/s
 the robot stops within the last one."""
 
@@ -195,9 +193,7 @@ class Seen:
         elif away < ARC_M:
             normals = echo.bearing + TANGENTS
             normals = normals[[self._may_be(normal, echo, away) for normal in normals]]
-            places = np.concatenate([places, _on_walls(echo, away, normals, BESIDE_M)])
-            along = self._to_world(_on_walls(echo, away, normals, ALONG_M))
-            self._walls[mount] = along, self._now
+            self._walls[mount] = self._to_world(_on_walls(echo, away, normals)), self._now
         off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
         new = np.empty((len(places), 5))
         new[:, :2] = self._to_world(places)
@@ -300,8 +296,8 @@ def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, F
     return np.hypot(dx, dy), np.where(valid, shown, 0.0), valid
 
 
-def _on_walls(echo: Echo, away: float, normals: Floats, along: Floats) -> Floats:
-    """Places on walls with these normals, from the feet of an echo."""
+def _on_walls(echo: Echo, away: float, normals: Floats) -> Floats:
+    """Places on walls with these normals that return an echo."""
     c, s = np.cos(normals)[:, None], np.sin(normals)[:, None]
-    x, y = echo.x + away * c - along * s, echo.y + away * s + along * c
+    x, y = echo.x + away * c - ALONG_M * s, echo.y + away * s + ALONG_M * c
     return np.column_stack([x.ravel(), y.ravel()])
