@@ -21,7 +21,7 @@ m, rad, s.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, floor, inf, radians, sin, tan
+from math import cos, floor, hypot, inf, radians, sin, tan
 from typing import Final
 
 import numpy as np
@@ -76,12 +76,19 @@ INSIDE_M: Final = 0.05
 THROUGH_M: Final = 0.1
 """A sonar looked through a place that is nearer than its echo by this."""
 
+EDGE_M: Final = 0.4
+"""Nearer than this a sonar hears each edge for certain, so what it looks through from any direction
+is at most a slanted wall: the robot creeps there."""
+
 FACING: Final = cos(radians(25))
 """A place is looked through from the direction from which it was hit, within this: a wall answers
 from some directions only."""
 
 TWICE_S: Final = 0.5
 """A ring pings twice in this time, so one ping whose echo was lost removes nothing."""
+
+PAIR_S: Final = 1.0
+"""Two pings of a sonar within this count together: the nearer echo, since one may be lost."""
 
 BESIDE_RAD: Final = radians(25)
 """A sonar within this of another one's bearing is beside it."""
@@ -119,10 +126,12 @@ class Seen:
         )
         self._least = 0.0 if ring is None else ring.min_m + NOISE_M
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
-        # x, y in the odometry's frame, when, and the direction of the sonar that hit it
-        self._echoed: Floats = np.empty((0, 5))
+        # x, y in the odometry's frame, when, the direction of the sonar that hit it, and whether
+        # another one has looked through it
+        self._echoed: Floats = np.empty((0, 6))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
-        self._readings: dict[Mount, tuple[float, float]] = {}
+        self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
+        self._last: dict[Mount, tuple[float, float, float, float]] = {}  # pose, range
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
@@ -148,79 +157,117 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        points = self._from_world(np.concatenate([self._echoed[:, :2], self._scanned[:, :2]]))
+        doubtful = self._echoed[:, 5] > 0.0
+        certain = self._echoed[~doubtful, :2]
+        points = self._from_world(np.concatenate([certain, self._scanned[:, :2]]))
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
         cells = np.column_stack([x[unseen], y[unseen]])
         walls = [places for places, at in self._walls.values() if self._now - at < TWICE_S]
-        if walls:
-            cells = np.concatenate([cells, self._from_world(np.concatenate(walls))])
+        places = self._from_world(np.concatenate([self._echoed[doubtful, :2], *walls]))
+        cells = np.concatenate([cells, places])
         return View(points, cells, 0.5 * CELL_M, self._noise)
 
     def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
         """Add an echo, or its absence."""
         away = inf if echo.range is None else echo.range
+        mount = echo.x, echo.y, echo.bearing
+        before = self._readings.get(mount, [])[-1:]
+        self._readings[mount] = [*before, (away, self._now)]
+        free = self._nearer(mount)
         dx, dy = x - echo.x, y - echo.y
         c, s = cos(echo.bearing), sin(echo.bearing)
         ahead, aside = c * dx + s * dy, np.abs(c * dy - s * dx)
         beam = aside < tan(self._cone) * ahead + 0.5 * CELL_M
-        self._free[beam & (ahead > 0.0) & (np.hypot(dx, dy) < min(away, HEARD_M))] = self._now
+        self._free[beam & (ahead > 0.0) & (np.hypot(dx, dy) < min(free, HEARD_M))] = self._now
         known, heading = self._echoed, echo.bearing + self._pose[2]
         facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
         old = self._now - known[:, 2] > TWICE_S
-        gone = facing & old & self._through(self._from_world(known[:, :2]), echo)
-        known = self._echoed = known[~gone]
-        mount = echo.x, echo.y, echo.bearing
-        self._readings[mount] = away, self._now
+        at = self._from_world(known[:, :2])
+        known[old & self._through(at, mount, min(free, EDGE_M)), 5] = 1.0
+        known = self._echoed = known[~(facing & old & self._through(at, mount, free))]
         self._walls.pop(mount, None)
         if echo.range is None:
             return
+        explains = self._explains(echo, self._from_world(known[:, :2]))
         blind = away < self._least
-        if blind and self._knows(echo, self._from_world(known[:, :2])):
+        if blind and explains < inf:
+            self._suspect(echo, explains)
             return
         bearings = echo.bearing + self._cone * (ARC if away < ARC_M else ARC[:1])
         places = np.column_stack(
             [echo.x + away * np.cos(bearings), echo.y + away * np.sin(bearings)]
         )
-        for mount, (other, at) in self._readings.items():
-            if self._now - at < TWICE_S and 0.0 < abs(mount[2] - echo.bearing) < BESIDE_RAD:
-                look = Echo(*mount, None if other == inf else other)
-                places = places[~self._through(places, look)]
+        for other in self._readings:
+            if 0.0 < abs(other[2] - echo.bearing) < BESIDE_RAD:
+                places = places[~self._through(places, other, self._nearer(other))]
         if blind:
             rear, front, half = self._footprint
             places = np.clip(places, (rear, -half), (front, half))
-        elif away < ARC_M:
-            normals = echo.bearing + TANGENTS
-            normals = normals[[self._may_be(normal, echo, away) for normal in normals]]
-            self._walls[mount] = self._to_world(_on_walls(echo, away, normals)), self._now
+        if before and away < ARC_M:
+            places = np.concatenate([places, self._between(echo, *before[0])])
+        if away < ARC_M:
+            self._suspect(echo, away)
         off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
-        new = np.empty((len(places), 5))
+        new = np.zeros((len(places), 6))
         new[:, :2] = self._to_world(places)
-        new[:, 2:] = self._now, cos(heading), sin(heading)
+        new[:, 2:5] = self._now, cos(heading), sin(heading)
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
+        self._last[mount] = (*self._pose, away)
 
-    def _knows(self, echo: Echo, known: Floats) -> bool:
-        """Whether a known point explains an echo from the least range."""
+    def _between(self, echo: Echo, before: float, at: float) -> Floats:
+        """Places between a sonar's last echo and this one, if the robot fits not between them."""
+        mount = echo.x, echo.y, echo.bearing
+        if self._now - at > PAIR_S or before > ARC_M or mount not in self._last:
+            return np.empty((0, 2))
+        *pose, away = self._last[mount]
+        c, s = cos(pose[2]), sin(pose[2])
+        ends = []
+        for a in (away, echo.range or 0.0):
+            ends.append((echo.x + a * cos(echo.bearing), echo.y + a * sin(echo.bearing)))
+        (x, y), to = ends
+        start = self._from_world(np.array([[pose[0] + c * x - s * y, pose[1] + s * x + c * y]]))[0]
+        gap = hypot(*(np.array(to) - start))
+        if gap > self._width:
+            return np.empty((0, 2))
+        shares = np.arange(SAME_M, gap, SAME_M)[:, None] / (gap or 1.0)
+        return start + shares * (np.array(to) - start)
+
+    def _nearer(self, mount: Mount) -> float:
+        """The nearer one of a sonar's last two ranges, m: an echo may be lost. 0: too long ago."""
+        return min(
+            (away for away, at in self._readings[mount] if self._now - at < PAIR_S), default=0.0
+        )
+
+    def _suspect(self, echo: Echo, away: float) -> None:
+        """Note where walls may go on that an echo may come from."""
+        normals = echo.bearing + TANGENTS
+        normals = normals[[self._may_be(normal, echo, away) for normal in normals]]
+        mount = echo.x, echo.y, echo.bearing
+        self._walls[mount] = self._to_world(_on_walls(echo, away, normals)), self._now
+
+    def _explains(self, echo: Echo, known: Floats) -> float:
+        """The distance of the known point that explains an echo from the least range; else inf."""
         dx, dy = known[:, 0] - echo.x, known[:, 1] - echo.y
-        off = np.arctan2(dy, dx) - echo.bearing
-        facing = np.cos(off) > cos(SURE_RAD)
-        return bool((facing & (np.hypot(dx, dy) < self._least + SAME_M)).any())
+        away = np.hypot(dx, dy)
+        facing = np.cos(np.arctan2(dy, dx) - echo.bearing) > cos(SURE_RAD)
+        return float(min(away[facing & (away < self._least + SAME_M)], default=inf))
 
     def _may_be(self, normal: float, echo: Echo, away: float) -> bool:
         """Whether no sonar's newest reading excludes a wall with this normal."""
-        for (x, y, bearing), (other, at) in self._readings.items():
-            if self._now - at < TWICE_S and abs(bearing - normal) < SURE_RAD:
+        for x, y, bearing in self._readings:
+            if abs(bearing - normal) < SURE_RAD:
                 due = away + cos(normal) * (echo.x - x) + sin(normal) * (echo.y - y)
-                if due < HEARD_M and other > due + THROUGH_M:
+                if due < HEARD_M and self._nearer((x, y, bearing)) > due + THROUGH_M:
                     return False
         return True
 
-    def _through(self, places: Floats, echo: Echo) -> Flags:
-        """Whether a sonar looked through places in its cone."""
-        away = HEARD_M if echo.range is None else echo.range - THROUGH_M
-        dx, dy = places[:, 0] - echo.x, places[:, 1] - echo.y
-        c, s = cos(echo.bearing), sin(echo.bearing)
+    def _through(self, places: Floats, mount: Mount, away: float) -> Flags:
+        """Whether a sonar that heard nothing nearer than `away` looked through places."""
+        away = min(HEARD_M, away - THROUGH_M)
+        dx, dy = places[:, 0] - mount[0], places[:, 1] - mount[1]
+        c, s = cos(mount[2]), sin(mount[2])
         ahead = c * dx + s * dy
         beam = np.abs(c * dy - s * dx) < tan(self._cone) * ahead
         found: Flags = beam & (np.hypot(dx, dy) < away)
