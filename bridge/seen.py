@@ -21,7 +21,7 @@ m, rad, s.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, floor, hypot, inf, radians, sin, tan
+from math import cos, floor, inf, radians, sin, tan
 from typing import Final
 
 import numpy as np
@@ -126,12 +126,11 @@ class Seen:
         )
         self._least = 0.0 if ring is None else ring.min_m + NOISE_M
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
-        # x, y in the odometry's frame, when, the direction of the sonar that hit it, and whether
-        # another one has looked through it
+        # x, y in the odometry's frame, when, the direction of the sonar that hit it, and when
+        # another one first looked through it
         self._echoed: Floats = np.empty((0, 6))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
-        self._last: dict[Mount, tuple[float, float, float, float]] = {}  # pose, range
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
@@ -157,14 +156,14 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        doubtful = self._echoed[:, 5] > 0.0
+        doubtful = self._echoed[:, 5] < inf
         certain = self._echoed[~doubtful, :2]
         points = self._from_world(np.concatenate([certain, self._scanned[:, :2]]))
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
         cells = np.column_stack([x[unseen], y[unseen]])
-        walls = [places for places, at in self._walls.values() if self._now - at < TWICE_S]
+        walls = [places for places, at in self._walls.values() if self._now - at < PAIR_S]
         places = self._from_world(np.concatenate([self._echoed[doubtful, :2], *walls]))
         cells = np.concatenate([cells, places])
         return View(points, cells, 0.5 * CELL_M, self._noise)
@@ -185,9 +184,13 @@ class Seen:
         facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
         old = self._now - known[:, 2] > TWICE_S
         at = self._from_world(known[:, :2])
-        known[old & self._through(at, mount, min(free, EDGE_M)), 5] = 1.0
-        known = self._echoed = known[~(facing & old & self._through(at, mount, free))]
-        self._walls.pop(mount, None)
+        gone = facing & old & self._through(at, mount, free)
+        doubt = old & self._through(at, mount, min(free, EDGE_M))
+        gone |= doubt & (self._now - known[:, 5] > PAIR_S)
+        known[doubt, 5] = np.minimum(known[doubt, 5], self._now)
+        known = self._echoed = known[~gone]
+        if free >= ARC_M:
+            self._walls.pop(mount, None)
         if echo.range is None:
             return
         explains = self._explains(echo, self._from_world(known[:, :2]))
@@ -201,38 +204,17 @@ class Seen:
         )
         for other in self._readings:
             if 0.0 < abs(other[2] - echo.bearing) < BESIDE_RAD:
-                places = places[~self._through(places, other, self._nearer(other))]
+                places = places[~self._through(places, other, self._readings[other][-1][0])]
         if blind:
             rear, front, half = self._footprint
             places = np.clip(places, (rear, -half), (front, half))
-        if before and away < ARC_M:
-            places = np.concatenate([places, self._between(echo, *before[0])])
         if away < ARC_M:
             self._suspect(echo, away)
         off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
-        new = np.zeros((len(places), 6))
+        new = np.full((len(places), 6), inf)
         new[:, :2] = self._to_world(places)
         new[:, 2:5] = self._now, cos(heading), sin(heading)
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
-        self._last[mount] = (*self._pose, away)
-
-    def _between(self, echo: Echo, before: float, at: float) -> Floats:
-        """Places between a sonar's last echo and this one, if the robot fits not between them."""
-        mount = echo.x, echo.y, echo.bearing
-        if self._now - at > PAIR_S or before > ARC_M or mount not in self._last:
-            return np.empty((0, 2))
-        *pose, away = self._last[mount]
-        c, s = cos(pose[2]), sin(pose[2])
-        ends = []
-        for a in (away, echo.range or 0.0):
-            ends.append((echo.x + a * cos(echo.bearing), echo.y + a * sin(echo.bearing)))
-        (x, y), to = ends
-        start = self._from_world(np.array([[pose[0] + c * x - s * y, pose[1] + s * x + c * y]]))[0]
-        gap = hypot(*(np.array(to) - start))
-        if gap > self._width:
-            return np.empty((0, 2))
-        shares = np.arange(SAME_M, gap, SAME_M)[:, None] / (gap or 1.0)
-        return start + shares * (np.array(to) - start)
 
     def _nearer(self, mount: Mount) -> float:
         """The nearer one of a sonar's last two ranges, m: an echo may be lost. 0: too long ago."""
