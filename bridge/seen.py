@@ -6,8 +6,8 @@ there. A place counts as free for `LATELY_S` after a reading showed it:
 
 - A laser shows what lies between two neighbouring rays, as far as no object of `SHARE` of the
   robot's width fits between them, and at most `DARK_M` along rays without a return.
-- A sonar shows its cone up to its echo, and at most `HEARD_M`: a smooth wall at a slant returns no
-  echo. Nearer, a sonar of the ring that is square to the wall hears it, or this one its edge.
+- A sonar shows its cone up to the nearer of its last two echoes, as one may be lost, and at most
+  `HEARD_M`: a smooth wall at a slant returns no echo. Nearer, a sonar of the ring that is square to the wall hears it, or this one its edge.
 
 An echo may come from any place of an arc. Its points are those that no other sonar looked through.
 Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each tangent
@@ -60,7 +60,7 @@ ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
 """Places on the arc, as shares of half the cone."""
 
 SURE_RAD: Final = radians(25)
-"""A smooth wall answers for certain whose normal is within this of the sonar's axis (`gone_deg`)."""
+"""A smooth wall answers for certain if its normal is within this of the axis (`gone_deg`)."""
 
 TANGENTS: Final = SURE_RAD * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 ALONG_M: Final = np.linspace(-0.5, 0.5, 11)
@@ -121,9 +121,7 @@ class Seen:
         self._footprint = -body.rear_m, body.front_m, body.width_m / 2
         self._width = SHARE * body.width_m
         ring, laser = profile.sonar, profile.laser
-        self._noise = max(
-            0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M
-        )
+        self._noise = max(0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M)
         self._least = 0.0 if ring is None else ring.min_m + NOISE_M
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
         # x, y in the odometry's frame, when, the direction of the sonar that hit it, and when
