@@ -7,12 +7,13 @@ there. A place counts as free for `LATELY_S` after a reading showed it:
 - A laser shows what lies between two neighbouring rays, as far as no object of `SHARE` of the
   robot's width fits between them, and at most `DARK_M` along rays without a return.
 - A sonar shows its cone up to the nearer of its last two echoes, as one may be lost, and at most
-  `HEARD_M`: a smooth wall at a slant returns no echo. Nearer, a sonar of the ring that is square to the wall hears it, or this one its edge.
+  `HEARD_M`: a smooth wall at a slant returns no echo. Nearer, a sonar of the ring that is square to
+  the wall hears it, or this one its edge.
 
 An echo may come from any place of an arc. Its points are those that no other sonar looked through.
-Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each tangent
-of the arc that no other sonar's silence excludes, space is not seen to be free. Nearer than a
-sonar's least range it only knows that something is there: what was heard before stays where it was.
+Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each
+tangent of the arc that no other sonar excludes, space is not seen to be free. Nearer than a sonar's
+least range it only knows that something is there: what was heard before stays where it was.
 
 Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
 m, rad, s.
