@@ -6,10 +6,14 @@ there. A place counts as free for `LATELY_S` after a reading showed it:
 
 - A laser shows what lies between two neighbouring rays, as far as no object of `SHARE` of the
   robot's width fits between them, and at most `DARK_M` along rays without a return.
-- A sonar shows its cone up to its echo, and at most `HEARD_M`: a smooth wall at a slant returns no
-  echo. Nearer, a sonar of the ring that is square to the wall hears it, or this one its edge.
+- A sonar shows its cone up to the nearer of its last two echoes, as one may be lost, and at most
+  `HEARD_M`: a smooth wall at a slant returns no echo. Nearer, a sonar of the ring that is square to
+  the wall hears it, or this one its edge.
 
 An echo may come from any place of an arc. Its points are those that no other sonar looked through.
+Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each
+tangent of the arc that no other sonar excludes, space is not seen to be free. Nearer than a sonar's
+least range it only knows that something is there: what was heard before stays where it was.
 
 Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
 m, rad, s.
@@ -56,8 +60,26 @@ ARC_M: Final = 1.0
 ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
 """Places on the arc, as shares of half the cone."""
 
+SURE_RAD: Final = radians(25)
+"""A smooth wall answers for certain if its normal is within this of the axis (`gone_deg`)."""
+
+TANGENTS: Final = SURE_RAD * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+ALONG_M: Final = np.linspace(-0.5, 0.5, 11)
+"""Normals of walls, from the axis, and places on the wall, from the foot of the normal. At 0.6 m/s
+the robot stops within the last one."""
+
+NOISE_M: Final = 0.01
+"""Twice the noise of echoes from near."""
+
+INSIDE_M: Final = 0.05
+"""A point counts until it is so far inside the footprint: it came there by noise and drift."""
+
 THROUGH_M: Final = 0.1
 """A sonar looked through a place that is nearer than its echo by this."""
+
+EDGE_M: Final = 0.4
+"""Nearer than this a sonar hears each edge for certain, so what it looks through from any direction
+is at most a slanted wall: the robot creeps there."""
 
 FACING: Final = cos(radians(25))
 """A place is looked through from the direction from which it was hit, within this: a wall answers
@@ -65,6 +87,9 @@ from some directions only."""
 
 TWICE_S: Final = 0.5
 """A ring pings twice in this time, so one ping whose echo was lost removes nothing."""
+
+PAIR_S: Final = 1.0
+"""Two pings of a sonar within this count together: the nearer echo, since one may be lost."""
 
 BESIDE_RAD: Final = radians(25)
 """A sonar within this of another one's bearing is beside it."""
@@ -80,6 +105,10 @@ AROUND_M: Final = 0.05
 """Beyond the footprint, where the robot stands, space counts as free."""
 
 
+Mount = tuple[float, float, float]
+"""x, y and bearing of a sonar."""
+
+
 def met_within(step: float, width: float) -> float:
     """The range within which a ray meets every object of a width, m; rays are `step` rad apart."""
     return width / (2.0 * sin(0.5 * abs(step))) if step else inf
@@ -93,12 +122,15 @@ class Seen:
         self._footprint = -body.rear_m, body.front_m, body.width_m / 2
         self._width = SHARE * body.width_m
         ring, laser = profile.sonar, profile.laser
-        self._noise = 0.0 if laser is None else laser.noise_m
+        self._noise = max(0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M)
+        self._least = 0.0 if ring is None else ring.min_m + NOISE_M
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
-        # x, y in the odometry's frame, when, and the direction of the sonar that hit it
-        self._echoed: Floats = np.empty((0, 5))
+        # x, y in the odometry's frame, when, the direction of the sonar that hit it, and when
+        # another one first looked through it
+        self._echoed: Floats = np.empty((0, 6))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
-        self._readings: dict[tuple[float, float, float], tuple[float, float]] = {}
+        self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
+        self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
         self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
@@ -123,47 +155,100 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        points = self._from_world(np.concatenate([self._echoed[:, :2], self._scanned[:, :2]]))
+        doubtful = self._echoed[:, 5] < inf
+        certain = self._echoed[~doubtful, :2]
+        points = self._from_world(np.concatenate([certain, self._scanned[:, :2]]))
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
-        return View(points, np.column_stack([x[unseen], y[unseen]]), 0.5 * CELL_M, self._noise)
+        cells = np.column_stack([x[unseen], y[unseen]])
+        walls = [places for places, at in self._walls.values() if self._now - at < PAIR_S]
+        places = self._from_world(np.concatenate([self._echoed[doubtful, :2], *walls]))
+        cells = np.concatenate([cells, places])
+        return View(points, cells, 0.5 * CELL_M, self._noise)
 
     def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
         """Add an echo, or its absence."""
         away = inf if echo.range is None else echo.range
+        mount = echo.x, echo.y, echo.bearing
+        before = self._readings.get(mount, [])[-1:]
+        self._readings[mount] = [*before, (away, self._now)]
+        free = self._nearer(mount)
         dx, dy = x - echo.x, y - echo.y
         c, s = cos(echo.bearing), sin(echo.bearing)
         ahead, aside = c * dx + s * dy, np.abs(c * dy - s * dx)
         beam = aside < tan(self._cone) * ahead + 0.5 * CELL_M
-        self._free[beam & (ahead > 0.0) & (np.hypot(dx, dy) < min(away, HEARD_M))] = self._now
+        self._free[beam & (ahead > 0.0) & (np.hypot(dx, dy) < min(free, HEARD_M))] = self._now
         known, heading = self._echoed, echo.bearing + self._pose[2]
         facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
         old = self._now - known[:, 2] > TWICE_S
-        gone = facing & old & self._through(self._from_world(known[:, :2]), echo)
+        at = self._from_world(known[:, :2])
+        gone = facing & old & self._through(at, mount, free)
+        doubt = old & self._through(at, mount, min(free, EDGE_M))
+        gone |= doubt & (self._now - known[:, 5] > PAIR_S)
+        known[doubt, 5] = np.minimum(known[doubt, 5], self._now)
         known = self._echoed = known[~gone]
-        self._readings[echo.x, echo.y, echo.bearing] = away, self._now
+        if free >= ARC_M:
+            self._walls.pop(mount, None)
         if echo.range is None:
+            return
+        explains = self._explains(echo, self._from_world(known[:, :2]))
+        blind = away < self._least
+        if blind and explains < inf:
+            self._suspect(echo, explains)
             return
         bearings = echo.bearing + self._cone * (ARC if away < ARC_M else ARC[:1])
         places = np.column_stack(
             [echo.x + away * np.cos(bearings), echo.y + away * np.sin(bearings)]
         )
-        for mount, (other, at) in self._readings.items():
-            if self._now - at < TWICE_S and 0.0 < abs(mount[2] - echo.bearing) < BESIDE_RAD:
-                look = Echo(*mount, None if other == inf else other)
-                places = places[~self._through(places, look)]
+        for other in self._readings:
+            if 0.0 < abs(other[2] - echo.bearing) < BESIDE_RAD:
+                places = places[~self._through(places, other, self._readings[other][-1][0])]
+        if blind:
+            rear, front, half = self._footprint
+            places = np.clip(places, (rear, -half), (front, half))
+        if away < ARC_M:
+            self._suspect(echo, away)
         off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
-        new = np.empty((len(places), 5))
+        new = np.full((len(places), 6), inf)
         new[:, :2] = self._to_world(places)
-        new[:, 2:] = self._now, cos(heading), sin(heading)
+        new[:, 2:5] = self._now, cos(heading), sin(heading)
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
 
-    def _through(self, places: Floats, echo: Echo) -> Flags:
-        """Whether a sonar looked through places in its cone."""
-        away = HEARD_M if echo.range is None else echo.range - THROUGH_M
-        dx, dy = places[:, 0] - echo.x, places[:, 1] - echo.y
-        c, s = cos(echo.bearing), sin(echo.bearing)
+    def _nearer(self, mount: Mount) -> float:
+        """The nearer one of a sonar's last two ranges, m: an echo may be lost. 0: too long ago."""
+        return min(
+            (away for away, at in self._readings[mount] if self._now - at < PAIR_S), default=0.0
+        )
+
+    def _suspect(self, echo: Echo, away: float) -> None:
+        """Note where walls may go on that an echo may come from."""
+        normals = echo.bearing + TANGENTS
+        normals = normals[[self._may_be(normal, echo, away) for normal in normals]]
+        mount = echo.x, echo.y, echo.bearing
+        self._walls[mount] = self._to_world(_on_walls(echo, away, normals)), self._now
+
+    def _explains(self, echo: Echo, known: Floats) -> float:
+        """The distance of the known point that explains an echo from the least range; else inf."""
+        dx, dy = known[:, 0] - echo.x, known[:, 1] - echo.y
+        away = np.hypot(dx, dy)
+        facing = np.cos(np.arctan2(dy, dx) - echo.bearing) > cos(SURE_RAD)
+        return float(min(away[facing & (away < self._least + SAME_M)], default=inf))
+
+    def _may_be(self, normal: float, echo: Echo, away: float) -> bool:
+        """Whether no sonar's newest reading excludes a wall with this normal."""
+        for x, y, bearing in self._readings:
+            if abs(bearing - normal) < SURE_RAD:
+                due = away + cos(normal) * (echo.x - x) + sin(normal) * (echo.y - y)
+                if due < HEARD_M and self._nearer((x, y, bearing)) > due + THROUGH_M:
+                    return False
+        return True
+
+    def _through(self, places: Floats, mount: Mount, away: float) -> Flags:
+        """Whether a sonar that heard nothing nearer than `away` looked through places."""
+        away = min(HEARD_M, away - THROUGH_M)
+        dx, dy = places[:, 0] - mount[0], places[:, 1] - mount[1]
+        c, s = cos(mount[2]), sin(mount[2])
         ahead = c * dx + s * dy
         beam = np.abs(c * dy - s * dx) < tan(self._cone) * ahead
         found: Flags = beam & (np.hypot(dx, dy) < away)
@@ -197,7 +282,7 @@ class Seen:
         ahead = np.maximum(at[:, 0] - front, rear - at[:, 0])
         beside = np.maximum(ahead, np.abs(at[:, 1]) - half)
         stays = (self._now - points[:, 2] <= KEPT_S) | (beside < NEAR_M)
-        return points[stays & (beside >= 0.0)]
+        return points[stays & (beside > -INSIDE_M)]
 
     def _shift(self, pose: Pose2) -> None:
         """Move the cells so that the robot is in the middle one."""
@@ -237,3 +322,10 @@ def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, F
     shown = np.minimum(ranges[low], ranges[high])
     valid: Flags = inside & ~np.isnan(shown)
     return np.hypot(dx, dy), np.where(valid, shown, 0.0), valid
+
+
+def _on_walls(echo: Echo, away: float, normals: Floats) -> Floats:
+    """Places on walls with these normals that return an echo."""
+    c, s = np.cos(normals)[:, None], np.sin(normals)[:, None]
+    x, y = echo.x + away * c - ALONG_M * s, echo.y + away * s + ALONG_M * c
+    return np.column_stack([x.ravel(), y.ravel()])

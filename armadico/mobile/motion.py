@@ -209,7 +209,7 @@ def touches_at(
     beside = np.maximum(np.maximum(px - front, -rear - px), np.abs(py) - half)
     # The slack shrinks with the distance: else a robot that is told to drive on would come nearer
     # by it in each cycle, until it touches.
-    slack = NO_NEARER_M * np.where(beside > 0.0, np.minimum(beside / (margin or 1.0), 1.0), 1.0)
+    slack = NO_NEARER_M * np.clip(beside / (margin or 1.0), 0.0, 1.0)
     least = np.minimum(margin, beside - slack)
     way = course(body, measured, wanted, waited)
     x, y, c, s, _ = np.array(way).reshape(-1, 5, 1).transpose(1, 0, 2)

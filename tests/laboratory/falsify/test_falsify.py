@@ -25,6 +25,24 @@ AT_A_WALL = Case("pioneer-2dx", "rooms-a", 1, 8.0, (3.6, 2.2, 0.0), ((0.6, 0.0),
 """Straight at a wall 1 m away that it faces squarely."""
 
 
+AT_A_SLANTED_WALL = Case(
+    "pioneer-2dx",
+    "house",
+    1,
+    4.0,
+    (12.981, 7.312, 0.8155),
+    ((0.83, 0.0), (1.19, 0.016)),
+)
+BESIDE_A_WALL = Case(
+    "pioneer-2dx",
+    "rooms-a",
+    0,
+    6.0,
+    (3.838934, 4.071632, 1.628796),
+    ((0.407446, -1.30688), (0.383657, 0.033962), (-0.225186, -0.150295)),
+)
+"""Walls that go on where no sonar hears them: one at 50 degrees, one at 15 degrees."""
+
 Lift = Callable[[], None]
 
 
@@ -51,6 +69,11 @@ def test_a_hostile_holder_is_let_at_a_wall_only_where_the_robot_agent_has_no_lim
     assert falsify.main(["--repeat", AT_A_WALL.dumps(), "--json"]) == 1
     again = json.loads(capsys.readouterr().out)
     assert (again["at"], again["worth"]) == (outcome.at, outcome.worth)
+
+
+@pytest.mark.parametrize("case", [AT_A_WALL, AT_A_SLANTED_WALL, BESIDE_A_WALL])
+def test_no_wall_that_was_heard_is_touched(case: Case) -> None:
+    assert not trial.run(case).cause
 
 
 @pytest.mark.usefixtures("without_limits")

@@ -125,6 +125,18 @@ def test_a_door_that_the_body_fits_through_is_passed_as_fast_as_the_behaviours_l
     assert reflex_of((0.5, 0.0), **posts).cap(0.5, 0.0) == (0.5, 0.0)
 
 
+def test_a_wall_nearer_than_the_least_range_stays_where_it_was_heard() -> None:
+    """At the least range, 0.1 m, each echo sounds like 0.1 m."""
+    reflex, ahead = Reflex(PROFILE), PROFILE.ring.sonars[3].x_m
+    wall = ahead + 0.12
+    for step in range(20):
+        x = min(0.04, 0.01 * step)  # it stops 3.6 cm before the wall
+        heard = max(0.1, wall - x - ahead)
+        reflex.update(all_round(s3=heard, s4=heard), (x, 0.0, 0.0), (0.0, 0.0), 0.1 * step)
+    assert reflex.cap(0.6, 0.0)[0] < 0.05
+    assert reflex.cap(-0.1, 0.0) == (-0.1, 0.0)
+
+
 def test_it_reports_its_caps_at_a_limited_rate() -> None:
     reflex = reflex_of((0.5, 0.0), s3=0.2, s4=0.2)
     assert reflex.complaint(0.0) is None
