@@ -82,8 +82,8 @@ class Settings(Struct, frozen=True):
     trust: float = 0.3  # exponent of an echo's likelihood: neighbouring echoes are not independent
     doubtful: float = 0.2  # that exponent while the robot is lost: the particles stay spread
     judged: int = 24  # newest echoes over which the fit is averaged
-    around_m: float = CLUSTER_M  # particles within this of the estimate count in its covariance
-    around_rad: float = CLUSTER_RAD
+    around_m: float = 1.5  # particles within this of the estimate count in its covariance
+    around_rad: float = 1.0
     adaptive: bool = False  # estimate the share of readings from unmapped objects
     search: global_search.Settings = global_search.Settings()
 
@@ -92,8 +92,6 @@ LASER: Final = Settings(
     trust=0.08,
     doubtful=0.05,
     judged=72,
-    around_m=1.5,
-    around_rad=1.0,
     adaptive=True,
     search=global_search.LASER,
 )
