@@ -127,7 +127,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # speed on the longest detour
 
     # Without a planner nobody finds another path: it fails where it stays.
-    stays_s: Annotated[float, Meta(gt=0, le=1e5)] = 30.0
+    stays_s: Annotated[float, Meta(gt=0, le=1e5)] = 65.0
     stays_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # a shorter way back and forth is no progress
     lost_s: Annotated[float, Meta(gt=0, le=1e5)] = 150.0  # relocate has given up by then
 
