@@ -126,6 +126,11 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0  # timeout of a blocked mission
     give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # speed on the longest detour
 
+    # Without a planner nobody finds another path: it fails where it stays.
+    stays_s: Annotated[float, Meta(gt=0, le=1e5)] = 65.0
+    stays_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # a shorter way back and forth is no progress
+    lost_s: Annotated[float, Meta(gt=0, le=1e5)] = 150.0  # relocate has given up by then
+
     # A mission fails at repeated contacts in one place: further tries only cause damage.
     contacts: Annotated[int, Meta(ge=1, le=1000)] = 3  # a mission fails at this contact
     contacts_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0  # time in which contacts count
@@ -479,6 +484,8 @@ class Interface(Agent):
                 why, self._mission.replans = self._mission.replans, ""
                 self._plan_anew(pose, why)
         self._mission.to_go = self._mission.route.to_go(pose.x, pose.y)
+        if self._stays(pose, lost=pose.deviation > LOST_M and not person):
+            return
         why = self._blocked()
         if why:
             self._plan_anew(pose, why)
@@ -653,6 +660,27 @@ class Interface(Agent):
         if not waited:
             self.log(line(f"{why}; no plan from here: {refusal}"), WARNING)
             self.publish(self._trajectory(self._mission))
+
+    def _stays(self, pose: Pose, *, lost: bool) -> bool:
+        """Fail a mission that cannot go on; return whether it has.
+
+        It has been lost for long, or it stays at one place and nobody plans another path.
+        """
+        p, mission = self.p, self._mission
+        nearing = mission.nearing.at(pose.x, pose.y, self.now, p.stays_m)
+        lost_since = since(nearing.lost_since, lost and self.stopped is None, self.now)
+        mission.nearing = nearing = replaced(nearing, lost_since=lost_since)
+        if lost_since is not None and self.now - lost_since > p.lost_s:
+            self._fail(f"lost for {p.lost_s:.0f} s: where the robot is cannot be known")
+            return True
+        stays_s = self.now - max(nearing.place_at, nearing.best_at)
+        free = self.stopped is None and mission.waits is None and mission.to_go > PARKING_M
+        if mission.planned or self._held or not free or stays_s <= p.stays_s:
+            return False
+        seen, off = self._schedule.causes, f"the pose is known to +-{pose.deviation:.2f} m"
+        at = f"({pose.x:.2f}, {pose.y:.2f})"
+        self._fail(f"it stays at {at} for {stays_s:.0f} s, and nobody plans; {off}; {seen}")
+        return True
 
     def _given_up(self, why: str) -> bool:
         """Fail the mission if the robot comes no nearer for too long; return whether it has."""

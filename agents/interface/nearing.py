@@ -26,6 +26,9 @@ class Nearing:
         best_at: The time of that, s.
         longest: The length of the longest replanned path, m.
         across_since: Since when an obstacle blocks the path, s; None: it is free.
+        place: Where it has been for some time, m; None: not known yet.
+        place_at: Since when it has been there, s.
+        lost_since: Since when the robot has been lost, s; None: it is not.
     """
 
     nearest: float = inf
@@ -34,6 +37,9 @@ class Nearing:
     best_at: float = 0.0
     longest: float = 0.0
     across_since: float | None = None
+    place: tuple[float, float] | None = None
+    place_at: float = 0.0
+    lost_since: float | None = None
 
     def to_go(self, left: float, now: float, by: float) -> Nearing:
         """Update with the remaining length, m; only progress of more than `by` counts."""
@@ -46,7 +52,15 @@ class Nearing:
 
     def anew(self, now: float) -> Nearing:
         """Restart all timers, as after a time without a path, while stopped, or while lost."""
-        return replace(self, nearest=inf, nearest_at=now, best_at=now, across_since=None)
+        return replace(
+            self, nearest=inf, nearest_at=now, best_at=now, across_since=None, place=None
+        )
+
+    def at(self, x: float, y: float, now: float, by: float) -> Nearing:
+        """Update with the position, m; only a move of more than `by` counts."""
+        if self.place is not None and hypot(x - self.place[0], y - self.place[1]) <= by:
+            return self
+        return replace(self, place=(x, y), place_at=now)
 
     def on_way(self, now: float) -> Nearing:
         """Restart the timers of the present path for another one."""
@@ -55,7 +69,9 @@ class Nearing:
     def without(self, gap_s: float, now: float) -> Nearing:
         """Exclude a gap without poses from the timers."""
         nearest_at, best_at = (min(at + gap_s, now) for at in (self.nearest_at, self.best_at))
-        return replace(self, nearest_at=nearest_at, best_at=best_at, across_since=None)
+        return replace(
+            self, nearest_at=nearest_at, best_at=best_at, across_since=None, place=None
+        )
 
 
 class Contacts:

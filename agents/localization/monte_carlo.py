@@ -80,20 +80,20 @@ class Settings(Struct, frozen=True):
     moved_m: float = 0.02  # readings are weighed after this distance
     moved_rad: float = 0.03  # readings are weighed after this turn: at rest they repeat
     trust: float = 0.3  # exponent of an echo's likelihood: neighbouring echoes are not independent
+    told: float = 0.1  # that exponent in the bound: echoes of one wall are wrong together
     doubtful: float = 0.2  # that exponent while the robot is lost: the particles stay spread
     judged: int = 24  # newest echoes over which the fit is averaged
-    around_m: float = CLUSTER_M  # particles within this of the estimate count in its covariance
-    around_rad: float = CLUSTER_RAD
+    around_m: float = 1.5  # particles within this of the estimate count in its covariance
+    around_rad: float = 1.0
     adaptive: bool = False  # estimate the share of readings from unmapped objects
     search: global_search.Settings = global_search.Settings()
 
 
 LASER: Final = Settings(
     trust=0.08,
+    told=0.08,
     doubtful=0.05,
     judged=72,
-    around_m=1.5,
-    around_rad=1.0,
     adaptive=True,
     search=global_search.LASER,
 )
@@ -263,7 +263,7 @@ class MonteCarlo:
 
     def tell(self, pose: Pose2, echoes: Sequence[Echo]) -> None:
         """Narrow the bound by what readings tell at a pose."""
-        self.bound.see(information(self._model, pose, echoes, self.settings.trust))
+        self.bound.see(information(self._model, pose, echoes, self.settings.told))
 
     def _weighed(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """The weights times these likelihoods, normalized."""

@@ -649,10 +649,15 @@ def test_a_robot_that_may_not_get_nearer_is_not_blocked(desk: Desk, hindrance: s
         desk.reply(PLAN)
     if hindrance == "stopped":
         desk.give(Stop(1, True, "somebody", 1))
-    on_query = len(desk.on_query)
-    stay(desk, SOME.give_up_s + 60.0, off_m=1.0 if hindrance == "lost" else 0.0)
-    assert len(desk.on_query) == on_query
+    on_query, off_m = len(desk.on_query), 1.0 if hindrance == "lost" else 0.0
+    stay(desk, SOME.stays_s - 5.0, off_m=off_m)
     assert desk.last(MissionStatus).state is MissionState.DRIVING
+    stay(desk, SOME.lost_s, off_m=off_m)
+    assert len(desk.on_query) == on_query
+    status = desk.last(MissionStatus)
+    stopped = hindrance == "stopped"
+    assert status.state is (MissionState.DRIVING if stopped else MissionState.FAILED)
+    assert {"lost": "lost for", "stopped": "", "given": "nobody plans"}[hindrance] in status.note
 
 
 def see(desk: Desk, *points: Point, seconds: float = 2.0) -> None:
