@@ -80,11 +80,11 @@ GAINS_SHARE: Final = 0.35
 LAG_CYCLES: Final = 4
 """Cycles from an order until the wheels follow, and one status packet lost."""
 
-BRAKES_CYCLES: Final = 4
+BRAKES_LAG, BRAKES_CYCLES = 3, 3
 BRAKES_SHARE: Final = 0.5
-"""After the lag it brakes over so many cycles by at least this share of its ramp."""
+"""After a lag of so many cycles it brakes over so many by at least this share of its ramp."""
 
-ROLLS_M_S: Final = 0.12
+ROLLS_M_S: Final = 0.1
 """Driving faster than ordered by this, m/s, is not the lag of the ramp alone."""
 
 LONG_M, PARKS_M, ASIDE_M, STRAIGHT_RAD = 2.0, 0.5, 0.4, 0.15
@@ -428,24 +428,24 @@ class Follows:
         """The time that these cycles took, s."""
         return self._last[-1][0] - self._last[0][0]
 
-    def _of_ramp(self, ramp: float, cycles: int) -> float | None:
+    def _of_ramp(self, ramp: float, lag: int, cycles: int) -> float | None:
         """The change of speed as a share of what the ramp would have made; None: too few cycles."""
-        if len(self._last) < cycles:
+        if len(self._last) < lag + cycles:
             return None
-        (begun, _, before), (ended, _, after) = self._last[LAG_CYCLES - cycles], self._last[-1]
+        (begun, _, before), (ended, _, after) = self._last[-cycles], self._last[-1]
         return (after - before) / (ramp * (ended - begun))
 
     def lags(self, about: Description) -> bool:
         """Whether it drives much less than was let through all the time, and gets no faster."""
-        gains = self._of_ramp(about.v_accel, OF_CYCLES + LAG_CYCLES)
+        gains = self._of_ramp(about.v_accel, LAG_CYCLES, OF_CYCLES)
         slow = all(v > FAST_M_S and m < DRIVEN_SHARE * v for _, v, m in self._last)
         return gains is not None and slow and gains < GAINS_SHARE
 
     def rolls(self, about: Description) -> bool:
         """Whether it drives much more than was let through all the time, and gets no slower."""
-        gains = self._of_ramp(about.v_decel, LAG_CYCLES + BRAKES_CYCLES)
+        gains = self._of_ramp(about.v_decel, BRAKES_LAG, BRAKES_CYCLES)
         fast = all(
             v >= 0.0 and m > v + ROLLS_M_S
-            for _, v, m in [*self._last][-LAG_CYCLES - BRAKES_CYCLES :]
+            for _, v, m in [*self._last][-BRAKES_LAG - BRAKES_CYCLES :]
         )
         return gains is not None and fast and -gains < BRAKES_SHARE

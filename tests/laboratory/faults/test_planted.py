@@ -387,7 +387,7 @@ BUGS = (
     Bug(rests_half_the_time, Promise.ARRIVES, case(scenario="sc3", lasts=60.0)),
     Bug(raises_when_an_agent_goes, Promise.NO_ERROR, case(_GONE)),
     *(
-        Bug(nothing_else, promise, case(planted=name, lasts=60.0))
+        Bug(nothing_else, promise, case(_STOP, scenario="sc1", planted=name, lasts=60.0))
         for name, promise in (
             *(("early", Promise.REACHED), ("fails", Promise.FAILED), ("half-speed", Promise.SPEED)),
             *(("stands", Promise.STANDS), ("lost", Promise.FOUND), ("flickers", Promise.STEADY)),
