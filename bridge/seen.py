@@ -78,8 +78,8 @@ THROUGH_M: Final = 0.1
 """A sonar looked through a place that is nearer than its echo by this."""
 
 EDGE_M: Final = 0.4
-"""Nearer than this a sonar hears each edge for certain, so what it looks through from any direction
-is at most a slanted wall: the robot creeps there."""
+"""Nearer than this a sonar hears each edge, so it looks through from any direction: else what was
+heard in a gap between sonars would hold a robot for good."""
 
 FACING: Final = cos(radians(25))
 """A place is looked through from the direction from which it was hit, within this: a wall answers
@@ -125,9 +125,8 @@ class Seen:
         self._noise = max(0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M)
         self._least = 0.0 if ring is None else ring.min_m + NOISE_M
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
-        # x, y in the odometry's frame, when, the direction of the sonar that hit it, and when
-        # another one first looked through it
-        self._echoed: Floats = np.empty((0, 6))
+        # x, y in the odometry's frame, when, and the direction of the sonar that hit it
+        self._echoed: Floats = np.empty((0, 5))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
@@ -155,15 +154,13 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        doubtful = self._echoed[:, 5] < inf
-        certain = self._echoed[~doubtful, :2]
-        points = self._from_world(np.concatenate([certain, self._scanned[:, :2]]))
+        points = self._from_world(np.concatenate([self._echoed[:, :2], self._scanned[:, :2]]))
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
         cells = np.column_stack([x[unseen], y[unseen]])
         walls = [places for places, at in self._walls.values() if self._now - at < PAIR_S]
-        places = self._from_world(np.concatenate([self._echoed[doubtful, :2], *walls]))
+        places = self._from_world(np.concatenate([np.empty((0, 2)), *walls]))
         cells = np.concatenate([cells, places])
         return View(points, cells, 0.5 * CELL_M, self._noise)
 
@@ -183,11 +180,9 @@ class Seen:
         facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
         old = self._now - known[:, 2] > TWICE_S
         at = self._from_world(known[:, :2])
-        gone = facing & old & self._through(at, mount, free)
-        doubt = old & self._through(at, mount, min(free, EDGE_M))
-        gone |= doubt & (self._now - known[:, 5] > PAIR_S)
-        known[doubt, 5] = np.minimum(known[doubt, 5], self._now)
-        known = self._echoed = known[~gone]
+        gone = facing & self._through(at, mount, free)
+        gone |= self._through(at, mount, min(free, EDGE_M))
+        known = self._echoed = known[~(old & gone)]
         if free >= ARC_M:
             self._walls.pop(mount, None)
         if echo.range is None:
@@ -210,9 +205,9 @@ class Seen:
         if away < ARC_M:
             self._suspect(echo, away)
         off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
-        new = np.full((len(places), 6), inf)
+        new = np.empty((len(places), 5))
         new[:, :2] = self._to_world(places)
-        new[:, 2:5] = self._now, cos(heading), sin(heading)
+        new[:, 2:] = self._now, cos(heading), sin(heading)
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
 
     def _nearer(self, mount: Mount) -> float:
