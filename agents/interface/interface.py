@@ -128,7 +128,9 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
 
     # Without a planner nobody finds another path: it fails where it stays.
     stays_s: Annotated[float, Meta(gt=0, le=1e5)] = 65.0
-    stays_m: Annotated[float, Meta(gt=0, le=10)] = 0.5  # a shorter way back and forth is no progress
+    stays_m: Annotated[float, Meta(gt=0, le=10)] = (
+        0.5  # a shorter way back and forth is no progress
+    )
     lost_s: Annotated[float, Meta(gt=0, le=1e5)] = 150.0  # relocate has given up by then
 
     # A mission fails at repeated contacts in one place: further tries only cause damage.

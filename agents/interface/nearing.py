@@ -69,9 +69,7 @@ class Nearing:
     def without(self, gap_s: float, now: float) -> Nearing:
         """Exclude a gap without poses from the timers."""
         nearest_at, best_at = (min(at + gap_s, now) for at in (self.nearest_at, self.best_at))
-        return replace(
-            self, nearest_at=nearest_at, best_at=best_at, across_since=None, place=None
-        )
+        return replace(self, nearest_at=nearest_at, best_at=best_at, across_since=None, place=None)
 
 
 class Contacts:

@@ -38,8 +38,8 @@ TELLING: Final = 0.1
 squared sine of 18 degrees, by which a wall drawn in cells may be off its direction."""
 
 ASTRAY_M, ASTRAY_RAD = 1.0, 0.15
-"""Standard deviations beyond both of which a robot is lost in the open. In a corridor the heading is
-known to 0.05 rad. Chosen on scenario 2."""
+"""Standard deviations beyond both of which a robot in the open is lost. In a corridor the heading
+is known to 0.05 rad. Chosen on scenario 2."""
 
 
 class Bound:
