@@ -134,8 +134,6 @@ def doubt(pose: Pose, goal: Waypoint, near_m: float, turned_rad: float) -> str:
 
     The mission ends in any case: a pose does not get better while the robot stands.
     """
-    if not pose.covariance:
-        return "arrived by the wheels alone: how far off they are is not known"
     if pose.deviation <= near_m and pose.heading_deviation <= turned_rad:
         return ""
     off = hypot(goal.x - pose.x, goal.y - pose.y)

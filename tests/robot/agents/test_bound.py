@@ -87,7 +87,9 @@ def test_a_covariance_is_widened_where_it_is_too_narrow_and_nowhere_else() -> No
 
 
 def test_only_the_long_axis_is_shortened() -> None:
-    found = confined(np.diag([4.0, 0.01, 0.1]), 0.5)
+    found = confined(np.diag([4.0, 0.01, 0.02]), 0.5)
     assert sqrt(found[0, 0] + found[1, 1]) == pytest.approx(0.5)
     assert found[1, 1] == pytest.approx(0.01)
-    assert found[2, 2] == pytest.approx(0.1)
+    assert found[2, 2] == pytest.approx(0.02)
+    open_space = np.diag([4.0, 0.01, 0.1])  # nothing tells the heading either
+    assert confined(open_space, 0.5) == pytest.approx(open_space)
