@@ -165,13 +165,12 @@ class _Audit:
         counts = (sum(each.answer is answer for each in judged) for answer in _WORDS)
         words = zip(_WORDS.values(), counts, strict=True)
         without = len(verdicts) - len(tested)
-        counted = [*words, (NO_OCCASION, without)]
-        print(f"\n{', '.join(f'{word} {count}' for word, count in counted)}")
+        sums = [*words, (NO_OCCASION, without)]
+        print(f"\n{', '.join(f'{word} {count}' for word, count in sums)}")
         return verdict.exit_code
 
 
 _WORDS: Final = {Answer.NO: "broken", Answer.YES: "kept", Answer.UNKNOWN: "not checked"}
-
 
 NO_OCCASION: Final = "no occasion"
 """Nothing happened that could break it: no mission failed, nothing was near."""
