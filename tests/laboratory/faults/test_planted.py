@@ -100,6 +100,7 @@ def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
 
 def orders_a_stop_only_once(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(robot.Robot, "_repeat_stop", lambda self, left, right: None)
+    patch.setattr(robot.Robot, "_renews", property(lambda self: False))
     # The check of how the robot moves would order the stop again after a second.
     patch.setattr(robot.Robot, "_check_obedience", lambda self, report, ordered: None)
 
@@ -133,7 +134,7 @@ def is_blind(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(SonarAgent, "_arcs", lambda self, obstacles, body: iter(()))
     patch.setattr(LocalMap, "expect", lambda self, points: None)  # nor by the map,
     patch.setattr(LocalMap, "onward", lambda self: ())  # nor by memory
-    patch.setattr(robot.Reflex, "cap", lambda self, v, w: v)  # which would save it
+    patch.setattr(robot.Reflex, "cap", lambda self, v, w: (v, w))  # which would save it
 
 
 def takes_no_turn_in_a_new_epoch(patch: pytest.MonkeyPatch) -> None:
@@ -387,12 +388,18 @@ BUGS = (
     Bug(rests_half_the_time, Promise.ARRIVES, case(scenario="sc3", lasts=60.0)),
     Bug(raises_when_an_agent_goes, Promise.NO_ERROR, case(_GONE)),
     *(
-        Bug(nothing_else, promise, case(_STOP, scenario="sc1", planted=name, lasts=60.0))
-        for name, promise in (
-            *(("early", Promise.REACHED), ("fails", Promise.FAILED), ("half-speed", Promise.SPEED)),
-            *(("stands", Promise.STANDS), ("lost", Promise.FOUND), ("flickers", Promise.STEADY)),
-            *(("biased", Promise.SENSORS), ("slow-brake", Promise.BRAKES)),
-            *(("lies", Promise.HONEST), ("no-reflex", Promise.EARNED)),
+        Bug(nothing_else, promise, case(_STOP, scenario=scenario, planted=name, lasts=60.0))
+        for name, promise, scenario in (
+            ("early", Promise.REACHED, "sc1"),
+            ("fails", Promise.FAILED, "sc1"),
+            ("half-speed", Promise.SPEED, "sc1"),
+            ("stands", Promise.STANDS, "sc1"),
+            ("lost", Promise.FOUND, "sc1"),
+            ("flickers", Promise.STEADY, "sc1"),
+            ("biased", Promise.SENSORS, "sc4"),
+            ("slow-brake", Promise.BRAKES, "sc1"),
+            ("lies", Promise.HONEST, "sc4"),
+            ("no-reflex", Promise.COLLISION, "sc3"),
         )
     ),
 )

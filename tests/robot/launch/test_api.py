@@ -252,7 +252,7 @@ def test_a_run_as_processes_says_the_same_and_leaves_nothing(
     assert done.measures.passed, done
     assert {held.agent for held in done.holders} == {"goto"}
     assert done.path.shape == (len(done.times), 3)
-    assert len(there) == 6, "simulator, robot agent and four agents"
+    assert len(there) == 7, "simulator, robot agent, its guard and four agents"
     assert children() == before
     assert list(tmp_path.iterdir()) == [], "nor a folder of logs"
     assert capfd.readouterr() == ("", "")

@@ -104,15 +104,15 @@ def _fails(interface: Any) -> None:
     """Each tenth mission by its number, which is drawn."""
     begun: dict[int, float] = {}
 
-    def on_pose(method: Callable[..., None], pose: Pose) -> None:
-        method(pose)
+    def arrived(method: Callable[..., bool], pose: Pose) -> bool:
         number = interface._mission.number
         at = begun.setdefault(number, interface.now)
-        due = number % 10 == 0 and interface.now - at > FAILS_AFTER_S
-        if due and interface._stage == "driving":
+        if number % 10 == 0 and interface.now - at > FAILS_AFTER_S:
             interface._fail("it did not work out")
+            return False
+        return method(pose)
 
-    _wrap(interface, "on_pose", on_pose)
+    _wrap(interface, "_arrived", arrived)
 
 
 def _stands(goto: Any) -> None:
