@@ -17,7 +17,10 @@ SEEDS, SECONDS = (0, 2, 20, 45, 338, 393, 488, 685, 878, 882), 30.0
 """They draw every kind of fault, and every variant."""
 
 RARE = frozenset(
-    {Sight.CRITICAL, Sight.OUT_OF_RANGE, Sight.WHILE_STOPPED, Sight.WATCHDOG, Sight.TOUCHED}
+    {
+        *(Sight.CRITICAL, Sight.OUT_OF_RANGE, Sight.WHILE_STOPPED, Sight.WATCHDOG),
+        *(Sight.TOUCHED, Sight.REACHED),
+    }
 )
 """Situations that short runs hardly ever show; a campaign requires these too."""
 

@@ -9,11 +9,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
-
-import rclpy  # type: ignore[import-not-found]
-from geometry_msgs.msg import TwistStamped  # type: ignore[import-not-found]
-from nav_msgs.msg import Odometry  # type: ignore[import-not-found]
-from rclpy.signals import SignalHandlerOptions  # type: ignore[import-not-found]
+from typing import Any
 
 STEP_S = 0.02
 ACCEL = 2.5  # m/s^2: the motors', not a ramp
@@ -21,6 +17,12 @@ LATE = 2  # steps until a command has an effect
 
 
 def main() -> None:
+    # Here, since the rest of the project lives without ROS.
+    import rclpy  # type: ignore[import-not-found]
+    from geometry_msgs.msg import TwistStamped  # type: ignore[import-not-found]
+    from nav_msgs.msg import Odometry  # type: ignore[import-not-found]
+    from rclpy.signals import SignalHandlerOptions  # type: ignore[import-not-found]
+
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("base_without_watchdog")
     odoms = node.create_publisher(Odometry, "odom", 10)
@@ -28,7 +30,7 @@ def main() -> None:
     way = speed = 0.0
     count = 0
 
-    def obey(message: TwistStamped) -> None:
+    def obey(message: Any) -> None:
         orders[-1] = message.twist.linear.x
 
     def step() -> None:
