@@ -90,7 +90,7 @@ def test_two_robots_do_two_tasks_and_leave_nothing_and_a_second_fleet_is_refused
     process = run(*words(tmp_path, "--json"))
     held()
     everybody = children(process.pid)
-    assert len(everybody) == 7, "a simulator, and three processes a robot"
+    assert len(everybody) == 9, "a simulator, and three processes and a guard a robot"
     second = run(*words(tmp_path))
     _, errors = second.communicate(timeout=SOON)
     assert second.returncode == 1
