@@ -426,7 +426,7 @@ def test_it_is_caught_and_without_it_nothing_is_broken(
 
 
 def test_every_promise_has_a_bug_that_breaks_it() -> None:
-    # A robot agent that lets everything through touches before it is named; `test_audit` has a story.
+    # Without its reflex a robot touches before `EARNED` names it; `test_audit` has a story of it.
     assert {bug.breaks for bug in BUGS} == {*Promise} - {Promise.EARNED}
 
 
