@@ -212,6 +212,13 @@ class Mesh:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Recorded(Mesh):
+    """The same options beside a recording; that of one robot needs no namespace."""
+
+    namespace: str = option(NAMESPACE_HELP, default="", metavar="NS")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Meshes(Mesh):
     """The same options for several robots."""
 

@@ -39,13 +39,6 @@ EXAMPLES: Final = """\
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Robot(options.Mesh):
-    """The mesh; the recording of one robot needs no namespace."""
-
-    namespace: str = option(options.NAMESPACE_HELP, default="", metavar="NS")
-
-
-@dataclass(frozen=True, kw_only=True)
 class Options:
     file: Path | None = argument("the recording", nargs="?", metavar="FILE.mcap", must=FILE)
     live: bool = flag("judge a running society instead, until Ctrl-C")
@@ -60,7 +53,7 @@ class Options:
         "judge only this promise; may be repeated (default: all)", metavar="PROMISE"
     )
     json: bool = flag("print one JSON object")
-    mesh: _Robot = group(_Robot, "the mesh")
+    mesh: options.Recorded = group(options.Recorded, "the mesh")
 
 
 def run(args: Options) -> int:

@@ -54,13 +54,6 @@ NOT_BEFORE: Final = Must(lambda at: at >= 0.0, "expected at least 0, the first m
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Robot(options.Mesh):
-    """The mesh; the recording of one robot needs no namespace."""
-
-    namespace: str = option(options.NAMESPACE_HELP, default="", metavar="NS")
-
-
-@dataclass(frozen=True, kw_only=True)
 class Options:
     file: Path | None = argument("the recording", nargs="?", metavar="FILE.mcap", must=FILE)
     live: bool = flag("explain a running society instead")
@@ -96,7 +89,7 @@ class Options:
         metavar="S",
     )
     json: bool = flag("print one JSON object")
-    mesh: _Robot = group(_Robot, "the mesh")
+    mesh: options.Recorded = group(options.Recorded, "the mesh")
 
 
 def run(args: Options) -> int:
