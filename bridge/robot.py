@@ -293,11 +293,15 @@ class Robot(DeviceAgent):
     @property
     def _rolls(self) -> bool:
         """Whether the robot moves, or is to, as far as it is known."""
-        v, w = self._orders.measured
-        rim = abs(v) + abs(w) * self.profile.body.half_track_m  # the faster one's
         session = self._session
         open_ = session is not None and session.is_open
-        return open_ and (self._orders.moving or rim > AT_REST_M_S)
+        return open_ and (self._orders.moving or self._turns(*self._orders.measured))
+
+    def _turns(self, v: float, w: float) -> bool:
+        """Whether a wheel turns at these measured speeds, m/s and rad/s."""
+        return (
+            abs(v) + abs(w) * self.profile.body.half_track_m > AT_REST_M_S
+        )  # the faster one's rim
 
     def _brakes(self) -> tuple[bytes, ...]:
         """What brakes the robot without this agent; empty if it rests."""
@@ -602,8 +606,7 @@ class Robot(DeviceAgent):
 
         A pulse would only feed the watchdog of a controller that continues with the old speeds.
         """
-        rim = abs(v) + abs(w) * self.profile.body.half_track_m  # the faster one's
-        if not self._orders.moving and rim > AT_REST_M_S:
+        if not self._orders.moving and self._turns(v, w):
             self.rest(WHEELS)
 
     def _perceive(self, cycle: Cycle, report: Reported) -> None:
