@@ -86,7 +86,7 @@ def admit(
     if found == command:
         return Admitted(*command, "")
     if found is None:
-        return Admitted(0.0, 0.0, TOO_LATE)
+        return Admitted(0.0, 0.0, TOO_LATE if any(command) else "")
     why = UNSEEN if clear(view.points, command, margin) else OBSTACLE
     return Admitted(*found, why)
 

@@ -54,6 +54,7 @@ RAMP_STEPS = 80
 INSTANT_S = 1e-9  # a phase is over this much after its end, in spite of rounding
 QUARTER = 0.5 * pi
 NO_NEARER_M = 1e-3  # rounding, for a point that is nearer than the margin and may stay as near
+ROUNDING_M = 1e-9
 
 
 def braking(left: float, decel: float, late: float) -> float:
@@ -209,7 +210,7 @@ def touches_at(
     beside = np.maximum(np.maximum(px - front, -rear - px), np.abs(py) - half)
     # The slack shrinks with the distance: else a robot that is told to drive on would come nearer
     # by it in each cycle, until it touches.
-    slack = NO_NEARER_M * np.clip(beside / (margin or 1.0), 0.0, 1.0)
+    slack = ROUNDING_M + NO_NEARER_M * np.clip(beside / (margin or 1.0), 0.0, 1.0)
     least = np.minimum(margin, beside - slack)
     way = course(body, measured, wanted, waited)
     x, y, c, s, _ = np.array(way).reshape(-1, 5, 1).transpose(1, 0, 2)
