@@ -123,7 +123,7 @@ def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str
     if state.capped and abs(admitted.v) < abs(ordered.v):
         return f"the robot agent slows {name} down: {state.capped}"
     if state.stalled:
-        return f"{name} drives, and the robot touches something"
+        return f"{name} drives, and the robot is held by a contact, or its wheels are blocked"
     if pose.deviation > UNSURE_M:
         return f"{name} drives slowly, as the pose is uncertain"
     return f"{name} drives too slowly" if ordered.v or ordered.w else f"{name} stands"
@@ -134,9 +134,11 @@ def doubt(pose: Pose, goal: Waypoint, near_m: float, turned_rad: float) -> str:
 
     The mission ends in any case: a pose does not get better while the robot stands.
     """
+    off = hypot(goal.x - pose.x, goal.y - pose.y)
+    if not pose.covariance:
+        return f"arrived by a pose of unknown error: {off:.2f} m from the goal"
     if pose.deviation <= near_m and pose.heading_deviation <= turned_rad:
         return ""
-    off = hypot(goal.x - pose.x, goal.y - pose.y)
     return (
         f"arrived as far as the pose is known: {off:.2f} m from the goal, +-{pose.deviation:.2f} m"
         f" and +-{degrees(pose.heading_deviation):.0f} degrees, for a tolerance of {near_m:.2f} m"

@@ -368,7 +368,7 @@ class Speed(Rule):
         pose, about, seen = now.pose, now.description, now.obstacles
         if not now.driving or pose is None or about is None or seen is None or not now.holder:
             return False
-        if pose.deviation > SURE_M or not self._route.waypoints:
+        if not pose.covariance or pose.deviation > SURE_M or not self._route.waypoints:
             return False
         if self._route.to_go(pose.x, pose.y) < LONG_M + PARKS_M:
             return False

@@ -9,6 +9,7 @@ from typing import Final
 
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message, RobotState
+from armadico.mobile.behaviour import FOUND_S
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import (
     MissionState,
@@ -47,10 +48,6 @@ LONG_S: Final = 10.0
 STUCK_S: Final = 60.0
 """Coming no nearer counts as the cause of a failure after this time, s. The interface agent gives
 up after two minutes; that it is late is another finding."""
-
-LOST_S: Final = 30.0
-"""The longest, s, that an undisturbed robot with missions may be lost. A search of a floor takes
-some seconds of turning and driving."""
 
 LATELY_S: Final = 10.0
 """What was seen within this time before a failure may be its cause, s."""
@@ -288,7 +285,7 @@ class Failed(Rule):
             dt, self._last_at = now.now - self._last_at, now.now
             if message.stalled:
                 self._seen_at = now.now
-            excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.WAITS)
+            excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.LOST, Excuse.WAITS)
             if excuse is Excuse.WAITS:
                 self._waits_s += min(dt, 1.0)
             elif excuse is not None:
@@ -317,7 +314,7 @@ class Found(Rule):
         if not isinstance(message, RobotState):
             return
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
-        self.checked = self.checked or now.pose is not None
+        self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
         if not now.lost:
             self._lost_s = 0.0
         elif (
@@ -325,8 +322,8 @@ class Found(Rule):
             and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
         ):
             self._lost_s += dt
-            if self._lost_s > LOST_S:
+            if self._lost_s > FOUND_S:
                 self._lost_s = -inf  # once, until it is found
                 assert now.pose is not None, "a pose says that it is lost"
-                what = f"lost for {LOST_S:.0f} s on a mission"
+                what = f"lost for {FOUND_S:.0f} s on a mission"
                 yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")
