@@ -399,7 +399,8 @@ class Brakes(Rule):
         if not isinstance(message, RobotState) or now.description is None:
             return
         admitted = 0.0 if message.stop.stopped else now.admitted
-        if admitted is None:
+        # A wheel that comes to rest or turns around in a bend is held for some cycles by friction.
+        if admitted is None or message.v < abs(message.w) * now.description.half_width:
             return
         self.checked = True
         self._follows.add(now.now, admitted, message.v)

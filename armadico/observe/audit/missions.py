@@ -217,9 +217,9 @@ class Reached(Rule):
             goal = self._goal
             if goal is not None and goal[0] == message.mission != self._known:
                 self._known, self.checked = message.mission, True
-                yield from self._judge(goal[1], now)
+                yield from self._judge(goal[1], message.doubt, now)
 
-    def _judge(self, goal: Waypoint, now: Scene) -> Iterator[Finding]:
+    def _judge(self, goal: Waypoint, doubt: str, now: Scene) -> Iterator[Finding]:
         pose, truth = now.pose, now.truth
         if pose is None:
             text = "reached, and no pose shows where"
@@ -228,7 +228,9 @@ class Reached(Rule):
         by_pose, truly = _off(goal, pose), None if truth is None else _off(goal, truth)
         by = "" if truly is None else _by(pose, by_pose)
         off = by_pose if truly is None else truly
-        if _beyond(*by_pose):
+        # A mission that ends as unsure may be off by as much as the pose.
+        off_m, off_rad = (pose.deviation, pose.heading_deviation) if doubt else (0.0, 0.0)
+        if _beyond(*by_pose, off_m, off_rad):
             yield self.found(now, "interface", f"reported as reached, {_so(off)} off", by)
         elif (truly is None or _beyond(*truly)) and now.unsure:
             what = "reported as reached, by a pose that does not claim to know"
@@ -242,8 +244,8 @@ def _off(goal: Waypoint, at: Pose | Truth) -> tuple[float, float]:
     return hypot(goal.x - at.x, goal.y - at.y), abs(wrap(goal.theta - at.theta))
 
 
-def _beyond(off_m: float, off_rad: float) -> bool:
-    return off_m > REACHED_M or off_rad > OFF_RAD
+def _beyond(off_m: float, off_rad: float, may_m: float = 0.0, may_rad: float = 0.0) -> bool:
+    return off_m > max(REACHED_M, may_m) or off_rad > max(OFF_RAD, may_rad)
 
 
 def _so(off: tuple[float, float]) -> str:

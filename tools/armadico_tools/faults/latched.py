@@ -24,7 +24,7 @@ class Stopped:
 
     A released stop that arrives again, late or from a peer's memory, has no effect. This holds
     under all faults, which can only delay the rest of the wheels: without the robot agent the
-    watchdog's time comes first, and an order that the line loses is repeated.
+    guard's time comes first, and an order that the line loses is repeated.
     """
 
     promise = Promise.STOP
@@ -100,7 +100,7 @@ class Stopped:
     def _rests(self, truth: Truth, at: float, now: Record) -> Iterator[str]:
         if _away(now):
             self._rest_due = max(
-                self._rest_due, at + self._bounds.braking_s + self._bounds.watchdog_s
+                self._rest_due, at + self._bounds.braking_s + self._bounds.guard_s
             )
         if now.body.rested_at >= at:
             return

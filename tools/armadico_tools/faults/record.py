@@ -27,6 +27,7 @@ from armadico.core.messages import (
     Log,
     RobotState,
 )
+from armadico.core.outgoing import EXPIRY_S
 from armadico.core.resources import WHEELS
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import wrap
@@ -114,7 +115,7 @@ class Bounds:
     obeyed_s: float = 5.0
     moves_s: float = 2.0
     stood_back_s: float = 5.0
-    watchdog_s: float = 2.0
+    guard_s: float = 2.0 * EXPIRY_S  # until the guard brakes: the last command, renewed once
     killed_s: float = 0.1  # from a holder's end to another's obeyed command: far below its silence
     silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
     unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and delays
@@ -138,7 +139,7 @@ class Bounds:
 
 
 def bounds_of(scenario: Scenario) -> Bounds:
-    """The bounds for a scenario's robot: ramps, watchdog, errors of the odometry.
+    """The bounds for a scenario's robot: ramps, errors of the odometry.
 
     Raises ConfigError for an unknown robot.
     """
@@ -146,7 +147,6 @@ def bounds_of(scenario: Scenario) -> Bounds:
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     limits, body, slip = profile.limits, profile.body, 3.0 * sensors.slip
     return Bounds(
-        watchdog_s=profile.watchdog_s,
         limit=inf if scenario.v_max is None else scenario.v_max,
         v_max=limits.v_max,
         w_max=limits.w_max,
@@ -333,7 +333,7 @@ class Faults:
         if not fault.began:
             if hinders(fault.kind, fault.amount):
                 self.hindered_at = now
-            taken = voided(fault.kind, fault.targets, fault.amount)
+            taken = voided(fault.kind, fault.amount)
             if Promise.COLLISION in taken and Promise.SENSORS not in taken:
                 self.unable_until, self.unable_why = now + stops_in_s, taken[Promise.COLLISION]
             self._ended.update({promise: (now, why) for promise, why in taken.items()})
@@ -352,7 +352,7 @@ class Faults:
     def voids(self, promise: Promise, now: float, rested_at: float) -> str:
         """The fault that voids a promise, in words, or that did just before; "" without one."""
         for fault in self.active:
-            why = voided(fault.kind, fault.targets, fault.amount).get(promise)
+            why = voided(fault.kind, fault.amount).get(promise)
             if why:
                 return why
         ended, why = self._ended.get(promise, (-inf, ""))
@@ -365,7 +365,7 @@ class Faults:
         Just before: until it has braked, if an obstacle was within its stopping distance.
         """
         for fault in self.active:
-            taken = voided(fault.kind, fault.targets, fault.amount)
+            taken = voided(fault.kind, fault.amount)
             if Promise.COLLISION in taken and Promise.SENSORS not in taken:
                 return taken[Promise.COLLISION]
         return f"{JUST_AFTER}{self.unable_why}" if now <= self.unable_until else ""
@@ -373,7 +373,7 @@ class Faults:
     @property
     def alters_readings(self) -> bool:
         """Whether a fault makes readings wrong."""
-        voids = (voided(fault.kind, fault.targets, fault.amount) for fault in self.active)
+        voids = (voided(fault.kind, fault.amount) for fault in self.active)
         return any(Promise.SENSORS in taken for taken in voids)
 
     def befalls(self, name: str, *kinds: str) -> bool:

@@ -278,6 +278,9 @@ class Workload:
             if session is not None and "drive" not in vars(session):
                 _before(session, "drive", drives)
 
+        def guard_brakes() -> None:
+            self.observe(Ordered(self.mesh.now, 0.0, 0.0))
+
         if self.case.planted:
             plant(self.case.planted, agent)
         _before(agent.kernel, "disappeared", disappears)
@@ -286,6 +289,7 @@ class Workload:
         if node.device is self.rehearsal.robot:
             serial = load_profile(self.rehearsal.scenario.robot).section == "p2os"
             _before(agent, "write", writes if serial else connects)
+            _before(node, "braked", guard_brakes)
             _tap_owner(agent.owner(WHEELS), self)
         else:
             _before(agent.kernel, "publish", publishes)
