@@ -51,6 +51,11 @@ resulting speed near obstacles are known by their points."""
 # 2 m/s is fast.
 SURE_M_S, SLOWEST = 1.0, 0.3
 
+HEEDS, HEEDS_M_S = 2.0, 0.14
+"""Once the robot agent has reduced an order, the next is at most so many times what was let
+through, or the second, m/s. Its readings may show what the obstacles do not yet: a behaviour that
+speeds up against them would start with a leap once they are gone."""
+
 
 def driven_by(agent: Agent) -> str:
     """Return the person who drives by hand, by an agent's messages (`ByHand`); "" if none does."""
@@ -132,6 +137,10 @@ class Behaviour(Agent, hooks=("propose",)):
             v = min(max(v, -most), most)
         if self.route.unseen:
             v, safety = self._by_sight(v, scene, safety)
+        state = self.latest(RobotState)
+        if state is not None and state.capped and state.driver == self.instance:
+            most = max(HEEDS * abs(state.admitted.v), HEEDS_M_S)
+            v = min(max(v, -most), most)
         return limit(v, w, scene, safety)
 
     def _by_sight(self, v: float, scene: Scene, safety: Safety) -> tuple[float, Safety]:
