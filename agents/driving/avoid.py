@@ -315,7 +315,10 @@ class Avoid(Behaviour):
                 v, w, _ = self.limited_in(scene, 0.0, direction * self.p.w_stop, self.p.safety)
                 if w != 0.0:
                     return v, w
-        return self._back(scene) or (0.0, 0.0)
+        if (back := self._back(scene)) is None:
+            return 0.0, 0.0
+        self._back_off()  # for a while: the way of one cycle makes no room to turn
+        return back
 
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
         """The command for the cycle or two until another agent takes over."""
