@@ -48,6 +48,7 @@ from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.hand import Hand
 from armadico_tools.faults.injector import VirtualInjector
 from armadico_tools.faults.observations import (
+    Arrived,
     Astray,
     Bids,
     Denied,
@@ -125,6 +126,9 @@ class Workload:
         around = Surroundings(self.rehearsal.robot.plant)
         self.mesh.watch(lambda _, __, now: around.look(now), Sonar, Scan)
         self.checker.touched = around.touched
+        if serial:
+            _before(self.rehearsal.robot, "receive", self._arrives)
+        self._arrived = Orders()
         self._orders = _orders_of(self.rehearsal.scenario, options)
         self._heading_for = 0
         self._requested = self._ordered = False
@@ -244,6 +248,10 @@ class Workload:
                 self.mesh.now,
                 f"{command.ballot.instance}, of another protocol, is obeyed",
             )
+
+    def _arrives(self, data: bytes, now: float) -> None:
+        for _ in self._arrived.feed(data, now):
+            self.observe(Arrived(now))
 
     def _refused(self, node: Node) -> None:
         if node.namespace != self.rehearsal.namespace:
