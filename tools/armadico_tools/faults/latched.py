@@ -99,9 +99,7 @@ class Stopped:
 
     def _rests(self, truth: Truth, at: float, now: Record) -> Iterator[str]:
         if _away(now):
-            self._rest_due = max(
-                self._rest_due, at + self._bounds.braking_s + self._bounds.guard_s
-            )
+            self._rest_due = max(self._rest_due, at + self._bounds.braking_s + self._bounds.guard_s)
         if now.body.rested_at >= at:
             return
         if at > self._rest_due and now.body.rested_at < self._rest_due - self._bounds.braking_s:
