@@ -26,6 +26,10 @@ PACE_SHARE: Final = 0.4
 START_S: Final = 20.0
 """The time that is allowed beside the way, s: to plan, to turn at the start, and to park."""
 
+SURE: Final = 1.25
+"""A goal is reached for sure if the pose is within so many tolerances of it even when it is off by
+its deviation. That is 0.15 m by default, as `reached` of a run."""
+
 NAMED: Final = 3
 """At most so many causes are named."""
 
@@ -137,7 +141,7 @@ def doubt(pose: Pose, goal: Waypoint, near_m: float, turned_rad: float) -> str:
     off = hypot(goal.x - pose.x, goal.y - pose.y)
     if not pose.covariance:
         return f"arrived by a pose of unknown error: {off:.2f} m from the goal"
-    if pose.deviation <= near_m and pose.heading_deviation <= turned_rad:
+    if off + pose.deviation <= SURE * near_m and pose.heading_deviation <= turned_rad:
         return ""
     return (
         f"arrived as far as the pose is known: {off:.2f} m from the goal, +-{pose.deviation:.2f} m"

@@ -232,7 +232,7 @@ class Reached(Rule):
         off_m, off_rad = (pose.deviation, pose.heading_deviation) if doubt else (0.0, 0.0)
         if _beyond(*by_pose, off_m, off_rad):
             yield self.found(now, "interface", f"reported as reached, {_so(off)} off", by)
-        elif (truly is None or _beyond(*truly)) and now.unsure:
+        elif (truly is None or _beyond(*truly)) and (doubt or now.unsure):
             what = "reported as reached, by a pose that does not claim to know"
             what += "" if truly is None else f": {_so(truly)} off"
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)

@@ -27,6 +27,7 @@ from armadico_tools.faults.checker import Checker
 from armadico_tools.faults.contacts import Cause
 from armadico_tools.faults.fault_types import KINDS, Promise, voided
 from armadico_tools.faults.observations import (
+    Arrived,
     Bids,
     Denied,
     Faulted,
@@ -37,7 +38,7 @@ from armadico_tools.faults.observations import (
     Passed,
     Published,
 )
-from armadico_tools.faults.record import Bounds
+from armadico_tools.faults.record import STOPS_S, Bounds
 
 A, B = "goto-0123456789abcdef", "avoid-0123456789abcdef"
 
@@ -847,9 +848,15 @@ LOSES = Faulted(0.0, "serial-loss", ("robot",), began=True, amount=0.5)
 
 def test_moving_time_is_counted_by_why_the_robot_cannot_act(story: Story) -> None:
     story.cycles(11)
+    story.see(Arrived(story.now))
     story.see(LOSES)
-    story.cycles(20)
-    assert story.checker.moving_s == pytest.approx({"": 1.0, "serial line": 2.0})
+    for _ in range(20):  # some orders arrive: it can act
+        story.cycles(1)
+        story.see(Arrived(story.now))
+    assert story.checker.moving_s == pytest.approx({"": 3.0})
+    story.cycles(20)  # none does
+    waits = STOPS_S + 0.1
+    assert story.checker.moving_s == pytest.approx({"": 3.0 + waits, "serial line": 2.0 - waits})
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from math import inf
 
 from armadico.core.messages import RobotState, Stop
 from armadico.mobile.messages import Truth
-from armadico_tools.faults.fault_types import LOSSY, RESTARTS, Promise
+from armadico_tools.faults.fault_types import LOSSY, RESTARTS, SLOWS, Promise
 from armadico_tools.faults.observations import Observation, Ordered, Published
 from armadico_tools.faults.record import Bounds, Record
 
@@ -109,6 +109,6 @@ class Stopped:
 
 def _away(now: Record) -> bool:
     """Whether the robot agent, or the line to its controller, is unable to stop the wheels."""
-    if now.faults.befalls("robot", *RESTARTS, "hang", "slow", "clock-step", "clock-drift"):
+    if now.faults.befalls("robot", *RESTARTS, *SLOWS, "hang", "clock-step", "clock-drift"):
         return True
     return any(f.kind.startswith("serial") and f.amount >= LOSSY for f in now.faults.active)

@@ -43,6 +43,7 @@ from armadico_tools.faults.fault_types import (
 )
 from armadico_tools.faults.figures import Kept
 from armadico_tools.faults.observations import (
+    Arrived,
     Bids,
     Came,
     Denied,
@@ -316,6 +317,7 @@ class Faults:
     free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
     healed_at: float = -inf  # end of the last excuse
     hindered_at: float = -inf  # when the last fault that excuses from outcomes ended
+    waits_since: float = inf  # when the first order was written that no other has followed yet
     unable_until: float = -inf  # until when a robot that could not act may still be braking
     unable_why: str = ""
     again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
@@ -327,6 +329,8 @@ class Faults:
             self.whole_since = self.free_since = now
 
     def on_fault(self, fault: Faulted, now: float, stops_in_s: float) -> None:
+        if not fault.began:
+            self._recovers(now, stops_in_s)
         key = Fault(fault.kind, fault.targets, fault.to, fault.amount)
         self.active[key] += 1 if fault.began else -1
         self.active += Counter()  # drops zero counts
@@ -334,8 +338,6 @@ class Faults:
             if hinders(fault.kind, fault.amount):
                 self.hindered_at = now
             taken = voided(fault.kind, fault.amount)
-            if Promise.COLLISION in taken and Promise.SENSORS not in taken:
-                self.unable_until, self.unable_why = now + stops_in_s, taken[Promise.COLLISION]
             self._ended.update({promise: (now, why) for promise, why in taken.items()})
         if any(KINDS[fault.kind].breaks for fault in self.active):
             self.whole_since = inf
@@ -359,15 +361,32 @@ class Faults:
         rested = ended <= rested_at < now  # the cause of the rest is over, too
         return f"{JUST_AFTER}{why}" if now - ended < OVER_S and not rested else ""
 
+    def on_order(self, now: float) -> None:
+        """Process that an order was written to the line."""
+        self.waits_since = min(self.waits_since, now)
+
+    def on_arrival(self, now: float, stops_in_s: float) -> None:
+        """Process that an order has arrived at the controller."""
+        self._recovers(now, stops_in_s)
+        self.waits_since = inf
+
+    def _recovers(self, now: float, stops_in_s: float) -> None:
+        if why := self._line_fails(now):
+            self.unable_until, self.unable_why = now + stops_in_s, why
+
+    def _line_fails(self, now: float) -> str:
+        """The fault by which no order has arrived for as long as acting may take; "" if one did."""
+        kinds = [fault for fault in self.active if now - self.waits_since > STOPS_S]
+        whys = (voided(f.kind, f.amount).get(Promise.COLLISION, "") for f in kinds)
+        return next(filter(None, whys), "")
+
     def unable(self, now: float) -> str:
         """Why the robot cannot act on what its sensors read, or could not just before; "" if not.
 
         Just before: until it has braked, if an obstacle was within its stopping distance.
         """
-        for fault in self.active:
-            taken = voided(fault.kind, fault.amount)
-            if Promise.COLLISION in taken and Promise.SENSORS not in taken:
-                return taken[Promise.COLLISION]
+        if why := self._line_fails(now):
+            return why
         return f"{JUST_AFTER}{self.unable_why}" if now <= self.unable_until else ""
 
     @property
@@ -418,7 +437,10 @@ class Record:
             self.faults.excuse(self.now, stopped=self.owner.stopped())
         elif isinstance(seen, Ordered):
             self.owner.ordered = seen
+            self.faults.on_order(self.now)
             self.kept.orders.append((self.now, seen))
+        elif isinstance(seen, Arrived):
+            self.faults.on_arrival(self.now, self.body.stops_in_s(self.bounds))
         elif isinstance(seen, Bids):
             if seen.record.resource == WHEELS.name:
                 self.contest.on_bids(seen, self.now)
