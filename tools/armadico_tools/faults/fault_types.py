@@ -63,6 +63,12 @@ _GLASS: Final[dict[str, Any]] = {
     "why": "glass",
     "only": "laser",
 }
+_JUMPS: Final[dict[str, Any]] = {
+    "breaks": False,
+    # By its clock the robot agent was silent for long, so the base may rest already.
+    "voids": frozenset({Promise.SMOOTH}),
+    "why": "clock jumped",
+}
 _HELD: Final[dict[str, Any]] = {
     "breaks": False,
     "blinds": True,
@@ -109,10 +115,8 @@ KINDS: Final = {
         Kind("starved", "all agents of a host take long for each message, for lack of processor"),
         Kind("links-lost", "no agent reaches another, and all connections end or their lease does"),
         Kind("silent-links", "connections stay up, but nothing flows between some hosts"),
-        Kind("clock-step", "an agent's clock jumps ahead", breaks=False),
-        Kind(
-            "host-clock-step", "the clock of a host, for all its agents, jumps ahead", breaks=False
-        ),
+        Kind("clock-step", "an agent's clock jumps ahead", **_JUMPS),
+        Kind("host-clock-step", "the clock of a host, for all its agents, jumps ahead", **_JUMPS),
         Kind("clock-drift", "an agent's clock runs fast or slow", breaks=False),
         Kind(
             *("serial-garbage", "bytes on the line to the controller are corrupted"),
