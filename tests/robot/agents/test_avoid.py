@@ -140,6 +140,15 @@ def test_shut_in_before_and_beside_it_backs_off() -> None:
     assert made.bid.wanted == (-Parameters().v_back, 0.0)
 
 
+def test_what_backs_off_for_want_of_room_goes_on_until_there_is_some() -> None:
+    """The way of one cycle makes no room: it would turn to and fro beside the obstacle."""
+    beside = [Point(x / 20, y) for x in range(-4, 5) for y in (-0.18, 0.18)]
+    made = stage()
+    made.cycle(points=[*wall(0.24, -0.15, 0.15, 0.05), *beside])
+    made.cycle(points=wall(0.3, -0.15, 0.15, 0.05))
+    assert made.bid.wanted == (-Parameters().v_back, 0.0)
+
+
 def test_shut_in_all_round_it_stays() -> None:
     beside = [Point(x / 20, y) for x in range(-6, 7) for y in (-0.18, 0.18)]
     made = stage()
