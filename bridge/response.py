@@ -310,7 +310,8 @@ class _View:
         changed[both] = np.abs(after - before) > CHANGED_M + CHANGED_SHARE * before
         # People change what they walk past. A robot that moves changes each quarter of its view.
         quarters = both.reshape(4, -1).sum(axis=1) >= LEAST_BINS // 2
-        still = quarters & ~changed.reshape(4, -1).any(axis=1)
+        least = 0.5 * MOST_CHANGED * both.reshape(4, -1).sum(axis=1)
+        still = quarters & (changed.reshape(4, -1).sum(axis=1) < least)
         moves = changed.sum() > MOST_CHANGED * both.sum() and not still.any()
         self._changed = self._changed + 1 if moves else 0
         return self._changed >= LOOKS
