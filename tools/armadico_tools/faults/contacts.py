@@ -19,7 +19,7 @@ import numpy as np
 
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.walls import Columns, Segments
-from armadico.mobile.geometry import Pose2, relative
+from armadico.mobile.geometry import Pose2, compose, relative
 from armadico.mobile.messages import Scan, Sonar
 from armadico.mobile.scans import Floats, bearings_of, ranges_of
 from armadico.mobile.swept_path import Outline
@@ -46,6 +46,10 @@ STEP_M: Final = 0.02
 COMES_M, COMES_M_S = 0.5, 2.0
 """No moving obstacle comes from farther than the first and its way at this speed, m and m/s."""
 
+SLIPPED_M: Final = 0.15
+"""By its wheels since a reading, the robot would have passed what it touched at least so far
+away, m."""
+
 SIDES: Final = 16
 """Sides of a column's outline."""
 
@@ -59,6 +63,7 @@ class Cause(StrEnum):
     SEEN = "a reading showed it in time"
     TOO_FAST = "a reading showed it too late for the robot's speed"
     SUDDEN = "it appeared nearer than the robot can stop"
+    SLIPPED = "the body did not move as its wheels did"
     MUTE = "it was in view and gave no reading"
     OUTSIDE = "no sensor looked there"
     FALSE = "the readings were altered"
@@ -73,6 +78,10 @@ def unknowable(cause: Cause) -> str:
     return "" if cause in PREVENTABLE else cause.value
 
 
+Counted = tuple[int, Pose2]
+"""An epoch, and the pose by the wheels' counts."""
+
+
 class Reading(NamedTuple):
     """The readings of one cycle, where the robot truly was, and how fast (m/s)."""
 
@@ -81,6 +90,7 @@ class Reading(NamedTuple):
     speed: float
     seen: Sonar | Scan
     altered: bool  # by an injected fault
+    counted: Counted | None
 
 
 class Witness:
@@ -97,14 +107,25 @@ class Witness:
         self._readings: deque[Reading] = deque(maxlen=KEPT)
 
     def on_reading(
-        self, at: float, pose: Pose2, speed: float, seen: Sonar | Scan, *, altered: bool = False
+        self,
+        at: float,
+        pose: Pose2,
+        speed: float,
+        seen: Sonar | Scan,
+        *,
+        altered: bool = False,
+        counted: Counted | None = None,
     ) -> None:
         """Add the readings of one cycle, taken at a true pose and speed (m/s)."""
-        self._readings.append(Reading(at, pose, speed, seen, altered))
+        self._readings.append(Reading(at, pose, speed, seen, altered, counted))
 
-    def judge(self, place_at: PlaceAt) -> Cause:
-        """The cause of a contact with an obstacle, by its true place at each time (s)."""
+    def judge(self, place_at: PlaceAt, counted: Counted | None = None) -> Cause:
+        """The cause of a contact with an obstacle, by its true place at each time (s).
+
+        `counted` is the pose of the contact by the wheels.
+        """
         late = mute = altered = sudden = False
+        slipped: bool | None = None  # since it could last have stopped
         for reading in reversed(self._readings):
             place = place_at(reading.at)
             if place is None:
@@ -115,17 +136,31 @@ class Witness:
             if gap > NEAR_M:
                 break
             in_view, shown = _shows(reading.seen, x, y)
-            if shown:
-                if gap >= self._stopping(reading.speed):
+            slips = False
+            if in_view and gap >= self._stopping(reading.speed):
+                slips = self._slips(reading, counted, place)
+                slipped = slips if slipped is None else slipped
+                if shown and not slips:
                     return self._count(Cause.SEEN)
-                late = True
+            if shown:
+                late = late or not slips
             elif in_view:
                 mute, altered = True, altered or reading.altered
+        if slipped:
+            return self._count(Cause.SLIPPED)
         if late:
             return self._count(Cause.SUDDEN if sudden else Cause.TOO_FAST)
         if mute:
             return self._count(Cause.FALSE if altered else Cause.MUTE)
         return self._count(Cause.SUDDEN if sudden else Cause.OUTSIDE)
+
+    def _slips(self, reading: Reading, counted: Counted | None, place: Place) -> bool:
+        """Whether the robot would be clear of a place had it moved since as its wheels counted."""
+        if counted is None or reading.counted is None or counted[0] != reading.counted[0]:
+            return False
+        by_wheels = compose(reading.pose, relative(reading.counted[1], counted[1]))
+        x, y, _ = relative(by_wheels, (*place, 0.0))
+        return self._outline.clearance(x, y) > SLIPPED_M
 
     def _count(self, cause: Cause) -> Cause:
         self.counts[cause] += 1
