@@ -142,7 +142,7 @@ class Checker:
 
     def _counted(self) -> Counted | None:
         state = self.record.owner.state
-        return state and (state.cycle.epoch, (state.x, state.y, state.theta))
+        return None if state is None else (state.cycle.epoch, (state.x, state.y, state.theta))
 
     def audit(self, auditor: Auditor, seen: Observation) -> list[Finding]:
         """Pass an observation to an auditor, which is told of the faults that excuse the robot."""
