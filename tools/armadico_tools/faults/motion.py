@@ -145,7 +145,7 @@ class Watchdog:
 class Smooth:
     """True speeds change within the ramps, except at a wall.
 
-    And except when a restarted robot agent opens the controller anew, which switches its motors off.
+    And except when a restarted robot agent opens the controller, which switches its motors off.
     """
 
     promise = Promise.SMOOTH
