@@ -7,6 +7,8 @@ obstacle, which `reflex.Touch` detects. A dead wheel or encoder shows as an unco
 
 from __future__ import annotations
 
+from typing import Final
+
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 
@@ -22,6 +24,10 @@ MARGIN_M_S, MARGIN_RAD_S = 0.05, 0.2
 SHARE = 0.2
 """Additional margin relative to the bound: overshoot of the speed loops, slip, a worn wheel."""
 
+IN_TIME: Final = 0.8
+"""This share of the reports of `PATIENCE_S` must have come one by one. An agent that lacks
+processor reads them late, and then at once: they are of a time before its order."""
+
 
 class Obedience:
     """Compares the measured speeds with the commanded ones.
@@ -33,7 +39,8 @@ class Obedience:
     def __init__(self, profile: RobotProfile) -> None:
         limits = profile.limits
         self._ramps = RAMPS * limits.v_decel, RAMPS * limits.w_decel
-        self._gap = 3 * profile.cycle_s
+        self._gap, self._soon = 3 * profile.cycle_s, 0.5 * profile.cycle_s
+        self._least = int(IN_TIME * PATIENCE_S / profile.cycle_s)
         self.begin()
 
     def begin(self) -> None:
@@ -41,6 +48,7 @@ class Obedience:
         self.fault = ""
         self._bounds = [(0.0, 0.0), (0.0, 0.0)]  # least and greatest of v and w
         self._at = self._since = float("inf")  # of the last report; of the first beyond the bounds
+        self._reports = 0  # since then, without those that follow another at once
 
     def update(
         self, report: Reported, ordered: tuple[float, float], now: float, *, held: bool = False
@@ -74,15 +82,17 @@ class Obedience:
         if not beyond or held:
             self.fault, self._since = "", float("inf")
             return False
-        self._since = min(self._since, now)
-        if now - self._since < PATIENCE_S:
+        if self._since > now:
+            self._since, self._reports = now, 0
+        self._reports += passed >= self._soon
+        if now - self._since < PATIENCE_S or self._reports < self._least:
             return False
         (v, w), (v_set, w_set) = measured, ordered
         self.fault = (
             f"the robot does not move as ordered: {v:.2f} m/s, {w:.2f} rad/s for"
             f" {PATIENCE_S:g} s, and {v_set:.2f}, {w_set:.2f} ordered"
         )
-        self._since = now
+        self._since, self._reports = now, 0
         return True
 
 

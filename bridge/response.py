@@ -305,9 +305,15 @@ class _View:
         both = np.isfinite(ranges) & np.isfinite(self._before)
         if both.sum() < LEAST_BINS:
             return False
+        changed = np.zeros(BINS, dtype=bool)
         before, after = self._before[both], ranges[both]
-        changed = np.abs(after - before) > CHANGED_M + CHANGED_SHARE * before
-        self._changed = self._changed + 1 if changed.mean() > MOST_CHANGED else 0
+        changed[both] = np.abs(after - before) > CHANGED_M + CHANGED_SHARE * before
+        # People change what they walk past. A robot that moves changes each quarter of its view.
+        quarters = both.reshape(4, -1).sum(axis=1) >= LEAST_BINS // 2
+        least = 0.5 * MOST_CHANGED * both.reshape(4, -1).sum(axis=1)
+        still = quarters & (changed.reshape(4, -1).sum(axis=1) < least)
+        moves = changed.sum() > MOST_CHANGED * both.sum() and not still.any()
+        self._changed = self._changed + 1 if moves else 0
         return self._changed >= LOOKS
 
 

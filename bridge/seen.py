@@ -262,6 +262,10 @@ class Seen:
         fresh = np.where(shown >= np.minimum(away, reach + CELL_M), self._now, -inf)
         fresh[away > reach] = -inf
         self._free[near] = np.maximum(self._free[near], fresh)
+        away, shown, seen = _rays(scan, ranges, self._from_world(self._echoed[:, :2]))
+        # Near ones do not age, and no sonar may look there any more: they do where a laser looks.
+        gone = seen & (shown > away + THROUGH_M) & (self._now - self._echoed[:, 2] > KEPT_S)
+        self._echoed = self._echoed[~gone]
         _, shown, seen = _rays(scan, ranges, self._from_world(self._scanned[:, :2]))
         points = points_of(scan)
         rear, front, half = self._footprint

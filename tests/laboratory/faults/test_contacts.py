@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, radians
+from math import cos, inf, radians, sin
 
 import numpy as np
 import pytest
@@ -77,6 +77,29 @@ def test_what_moves_is_compared_where_it_was_at_each_reading() -> None:
     found.on_reading(0.0, (0.0, 0.0, 0.0), 0.3, sonar(1.0))
     found.on_reading(1.0, (0.0, 0.0, 0.0), 0.3, sonar(0.5))
     assert found.judge(lambda at: (WALL_X - 0.5 * at, 0.0)) is Cause.SEEN
+
+
+@pytest.mark.parametrize(("gap", "cause"), [(1.0, Cause.SEEN), (0.3, Cause.SUDDEN)])
+def test_what_appears_nearer_than_the_robot_can_stop_is_not_its_own_doing(
+    gap: float, cause: Cause
+) -> None:
+    found = witness()
+    found.on_reading(0.0, (WALL_X - gap - 0.3, 0.0, 0.0), 0.5, sonar(None))
+    found.on_reading(1.0, (WALL_X - gap - 0.2, 0.0, 0.0), 0.5, sonar(gap))
+    assert found.judge(lambda at: (WALL_X, 0.0) if at > 0.5 else None) is cause
+
+
+@pytest.mark.parametrize(
+    ("epoch", "theta", "cause"),
+    [(1, 0.0, Cause.SEEN), (1, 0.8, Cause.SLIPPED), (2, 0.8, Cause.SEEN)],
+)
+def test_what_it_would_have_passed_by_its_wheels_is_not_its_own_doing(
+    epoch: int, theta: float, cause: Cause
+) -> None:
+    found = witness()
+    found.on_reading(0.0, (0.0, 0.0, 0.0), 0.5, sonar(1.0), counted=(1, (5.0, 5.0, 0.0)))
+    now = epoch, (5.0 + cos(theta), 5.0 + sin(theta), theta)
+    assert found.judge(lambda _: (WALL_X, 0.0), now) is cause
 
 
 def test_the_nearest_place_is_on_the_wall_that_is_touched() -> None:

@@ -140,6 +140,22 @@ def test_shut_in_before_and_beside_it_backs_off() -> None:
     assert made.bid.wanted == (-Parameters().v_back, 0.0)
 
 
+def test_what_backs_off_for_want_of_room_goes_on_until_there_is_some() -> None:
+    """The way of one cycle makes no room: it would turn to and fro beside the obstacle."""
+    beside = [Point(x / 20, y) for x in range(-4, 5) for y in (-0.18, 0.18)]
+    made = stage()
+    made.cycle(points=[*wall(0.24, -0.15, 0.15, 0.05), *beside])
+    made.cycle(points=wall(0.3, -0.15, 0.15, 0.05))
+    assert made.bid.wanted == (-Parameters().v_back, 0.0)
+
+
+def test_between_walls_too_near_to_turn_or_to_back_off_it_creeps_along_them() -> None:
+    beside = [Point(x / 20, y) for x in range(-10, 11) for y in (-0.18, 0.18)]
+    made = stage(drive_to((8.0, 4.0, 0.0)))
+    made.cycle(points=beside)
+    assert made.bid.wanted == (Parameters().v_back, 0.0)
+
+
 def test_shut_in_all_round_it_stays() -> None:
     beside = [Point(x / 20, y) for x in range(-6, 7) for y in (-0.18, 0.18)]
     made = stage()
@@ -148,7 +164,7 @@ def test_shut_in_all_round_it_stays() -> None:
 
 
 def test_a_way_that_leads_far_aside_is_not_in_the_way_until_it_holds() -> None:
-    made = stage(drive_to((0.0, 10.0, 0.0)))
+    made = stage(drive_to((8.0, 4.0, 0.0)))
     made.cycle(points=[Point(0.0, 0.5), Point(-0.1, 0.5), Point(0.1, 0.5)])
     assert made.bid.reason == "nothing in the way"
 

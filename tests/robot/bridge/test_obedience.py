@@ -48,6 +48,17 @@ def wheels(left: float, right: float) -> tuple[float, float]:
     return 0.5 * (left + right), 0.5 * (right - left) / HALF
 
 
+def test_reports_that_were_read_late_accuse_nobody() -> None:
+    """The agent lacked processor: it ordered rest, and reads what was reported before that."""
+    obedience, now = Obedience(PROFILE), 0.0
+    obedience.update(report(0.3, 0.0), (0.3, 0.0), now)
+    for passed in [2.2 * CYCLE] * 7 + [0.01 * CYCLE] * 12:
+        now += passed
+        assert not obedience.update(report(0.3, 0.0), (0.0, 0.0), now)
+    assert now > PATIENCE_S
+    assert not obedience.update(report(0.0, 0.0), (0.0, 0.0), now + CYCLE)
+
+
 DISOBEYS = [
     ("half as fast again", (0.3, 0.0), (0.45, 0.0)),
     ("against a stop", (0.0, 0.0), (0.15, 0.0)),

@@ -235,6 +235,20 @@ def test_a_laser_that_sees_its_own_robot_does_not_hold_it() -> None:
     assert not own.all(axis=1).any()
 
 
+@pytest.mark.parametrize(
+    ("ranges", "after_s", "stays"), [(10.0, 1.0, True), (10.0, 11.0, False), (0.3, 11.0, True)]
+)
+def test_a_near_echo_that_a_laser_looks_through_is_forgotten_after_a_while(
+    ranges: float, after_s: float, stays: bool
+) -> None:
+    """A pane, at once: no. What no sonar looks at any more must not hold a robot for good."""
+    seen = Seen(replace(load_profile("jackal-sonars"), laser=jackal(720).laser))
+    seen.update([Echo(0.2, 0.0, 0.0, 0.3)], None, ORIGIN, 0.0)
+    seen.update([], scan_of([ranges] * 720, 1), ORIGIN, after_s)
+    at = seen.view(1.0).points
+    assert bool((np.hypot(at[:, 0] - 0.5, at[:, 1]) < 0.02).any()) is stays
+
+
 def test_a_silent_sonar_shows_no_more_than_a_slanted_wall_would_let_it() -> None:
     seen = Seen(PROFILE)
     seen.update(all_round(), None, ORIGIN, 0.0)

@@ -26,6 +26,7 @@ class Base:
     by_twist: float = 1.0
     by_poses: float = 1.0
     sees: bool = False
+    crowd: tuple[float, float] = (0.0, 0.0)  # people stand from one bearing to the other, rad
 
     def __post_init__(self) -> None:
         self.response, self.now = Response(PROFILE), 0.0
@@ -45,7 +46,9 @@ class Base:
             if self.sees:
                 c, s = cos(self.turn), sin(self.turn)
                 x, y = WALLS[:, 0] - self.x, WALLS[:, 1] - self.y
-                seen = np.column_stack([c * x + s * y, c * y - s * x])
+                around = np.linspace(*self.crowd, 100 if any(self.crowd) else 0)
+                people = np.column_stack([np.cos(around), np.sin(around)])
+                seen = np.concatenate([np.column_stack([c * x + s * y, c * y - s * x]), people])
                 new = self.response.see(seen, pose) or new
             if new:
                 self.found.append(self.response.fault)
@@ -123,6 +126,15 @@ def test_a_laser_shows_that_the_odometry_stands_still(orders: tuple[float, float
     base = Base(by_twist=0.0, by_poses=0.0, sees=True).go(*orders)
     assert "by its laser the robot moves" in base.found[0]
     assert not base.response.held
+
+
+def test_people_who_gather_about_a_held_robot_are_no_motion_of_it() -> None:
+    base = Base(sees=True).go(0.3)
+    base.share = 0.0
+    base.go(0.3, seconds=1.0)
+    base.crowd = -1.5, 3.0  # all around but behind its right
+    assert base.go(0.3).response.held
+    assert not base.found
 
 
 def test_what_is_not_ordered_shows_nothing() -> None:

@@ -20,7 +20,7 @@ from armadico.mobile.messages import Scan, Sonar, Truth
 from armadico.observe.audit.auditor import Auditor
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico_tools.faults.ballots import Fresh, OneDriver, OneHolder
-from armadico_tools.faults.contacts import PREVENTABLE, PlaceAt, Witness, nearest_place
+from armadico_tools.faults.contacts import PREVENTABLE, Counted, PlaceAt, Witness, nearest_place
 from armadico_tools.faults.fault_types import Promise, hinders
 from armadico_tools.faults.handover import Exchanged, Replaced
 from armadico_tools.faults.latched import Stopped
@@ -135,7 +135,14 @@ class Checker:
             return
         if isinstance(seen.message, Sonar | Scan):
             here, altered = (truth.x, truth.y, truth.theta), self.record.faults.alters_readings
-            self._witness.on_reading(seen.at, here, truth.v, seen.message, altered=altered)
+            counted = self._counted()
+            self._witness.on_reading(
+                seen.at, here, truth.v, seen.message, altered=altered, counted=counted
+            )
+
+    def _counted(self) -> Counted | None:
+        state = self.record.owner.state
+        return None if state is None else (state.cycle.epoch, (state.x, state.y, state.theta))
 
     def audit(self, auditor: Auditor, seen: Observation) -> list[Finding]:
         """Pass an observation to an auditor, which is told of the faults that excuse the robot."""
@@ -165,7 +172,7 @@ class Checker:
         place_at = self.touched()
         if place_at is None:
             return ""
-        cause = self._witness.judge(place_at)
+        cause = self._witness.judge(place_at, self._counted())
         return "" if cause in PREVENTABLE else cause.value
 
     def _wall(self) -> PlaceAt | None:

@@ -12,21 +12,21 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from enum import StrEnum
 from itertools import pairwise
-from math import atan2, hypot, radians, sin, tau
+from math import hypot, inf, pi, radians, tau
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.walls import Columns, Segments
-from armadico.mobile.geometry import Pose2, relative, wrap
+from armadico.mobile.geometry import Pose2, compose, relative
 from armadico.mobile.messages import Scan, Sonar
-from armadico.mobile.scans import bearings_of, ranges_of
+from armadico.mobile.scans import Floats, bearings_of, ranges_of
 from armadico.mobile.swept_path import Outline
 
 Place = tuple[float, float]
-PlaceAt = Callable[[float], Place]
-"""Where an obstacle was at a time, s."""
+PlaceAt = Callable[[float], Place | None]
+"""Where an obstacle was at a time, s; None: it was not there."""
 
 Line = tuple[float, float, float, float]
 """Both ends, m."""
@@ -43,6 +43,13 @@ SAME_M: Final = 0.15
 STEP_M: Final = 0.02
 """Step along walls in the search for the nearest place."""
 
+COMES_M, COMES_M_S = 0.5, 2.0
+"""No moving obstacle comes from farther than the first and its way at this speed, m and m/s."""
+
+SLIPPED_M: Final = 0.15
+"""By its wheels since a reading, the robot would have passed what it touched at least so far
+away, m."""
+
 SIDES: Final = 16
 """Sides of a column's outline."""
 
@@ -55,6 +62,8 @@ class Cause(StrEnum):
 
     SEEN = "a reading showed it in time"
     TOO_FAST = "a reading showed it too late for the robot's speed"
+    SUDDEN = "it appeared nearer than the robot can stop"
+    SLIPPED = "the body did not move as its wheels did"
     MUTE = "it was in view and gave no reading"
     OUTSIDE = "no sensor looked there"
     FALSE = "the readings were altered"
@@ -69,15 +78,8 @@ def unknowable(cause: Cause) -> str:
     return "" if cause in PREVENTABLE else cause.value
 
 
-class Ray(NamedTuple):
-    """What one sensor read: its pose in the body frame, half its opening angle, and the range."""
-
-    x: float
-    y: float
-    bearing: float
-    half: float
-    range: float  # infinite: nothing within `reach`
-    reach: float
+Counted = tuple[int, Pose2]
+"""An epoch, and the pose by the wheels' counts."""
 
 
 class Reading(NamedTuple):
@@ -86,8 +88,9 @@ class Reading(NamedTuple):
     at: float
     pose: Pose2
     speed: float
-    rays: tuple[Ray, ...]
+    seen: Sonar | Scan
     altered: bool  # by an injected fault
+    counted: Counted | None
 
 
 class Witness:
@@ -104,64 +107,94 @@ class Witness:
         self._readings: deque[Reading] = deque(maxlen=KEPT)
 
     def on_reading(
-        self, at: float, pose: Pose2, speed: float, seen: Sonar | Scan, *, altered: bool = False
+        self,
+        at: float,
+        pose: Pose2,
+        speed: float,
+        seen: Sonar | Scan,
+        *,
+        altered: bool = False,
+        counted: Counted | None = None,
     ) -> None:
         """Add the readings of one cycle, taken at a true pose and speed (m/s)."""
-        rays = _of_sonars(seen) if isinstance(seen, Sonar) else _of_laser(seen)
-        self._readings.append(Reading(at, pose, speed, tuple(rays), altered))
+        self._readings.append(Reading(at, pose, speed, seen, altered, counted))
 
-    def judge(self, place_at: PlaceAt) -> Cause:
-        """The cause of a contact with an obstacle, by its true place at each time (s)."""
-        late = mute = altered = False
+    def judge(self, place_at: PlaceAt, counted: Counted | None = None) -> Cause:
+        """The cause of a contact with an obstacle, by its true place at each time (s).
+
+        `counted` is the pose of the contact by the wheels.
+        """
+        late = mute = altered = sudden = False
+        slipped: bool | None = None  # since it could last have stopped
         for reading in reversed(self._readings):
-            x, y, _ = relative(reading.pose, (*place_at(reading.at), 0.0))
+            place = place_at(reading.at)
+            if place is None:
+                sudden = True
+                break
+            x, y, _ = relative(reading.pose, (*place, 0.0))
             gap = self._outline.clearance(x, y)
             if gap > NEAR_M:
                 break
-            shown = [_shows(ray, x, y) for ray in reading.rays]
-            if True in shown:
-                if gap >= self._stopping(reading.speed):
+            in_view, shown = _shows(reading.seen, x, y)
+            slips = False
+            if in_view and gap >= self._stopping(reading.speed):
+                slips = self._slips(reading, counted, place)
+                slipped = slips if slipped is None else slipped
+                if shown and not slips:
                     return self._count(Cause.SEEN)
-                late = True
-            elif False in shown:
+            if shown:
+                late = late or not slips
+            elif in_view:
                 mute, altered = True, altered or reading.altered
+        if slipped:
+            return self._count(Cause.SLIPPED)
         if late:
-            return self._count(Cause.TOO_FAST)
+            return self._count(Cause.SUDDEN if sudden else Cause.TOO_FAST)
         if mute:
             return self._count(Cause.FALSE if altered else Cause.MUTE)
-        return self._count(Cause.OUTSIDE)
+        return self._count(Cause.SUDDEN if sudden else Cause.OUTSIDE)
+
+    def _slips(self, reading: Reading, counted: Counted | None, place: Place) -> bool:
+        """Whether the robot would be clear of a place had it moved since as its wheels counted."""
+        if counted is None or reading.counted is None or counted[0] != reading.counted[0]:
+            return False
+        by_wheels = compose(reading.pose, relative(reading.counted[1], counted[1]))
+        x, y, _ = relative(by_wheels, (*place, 0.0))
+        return self._outline.clearance(x, y) > SLIPPED_M
 
     def _count(self, cause: Cause) -> Cause:
         self.counts[cause] += 1
         return cause
 
 
-def _shows(ray: Ray, x: float, y: float) -> bool | None:
-    """Whether a ray shows a place in the body frame; None: it does not look there.
+def _shows(seen: Sonar | Scan, x: float, y: float) -> tuple[bool, bool]:
+    """Whether a place in the body frame is in view of any sensor, and whether one shows it.
 
     What is behind something nearer is not in view.
     """
-    away, bearing = hypot(x - ray.x, y - ray.y), atan2(y - ray.y, x - ray.x)
+    mounts, ranges, half = _rays(seen)
+    dx, dy = x - mounts[:, 0], y - mounts[:, 1]
+    away = np.hypot(dx, dy)
+    off = np.abs(np.remainder(np.arctan2(dy, dx) - mounts[:, 2] + pi, tau) - pi)
     # Within the cone, or so near beside it that the echo may be of the same obstacle.
-    beside = abs(wrap(bearing - ray.bearing)) - ray.half
-    if away > ray.reach or (beside > 0.0 and away * sin(min(beside, 1.5)) > SAME_M):
-        return None
-    if ray.range < away - SAME_M:
-        return None
-    return ray.range <= away + SAME_M
+    beside = np.clip(off - half, 0.0, 1.5)
+    looks = (away <= seen.reach) & (away * np.sin(beside) <= SAME_M)
+    in_view = looks & (ranges >= away - SAME_M)
+    return bool(in_view.any()), bool((in_view & (ranges <= away + SAME_M)).any())
 
 
-def _of_sonars(seen: Sonar) -> Iterable[Ray]:
-    for echo in seen.echoes:
-        measured = np.inf if echo.range is None else echo.range
-        yield Ray(echo.x, echo.y, echo.bearing, HALF_CONE, float(measured), seen.reach)
+def _rays(seen: Sonar | Scan) -> tuple[Floats, Floats, float]:
+    """What each sonar or ray read: (x, y, bearing); the range, infinite: nothing; half its angle.
 
-
-def _of_laser(seen: Scan) -> Iterable[Ray]:
-    half = 0.5 * abs(seen.step)
-    for bearing, measured in zip(bearings_of(seen), ranges_of(seen), strict=True):
-        if not np.isnan(measured):
-            yield Ray(seen.x, seen.y, float(bearing), half, float(measured), seen.reach)
+    The range of an invalid ray is NaN, so it shows nothing.
+    """
+    if isinstance(seen, Scan):
+        bearings = bearings_of(seen)
+        mounts = np.column_stack([np.broadcast_to((seen.x, seen.y), (len(bearings), 2)), bearings])
+        return mounts, ranges_of(seen), 0.5 * abs(seen.step)
+    mounts = np.array([(e.x, e.y, e.bearing) for e in seen.echoes]).reshape(-1, 3)
+    ranges = np.array([inf if e.range is None else e.range for e in seen.echoes])
+    return mounts, ranges, HALF_CONE
 
 
 def nearest_place(pose: Pose2, outline: Outline, walls: Iterable[Line]) -> Place | None:
@@ -187,15 +220,15 @@ class Surroundings:
         body = plant.profile.body
         self._plant = plant
         self.outline = Outline(body.front_m, body.rear_m, 0.5 * body.width_m)
-        self._moving: deque[tuple[float, Place | None]] = deque(maxlen=KEPT)
+        self._moving: deque[tuple[float, Pose2, list[Line]]] = deque(maxlen=KEPT)
 
     @property
     def pose(self) -> Pose2:
         return self._plant.pose
 
     def look(self, at: float) -> None:
-        """Remember where the nearest moving obstacle is at a time, s."""
-        self._moving.append((at, self._nearest(_lines(self._plant.walls.all()[1]))))
+        """Remember where the moving obstacles are at a time, s."""
+        self._moving.append((at, self.pose, _lines(self._plant.walls.all()[1])))
 
     def touched(self) -> PlaceAt | None:
         """The place of what is touched now, by the time; None: nothing is there."""
@@ -209,9 +242,16 @@ class Surroundings:
             assert found is not None, "one of both is there"
             return lambda _: found
 
-        def place_at(at: float) -> Place:
-            known = (place for when, place in self._moving if when >= at and place is not None)
-            return next(known, moves)
+        now = self._moving[-1][0] if self._moving else 0.0
+
+        def place_at(at: float) -> Place | None:
+            known = ((pose, lines) for when, pose, lines in self._moving if when >= at)
+            pose, lines = next(known, (self.pose, _lines(moving)))
+            reach = COMES_M + COMES_M_S * max(now - at, 0.0)
+            near = [line for line in lines if _away(moves, line) <= reach]
+            if not near:
+                return None
+            return nearest_place(pose, self.outline, near) or near[0][:2]  # it is far
 
         return place_at
 
@@ -220,6 +260,14 @@ class Surroundings:
 
     def _gap(self, place: Place) -> float:
         return self.outline.clearance(*relative(self.pose, (*place, 0.0))[:2])
+
+
+def _away(place: Place, line: Line) -> float:
+    """The distance from a place to the nearer end of a line, less its length, m: a lower bound."""
+    x, y = place
+    x1, y1, x2, y2 = line
+    ends = min(hypot(x1 - x, y1 - y), hypot(x2 - x, y2 - y))
+    return ends - hypot(x2 - x1, y2 - y1)
 
 
 def _lines(walls: Segments) -> list[Line]:

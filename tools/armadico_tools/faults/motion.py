@@ -1,4 +1,4 @@
-"""Promises about the wheels: silence, the watchdog, bounded acceleration."""
+"""Promises about the wheels: silence, the guard, bounded acceleration."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from armadico.core.resources import WHEELS
 from armadico.mobile.messages import Truth
 from armadico.observe.audit.coordination import FRESH_CYCLES
 from armadico.observe.measures import speeds
-from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.fault_types import RESTARTS, Promise
 from armadico_tools.faults.observations import Faulted, Observation, Ordered, Published
 from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, Bounds, Record, age
 
@@ -120,12 +120,12 @@ def _is_like(command: Command, order: Ordered) -> bool:
 
 
 class Watchdog:
-    """If the robot agent is dead or hangs, the controller's watchdog stops the wheels in time."""
+    """If the robot agent is dead or hangs, the guard of its line stops the wheels in time."""
 
     promise = Promise.WATCHDOG
 
     def __init__(self, bounds: Bounds) -> None:
-        self._due_s = bounds.watchdog_s + bounds.braking_s
+        self._due_s = bounds.guard_s + bounds.braking_s
         self._since: float | None = None
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
@@ -143,17 +143,22 @@ class Watchdog:
 
 
 class Smooth:
-    """True speeds change within the ramps, except at a wall."""
+    """True speeds change within the ramps, except at a wall.
+
+    And except when a restarted robot agent opens the controller, which switches its motors off.
+    """
 
     promise = Promise.SMOOTH
 
     def __init__(self, bounds: Bounds) -> None:
         self._bounds = bounds
         self._truth: tuple[float, Truth] | None = None
-        self._touched_at = -inf
+        self._excused_at = -inf
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:
         if isinstance(seen, Published) and isinstance(seen.message, Truth):
+            if now.faults.befalls("robot", *RESTARTS):
+                self._excused_at = seen.at
             if not now.void(self.promise):
                 yield from self._ramps(seen.at, seen.message)
             self._truth = (seen.at, seen.message)
@@ -163,9 +168,9 @@ class Smooth:
             return
         before_at, before = self._truth
         if truth.clearance is not None and truth.clearance < 0.005:
-            self._touched_at = at
+            self._excused_at = at
         dt = truth.t - before.t
-        if dt <= 0.0 or at - before_at > 0.5 or at - self._touched_at < 1.0:
+        if dt <= 0.0 or at - before_at > 0.5 or at - self._excused_at < 1.0:
             return
         v, w = abs(truth.v - before.v) / dt, abs(truth.w - before.w) / dt
         if v > self._bounds.v_accel:
