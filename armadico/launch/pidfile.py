@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
-from armadico.mesh.sockets import is_held, share_of, shares_of
+from armadico.mesh.sockets import identity, is_held, share_of, shares_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class PidFile:
         assert self._file is not None, "the lock was taken"
         self._file.seek(0)
         self._file.truncate()
-        json.dump(asdict(share), self._file)
+        self._file.write(f"{identity(share.pid)}\n{json.dumps(asdict(share))}")
         self._file.flush()
 
 
@@ -74,7 +74,7 @@ def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
 def read(path: Path) -> Share | None:
     """The share in a file; None if it is empty or damaged."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8").partition("\n")[2])
         return Share(**(found | {"agents": tuple(found["agents"])}))
     except (OSError, ValueError, TypeError, KeyError):
         return None

@@ -21,7 +21,7 @@ def test_every_module_is_in_a_layer() -> None:
     layers = " ".join(contracts[0]["layers"]).translate(str.maketrans("|:()", "    ")).split()
     doors = {
         f"armadico.{name}"
-        for name in ("__main__", "child", "urgent", "agents", "bridge", "configs")
+        for name in ("__main__", "child", "agents", "bridge", "configs")
     }
     loose = {name for name in modules() if not any(within(name, layer) for layer in layers)}
     assert loose == {"armadico", *doors}
