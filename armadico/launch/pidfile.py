@@ -71,6 +71,17 @@ def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
             yield share
 
 
+def clear(namespace: str, host: str | None = None) -> list[Share]:
+    """Remove the files of killed processes; return their shares."""
+    found = []
+    for path in [share_of(namespace, host)] if host else shares_of(namespace):
+        if path.exists() and (file := _locked(path)) is not None:
+            found += [share] if (share := read(path)) is not None else []
+            path.unlink(missing_ok=True)
+            file.close()
+    return found
+
+
 def read(path: Path) -> Share | None:
     """The share in a file; None if it is empty or damaged."""
     try:

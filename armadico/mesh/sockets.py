@@ -32,6 +32,9 @@ STOP_SIGNAL: Final = signal.SIGUSR1
 IDENTITY: Final = ".guard-pid"
 """Suffix of the file with the `identity` of a robot's guard, beside its socket."""
 
+HELD: Final = ".guard-stop"
+"""Suffix of the file that tells the next guard of a stop that no robot agent has latched."""
+
 LATCHES_S: Final = 0.3
 """How long `stop` waits for the robot agent."""
 
@@ -270,12 +273,27 @@ def _signal(pid: int | None) -> int | None:
     return pid
 
 
+def clear(namespace: str) -> None:
+    """Remove the files of a robot's router and guard here, unless they belong to a process."""
+    path, guard = socket_of(namespace), guard_of(namespace)
+    if not (is_held(lock_of(path)) or holder(path)):
+        path.unlink(missing_ok=True)
+        lock_of(path).unlink(missing_ok=True)
+    with _guard_line(namespace) as line:
+        if line is None:
+            for each in (guard, guard.with_suffix(IDENTITY), guard.with_suffix(HELD)):
+                each.unlink(missing_ok=True)
+
+
 def identity(pid: int) -> str:
     """Return a process's pid and start time, which the command `armadico` (`bin/armadico`) reads.
 
-    No later process has the same two. Raises OSError without the process.
+    No later process has the same two. Without /proc it is the pid, which nothing reads.
     """
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return str(pid)
     return f"{pid} {fields[19]}"
 
 

@@ -140,6 +140,21 @@ class Demand:
         """The first host that should run an agent; empty if none."""
         return next((host for host, agents in self.hosts.items() if agent in agents), "")
 
+    def starts(self, host: str) -> str:
+        """How the agents of a host are started."""
+        if not self.table:  # it is this machine, on which `armadico up` runs without a host table
+            return f"`armadico up`, run on {host}, starts its agents"
+        return f"`armadico up --host {host}`, run on {host} with its host table, starts its agents"
+
+    def restarts(self, agent: str, host: str) -> str:
+        """How an agent that ended on a host is started again."""
+        if agent == LAUNCHER:
+            return self.starts(host)
+        return f"`armadico-agent {agent}` starts it again"
+
+
+LAUNCHER: Final = "wakeup"
+"""The agent that `armadico up` itself is."""
 
 NOTHING: Final = Demand()
 

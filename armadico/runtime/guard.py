@@ -203,6 +203,7 @@ class Guard:
                         self._tell(message)
         except OSError as error:
             self._tell(FAILED + str(error).encode())
+        self._stops.close()
         os._exit(1)
 
     def _tell(self, message: bytes) -> bool:

@@ -193,6 +193,8 @@ def tables(snapshot: Section) -> Group:
 
 
 def _heading(snapshot: Section) -> str:
+    from armadico.mobile.messages import MissionState
+
     robot, where = snapshot["robot"], f"{snapshot['namespace']}: {len(snapshot['agents'])} agents"
     if robot is None:
         return f"{where}, no message from a robot"
@@ -208,8 +210,10 @@ def _heading(snapshot: Section) -> str:
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'an unknown client'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
-    if snapshot["mission"] is not None:
-        words += filter(None, (snapshot["mission"][part] for part in ("state", "note", "late")))
+    if (mission := snapshot["mission"]) is not None:
+        waits = mission["state"] == MissionState.DRIVING and snapshot["standing"]["stands"]
+        state = "its goal waits" if waits else mission["state"]
+        words += filter(None, (state, mission["note"], mission["late"]))
     words += filter(None, [snapshot["tasks"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])
 
