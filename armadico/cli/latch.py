@@ -55,9 +55,10 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
                     f" {REPAIR}"
                 ) from None
             if told is not None and told.pid is not None:
+                done = "has latched the stop, and" if told.latched else "was told to stop, and"
                 raise options.UnknownError(
-                    f"process {told.pid} of the society was told to stop the robot, and the robot"
-                    f" agent has not confirmed it. {REPAIR}"
+                    f"process {told.pid} of the society {done} no state of the robot confirms it."
+                    f" {REPAIR}"
                 ) from None
             if mesh.wait_joined(0.0):
                 raise

@@ -173,6 +173,29 @@ def judgement(findings: Iterable[Finding]) -> Judgement:
     return all_of(Judgement(each.answer, each.what, each.todo) for each in findings)
 
 
+_SIGHT: Final = frozenset(
+    {
+        *(Sort.ABSENT, Sort.SILENT, Sort.UNREACHABLE, Sort.HOST, Sort.LINK, Sort.STALE),
+        *(Sort.DEVICE, Sort.UNKNOWN),
+    }
+)
+
+
+def sight(findings: Sequence[Finding]) -> int:
+    """The exit code of a command that shows a society: 0 only if all of it was seen.
+
+    1: something that should be there is not, or does not answer; 3: that is not known. What was
+    seen may be wrong: a robot that is stopped, or that finds no way.
+    """
+    blind = {each.answer for each in findings if each.sort in _SIGHT}
+    if Answer.NO in blind:
+        return Judgement(Answer.NO).exit_code
+    # Without a fresh state of the robot the battery is not known, nor anything else of it.
+    level = {each.answer for each in findings if each.sort is Sort.BATTERY}
+    unseen = not findings or Answer.UNKNOWN in blind | level
+    return Judgement(Answer.UNKNOWN if unseen else Answer.YES).exit_code
+
+
 def summary(findings: Sequence[Finding]) -> str:
     """All findings in a line: `nothing is wrong` only if each check was made and passed."""
     wrong, unknown = len(those(findings, Answer.NO)), len(those(findings, Answer.UNKNOWN))

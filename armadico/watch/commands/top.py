@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
-from armadico.observe.findings import NOTHING, Demand
+from armadico.observe.findings import NOTHING, Demand, sight
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def run(args: Options) -> int:
             return _live(snapshots, observer)
         _measure(snapshots, observer, args.for_s)
         snapshot = snapshots.at(observer.now)  # before closing the mesh, which takes time
+        code = sight(observer.findings)
     if args.json:
         print(json.dumps(snapshot, indent=2))
     else:
@@ -69,7 +70,7 @@ def run(args: Options) -> int:
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
         raise AbsentError("no agent is alive", args.mesh.namespace)
-    return 0
+    return code
 
 
 class Snapshots:
@@ -251,6 +252,7 @@ main: Final = Command(
     run,
     "Show agents, hosts, the holder of each resource, and the measured and promised rate of every"
     " key. MISSED counts gaps longer than a key's deadline. CPU and memory are shown for agents of"
-    " this machine.",
+    " this machine. With --once and --json the exit code is 1 if something that should be there is"
+    " absent or does not answer, and 3 if that is not known.",
     EXAMPLES,
 )
