@@ -200,9 +200,7 @@ class ZenohMesh(Reader, Monotonic):
             who = "the robot agent" if pid is None else f"the robot agent (process {pid})"
             guard = None if pid is None else sockets.guard_now(self.namespace)
             did = "" if guard is None else f"; {guard.did}"
-            return (
-                f"{who} does not answer at {self.hung}{did}. Continue its process, or restart it"
-            )
+            return f"{who} does not answer at {self.hung}{did}. Continue its process, or restart it"
         if own and sockets.is_deleted(self._socket()):
             return (
                 f"the socket {own[0]} was deleted while a robot agent listens on it: end its"

@@ -197,7 +197,9 @@ def _hosts(case: _Case) -> Iterator[Finding]:
             away = sorted(case.view.names & set(wanted))
             what = f"No agent on {host.name} is alive; it should run {', '.join(wanted)}"
             what += f" ({', '.join(away)} runs elsewhere)." if away else "."
-            finding = Finding(Sort.HOST, host.name, what, f"{switched}; {case.demand.starts(host.name)}")
+            finding = Finding(
+                Sort.HOST, host.name, what, f"{switched}; {case.demand.starts(host.name)}"
+            )
             yield finding if case.age_s >= SEEN_S else _young(Sort.HOST, host.name, case)
         elif len(host.silent) == len(host.agents) > 1:
             what = f"No agent on {host.name} answers ({', '.join(host.agents)}): it is paused,"

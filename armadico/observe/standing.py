@@ -473,7 +473,9 @@ class _Chain:
             wanted = [name for name in agents if able is None or name in able]
             if wanted and host not in there and not self.view.names & set(wanted):
                 what = f"{host} should run {', '.join(wanted)}, but no agent on {host} is alive."
-                return self.end(Sort.HOST, host, what, f"{_reachable(host)}; {self._demand.starts(host)}")
+                return self.end(
+                    Sort.HOST, host, what, f"{_reachable(host)}; {self._demand.starts(host)}"
+                )
         return None
 
     def _start_all(self) -> str:
@@ -521,15 +523,15 @@ class _Chain:
                 what = f"{name} has been observed for only {self.now - came:.1f} s."
             return self.end(Sort.STARTING, name, what)
         if key and self._responds(instance, since):
-            words = self._complaint(instance, since)
+            words = self._complaint(instance, since).rstrip(".?")
             if card is not None and card.owns:
                 words = f": {card.fault}" if card.fault else words
-                what = f"The device of {name} sends no data{words}."
+                what = f"The device of {name} sends no data{words.rstrip('.?')}."
                 todo = "check the robot, its port and its cable"
                 if card.fault:
                     todo = "fix this, and restart the society"
                 return self.end(Sort.DEVICE, name, what, todo)
-            what = f"{name} answers queries, but publishes no {key}{words}."
+            what = f"{name} answers queries, but publishes no {key}{words.rstrip('.?')}."
             return self.end(Sort.SILENT, name, what, f"see `armadico logs {name}`")
         pid = f" (host {host}, pid {card.pid})" if card is not None else ""
         what = f"{name}{pid} hangs or is disconnected: its inputs arrive, but it does not answer."

@@ -173,7 +173,7 @@ class Guard:
         self._due = None if self._due is None else time.monotonic()
 
     def _is_stop(self, source: socket.socket | int) -> bool:
-        """Read a source of stops; return whether it orders one, as all but `ASK` does that comes."""
+        """Read a source of stops; return whether it orders one, as all do but `ASK`."""
         found, asker = b"", None
         with suppress(OSError):
             if isinstance(source, int):
