@@ -42,6 +42,9 @@ STEADY_S: Final = 0.6
 """A trial begins after so long at speed, plus up to `PHASE_S`."""
 
 PHASE_S: Final = 0.2
+CYCLE_S: Final = 0.1
+"""A cycle of the robot, in which a fault comes at any time."""
+
 REST_M_S: Final = 0.005
 SLOWER: Final = 0.95
 RESTS_S: Final = 0.5
@@ -78,7 +81,7 @@ class Trial:
     line: str
     fault: str
     speed: float  # m/s, at the fault
-    begins_s: float  # until it was slower
+    begins_s: float  # until it began to be slower
     rest_s: float  # until it rested
     roll_m: float  # how far it went
     rolls_on: bool = False  # it still rolled after `SOON_S`
@@ -125,6 +128,20 @@ class Track:
         """The way at a time, m."""
         before = max((s for s in self.samples if s[0] <= when), default=self.samples[0])
         return before[1] + before[2] * (when - before[0])
+
+    def brakes(self, since: float, speed: float) -> float | None:
+        """When it began to be slower, after a time: by the line through its first slower samples.
+
+        None if it was not. A sample is up to a cycle late, in which the ramp has gone on.
+        """
+        late = [s for s in self.samples if s[0] > since]
+        number = next((n for n, s in enumerate(late) if s[2] < SLOWER * speed), None)
+        if number is None:
+            return None
+        first, then = late[number], late[min(number + 1, len(late) - 1)]
+        before = late[number - 1][0] if number else since
+        slope = (first[2] - then[2]) / max(then[0] - first[0], 1e-6)
+        return max(before, first[0] - (speed - first[2]) / slope) if slope > 0.0 else first[0]
 
     def rest(self, since: float) -> Sample | None:
         """The first sample after a time at which it rests, and goes on resting."""
@@ -226,6 +243,7 @@ class Rig:
         """Drive, make a fault, and see what becomes of it. Raises TimeoutError."""
         track = self.track
         self.drive()
+        time.sleep(random.uniform(0.0, CYCLE_S))  # samples keep step with the robot agent's writes
         number = signal.SIGKILL if fault.startswith("kill") else signal.SIGSTOP
         target = self.guard if fault.endswith("guard") else self.robot
         at = time.monotonic()
@@ -236,8 +254,7 @@ class Rig:
             end, rolls_on = self.awaits_rest(at), False
         except TimeoutError:
             end, rolls_on = track.samples[-1], True
-        slower = (s[0] for s in track.samples if s[0] > at and s[2] < SLOWER * before)
-        begins = next(slower, end[0])
+        begins = track.brakes(at, before) or end[0]
         trial = Trial(
             self.line.name,
             fault,
