@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import psutil
 
 from armadico.core.agent import Agent
@@ -47,6 +48,9 @@ CYCLE_S: Final = 0.1
 
 REST_M_S: Final = 0.005
 SLOWER: Final = 0.95
+RAMP: Final = 6
+"""Most samples of a ramp whose line shows when it began."""
+
 RESTS_S: Final = 0.5
 """At rest for so long it rests."""
 
@@ -134,14 +138,14 @@ class Track:
 
         None if it was not. A sample is up to a cycle late, in which the ramp has gone on.
         """
-        late = [s for s in self.samples if s[0] > since]
-        number = next((n for n, s in enumerate(late) if s[2] < SLOWER * speed), None)
-        if number is None:
+        slower = [s for s in self.samples if s[0] > since and s[2] < SLOWER * speed]
+        ramp = [s for s in slower if s[2] > REST_M_S][:RAMP]
+        if not slower:
             return None
-        first, then = late[number], late[min(number + 1, len(late) - 1)]
-        before = late[number - 1][0] if number else since
-        slope = (first[2] - then[2]) / max(then[0] - first[0], 1e-6)
-        return max(before, first[0] - (speed - first[2]) / slope) if slope > 0.0 else first[0]
+        if len(ramp) < 3:
+            return slower[0][0]
+        slope, begins = np.polyfit([speed - s[2] for s in ramp], [s[0] for s in ramp], 1)
+        return float(min(max(begins, since), slower[0][0])) if slope > 0.0 else slower[0][0]
 
     def rest(self, since: float) -> Sample | None:
         """The first sample after a time at which it rests, and goes on resting."""
