@@ -150,7 +150,7 @@ class Demand:
         """How an agent that ended on a host is started again."""
         if agent == LAUNCHER:
             return self.starts(host)
-        return f"`armadico-agent {agent}` starts it again"
+        return f"start it again: `armadico-agent {agent}`"
 
 
 LAUNCHER: Final = "wakeup"
