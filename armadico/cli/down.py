@@ -57,7 +57,7 @@ def run(args: Options) -> int:
     for share in found:
         _end_share(share)
     left = [] if hosts else _end_orphans(namespace)
-    killed = [share for host in hosts or [None] for share in clear(namespace, host)]
+    killed = clear(namespace, hosts)
     sockets.clear(namespace)
     if left:
         print(f"ended the processes left by a killed launcher: {', '.join(left)}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
@@ -71,10 +71,10 @@ def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
             yield share
 
 
-def clear(namespace: str, host: str | None = None) -> list[Share]:
-    """Remove the files of killed processes; return their shares."""
+def clear(namespace: str, hosts: Sequence[str] = ()) -> list[Share]:
+    """Remove the files of killed processes, of some hosts or of all; return their shares."""
     found = []
-    for path in [share_of(namespace, host)] if host else shares_of(namespace):
+    for path in [share_of(namespace, host) for host in hosts] or shares_of(namespace):
         if path.exists() and (file := _locked(path)) is not None:
             found += [share] if (share := read(path)) is not None else []
             path.unlink(missing_ok=True)
