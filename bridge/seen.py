@@ -15,6 +15,8 @@ Or it comes from a smooth wall, which goes on to both sides, where no sonar hear
 tangent of the arc that no other sonar excludes, space is not seen to be free. Nearer than a sonar's
 least range it only knows that something is there: what was heard before stays where it was.
 
+A wall at the edge of a laser's view goes on beyond it, unless a place there was seen to be free.
+
 Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
 m, rad, s.
 """
@@ -22,7 +24,7 @@ m, rad, s.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, floor, inf, radians, sin, tan
+from math import cos, floor, inf, radians, sin, tan, tau
 from typing import Final
 
 import numpy as np
@@ -31,7 +33,7 @@ from armadico.config.profile import RobotProfile
 from armadico.mobile.admissible import View
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan
-from armadico.mobile.scans import Flags, Floats, beside, points_of, ranges_of
+from armadico.mobile.scans import Flags, Floats, bearings_of, beside, points_of, ranges_of
 
 KEPT_S: Final = 10.0
 """Greatest age of a point that no reading has looked through since, unless it is near."""
@@ -97,6 +99,12 @@ BESIDE_RAD: Final = radians(25)
 SAME_M: Final = 0.03
 """A point within this of a known one replaces it."""
 
+ON_M: Final = np.arange(0.05, 0.45, 0.05)
+"""Beyond the last point in a laser's view, its wall goes on at these distances: chosen."""
+
+LINE_M: Final = (0.05, 0.3)
+"""Points of a wall show its direction if they are so far apart, and so near to the last one."""
+
 CELL_M: Final = 0.1
 CELLS: Final = 64
 """Size and number of the cells of free space, in both directions, with the robot in the middle."""
@@ -128,6 +136,7 @@ class Seen:
         # x, y in the odometry's frame, when, and the direction of the sonar that hit it
         self._echoed: Floats = np.empty((0, 5))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
+        self._beyond: Floats = np.empty((0, 2))  # x, y, where walls leave the laser's view
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
         self._number = -1  # of the newest scan
@@ -154,7 +163,8 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        points = self._from_world(np.concatenate([self._echoed[:, :2], self._scanned[:, :2]]))
+        known = self._echoed[:, :2], self._scanned[:, :2], self._beyond
+        points = self._from_world(np.concatenate(known))
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
@@ -269,15 +279,32 @@ class Seen:
         points = points[~own & (np.hypot(points[:, 0], points[:, 1]) < DARK_M)]
         new = np.column_stack([self._to_world(points), np.full(len(points), self._now)])
         self._scanned = np.concatenate([self._scanned[~seen], new])
+        self._go_on(scan, ranges)
+
+    def _go_on(self, scan: Scan, ranges: Floats) -> None:
+        """Note where walls go on beyond the edges of a laser's view; what is near stays noted."""
+        at = self._from_world(self._beyond)
+        beside = self._beside(at)
+        near = (beside < AROUND_M + CELL_M) & (beside > -INSIDE_M) & ~_rays(scan, ranges, at)[2]
+        new = self._to_world(_beyond_view(scan, ranges))
+        cells = np.floor(new / CELL_M).astype(np.intp) - self._corner
+        held = ((cells >= 0) & (cells < CELLS)).all(axis=1)
+        new, (i, j) = new[held], cells[held].T
+        both = np.concatenate([self._beyond[near], new[self._now - self._free[i, j] > LATELY_S]])
+        self._beyond = both[np.unique(np.floor(both / SAME_M), axis=0, return_index=True)[1]]
 
     def _kept(self, points: Floats) -> Floats:
         """Points that are neither too old nor where the robot stands."""
-        rear, front, half = self._footprint
-        at = self._from_world(points[:, :2])
-        ahead = np.maximum(at[:, 0] - front, rear - at[:, 0])
-        beside = np.maximum(ahead, np.abs(at[:, 1]) - half)
+        beside = self._beside(self._from_world(points[:, :2]))
         stays = (self._now - points[:, 2] <= KEPT_S) | (beside < NEAR_M)
         return points[stays & (beside > -INSIDE_M)]
+
+    def _beside(self, at: Floats) -> Floats:
+        """By how much the footprint can grow until places are on its edge, m; below 0: inside."""
+        rear, front, half = self._footprint
+        ahead = np.maximum(at[:, 0] - front, rear - at[:, 0])
+        beside: Floats = np.maximum(ahead, np.abs(at[:, 1]) - half)
+        return beside
 
     def _shift(self, pose: Pose2) -> None:
         """Move the cells so that the robot is in the middle one."""
@@ -317,6 +344,28 @@ def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, F
     shown = np.minimum(ranges[low], ranges[high])
     valid: Flags = inside & ~np.isnan(shown)
     return np.hypot(dx, dy), np.where(valid, shown, 0.0), valid
+
+
+def _beyond_view(scan: Scan, ranges: Floats) -> Floats:
+    """Places on the walls that reach the edges of a laser's view, if they go on straight."""
+    if round(tau / abs(scan.step)) <= len(ranges):  # a whole turn
+        return np.empty((0, 2))
+    bearings = bearings_of(scan)
+    places = np.column_stack(
+        [scan.x + ranges * np.cos(bearings), scan.y + ranges * np.sin(bearings)]
+    )
+    found = [np.empty((0, 2))]
+    for edge in (places, places[::-1]):
+        shown = edge[np.isfinite(edge[:, 0])]
+        off = np.hypot(*(shown - shown[:1]).T)
+        wall = shown[: np.argmax(off > LINE_M[1]) or len(shown)]
+        if len(wall) > 2 and off[: len(wall)].max() > LINE_M[0]:
+            middle = wall.mean(axis=0)
+            along = np.linalg.svd(wall - middle, full_matrices=False)[2][0]
+            along *= np.sign(along @ (wall[0] - middle))
+            on = middle + along * (along @ (wall[0] - middle) + ON_M[:, None])
+            found.append(on[~_rays(scan, ranges, on)[2]])
+    return np.concatenate(found)
 
 
 def _on_walls(echo: Echo, away: float, normals: Floats) -> Floats:
