@@ -102,6 +102,10 @@ SAME_M: Final = 0.03
 ON_M: Final = np.arange(0.05, 0.45, 0.05)
 """Beyond the last point in a laser's view, its wall goes on at these distances: chosen."""
 
+BETWEEN_S: Final = 0.45
+"""For this time a point stays although a scan looks through its place: rays may be lost, or pass
+a thin object on both sides. Two turns of a laser at 5 Hz."""
+
 LINE_M: Final = (0.05, 0.3)
 """Points of a wall show its direction if they are so far apart, and so near to the last one."""
 
@@ -272,13 +276,15 @@ class Seen:
         fresh = np.where(shown >= np.minimum(away, reach + CELL_M), self._now, -inf)
         fresh[away > reach] = -inf
         self._free[near] = np.maximum(self._free[near], fresh)
-        _, shown, seen = _rays(scan, ranges, self._from_world(self._scanned[:, :2]))
+        known = self._scanned
+        away, shown, seen = _rays(scan, ranges, self._from_world(known[:, :2]))
+        seen &= (shown < away + THROUGH_M) | (self._now - known[:, 2] > BETWEEN_S)
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)
         points = points[~own & (np.hypot(points[:, 0], points[:, 1]) < DARK_M)]
         new = np.column_stack([self._to_world(points), np.full(len(points), self._now)])
-        self._scanned = np.concatenate([self._scanned[~seen], new])
+        self._scanned = np.concatenate([known[~seen], new])
         self._go_on(scan, ranges)
 
     def _go_on(self, scan: Scan, ranges: Floats) -> None:
