@@ -16,6 +16,7 @@ tangent of the arc that no other sonar excludes, space is not seen to be free. N
 least range it only knows that something is there: what was heard before stays where it was.
 
 A wall at the edge of a laser's view goes on beyond it, unless a place there was seen to be free.
+What moves towards the laser is expected to go on: its places of the next moments count as taken.
 
 Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
 m, rad, s.
@@ -106,6 +107,19 @@ BETWEEN_S: Final = 0.45
 """For this time a point stays although a scan looks through its place: rays may be lost, or pass
 a thin object on both sides. Two turns of a laser at 5 Hz."""
 
+APART_S: Final = 0.25
+"""Two scans so far apart show what moves: a place that the earlier one looked through is taken."""
+
+WALKS_M: Final = (0.06, 0.5)
+"""So far a moving object went from one of these scans to the other: less is noise, and more is
+another object."""
+
+AHEAD_S: Final = np.arange(0.15, 0.9, 0.15)
+"""Times for which moving objects are expected to go on: a robot stops within the last one, s."""
+
+GONE_S: Final = 1.0
+"""A moving object that has left the view counts for this time."""
+
 LINE_M: Final = (0.05, 0.3)
 """Points of a wall show its direction if they are so far apart, and so near to the last one."""
 
@@ -143,6 +157,8 @@ class Seen:
         self._beyond: Floats = np.empty((0, 2))  # x, y, where walls leave the laser's view
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
+        self._scans: list[tuple[float, Scan, Pose2]] = []  # of the last `APART_S`, and when
+        self._moving: Floats = np.empty((0, 5))  # x, y, when, and the velocity, m/s
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
         self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
@@ -168,7 +184,7 @@ class Seen:
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
         known = self._echoed[:, :2], self._scanned[:, :2], self._beyond
-        points = self._from_world(np.concatenate(known))
+        points = np.concatenate([self._from_world(np.concatenate(known)), self._expected()])
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
@@ -286,6 +302,38 @@ class Seen:
         new = np.column_stack([self._to_world(points), np.full(len(points), self._now)])
         self._scanned = np.concatenate([known[~seen], new])
         self._go_on(scan, ranges)
+        self._follow(scan, ranges)
+
+    def _follow(self, scan: Scan, ranges: Floats) -> None:
+        """Note which of a scan's points move towards the laser, by comparing two scans."""
+        known, taken = self._moving, self._scanned[self._scanned[:, 2] == self._now, :2]
+        stays = ~_rays(scan, ranges, self._from_world(known[:, :2]))[2]
+        self._moving = known[stays & (self._now - known[:, 2] < GONE_S)]
+        self._scans.append((self._now, scan, self._pose))
+        while len(self._scans) > 2 and self._now - self._scans[1][0] >= APART_S:
+            self._scans.pop(0)
+        at, before, pose = self._scans[0]
+        if not 0.0 < self._now - at < GONE_S:
+            return
+        away, shown, seen = _rays(before, ranges_of(before), _into(pose, taken))
+        taken = taken[seen & (shown > away + THROUGH_M)]
+        taken = taken[np.unique(np.floor(taken / SAME_M), axis=0, return_index=True)[1]]
+        was = _out_of(pose, points_of(before))
+        if not len(taken) or not len(was):
+            return
+        apart = taken[:, None] - was
+        nearest = np.hypot(*apart.transpose(2, 0, 1)).argmin(axis=1)
+        went = apart[np.arange(len(taken)), nearest]
+        moves = (WALKS_M[0] < np.hypot(*went.T)) & (np.hypot(*went.T) < WALKS_M[1])
+        new = np.column_stack([taken, np.full(len(taken), self._now), went / (self._now - at)])
+        self._moving = np.concatenate([self._moving, new[moves]])
+
+    def _expected(self) -> Floats:
+        """Where moving objects are expected in the next moments, outside the footprint."""
+        x_y, at, velocity = np.split(self._moving, [2, 3], axis=1)
+        after = (self._now - at)[:, None] + AHEAD_S[:, None]
+        places = self._from_world((x_y[:, None] + after * velocity[:, None]).reshape(-1, 2))
+        return places[self._beside(places) > 0.0]
 
     def _go_on(self, scan: Scan, ranges: Floats) -> None:
         """Note where walls go on beyond the edges of a laser's view; what is near stays noted."""
@@ -333,14 +381,25 @@ class Seen:
         return c * dx + s * dy, c * dy - s * dx
 
     def _from_world(self, places: Floats) -> Floats:
-        dx, dy = places[:, 0] - self._pose[0], places[:, 1] - self._pose[1]
-        c, s = cos(self._pose[2]), sin(self._pose[2])
-        return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+        return _into(self._pose, places)
 
     def _to_world(self, places: Floats) -> Floats:
-        x, y = places[:, 0], places[:, 1]
-        c, s = cos(self._pose[2]), sin(self._pose[2])
-        return np.column_stack([c * x - s * y, s * x + c * y]) + self._pose[:2]
+        return _out_of(self._pose, places)
+
+
+def _into(pose: Pose2, places: Floats) -> Floats:
+    """Places of the odometry's frame in the body's."""
+    dx, dy = places[:, 0] - pose[0], places[:, 1] - pose[1]
+    c, s = cos(pose[2]), sin(pose[2])
+    return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+
+
+def _out_of(pose: Pose2, places: Floats) -> Floats:
+    """Places of the body's frame in the odometry's."""
+    x, y = places[:, 0], places[:, 1]
+    c, s = cos(pose[2]), sin(pose[2])
+    found: Floats = np.column_stack([c * x - s * y, s * x + c * y]) + pose[:2]
+    return found
 
 
 def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, Flags]:
