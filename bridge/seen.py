@@ -118,7 +118,11 @@ AHEAD_S: Final = np.arange(0.15, 0.9, 0.15)
 """Times for which moving objects are expected to go on: a robot stops within the last one, s."""
 
 GONE_S: Final = 1.0
-"""A moving object that has left the view counts for this time."""
+"""A moving object that has left the view counts for this time. Where one was seen lately, so long a
+place counts as free after a reading showed it: another may have stepped there."""
+
+SOME: Final = 3
+"""So many points that move are an object, and not lost rays."""
 
 LINE_M: Final = (0.05, 0.3)
 """Points of a wall show its direction if they are so far apart, and so near to the last one."""
@@ -159,6 +163,7 @@ class Seen:
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
         self._scans: list[tuple[float, Scan, Pose2]] = []  # of the last `APART_S`, and when
         self._moving: Floats = np.empty((0, 5))  # x, y, when, and the velocity, m/s
+        self._moved_at = -inf  # when an object last moved
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
         self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
@@ -187,7 +192,8 @@ class Seen:
         points = np.concatenate([self._from_world(np.concatenate(known)), self._expected()])
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
-        unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
+        lately = GONE_S if self._now - self._moved_at < LATELY_S else LATELY_S
+        unseen = (self._now - self._free > lately) & (np.abs(x) < within) & (np.abs(y) < within)
         cells = np.column_stack([x[unseen], y[unseen]])
         walls = [places for places, at in self._walls.values() if self._now - at < PAIR_S]
         places = self._from_world(np.concatenate([np.empty((0, 2)), *walls]))
@@ -327,6 +333,8 @@ class Seen:
         moves = (WALKS_M[0] < np.hypot(*went.T)) & (np.hypot(*went.T) < WALKS_M[1])
         new = np.column_stack([taken, np.full(len(taken), self._now), went / (self._now - at)])
         self._moving = np.concatenate([self._moving, new[moves]])
+        if moves.sum() >= SOME:
+            self._moved_at = self._now
 
     def _expected(self) -> Floats:
         """Where moving objects are expected in the next moments, outside the footprint."""
