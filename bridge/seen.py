@@ -34,7 +34,7 @@ from armadico.config.profile import RobotProfile
 from armadico.mobile.admissible import View
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan
-from armadico.mobile.scans import Flags, Floats, bearings_of, beside, points_of, ranges_of
+from armadico.mobile.scans import Flags, Floats, beside, points_of, ranges_of
 
 KEPT_S: Final = 10.0
 """Greatest age of a point that no reading has looked through since, unless it is near."""
@@ -161,7 +161,8 @@ class Seen:
         self._beyond: Floats = np.empty((0, 2))  # x, y, where walls leave the laser's view
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
-        self._scans: list[tuple[float, Scan, Pose2]] = []  # of the last `APART_S`, and when
+        # Of the last `APART_S`: when, the scan, its ranges, and the pose.
+        self._scans: list[tuple[float, Scan, Floats, Pose2]] = []
         self._moving: Floats = np.empty((0, 5))  # x, y, when, and the velocity, m/s
         self._moved_at = -inf  # when an object last moved
         self._number = -1  # of the newest scan
@@ -313,19 +314,21 @@ class Seen:
     def _follow(self, scan: Scan, ranges: Floats) -> None:
         """Note which of a scan's points move towards the laser, by comparing two scans."""
         known, taken = self._moving, self._scanned[self._scanned[:, 2] == self._now, :2]
-        stays = ~_rays(scan, ranges, self._from_world(known[:, :2]))[2]
-        self._moving = known[stays & (self._now - known[:, 2] < GONE_S)]
-        self._scans.append((self._now, scan, self._pose))
+        if len(known):
+            stays = ~_rays(scan, ranges, self._from_world(known[:, :2]))[2]
+            self._moving = known[stays & (self._now - known[:, 2] < GONE_S)]
+        self._scans.append((self._now, scan, ranges, self._pose))
         while len(self._scans) > 2 and self._now - self._scans[1][0] >= APART_S:
             self._scans.pop(0)
-        at, before, pose = self._scans[0]
+        at, before, were, pose = self._scans[0]
         if not 0.0 < self._now - at < GONE_S:
             return
-        away, shown, seen = _rays(before, ranges_of(before), _into(pose, taken))
+        away, shown, seen = _rays(before, were, _into(pose, taken))
         taken = taken[seen & (shown > away + THROUGH_M)]
-        taken = taken[np.unique(np.floor(taken / SAME_M), axis=0, return_index=True)[1]]
-        was = _out_of(pose, points_of(before))
-        if not len(taken) or not len(was):
+        if len(taken) < SOME:
+            return
+        taken, was = _thinned(taken), _out_of(pose, points_of(before))
+        if not len(was):
             return
         apart = taken[:, None] - was
         nearest = np.hypot(*apart.transpose(2, 0, 1)).argmin(axis=1)
@@ -338,6 +341,8 @@ class Seen:
 
     def _expected(self) -> Floats:
         """Where moving objects are expected in the next moments, outside the footprint."""
+        if not len(self._moving):
+            return self._moving[:, :2]
         x_y, at, velocity = np.split(self._moving, [2, 3], axis=1)
         after = (self._now - at)[:, None] + AHEAD_S[:, None]
         places = self._from_world((x_y[:, None] + after * velocity[:, None]).reshape(-1, 2))
@@ -353,7 +358,7 @@ class Seen:
         held = ((cells >= 0) & (cells < CELLS)).all(axis=1)
         new, (i, j) = new[held], cells[held].T
         both = np.concatenate([self._beyond[near], new[self._now - self._free[i, j] > LATELY_S]])
-        self._beyond = both[np.unique(np.floor(both / SAME_M), axis=0, return_index=True)[1]]
+        self._beyond = _thinned(both)
 
     def _kept(self, points: Floats) -> Floats:
         """Points that are neither too old nor where the robot stands."""
@@ -395,6 +400,12 @@ class Seen:
         return _out_of(self._pose, places)
 
 
+def _thinned(places: Floats) -> Floats:
+    """One place of each square of `SAME_M`."""
+    squares = np.floor(places / SAME_M) @ (1.0, 1e6)
+    return places[np.unique(squares, return_index=True)[1]]
+
+
 def _into(pose: Pose2, places: Floats) -> Floats:
     """Places of the odometry's frame in the body's."""
     dx, dy = places[:, 0] - pose[0], places[:, 1] - pose[1]
@@ -423,21 +434,25 @@ def _beyond_view(scan: Scan, ranges: Floats) -> Floats:
     """Places on the walls that reach the edges of a laser's view, if they go on straight."""
     if round(tau / abs(scan.step)) <= len(ranges):  # a whole turn
         return np.empty((0, 2))
-    bearings = bearings_of(scan)
-    places = np.column_stack(
-        [scan.x + ranges * np.cos(bearings), scan.y + ranges * np.sin(bearings)]
-    )
     found = [np.empty((0, 2))]
-    for edge in (places, places[::-1]):
-        shown = edge[np.isfinite(edge[:, 0])]
-        off = np.hypot(*(shown - shown[:1]).T)
-        wall = shown[: np.argmax(off > LINE_M[1]) or len(shown)]
-        if len(wall) > 2 and off[: len(wall)].max() > LINE_M[0]:
-            middle = wall.mean(axis=0)
-            along = np.linalg.svd(wall - middle, full_matrices=False)[2][0]
-            along *= np.sign(along @ (wall[0] - middle))
-            on = middle + along * (along @ (wall[0] - middle) + ON_M[:, None])
-            found.append(on[~_rays(scan, ranges, on)[2]])
+    rays = np.arange(len(ranges) // 4)
+    for inwards in (rays, len(ranges) - 1 - rays):
+        edge = inwards[np.isfinite(ranges[inwards])]
+        if len(edge) < SOME:
+            continue
+        away, bearings = ranges[edge], scan.bearing + scan.step * edge
+        x, y = scan.x + away * np.cos(bearings), scan.y + away * np.sin(bearings)
+        off = np.hypot(x - x[:1], y - y[:1])
+        count = np.argmax(off > LINE_M[1]) or len(off)
+        if off[:count].max() < LINE_M[0]:
+            continue
+        middle = np.array([x[:count].mean(), y[:count].mean()])
+        dx, dy = x[:count] - middle[0], y[:count] - middle[1]
+        angle = 0.5 * np.arctan2(2.0 * (dx @ dy), dx @ dx - dy @ dy)  # of the principal axis
+        along = np.array([np.cos(angle), np.sin(angle)])
+        last = along[0] * dx[0] + along[1] * dy[0]
+        on = middle + along * (last + np.sign(last) * ON_M[:, None])
+        found.append(on[~_rays(scan, ranges, on)[2]])
     return np.concatenate(found)
 
 
