@@ -301,7 +301,7 @@ class Seen:
         self._free[near] = np.maximum(self._free[near], fresh)
         known = self._scanned
         away, shown, seen = _rays(scan, ranges, self._from_world(known[:, :2]))
-        seen &= (shown < away + THROUGH_M) | (self._now - known[:, 2] > BETWEEN_S)
+        seen &= (shown < away + 3.0 * self._noise) | (self._now - known[:, 2] > BETWEEN_S)
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)
