@@ -179,7 +179,8 @@ class Guard:
             self._inputs.remove(source)
         orders = found not in (b"", ASK)
         if asker:
-            word = "holds" if orders or self._stopped else "braked" if self._braking.has_braked else "passes"
+            word = "braked" if self._braking.has_braked else "passes"
+            word = "holds" if orders or self._stopped else word
             self._stops.answer(f"{word} {os.getpid()} {os.getppid()}", asker)
         return orders
 
