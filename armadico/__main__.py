@@ -1,4 +1,6 @@
-"""The installed programs `armadico` and `armadico-agent`, and `python -m armadico`.
+"""The installed programs `armadico-command` and `armadico-agent`, and `python -m armadico`.
+
+`bin/armadico` starts the first one.
 
 Ctrl-C ends them without a traceback while they import, and after their command.
 """
@@ -11,7 +13,7 @@ import sys
 from contextlib import contextmanager
 from io import BufferedWriter, FileIO, TextIOWrapper
 
-TYPE_CHECKING = False  # importing `typing` is slow, and `armadico stop` is urgent
+TYPE_CHECKING = False  # importing `typing` is slow
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -24,10 +26,6 @@ UNPRINTABLE = "backslashreplace"  # for characters that the terminal or UTF-8 ca
 
 def main() -> int:
     with _silently():
-        if sys.argv[1:2] == ["stop"]:
-            from armadico.urgent import stop
-
-            stop(sys.argv[2:])
         from armadico.cli import main as command
     return run(command)
 

@@ -33,7 +33,10 @@ from armadico.bridge.session import (
     Unfit,
     Unread,
 )
+from armadico.config.lines import line_of
+from armadico.config.loading import read_text
 from armadico.config.profile import NEVER_S, load_profile
+from armadico.config.shipped import find
 from armadico.core import agent
 from armadico.core.agent import ERROR, INFO, WARNING, DeviceAgent
 from armadico.core.config_errors import ConfigError
@@ -187,7 +190,11 @@ class Robot(DeviceAgent):
         self._pulsed_at = self._written_at = float("-inf")
         self._described = 0  # cycles since the last description
         self._readings = Readings(self.profile)
-        self._reflex = Reflex(self.profile)
+        try:
+            self._reflex = Reflex(self.profile)
+        except ConfigError as error:
+            path = find("robots", self.p.profile)
+            raise error.at(path, line_of(read_text(path), ("limits",))) from None
         self._touch, self._response = Touch(), Response(self.profile)
         self._obedience = Obedience(self.profile)
         self._line_notes = LineNotes()
@@ -627,6 +634,7 @@ class Robot(DeviceAgent):
             self._orders.measured,
             self.now,
             scan,
+            self._orders.driven,
         )
         if scan is not None and self._response.see(points_of(scan), pose):
             self._found_fault()

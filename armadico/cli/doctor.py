@@ -300,7 +300,7 @@ def society(chosen: options.Mesh) -> Iterator[Finding]:
     except (MeshError, TopologyError) as error:
         yield Finding(Sort.UNREACHABLE, "mesh", str(error), "see the other findings")
         return
-    what, _, todo = missing.partition("; ")
+    what, _, todo = missing.rpartition(". " if hung else "; ")
     if hung or demand.hosts:
         yield Finding(Sort.UNREACHABLE, "mesh", what, todo or _starts(demand))
     else:

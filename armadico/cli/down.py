@@ -7,6 +7,7 @@ import signal
 import time
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli.options import NAMESPACE_HELP, FailedError
@@ -43,7 +44,8 @@ class Options:
 
 def run(args: Options) -> int:
     """End the shares and wait for them. Return 0, also if nothing was running."""
-    from armadico.launch.pidfile import shares
+    from armadico.launch.pidfile import clear, shares
+    from armadico.mesh import sockets
 
     namespace = checked_namespace(args.namespace)
     try:
@@ -55,9 +57,14 @@ def run(args: Options) -> int:
     for share in found:
         _end_share(share)
     left = [] if hosts else _end_orphans(namespace)
+    killed = clear(namespace, hosts)
+    sockets.clear(namespace)
     if left:
-        print(f"ended the processes left by a killed `armadico run`: {', '.join(left)}")
-    elif not found:
+        print(f"ended the processes left by a killed launcher: {', '.join(left)}")
+    for share in killed:
+        logs = f"; its logs stay in {share.logs}" if Path(share.logs).is_dir() else ""
+        print(f"{share.host} was killed: its files are removed{logs}")
+    if not (left or killed or found):
         print(f"nothing {where}is up on this machine in namespace {namespace!r}")
     return 0
 

@@ -31,9 +31,9 @@ PLANS_S: Final = 5.0
 AGAIN_S: Final = 0.5
 """Period of new attempts while the society starts."""
 
-STANDS: Final = (
-    "it is not known whether the robot drives. The mission stands: the robot drives on as soon"
-    " as it can. `armadico stop` stops it, `armadico why --live --standing` tells what is missing"
+UNSEEN: Final = (
+    "it is not known whether the robot drives; `armadico stop` stops it, `armadico why --live"
+    " --standing` tells what is missing"
 )
 """What is left behind without a status; a cancellation would not arrive either."""
 
@@ -115,12 +115,13 @@ def run(args: Options) -> int:
             doubt = mission.doubt
     except KeyboardInterrupt:
         if mission is not None:
-            print(f"\n{_left_behind(client)}", file=sys.stderr)
+            print(f"\nthe mission continues: {_left_behind(client)}", file=sys.stderr)
         raise
     except AbsentError as error:
         if mission is None:
             raise
-        raise options.UnknownError(f"{error}: {STANDS}") from None
+        what = f"{error}. The mission continues: {_left_behind(client)}"
+        raise options.UnknownError(what) from None
     print(f"{options.shown(doubt) or 'the goal is reached'}{_late(mission)}")
     return options.UNKNOWN if doubt else 0
 
@@ -188,15 +189,16 @@ def _late(mission: Mission) -> str:
 
 
 def _left_behind(client: Client) -> str:
-    """What the robot does after Ctrl-C."""
+    """What the robot does after the command."""
     from armadico.core.hands import release
     from armadico.core.messages import RobotState
 
-    state = client.latest(RobotState)
-    if state is not None and state.stop.stopped:
-        by, how = options.shown(state.stop.requester), release(state.stop, motors=state.motors)
-        return f"the robot is stopped by {by}; it continues after {how}"
-    return "the robot continues; `armadico stop` stops it"
+    last, fresh = client.latest(RobotState), client.fresh(RobotState)
+    if last is not None and last.stop.stopped:
+        by, how = options.shown(last.stop.requester), release(last.stop, motors=last.motors)
+        was = "is" if fresh else "was last seen"
+        return f"the robot {was} stopped by {by}; it drives on only after {how}"
+    return "the robot drives on; `armadico stop` stops it" if fresh else UNSEEN
 
 
 def _remark(mission: Mission, client: Client, reason: str) -> str:

@@ -8,6 +8,8 @@ from typing import Final
 from armadico.cli import options
 from armadico.cli.parsing import group
 
+REPAIR: Final = "Look at the robot; `armadico why --live` tells more"
+
 TIMEOUT_S: Final = 5.0
 """As in `armadico.launch.client`, which --help does not import."""
 
@@ -24,11 +26,14 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
     The society's processes on this computer are told without the mesh, too. Raises UnknownError if
     the robot agent has not confirmed that.
     """
-    pid = None
+    told = None
     if stopped and not args.mesh.connect:
         from armadico.mesh.sockets import stop
 
-        pid = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
+        told = stop(args.mesh.namespace)  # first: the mesh may be slow, or its listener full
+    guard = told.guard if told is not None and not told.latched else None
+    if guard is not None:
+        options.report(f"{guard.did}; the robot agent (process {guard.agent}) does not answer")
     mesh = args.mesh.join()
     from armadico.launch.client import Client
     from armadico.runtime.errors import AbsentError
@@ -36,15 +41,24 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
     with mesh:
         client = Client(mesh)
         try:
+            if guard is not None and not mesh.wait_joined(min(options.JOIN_S, args.timeout)):
+                raise AbsentError("the guard alone has the stop")
             if stopped:
                 client.stop(args.timeout, by="armadico stop")
             else:
                 client.resume(args.timeout, by="armadico resume", code=code)
         except AbsentError:
-            if pid is not None:
+            if guard is not None:
                 raise options.UnknownError(
-                    f"process {pid} of the society was told to stop the robot, and the robot agent"
-                    " has not confirmed it: look at the robot; `armadico why --live` tells more"
+                    f"the robot agent (process {guard.agent}) has not confirmed the stop: it hangs,"
+                    f" or its computer is overloaded. The guard holds the stop until it has."
+                    f" {REPAIR}"
+                ) from None
+            if told is not None and told.pid is not None:
+                done = "has latched the stop, and" if told.latched else "was told to stop, and"
+                raise options.UnknownError(
+                    f"process {told.pid} of the society {done} no state of the robot confirms it."
+                    f" {REPAIR}"
                 ) from None
             if mesh.wait_joined(0.0):
                 raise

@@ -14,7 +14,7 @@ from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
 from armadico.config.endpoints import Endpoints, endpoints, entry, table_of
 from armadico.core.judgement import Answer
-from armadico.observe.findings import Finding, short, summary
+from armadico.observe.findings import Finding, short, sight, summary
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -54,7 +54,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    """Print the alive agents; returns 1 if there is none, or one is missing on the host."""
+    """Print the alive agents; the exit code is that of `sight`, or the host's."""
     where, host, demand = args.mesh.endpoints(), args.mesh.host, args.mesh.demand()
     if host is not None:
         demand = replace(demand, hosts={host: demand.hosts.get(host, ())})
@@ -85,7 +85,7 @@ def run(args: Options) -> int:
         raise options.FailedError(missing)
     if host is not None:
         return options.FAILED if hosts[0].lacks or hosts[0].silent else 0
-    return 0 if view.alive else options.FAILED
+    return sight(findings) if view.alive else options.FAILED
 
 
 def _plain(

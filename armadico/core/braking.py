@@ -49,6 +49,11 @@ class Braking:
         return data, self._repeats < 2
 
     @property
+    def has_braked(self) -> bool:
+        """Whether all steps since the agent's last write were written."""
+        return self._repeats > 0
+
+    @property
     def is_over(self) -> bool:
         """Whether a device without its agent was braked, or rests."""
         return self.due is None or self._repeats > REPEATS

@@ -9,12 +9,12 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO
 
-from armadico.mesh.sockets import is_held, share_of, shares_of
+from armadico.mesh.sockets import identity, is_held, share_of, shares_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class PidFile:
         assert self._file is not None, "the lock was taken"
         self._file.seek(0)
         self._file.truncate()
-        json.dump(asdict(share), self._file)
+        self._file.write(f"{identity(share.pid)}\n{json.dumps(asdict(share))}")
         self._file.flush()
 
 
@@ -71,10 +71,21 @@ def shares(namespace: str, host: str | None = None) -> Iterator[Share]:
             yield share
 
 
+def clear(namespace: str, hosts: Sequence[str] = ()) -> list[Share]:
+    """Remove the files of killed processes, of some hosts or of all; return their shares."""
+    found = []
+    for path in [share_of(namespace, host) for host in hosts] or shares_of(namespace):
+        if path.exists() and (file := _locked(path)) is not None:
+            found += [share] if (share := read(path)) is not None else []
+            path.unlink(missing_ok=True)
+            file.close()
+    return found
+
+
 def read(path: Path) -> Share | None:
     """The share in a file; None if it is empty or damaged."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8").partition("\n")[2])
         return Share(**(found | {"agents": tuple(found["agents"])}))
     except (OSError, ValueError, TypeError, KeyError):
         return None

@@ -192,6 +192,7 @@ class Upkeep:
         self._thread = threading.Thread(target=self._live, name="wakeup", daemon=True)
 
     def __enter__(self) -> Upkeep:
+        await_stop(self._agents.latch)  # for `armadico stop` on this host, which signals this pid
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -205,7 +206,6 @@ class Upkeep:
 
     def start(self) -> None:
         """Start all processes. Raises RunFailedError if the simulator does not start."""
-        await_stop(self._agents.latch)  # for `armadico stop` on this host
         self._thread.start()
         if self.plan.simulated is not None:
             self._start(SIMULATOR)

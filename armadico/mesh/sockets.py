@@ -14,7 +14,9 @@ import signal
 import socket
 import stat
 import struct
-from contextlib import suppress
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -27,7 +29,19 @@ LONGEST: Final = 100  # bytes of a path: the system allows 107, and the lock's n
 STOP_SIGNAL: Final = signal.SIGUSR1
 """Stops the robot whose agent's process receives it."""
 
-_ANSWER_S: Final = 0.5
+IDENTITY: Final = ".guard-pid"
+"""Suffix of the file with the `identity` of a robot's guard, beside its socket."""
+
+HELD: Final = ".guard-stop"
+"""Suffix of the file that tells the next guard of a stop that no robot agent has latched."""
+
+LATCHES_S: Final = 0.3
+"""How long `stop` waits for the robot agent."""
+
+AGAIN_S: Final = 0.02
+"""How often it asks."""
+
+_ANSWER_S: Final = 0.3
 
 _SLASH: Final = "%2f"
 
@@ -94,16 +108,57 @@ def guard_of(namespace: str) -> Path:
     return socket_of(namespace).with_suffix(".guard")
 
 
-def stop_at_guard(namespace: str) -> bool:
-    """Order a robot's guard on this computer to stop it; return whether there is one."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sender:
+class Guard(NamedTuple):
+    """What a guard answers: `passes`, `braked` or `holds` (`armadico.runtime.guard`)."""
+
+    word: str
+    pid: int
+    agent: int  # the pid of its robot agent
+
+    @property
+    def did(self) -> str:
+        """What it did for the robot, for people."""
+        return _DID[self.word].format(f"the guard of its line (process {self.pid})")
+
+
+_DID: Final = {
+    "passes": "{} has nothing to brake",
+    "braked": "{} has braked the robot",
+    "holds": "{} has stopped the robot",
+}
+
+
+def guard_now(namespace: str) -> Guard | None:
+    """Ask the guard of a robot on this computer; None: there is none, or it does not answer."""
+    with _guard_line(namespace) as line:
+        return _answer(line, b"?")
+
+
+@contextmanager
+def _guard_line(namespace: str) -> Iterator[socket.socket | None]:
+    """A socket to a robot's guard, which takes the guard's answers alone; None without one."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as line:
+        line.settimeout(_ANSWER_S)
         try:
-            sender.sendto(b"stop", str(guard_of(namespace)))
-        except BlockingIOError:  # it has stops enough to read
-            return True
+            line.bind("")  # Linux chooses a name
+            line.connect(str(guard_of(namespace)))
         except OSError:
-            return False
-    return True
+            yield None
+        else:
+            yield line
+
+
+def _answer(line: socket.socket | None, datagram: bytes = b"") -> Guard | None:
+    """Send a guard a datagram, if it is not empty, and return its answer."""
+    if line is None:
+        return None
+    try:
+        if datagram:
+            line.send(datagram, socket.MSG_DONTWAIT)
+        word, pid, agent = line.recv(64).decode().split()
+    except OSError:
+        return None
+    return Guard(word, int(pid), int(agent))
 
 
 def stem(name: str) -> str:
@@ -168,16 +223,39 @@ def _has_open(pid: int, path: Path) -> bool:
     return False
 
 
-def stop(namespace: str) -> int | None:
+class Stopped(NamedTuple):
+    """Which processes of this computer have the order to stop a robot.
+
+    Attributes:
+        pid: The robot agent's, or that of `armadico up`, which passes it on; None without one: it
+            is not there, not this user's, or the signal would end it.
+        guard: The guard's answer; None without one.
+        latched: The robot agent has latched the stop, by what it told its guard.
+    """
+
+    pid: int | None
+    guard: Guard | None = None
+    latched: bool = False
+
+
+def stop(namespace: str, within: float = LATCHES_S) -> Stopped:
     """Order a robot to stop, without a connection to it.
 
     On the robot's computer its guard and its robot agent get the order, on another one `armadico
-    up`, which is on the mesh already and passes it on. Returns the pid of one that will confirm it;
-    None without one: it is not there, not this user's, or the signal would end it.
+    up`, which is on the mesh already. Waits at most so long, s, until the robot agent has it.
     """
-    stop_at_guard(namespace)
-    locks = (lock_of(socket_of(namespace)), *shares_of(namespace))
-    return next((pid for lock in locks if (pid := _signal(owner(lock))) is not None), None)
+    with _guard_line(namespace) as line:
+        if line is not None:
+            with suppress(OSError):  # it has stops enough to read
+                line.send(b"stop", socket.MSG_DONTWAIT)
+        locks = (lock_of(socket_of(namespace)), *shares_of(namespace))
+        pid = next((pid for lock in locks if (pid := _signal(owner(lock))) is not None), None)
+        end = time.monotonic() + within
+        guard = found = _answer(line)
+        while found is not None and found.word == "holds" and time.monotonic() < end:
+            time.sleep(AGAIN_S)
+            found = _answer(line, b"?")
+    return Stopped(pid, guard, latched=found is not None and found.word != "holds")
 
 
 def _signal(pid: int | None) -> int | None:
@@ -193,6 +271,30 @@ def _signal(pid: int | None) -> int | None:
     except (OSError, IndexError):
         return None
     return pid
+
+
+def clear(namespace: str) -> None:
+    """Remove the files of a robot's router and guard here, unless they belong to a process."""
+    path, guard = socket_of(namespace), guard_of(namespace)
+    if not (is_held(lock_of(path)) or holder(path)):
+        path.unlink(missing_ok=True)
+        lock_of(path).unlink(missing_ok=True)
+    with _guard_line(namespace) as line:
+        if line is None:
+            for each in (guard, guard.with_suffix(IDENTITY), guard.with_suffix(HELD)):
+                each.unlink(missing_ok=True)
+
+
+def identity(pid: int) -> str:
+    """Return a process's pid and start time, which the command `armadico` (`bin/armadico`) reads.
+
+    No later process has the same two. Without /proc it is the pid, which nothing reads.
+    """
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return str(pid)
+    return f"{pid} {fields[19]}"
 
 
 def is_held(path: Path) -> bool:

@@ -194,9 +194,13 @@ class ZenohMesh(Reader, Monotonic):
     @property
     def missing(self) -> str:
         """Why the mesh has not been joined, and what to do: for people."""
-        if self.hung:
-            return f"the router at {self.hung} does not answer; continue its process, or restart it"
         own = [str(self._socket())] if self._where.socket else []
+        if self.hung:
+            pid = sockets.owner(sockets.lock_of(self._socket())) if [self.hung] == own else None
+            who = "the robot agent" if pid is None else f"the robot agent (process {pid})"
+            guard = None if pid is None else sockets.guard_now(self.namespace)
+            did = "" if guard is None else f"; {guard.did}"
+            return f"{who} does not answer at {self.hung}{did}. Continue its process, or restart it"
         if own and sockets.is_deleted(self._socket()):
             return (
                 f"the socket {own[0]} was deleted while a robot agent listens on it: end its"

@@ -27,14 +27,11 @@ from armadico.observe.findings import (
     fine,
     open_question,
 )
-from armadico.observe.standing import lost, standing, starts
+from armadico.observe.standing import SEEN_S, lost, standing
 from armadico.observe.view import WINDOW_S, View, agent_of
 
 SKEW_S: Final = 2.0
 """Larger clock offsets are reported; it includes the delay of a reply."""
-
-SEEN_S: Final = 1.0
-"""An observer has received all liveliness tokens after this time."""
 
 ANSWER_S: Final = 2.5
 """An agent that has shown no sign of life for this long hangs: it was queried at least twice."""
@@ -172,7 +169,7 @@ def _nobody(case: _Case) -> Iterator[Finding]:
     if case.age_s < SEEN_S:
         yield _young(Sort.ABSENT, "", case)
     elif case.demand.hosts or case.view.gone:
-        todo = "; ".join(map(starts, case.demand.hosts)) or UP
+        todo = "; ".join(map(case.demand.starts, case.demand.hosts)) or UP
         yield Finding(Sort.ABSENT, "", "No agent is alive.", todo)
     else:
         yield open_question(Sort.ABSENT, "", "No agent is alive, so nothing can be checked.", UP)
@@ -200,7 +197,9 @@ def _hosts(case: _Case) -> Iterator[Finding]:
             away = sorted(case.view.names & set(wanted))
             what = f"No agent on {host.name} is alive; it should run {', '.join(wanted)}"
             what += f" ({', '.join(away)} runs elsewhere)." if away else "."
-            finding = Finding(Sort.HOST, host.name, what, f"{switched}; {starts(host.name)}")
+            finding = Finding(
+                Sort.HOST, host.name, what, f"{switched}; {case.demand.starts(host.name)}"
+            )
             yield finding if case.age_s >= SEEN_S else _young(Sort.HOST, host.name, case)
         elif len(host.silent) == len(host.agents) > 1:
             what = f"No agent on {host.name} answers ({', '.join(host.agents)}): it is paused,"
@@ -240,7 +239,8 @@ def _agents(case: _Case) -> Iterator[Finding]:
             name = agent_of(instance)
             what = f"{name} ended or was disconnected {ago:.0f} s ago; whether it is needed is"
             what += " not known."
-            yield open_question(Sort.ABSENT, name, what, f"`armadico-agent {name}` starts it")
+            todo = case.demand.restarts(name, case.host_of(instance))
+            yield open_question(Sort.ABSENT, name, what, todo)
         what = "Which agents should be alive is not known: there is no host table and no monitor"
         what += " here."
         todo = "--hosts TABLE names them; so does `armadico up`"

@@ -140,6 +140,21 @@ class Demand:
         """The first host that should run an agent; empty if none."""
         return next((host for host, agents in self.hosts.items() if agent in agents), "")
 
+    def starts(self, host: str) -> str:
+        """How the agents of a host are started."""
+        if not self.table:  # it is this machine, on which `armadico up` runs without a host table
+            return f"`armadico up`, run on {host}, starts its agents"
+        return f"`armadico up --host {host}`, run on {host} with its host table, starts its agents"
+
+    def restarts(self, agent: str, host: str) -> str:
+        """How an agent that ended on a host is started again."""
+        if agent == LAUNCHER:
+            return self.starts(host)
+        return f"start it again: `armadico-agent {agent}`"
+
+
+LAUNCHER: Final = "wakeup"
+"""The agent that `armadico up` itself is."""
 
 NOTHING: Final = Demand()
 
@@ -156,6 +171,29 @@ def those(findings: Iterable[Finding], answer: Answer) -> list[Finding]:
 def judgement(findings: Iterable[Finding]) -> Judgement:
     """The judgement of all findings."""
     return all_of(Judgement(each.answer, each.what, each.todo) for each in findings)
+
+
+_SIGHT: Final = frozenset(
+    {
+        *(Sort.ABSENT, Sort.SILENT, Sort.UNREACHABLE, Sort.HOST, Sort.LINK, Sort.STALE),
+        *(Sort.DEVICE, Sort.UNKNOWN),
+    }
+)
+
+
+def sight(findings: Sequence[Finding]) -> int:
+    """The exit code of a command that shows a society: 0 only if all of it was seen.
+
+    1: something that should be there is not, or does not answer; 3: that is not known. What was
+    seen may be wrong: a robot that is stopped, or that finds no way.
+    """
+    blind = {each.answer for each in findings if each.sort in _SIGHT}
+    if Answer.NO in blind:
+        return Judgement(Answer.NO).exit_code
+    # Without a fresh state of the robot the battery is not known, nor anything else of it.
+    level = {each.answer for each in findings if each.sort is Sort.BATTERY}
+    unseen = not findings or Answer.UNKNOWN in blind | level
+    return Judgement(Answer.UNKNOWN if unseen else Answer.YES).exit_code
 
 
 def summary(findings: Sequence[Finding]) -> str:

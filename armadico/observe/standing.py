@@ -39,6 +39,9 @@ STARTS_S: Final = 1.0
 # publish at least once per second.
 DEAF_S: Final = 2.5
 
+# An observer has received all liveliness tokens after this time.
+SEEN_S: Final = 1.0
+
 # An agent younger than this has not failed yet: a controller takes a second to answer. Nor is it
 # known to bid in vain, or to find no path, before it has done so for this long.
 YOUNG_S: Final = 2.0
@@ -81,7 +84,7 @@ class _Chain:
 
     def __init__(self, view: View, now: float, demand: Demand) -> None:
         self.view = view
-        self._installed, self._table = demand.installed, demand.hosts
+        self._installed, self._table, self._demand = demand.installed, demand.hosts, demand
         self.now = now
         self._sentences: dict[str, list[str]] = {}
         self._ends: dict[Finding, str] = {}  # with the sentence of each
@@ -258,6 +261,9 @@ class _Chain:
         """The cause if no live agent competes for the wheels."""
         if gone := self._lost_contenders():
             return self.absent(gone)
+        if not self.view.complete or self.view.age(self.now) < SEEN_S:
+            what = f"Which agents compete for {WHEELS.name} is not known yet."
+            return self.end(Sort.STARTING, WHEELS.name, what)
         what = f"No agent that competes for {WHEELS.name} is alive."
         if away := self._host_down(None):
             self.add(what)
@@ -467,14 +473,16 @@ class _Chain:
             wanted = [name for name in agents if able is None or name in able]
             if wanted and host not in there and not self.view.names & set(wanted):
                 what = f"{host} should run {', '.join(wanted)}, but no agent on {host} is alive."
-                return self.end(Sort.HOST, host, what, f"{_reachable(host)}; {starts(host)}")
+                return self.end(
+                    Sort.HOST, host, what, f"{_reachable(host)}; {self._demand.starts(host)}"
+                )
         return None
 
     def _start_all(self) -> str:
         """What to do if no agent is alive."""
         if not self._table:
             return "`armadico up` starts a whole society"
-        return "; ".join(starts(host) for host, agents in self._table.items() if agents)
+        return "; ".join(self._demand.starts(host) for host in self._table if self._table[host])
 
     def _provided(self, instance: str, key: str) -> bool:
         card = self.view.cards.get(instance)
@@ -492,7 +500,7 @@ class _Chain:
         if host and not there and len(away) > 1 and hosts > 1:
             what = f"No agent on {host} has been alive for {ago:.1f} s: {', '.join(away)}."
             todo = _reachable(host)
-            todo += f"; {starts(host)}" if host in self._table else ""
+            todo += f"; {self._demand.starts(host)}" if host in self._table else ""
             return self.end(Sort.HOST, host, what, todo)
         names = sorted({agent_of(i) for i in gone})
         at = f" (host {host})" if host else ""
@@ -500,7 +508,7 @@ class _Chain:
         what = f"{', '.join(names)}{at} {be} not alive: "
         what += f"{they} ended or {were} disconnected {ago:.1f} s ago."
         what += self._last_error(last)
-        return self.end(Sort.ABSENT, name, what, f"start it again: `armadico-agent {name}`")
+        return self.end(Sort.ABSENT, name, what, self._demand.restarts(name, host))
 
     def quiet(self, instance: str, key: str = "") -> Finding:
         """The cause if an agent has its inputs, but publishes nothing on a key, or does nothing."""
@@ -515,15 +523,15 @@ class _Chain:
                 what = f"{name} has been observed for only {self.now - came:.1f} s."
             return self.end(Sort.STARTING, name, what)
         if key and self._responds(instance, since):
-            words = self._complaint(instance, since)
+            words = self._complaint(instance, since).rstrip(".?")
             if card is not None and card.owns:
                 words = f": {card.fault}" if card.fault else words
-                what = f"The device of {name} sends no data{words}."
+                what = f"The device of {name} sends no data{words.rstrip('.?')}."
                 todo = "check the robot, its port and its cable"
                 if card.fault:
                     todo = "fix this, and restart the society"
                 return self.end(Sort.DEVICE, name, what, todo)
-            what = f"{name} answers queries, but publishes no {key}{words}."
+            what = f"{name} answers queries, but publishes no {key}{words.rstrip('.?')}."
             return self.end(Sort.SILENT, name, what, f"see `armadico logs {name}`")
         pid = f" (host {host}, pid {card.pid})" if card is not None else ""
         what = f"{name}{pid} hangs or is disconnected: its inputs arrive, but it does not answer."
@@ -595,11 +603,6 @@ def lost(view: View, now: float) -> Finding | None:
         return None
     todo = "wait until an agent has localized it; check that it is within the map"
     return Finding(Sort.LOST, "", f"The robot is lost: {view.pose_text(now)}.", todo)
-
-
-def starts(host: str) -> str:
-    """How the agents of a host are started."""
-    return f"`armadico up --host {host}`, run on {host} with its host table, starts its agents"
 
 
 def _reachable(host: str) -> str:

@@ -202,7 +202,12 @@ def show(to: View | Account, item: Received | Presence) -> None:
 
 
 class Observer:
-    """Observes one society: a watcher, the view that it updates, and queries once per second."""
+    """Observes one society: a watcher, the view that it updates, and queries once per second.
+
+    Attributes:
+        now: The time up to which the view knows everything, by its clock, s. Judging takes time in
+            which nothing is received, and that is no silence.
+    """
 
     def __init__(
         self, mesh: ZenohMesh, demand: Demand = NOTHING, to: View | Account | None = None
@@ -212,15 +217,11 @@ class Observer:
         self.to: View | Account = View() if to is None else to
         self.view = self.to if isinstance(self.to, View) else self.to.view
         self._query_at = float("-inf")
+        self.now = self.watcher.clock() / 1e9
         self.view.begin(self.now)
         self.watcher.watch_alive()
         self.watcher.watch_router(self.view)
         self.watcher.subscribe()
-
-    @property
-    def now(self) -> float:
-        """The time by the view's clock, s."""
-        return self.watcher.clock() / 1e9
 
     def take(self, for_s: float = 0.0) -> None:
         """Receive for a time, s; 0: take what has arrived."""
@@ -228,7 +229,7 @@ class Observer:
         while True:
             if (now := time.monotonic()) >= self._query_at:
                 self._query_at = now + (QUERY_S if self.view.complete else QUERY_S / 4)
-                self.view.ask(self.now)
+                self.view.ask(self.watcher.clock() / 1e9)
                 self.watcher.query_cards()
                 self.watcher.query_bids()
             for item in self.watcher.until(min(end, self._query_at)):
@@ -236,6 +237,7 @@ class Observer:
             if time.monotonic() >= end:
                 break
         over = self.watcher.clock()  # what arrived during a slow step still counts
+        self.now = over / 1e9
         while (arrived := self.watcher.get(0.0)) is not None:
             show(self.to, arrived)
             if arrived.at > over:

@@ -5,9 +5,9 @@ what would brake the robot from there. The guard knows no protocol. If no furthe
 the expiry, or if the agent's pipe closes, it writes the braking bytes, one after another, and
 repeats the last one. Readings pass through unchanged.
 
-A stop comes by a datagram `stop` to its own Unix socket, by SIGUSR1, or by Enter at its terminal.
-Then it drops bytes that move the robot, and brakes, until the agent has latched the stop. A file
-beside the socket marks that, for the guard of a restarted agent.
+A stop comes by a datagram to its own Unix socket, by SIGUSR1, or by Enter at its terminal. Then it
+drops bytes that move the robot, and brakes, until the agent has latched the stop. A file beside the
+socket marks that, for the guard of a restarted agent.
 
 It ends when the agent's pipe closes and the robot was braked. It ignores the signals that end the
 agent, which has the last word. It imports little but the transport, so that it starts fast.
@@ -46,6 +46,11 @@ BRAKED: Final = b"r"  # one step of braking was written, without the agent
 STOP: Final = b"s"  # a stop was ordered at the guard
 
 LATCHED: Final = marshal.dumps(None)  # from the agent, instead of a write: it has latched the stop
+
+# A datagram that orders no stop. Each datagram is answered with a word, the guard's pid and its
+# agent's: `passes` the agent's writes; `braked`, as none came; `holds` a stop that is not latched.
+ASK: Final = b"?"
+
 LARGEST: Final = 65_536  # most bytes of a message to the agent
 READ_S: Final = 0.1  # timeout of one read of the line
 FULL_S: Final = 0.05  # readings that the agent does not take within this time are lost, s
@@ -91,7 +96,8 @@ class Guard:
             now = time.monotonic()
             if now >= beat_at:
                 beat_at = now + BEAT_S
-                self._notices.append(BEAT)
+                if not self._notices:  # a hanging agent takes none
+                    self._notices.append(BEAT)
             while self._notices and self._tell(self._notices[0]):
                 self._notices.popleft()
             due = self._braking.due
@@ -162,14 +168,21 @@ class Guard:
         self._braking.at_once(time.monotonic())
 
     def _is_stop(self, source: socket.socket | int) -> bool:
-        """Read a source of stops; return whether it orders one, as everything does that comes."""
-        try:
-            found = os.read(source, 64) if isinstance(source, int) else source.recv(64)
-        except OSError:
-            found = b""
+        """Read a source of stops; return whether it orders one, as all do but `ASK`."""
+        found, asker = b"", None
+        with suppress(OSError):
+            if isinstance(source, int):
+                found = os.read(source, 64)
+            else:
+                found, asker = source.recvfrom(64)
         if not found and isinstance(source, int):  # the terminal is gone
             self._inputs.remove(source)
-        return bool(found)
+        orders = found not in (b"", ASK)
+        if asker:
+            word = "braked" if self._braking.has_braked else "passes"
+            word = "holds" if orders or self._stopped else word
+            self._stops.answer(f"{word} {os.getpid()} {os.getppid()}", asker)
+        return orders
 
     # Readings ------------------------------------------------------------------------------------
 
@@ -186,6 +199,7 @@ class Guard:
                         self._tell(message)
         except OSError as error:
             self._tell(FAILED + str(error).encode())
+        self._stops.close()
         os._exit(1)
 
     def _tell(self, message: bytes) -> bool:
@@ -204,23 +218,24 @@ class _Stops:
 
     def __init__(self, place: str) -> None:
         self._place, self._inode = place, -1
-        self.sources: list[socket.socket | int] = []
         ours, self._kept = socket.socketpair()
         self._kept.setblocking(False)
         signal.set_wakeup_fd(self._kept.fileno(), warn_on_full_buffer=False)
         signal.signal(signal.SIGUSR1, lambda *_: None)
-        self.sources.append(ours)
+        self.sources: list[socket.socket | int] = [ours]
+        self.listening = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         with suppress(OSError):
-            with suppress(OSError):
-                os.unlink(place)  # of a guard that was killed
-            listening = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-            before = os.umask(0o177)
-            try:
-                listening.bind(place)
-            finally:
-                os.umask(before)
+            os.unlink(place)  # of a guard that was killed
+        before = os.umask(0o177)
+        with suppress(OSError):
+            self.listening.bind(place)
             self._inode = os.stat(place).st_ino
-            self.sources.append(listening)
+            self.sources.append(self.listening)
+        os.umask(before)
+
+    def answer(self, text: str, asker: str | bytes) -> None:
+        with suppress(OSError):  # it does not wait
+            self.listening.sendto(text.encode(), socket.MSG_DONTWAIT, asker)
 
     def close(self) -> None:
         """Remove the socket, unless the next guard has made its own."""

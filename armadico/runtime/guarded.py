@@ -10,12 +10,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
 from armadico.core.discovery import TRANSPORTS, installed
 from armadico.core.outgoing import EXPIRY_S, STEP_S
+from armadico.mesh.sockets import IDENTITY, identity
 from armadico.runtime import guard
 
 HUNG_S: Final = 0.5  # a guard that sends nothing for so long hangs, and is killed
@@ -36,6 +38,7 @@ class GuardedPort:
         """Start a guard that opens an address; see `guard.main`. Raises OSError."""
         self.told: Callable[[bytes], None] = lambda _: None
         self._quiet_s = 0.0
+        self._identity = place.with_suffix(IDENTITY)
         began = time.monotonic()
         self._line, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         words = [str(theirs.fileno()), loader, url, str(place), f"{EXPIRY_S}", f"{STEP_S}"]
@@ -58,6 +61,8 @@ class GuardedPort:
         except OSError:
             self.close()
             raise
+        with suppress(OSError):  # no such file on this system, or a full disk
+            self._identity.write_text(f"{identity(self.pid)}\n")
         self.has_priority = message[1:2] == b"1"
         self.opened_s = time.monotonic() - began + float(message[2:])
 
@@ -103,6 +108,7 @@ class GuardedPort:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        self._identity.unlink(missing_ok=True)
 
     def _send(self, message: bytes) -> None:
         self._line.send(message, socket.MSG_DONTWAIT)

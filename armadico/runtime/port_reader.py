@@ -176,11 +176,11 @@ class Device:
         if notice == guard.BRAKED:
             self._inbox.put("braked", lambda: self._driver.braked(self._clock()), keep=CHUNKS)
         elif notice == guard.STOP:
-            self._inbox.put(URGENT, self._latch, keep=1)
+            self._inbox.put(URGENT, self.latch, BY_GUARD, keep=1)
 
-    def _latch(self) -> None:
+    def latch(self, by: str) -> None:
         """Latch the stop, and let the guard know, which rests the robot until then."""
-        self._driver.latch(BY_GUARD, self._clock())
+        self._driver.latch(by, self._clock())
         port = self._port
         if isinstance(port, GuardedPort) and self._driver.kernel.stopped is not None:
             with contextlib.suppress(OSError):  # the reading thread finds it

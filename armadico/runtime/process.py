@@ -172,7 +172,10 @@ class AgentHost:
         """
         owners = (d for d in self.drivers if any(each.stops for each in d.agent.owns))
         driver = next(owners, self.drivers[0])
-        self.inbox.put(URGENT, lambda: driver.latch(BY_SIGNAL, self._clock()), keep=1)
+        device = self._devices.get(driver.agent.instance)
+        # One of several stops that wait is kept: a device's guard has to know, whichever it is.
+        latch = device.latch if device else lambda by: driver.latch(by, self._clock())
+        self.inbox.put(URGENT, latch, BY_SIGNAL, keep=1)
 
     def _join(self) -> None:
         """Subscribe before the drivers announce their agents."""

@@ -78,7 +78,7 @@ def test_a_host_of_the_table_without_agents_is_named_with_the_command_to_start_i
     society.let_pass(2.0)
     here = [name for name in society.view.names if name != "sonar"]
     table = {"lab1": here, "lab2": ("sonar",)}
-    found = standing(society.view, society.mesh.now, Demand(table, installed=providers))
+    found = standing(society.view, society.mesh.now, Demand(table, "a1b2", providers))
     assert found.cause is not None
     assert (found.cause.sort, found.cause.who) == (Sort.HOST, "lab2")
     assert "lab2" in found.sentences[-1]
@@ -91,9 +91,12 @@ def test_if_no_agent_is_alive_the_hosts_of_the_table_are_named() -> None:
     view.token("goto-1", there=True, t=0.0)
     view.token("goto-1", there=False, t=1.0)
     table = {"lab1": ("goto",), "lab2": ("sonar",)}
-    cause = standing(view, 2.0, Demand(table, installed=providers)).cause
+    cause = standing(view, 2.0, Demand(table, "a1b2", providers)).cause
     assert cause is not None
     assert "--host lab1" in cause.todo
+    here = standing(view, 2.0, Demand({"lab1": ("goto",)}, installed=providers)).cause
+    assert here is not None
+    assert here.todo == "`armadico up`, run on lab1, starts its agents", "it has no table"
     assert "--host lab2" in cause.todo
     without_table = standing(view, 2.0, Demand(installed=providers)).cause
     assert without_table is not None
@@ -168,6 +171,22 @@ def test_a_stop_by_the_monitor_comes_with_the_missing_agents() -> None:
     found = standing(view, 0.1)
     assert "sonar" in found.sentences[1]
     assert stop.by in found.sentences[2]
+
+
+def test_which_agents_compete_is_not_known_before_all_have_been_received() -> None:
+    """Until then none is called missing."""
+    society = Observed().drive()
+    view = View()
+    view.begin(society.mesh.now)
+    state = society.view.state
+    assert state is not None
+    view.update(service_of(RobotState).key, replace(state, v=0.0, w=0.0), society.mesh.now)
+    for way in (society.view.trajectory, society.view.mission):
+        assert way is not None
+        view.update(service_of(type(way)).key, way, society.mesh.now)
+    cause = standing(view, society.mesh.now + 0.1, Demand()).cause
+    assert cause is not None
+    assert (cause.sort, cause.answer) == (Sort.STARTING, Answer.UNKNOWN)
 
 
 def test_an_agent_that_has_just_started_has_not_failed_yet() -> None:

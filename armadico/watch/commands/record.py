@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
-from armadico.cli.options import FailedError
+from armadico.cli.options import FailedError, UnknownError
 from armadico.cli.parsing import RECORDING, Command, argument, flag, group, more_than, option
 
 if TYPE_CHECKING:
@@ -66,13 +66,16 @@ def run(args: Options) -> int:
         for mesh in meshes:
             stack.enter_context(mesh)
         try:
-            _record(args, meshes)
+            messages = _record(args, meshes)
         except FileExistsError as error:
             raise FailedError(
                 f"{error.filename} exists already; name another file, or use --force"
             ) from None
         except OSError as error:
             raise FailedError(f"cannot write {args.file}: {error.strerror or error}") from None
+        missing = [mesh.missing for mesh in meshes if not mesh.wait_joined(0.0)]
+    if missing or not messages:
+        raise UnknownError("; ".join(missing) or "nothing was received: no agent is alive")
     return 0
 
 
@@ -127,7 +130,8 @@ def _mapped(start: Start) -> str | None:
     return None if start.scenario is None or unmapped(start.scenario) else start.world
 
 
-def _record(args: Options, meshes: Sequence[ZenohMesh]) -> None:
+def _record(args: Options, meshes: Sequence[ZenohMesh]) -> int:
+    """Record until it ends; return the number of messages."""
     from armadico.observe.translators import translators
     from armadico.observe.watching import Watcher
     from armadico.watch.recorder import Recording, record
@@ -153,6 +157,7 @@ def _record(args: Options, meshes: Sequence[ZenohMesh]) -> None:
             recording.add(item)
         recording.close()
     _say(f"{_remark(recording, watcher, begun)}; closed")
+    return recording.messages
 
 
 def _shower(args: Options, watcher: Watcher, begun: float) -> Callable[[Recording], None]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, flag, group, option
-from armadico.observe.findings import NOTHING, Demand
+from armadico.observe.findings import NOTHING, Demand, sight
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def run(args: Options) -> int:
             return _live(snapshots, observer)
         _measure(snapshots, observer, args.for_s)
         snapshot = snapshots.at(observer.now)  # before closing the mesh, which takes time
+        code = sight(observer.findings)
     if args.json:
         print(json.dumps(snapshot, indent=2))
     else:
@@ -69,7 +70,7 @@ def run(args: Options) -> int:
         Console().print(tables(snapshot))
     if not snapshot["agents"] and not snapshot["services"]:
         raise AbsentError("no agent is alive", args.mesh.namespace)
-    return 0
+    return code
 
 
 class Snapshots:
@@ -193,6 +194,8 @@ def tables(snapshot: Section) -> Group:
 
 
 def _heading(snapshot: Section) -> str:
+    from armadico.mobile.messages import MissionState
+
     robot, where = snapshot["robot"], f"{snapshot['namespace']}: {len(snapshot['agents'])} agents"
     if robot is None:
         return f"{where}, no message from a robot"
@@ -208,8 +211,10 @@ def _heading(snapshot: Section) -> str:
     if robot["stopped_by"] is not None:
         words.append(f"STOPPED by {robot['stopped_by'] or 'an unknown client'}")
     words += ["STALLED"] * robot["stalled"] + ["MOTORS OFF"] * (not robot["motors"])
-    if snapshot["mission"] is not None:
-        words += filter(None, (snapshot["mission"][part] for part in ("state", "note", "late")))
+    if (mission := snapshot["mission"]) is not None:
+        waits = mission["state"] == MissionState.DRIVING and snapshot["standing"]["stands"]
+        state = "its goal waits" if waits else mission["state"]
+        words += filter(None, (state, mission["note"], mission["late"]))
     words += filter(None, [snapshot["tasks"]])
     return ", ".join([*words, *filter(None, [robot["line"]])])
 
@@ -247,6 +252,7 @@ main: Final = Command(
     run,
     "Show agents, hosts, the holder of each resource, and the measured and promised rate of every"
     " key. MISSED counts gaps longer than a key's deadline. CPU and memory are shown for agents of"
-    " this machine.",
+    " this machine. With --once and --json the exit code is 1 if something that should be there is"
+    " absent or does not answer, and 3 if that is not known.",
     EXAMPLES,
 )

@@ -13,7 +13,7 @@ from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import FILE, Command, Must, argument, flag, group, option
 from armadico.core.discovery import providers
 from armadico.mesh.topology import default_namespace
-from armadico.observe.findings import Demand, Finding, Sort, short
+from armadico.observe.findings import Demand, Finding, Sort, short, sight
 from armadico.runtime.errors import AbsentError
 
 if TYPE_CHECKING:
@@ -96,13 +96,13 @@ def run(args: Options) -> int:
     import msgspec
 
     _check(args)
-    found, beside = _live(args) if args.file is None else (_recorded(args, args.file), [])
+    found, beside, code = _live(args) if args.file is None else (_recorded(args, args.file), [], 0)
     if args.json:
         print(json.dumps(msgspec.to_builtins(found), indent=2))
     else:
         for line in (*getattr(found, "lines", found.sentences), *beside):
             print(options.shown(line))
-    return 0
+    return code
 
 
 def _check(args: Options) -> None:
@@ -124,8 +124,8 @@ def _check(args: Options) -> None:
 # A running society --------------------------------------------------------------------------------
 
 
-def _live(args: Options) -> tuple[Answer, list[str]]:
-    """The answer, and lines about what else is wrong."""
+def _live(args: Options) -> tuple[Answer, list[str], int]:
+    """The answer, lines about what else is wrong, and the exit code."""
     robot = args.mesh.of(args.mesh.namespace or default_namespace())
     demand = robot.demand()
     from armadico.observe.standing import standing
@@ -142,14 +142,14 @@ def _live(args: Options) -> tuple[Answer, list[str]]:
         now = observer.now
         if args.standing:
             found = standing(chronicle.view, now, demand)
-            return found, _beside(found.cause, findings)
+            return found, _beside(found.cause, findings), sight(findings)
         if (event := _event(args, chronicle)) is not None:
-            return event, []
+            return event, [], 0
         chronicle.mark(now)
         observer.take(LATER_S)
     chronicle.finish()
     moment = chronicle.moments[0]
-    return moment, _beside(moment.cause, findings)
+    return moment, _beside(moment.cause, findings), sight(findings)
 
 
 # A recording --------------------------------------------------------------------------------------
@@ -333,6 +333,7 @@ main: Final = Command(
     "Explain a run or a live robot: each contender's bid and its reasons, the holder, the blending"
     " of an exchange, and what the robot obeyed or rejected. Without an option, print a summary of"
     " the recording, or the present moment. Agents that do not hold publish no bids; their answers"
-    " to queries are used, or those in the recording.",
+    " to queries are used, or those in the recording. With --live the exit code is 1 if something"
+    " that should be there is absent or does not answer, and 3 if that is not known.",
     EXAMPLES,
 )

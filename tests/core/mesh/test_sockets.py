@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import signal
 import socket
 import stat
 import subprocess
@@ -13,13 +15,16 @@ from pathlib import Path
 
 import pytest
 
-from armadico import urgent
 from armadico.mesh.sockets import (
+    IDENTITY,
     LONGEST,
     RUNTIME_VARIABLE,
+    clear,
     endpoint,
     folder,
+    guard_of,
     holder,
+    identity,
     peer_sockets,
     peers_here,
     share_of,
@@ -146,19 +151,19 @@ def test_a_stop_is_a_signal_to_the_process_that_has_the_lock_if_it_knows_the_sig
     lock = socket_of("robot1").with_name("robot1.sock.lock")
     pipe = subprocess.PIPE
     words = [sys.executable, "-c", CAUGHT, str(lock)]
-    assert stop("robot1") is None, "no process"
+    assert stop("robot1").pid is None, "no process"
     with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "locked\n"
-        assert stop("robot2") is None, "another robot"
-        assert stop("robot1") == process.pid
+        assert stop("robot2").pid is None, "another robot"
+        assert stop("robot1").pid == process.pid
         assert process.stdout.readline() == "stopped\n"
         process.communicate("")
     words[2] = "\n".join(row for row in CAUGHT.splitlines() if "SIGUSR1" not in row)
     with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        assert stop("robot1") is None, "the signal would end it"
+        assert stop("robot1").pid is None, "the signal would end it"
         process.communicate("")
         assert process.returncode == 0
 
@@ -170,40 +175,92 @@ def test_where_the_robot_is_not_the_hosts_launcher_gets_the_signal(base: Path) -
     with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "locked\n"
-        assert stop("lab/r2") is None, "another robot's"
-        assert stop("lab/r1") == process.pid
+        assert stop("lab/r2").pid is None, "another robot's"
+        assert stop("lab/r1").pid == process.pid
         assert process.stdout.readline() == "stopped\n"
         process.communicate("")
-        assert stop("lab/r1") is None, "it has ended, and its file stays"
+        assert stop("lab/r1").pid is None, "it has ended, and its file stays"
 
 
 @pytest.mark.parametrize(
     ("words", "stopped"),
     [
-        ("", ["robot1"]),
-        ("--namespace lab/r1 --timeout=3", ["lab/r1"]),
-        ("--hosts lab.toml --host desk", ["robot1"]),
-        ("--help", []),
-        ("--namespace", []),
-        ("--namespace lab/", []),
-        ("--connect tcp/10.0.0.1:7447", []),
-        ("now", []),
+        ("stop", "robot1"),
+        ("stop --namespace lab/a/r1 --timeout=3", "lab/a/r1"),
+        ("stop --timeout 3 --namespace=lab/r1", "lab/r1"),
+        ("stop --hosts lab.toml --host desk", "robot1"),
+        ("stop --help", ""),
+        ("stop --namespace", ""),
+        ("stop --connect tcp/10.0.0.1:7447", ""),
+        ("stop now", ""),
+        ("ps --namespace robot1", ""),
     ],
 )
-def test_a_stop_goes_first_only_if_its_words_are_certain(
-    words: str, stopped: list[str], base: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_command_stops_a_robot_before_python_starts_only_if_its_words_are_certain(
+    words: str, stopped: str, base: Path
 ) -> None:
-    assert base.exists()
-    monkeypatch.delenv("ARMADICO_NAMESPACE", raising=False)
-    monkeypatch.setattr(os, "sched_setscheduler", _refuse)
-    found: list[str] = []
-    monkeypatch.setattr("armadico.mesh.sockets.stop", found.append)
-    urgent.stop(words.split())
-    assert found == stopped
+    program = _command(base)
+    names = ("robot1", "lab/r1", "lab/a/r1")
+    with ExitStack() as stack:
+        guards = {name: stack.enter_context(_signalled(name)) for name in names}
+        done = subprocess.run(
+            [program, *words.split()],
+            env={**os.environ, "ARMADICO_NAMESPACE": "robot1"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert (done.stdout, done.stderr) == (f"{words}\n", "")
+        for process in guards.values():
+            process.terminate()
+        ended = {name: process.wait() for name, process in guards.items()}
+    assert ended == {
+        name: -signal.SIGUSR1 if name == stopped else -signal.SIGTERM for name in names
+    }
 
 
-def _refuse(*_: object) -> None:
-    raise PermissionError
+def test_the_command_signals_no_process_that_has_the_pid_of_an_ended_one(base: Path) -> None:
+    program = _command(base)
+    with _signalled("robot1") as process:
+        place = guard_of("robot1").with_suffix(IDENTITY)
+        pid, start = identity(process.pid).split()
+        for text in (f"{pid} {int(start) + 1}", pid, "", f"999999999 {start}", "no number"):
+            place.write_text(f"{text}\n")
+            subprocess.run([program, "stop"], check=True, capture_output=True)
+        process.terminate()
+        assert process.wait() == -signal.SIGTERM
+
+
+def test_what_belongs_to_no_process_is_removed(base: Path) -> None:
+    with listening(socket_of("robot1")):
+        clear("robot1")
+        assert socket_of("robot1").exists()
+    clear("robot1")
+    assert not list((base / "armadico").iterdir())
+
+
+def _command(base: Path) -> str:
+    """The command `armadico`, whose program prints its words."""
+    folder = base / "bin"
+    folder.mkdir()
+    program = shutil.copy(Path(__file__).parents[3] / "bin" / "armadico", folder)
+    echo = folder / "armadico-command"
+    echo.write_text('#!/bin/sh\necho "$@"\n')
+    echo.chmod(0o755)
+    link = base / "link"
+    link.symlink_to(program)
+    return str(link)
+
+
+@contextmanager
+def _signalled(namespace: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process in the place of a robot's guard; the signal ends it."""
+    with subprocess.Popen(["sleep", "30"]) as process:
+        guard_of(namespace).with_suffix(IDENTITY).write_text(f"{identity(process.pid)}\n")
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 @pytest.mark.live

@@ -66,8 +66,15 @@ class Bench:
         return found
 
     def stop(self) -> None:
+        assert self.answer(b"stop").startswith("holds ")
+
+    def answer(self, datagram: bytes) -> str:
+        """What the guard answers to a datagram at its socket."""
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-            sender.sendto(b"stop", str(self.place))
+            sender.settimeout(SOON)
+            sender.bind("")
+            sender.sendto(datagram, str(self.place))
+            return sender.recv(64).decode()
 
 
 @pytest.fixture
@@ -214,6 +221,22 @@ def test_a_stop_rests_the_robot_and_holds_until_the_agent_has_latched_it(
     port.latched()
     port.command(b"go.", BRAKES, moves=True)
     bench.received(b"go.")
+
+
+def test_a_guard_that_is_asked_answers_what_it_does_and_stops_nothing(bench: Bench) -> None:
+    port = bench.open()
+    ours = f"{port.pid} {os.getpid()}"
+    assert bench.answer(b"?") == f"passes {ours}"
+    port.command(b"go.", BRAKES, moves=True)
+    bench.received(b"rest.rest.")
+    assert bench.answer(b"?") == f"braked {ours}"
+    port.command(b"go.", BRAKES, moves=True)
+    bench.received(b"go.")
+    assert bench.answer(b"stop") == bench.answer(b"?") == f"holds {ours}"
+    port.latched()
+    port.command(b"hello.", (), moves=False)
+    bench.received(b"hello.")
+    assert bench.answer(b"?") == f"passes {ours}"
 
 
 def test_the_guard_of_a_restarted_agent_knows_the_stop_that_was_not_latched(bench: Bench) -> None:

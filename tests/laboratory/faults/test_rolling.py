@@ -45,7 +45,9 @@ def test_a_stop_at_the_guard_of_a_hanging_robot_agent_is_latched_until_it_is_rel
         client.listen(RobotState)
         robot.drive()
         robot.robot.send_signal(signal.SIGSTOP)
-        assert sockets.stop_at_guard(place.namespace)
+        found = sockets.stop(place.namespace)
+        assert found.guard is not None
+        assert (found.guard.agent, found.latched) == (robot.robot.pid, False)
         robot.awaits_rest()
         robot.robot.resume()
         assert client.wait_for(lambda: _stopped(client), SOON)
@@ -60,7 +62,7 @@ def test_no_guard_is_left_of_a_robot_agent_that_is_ended(rig: tuple[Rig, Place])
     robot.robot.send_signal(signal.SIGTERM)
     psutil.wait_procs([guard], SOON)
     assert not guard.is_running()
-    assert not sockets.stop_at_guard(place.namespace)
+    assert sockets.guard_now(place.namespace) is None
     robot.awaits_rest()
 
 

@@ -91,7 +91,7 @@ def test_who_closes_its_streams_hears_nothing_and_it_is_done_all_the_same(
 
 def test_too_few_file_descriptors_are_told_of() -> None:
     def few() -> None:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (5, 5))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (11, 11))  # a shell needs number 10
 
     done = call("run", "sc1", "--virtual", preexec_fn=few)
     assert "Traceback" not in done.stderr
@@ -140,14 +140,19 @@ def test_what_an_error_quotes_does_not_control_the_terminal(
 
 
 @pytest.mark.parametrize(
-    ("stop", "stopped"),
-    [(Stop(1, True, "anna", 1), True), (Stop(2, False, "anna", 1), False), (None, False)],
+    ("stop", "fresh", "says"),
+    [
+        (Stop(1, True, "anna", 1), True, "the robot is stopped by anna"),
+        (Stop(1, True, "anna", 1), False, "the robot was last seen stopped by anna"),
+        (Stop(2, False, "anna", 1), True, "the robot drives on; `armadico stop` stops it"),
+        (Stop(2, False, "anna", 1), False, "it is not known whether the robot drives"),
+        (None, False, "it is not known whether the robot drives"),
+    ],
 )
-def test_ctrl_c_in_goto_reports_what_the_robot_does(stop: Stop | None, stopped: bool) -> None:
-    state = None
-    if stop is not None:
-        state = RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, stop)
-    client: Any = SimpleNamespace(latest=lambda _: state)
-    text = goto._left_behind(client)
-    assert ("anna" in text) == stopped
-    assert ("armadico stop" in text) != stopped
+def test_what_goto_leaves_behind_is_what_is_known_of_the_robot(
+    stop: Stop | None, fresh: bool, says: str
+) -> None:
+    state = stop and RobotState(Cycle(1, 1), 0, 0, 0, 0, 0, 12, True, False, stop)
+    last, now = (lambda _: state), (lambda _: state if fresh else None)
+    client: Any = SimpleNamespace(latest=last, fresh=now)
+    assert goto._left_behind(client).startswith(says)

@@ -145,7 +145,7 @@ def test_a_stop_by_signal_is_latched_and_needs_no_connection(
     with joined(environment) as mesh:
         client = Client(mesh)
         assert client.latest(RobotState, SOON)
-        assert sockets.stop(mesh.namespace) == row["pid"]
+        assert sockets.stop(mesh.namespace).pid == row["pid"]
         state = client.wait_for(
             lambda: (s := client.latest(RobotState)) and s.stop.stopped and s, SOON
         )

@@ -28,6 +28,7 @@ from tests.whole.house.tree import (
 
 LEAST = ("pyproject.toml", "README.md", "LICENSE")
 TEXTS = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "Makefile", "MANIFEST.in")
+SCRIPTS = "bin"
 BESIDES = ("docs", "requirements", "tests", "deploy")
 """Of no package, and in the source distribution all the same."""
 
@@ -53,7 +54,7 @@ def package(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def wheel(package: str, tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     """The names of the files in a wheel that is built, without the network, from a copy."""
-    copy = checkout(tmp_path_factory.mktemp("checkout"), FOLDERS, LEAST)
+    copy = checkout(tmp_path_factory.mktemp("checkout"), (*FOLDERS, SCRIPTS), LEAST)
     with zipfile.ZipFile(built(copy, "--wheel", DISTRIBUTIONS[package])) as archive:
         return set(archive.namelist())
 
@@ -81,13 +82,13 @@ def built(copy: Path, what: str, folder: str = ".") -> Path:
 
 @pytest.mark.long
 def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_path: Path) -> None:
-    copy = checkout(tmp_path, (*FOLDERS, *BESIDES), (*LEAST, *TEXTS))
+    copy = checkout(tmp_path, (*FOLDERS, SCRIPTS, *BESIDES), (*LEAST, *TEXTS))
     with tarfile.open(built(copy, "--sdist")) as archive:
         inside = {name.partition("/")[2] for name in archive.getnames()}
     assert {*LEAST, *TEXTS} <= inside
     there = {
         path.relative_to(ROOT).as_posix()
-        for folder in (*BESIDES, LABORATORY)
+        for folder in (SCRIPTS, *BESIDES, LABORATORY)
         for path in sources(folder, "*")
         if path.is_file() and path.suffix != ".pyc" and ".egg-info" not in str(path)
     }
@@ -99,6 +100,11 @@ def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_pa
 def test_the_wheel_is_the_tree(wheel: set[str], package: str) -> None:
     """So no experiment is in the product's."""
     inside = {name for name in wheel if ".dist-info/" not in name}
+    scripts = {name for name in inside if ".data/scripts/" in name}
+    inside -= scripts
+    assert {Path(name).name for name in scripts} == (
+        {"armadico"} if package == "armadico" else set()
+    )
     assert inside == {name for name, _ in package_files() if Path(name).parts[0] == package}
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import psutil
 
 from armadico.core.agent import Agent
@@ -42,8 +43,14 @@ STEADY_S: Final = 0.6
 """A trial begins after so long at speed, plus up to `PHASE_S`."""
 
 PHASE_S: Final = 0.2
+CYCLE_S: Final = 0.1
+"""A cycle of the robot, in which a fault comes at any time."""
+
 REST_M_S: Final = 0.005
 SLOWER: Final = 0.95
+RAMP: Final = 6
+"""Most samples of a ramp whose line shows when it began."""
+
 RESTS_S: Final = 0.5
 """At rest for so long it rests."""
 
@@ -78,7 +85,7 @@ class Trial:
     line: str
     fault: str
     speed: float  # m/s, at the fault
-    begins_s: float  # until it was slower
+    begins_s: float  # until it began to be slower
     rest_s: float  # until it rested
     roll_m: float  # how far it went
     rolls_on: bool = False  # it still rolled after `SOON_S`
@@ -125,6 +132,20 @@ class Track:
         """The way at a time, m."""
         before = max((s for s in self.samples if s[0] <= when), default=self.samples[0])
         return before[1] + before[2] * (when - before[0])
+
+    def brakes(self, since: float, speed: float) -> float | None:
+        """When it began to be slower, after a time: by the line through its first slower samples.
+
+        None if it was not. A sample is up to a cycle late, in which the ramp has gone on.
+        """
+        slower = [s for s in self.samples if s[0] > since and s[2] < SLOWER * speed]
+        ramp = [s for s in slower if s[2] > REST_M_S][:RAMP]
+        if not slower:
+            return None
+        if len(ramp) < 3:
+            return slower[0][0]
+        slope, begins = np.polyfit([speed - s[2] for s in ramp], [s[0] for s in ramp], 1)
+        return float(min(max(begins, since), slower[0][0])) if slope > 0.0 else slower[0][0]
 
     def rest(self, since: float) -> Sample | None:
         """The first sample after a time at which it rests, and goes on resting."""
@@ -226,6 +247,7 @@ class Rig:
         """Drive, make a fault, and see what becomes of it. Raises TimeoutError."""
         track = self.track
         self.drive()
+        time.sleep(random.uniform(0.0, CYCLE_S))  # samples keep step with the robot agent's writes
         number = signal.SIGKILL if fault.startswith("kill") else signal.SIGSTOP
         target = self.guard if fault.endswith("guard") else self.robot
         at = time.monotonic()
@@ -236,8 +258,7 @@ class Rig:
             end, rolls_on = self.awaits_rest(at), False
         except TimeoutError:
             end, rolls_on = track.samples[-1], True
-        slower = (s[0] for s in track.samples if s[0] > at and s[2] < SLOWER * before)
-        begins = next(slower, end[0])
+        begins = track.brakes(at, before) or end[0]
         trial = Trial(
             self.line.name,
             fault,
