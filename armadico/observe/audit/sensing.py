@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, cos, dist, hypot, pi, sin
 
-from armadico.core.messages import Description, Message, RobotState
-from armadico.mobile.geometry import relative, wrap
-from armadico.mobile.messages import Scan, Sonar, Truth
+from armadico.core.messages import Cycle, Description, Message, RobotState
+from armadico.mobile.geometry import Pose2, compose, relative, wrap
+from armadico.mobile.messages import InitialPose, Pose, Scan, Sonar, Truth
 from armadico.mobile.scans import points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
@@ -53,6 +53,22 @@ AGREES_M = 0.04
 NEAREST_SHARE = 0.1
 """The share of them that is too short: by people who walk, and by the time since a ping."""
 
+POSES = 64
+"""Cycles whose odometry is kept, to be compared with poses."""
+
+STEP_DEVIATIONS, STEP_FREE_M = 4.0, 0.25
+"""A pose moves otherwise than the odometry by no more than so many of its deviations before and
+after, and the second, m."""
+
+WINDOW_M = 3.0
+"""The odometry's way is compared with the robot's over so much of it, m."""
+
+SCALE = 0.06
+"""The share by which they may differ. Made errors of wheels are 2 %."""
+
+CERTAIN_M = 0.15
+"""A pose less certain than this shows no scale, m."""
+
 NEAR_M = 0.8
 """Obstacles nearer than this, m, are in some sonar's range, whatever its cone."""
 
@@ -90,6 +106,83 @@ class Heading(Rule):
         if hypot(x, y) > STEP_M and min(off, pi - off) > most:
             what = f"a step of {hypot(x, y):.3f} m leads {off:.2f} rad off where it heads"
             yield self.found(now, "robot", what)
+
+
+class Moves(Rule):
+    """A pose moves as the odometry does, or by as much as it was uncertain."""
+
+    promise = Promise.POSE
+    needs = (RobotState, Pose)
+    sees = (InitialPose,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._odometry: dict[Cycle, Pose2] = {}
+        self._before: tuple[Pose, Pose2] | None = None
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, RobotState):
+            self._odometry[message.cycle] = message.x, message.y, message.theta
+            if len(self._odometry) > POSES:
+                del self._odometry[next(iter(self._odometry))]
+        elif isinstance(message, InitialPose):
+            self._before = None
+        elif isinstance(message, Pose) and message.cycle in self._odometry:
+            before, here = self._before, self._odometry[message.cycle]
+            self._before = message, here
+            if before is None or not before[0].covariance or not message.covariance:
+                return
+            was = before[0]
+            if (was.cycle.epoch, was.revision) != (message.cycle.epoch, message.revision):
+                return
+            x, y, _ = compose((was.x, was.y, was.theta), relative(before[1], here))
+            off = hypot(message.x - x, message.y - y)
+            known = max(was.deviation, message.deviation)
+            self.checked = True
+            if off > STEP_FREE_M + STEP_DEVIATIONS * known and not now.excuse(Excuse.DISTURBED):
+                what = f"the pose moved by {off:.2f} m otherwise than the odometry"
+                yield self.found(now, "localization", what, f"+-{known:.2f} m")
+
+
+class Scaled(Rule):
+    """The odometry counts as far as the robot moves: in truth, else by poses that are certain."""
+
+    promise = Promise.ODOMETRY
+    needs = (RobotState, Pose)
+    sees = (Truth,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._from: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._off: float | None = None  # the share in the window before
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        state, before = now.state, now.before
+        if not isinstance(message, RobotState) or state is None or before is None:
+            return
+        at = now.truth or now.pose
+        unknown = at is None or (now.truth is None and not 0.0 < now.pose.deviation < CERTAIN_M)
+        if (
+            unknown
+            or before.cycle.epoch != state.cycle.epoch
+            or now.state_gap_s > GAP_S
+            or now.excuse(Excuse.DISTURBED) is not None
+        ):
+            self._from, self._off = None, None
+            return
+        here = (state.x, state.y), (at.x, at.y)
+        if self._from is None:
+            self._from = here
+        way = dist(self._from[0], here[0])
+        if way < WINDOW_M:
+            return
+        true, self._from, self.checked = dist(self._from[1], here[1]), here, True
+        off, was = way / max(true, 0.01) - 1.0, self._off
+        self._off = off
+        if was is not None and min(abs(off), abs(was)) > SCALE and off * was > 0.0:
+            self._off = None
+            what = f"the odometry counts {way:.2f} m where the robot moved by {true:.2f} m"
+            yield self.found(now, "robot", what, "twice")
 
 
 class Changes(Rule):
