@@ -30,11 +30,11 @@ LOST_AFTER_S: Final = 20.0
 FLICKER: Final = 3
 """Cycles with a bid, and without one."""
 
-PRESSES: Final = (0.3, 0.0)
+PRESSES_M_S, RUNS_M_S = 0.3, 0.6
 SURE: Final = 0.99
 EACH_S: Final = 20.0
 TRUE_S: Final = 10.0
-"""The liar drives on like this with this utility, after a time of each such one, s."""
+"""The liar drives on at a speed with this utility, after a time of each such one, s."""
 
 FAILS_AFTER_S: Final = 5.0
 BIAS_M: Final = 0.3
@@ -87,13 +87,17 @@ def _half(robot: Any) -> None:
     _wrap(robot, "obey", obey)
 
 
-def _lies(goto: Any) -> None:
+def _lies(goto: Any, v: float = PRESSES_M_S) -> None:
     def propose(method: Callable[..., Any], *inputs: Any) -> Any:
         bid = method(*inputs)
         near = goto.now % EACH_S > TRUE_S
-        return alike(bid, action=PRESSES, utility=SURE) if bid is not None and near else bid
+        return alike(bid, action=(v, 0.0), utility=SURE) if bid is not None and near else bid
 
     _wrap(goto, "propose", propose)
+
+
+def _runs(goto: Any) -> None:
+    _lies(goto, RUNS_M_S)
 
 
 def _no_reflex(robot: Any) -> None:
@@ -177,7 +181,7 @@ DEFECTS: Final = {
     "half-speed": Defect("the robot agent orders half the speed", {"robot": _half}),
     "no-reflex": Defect(
         "the robot agent lets every command through, of a liar, too",
-        {"robot": _no_reflex, "goto": _lies},
+        {"robot": _no_reflex, "goto": _runs},
     ),
     "lies": Defect("goto bids high and drives on, whatever is ahead", {"goto": _lies}),
     "fails": Defect("each tenth mission fails without a cause", {"interface": _fails}),
