@@ -11,7 +11,7 @@ from armadico.core.cycles import PERIOD
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Description, Message, RobotState
 from armadico.core.resources import WHEELS
-from armadico.mobile.admissible import UNSEEN
+from armadico.mobile.admissible import TOO_LATE, UNSEEN
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Echo, MissionStatus, Pose, Scan, Sonar, Trajectory
 from armadico.mobile.obstacles import Obstacles
@@ -39,6 +39,9 @@ FAST_M_S: Final = 0.1
 CAPPED, OF_OBEYED = 15, 60
 """Or of which the robot agent caps so many of so many that it obeyed, not always in a row. Its own
 readings may show first what others learn some cycles later: in the fault bed up to 8 of 100."""
+
+NO_READING: Final = ("", UNSEEN, TOO_LATE)
+"""Caps by which no reading of this cycle forbids anything."""
 
 PRESSES_M_S: Final = 0.15
 """Slower orders that are capped creep along what is near, and the cap is part of it, m/s."""
@@ -204,7 +207,7 @@ class Honest(Rule):
 def _presses(state: RobotState) -> str:
     """Why the order is one of which less than half is let through; "" if it is not."""
     v, admitted = state.ordered.v, state.admitted.v
-    forbids = state.capped not in ("", UNSEEN)  # no reading forbids what nobody has seen
+    forbids = state.capped not in NO_READING
     if not forbids or v < PRESSES_M_S or admitted >= ADMITTED_SHARE * v:
         return ""
     return f"{v:.2f} m/s, of which {admitted:.2f} are let through: {state.capped}"
