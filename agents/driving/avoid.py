@@ -59,7 +59,7 @@ class Parameters(ZoneParameters, frozen=True, kw_only=True):
     """
 
     rules: Literal["safe", "thesis"] = "safe"
-    v_back: NonNegative = 0.08  # m/s, backwards off obstacles that it cannot turn away from
+    v_back: NonNegative = 0.08  # m/s, off or along obstacles that it cannot turn away from
     back_room_m: NonNegative = 0.1  # least free distance behind for backing off
     stuck_s: Positive = 2.0  # at rest for this time beyond `goal_m`, the robot is stuck
     goal_m: Positive = 0.4  # nearer to the goal than this it may rest
@@ -114,6 +114,7 @@ class Avoid(Behaviour):
         self._back_until = -inf
         self._backs_since = inf
         self._turns_until = -inf
+        self._creeps = 1.0  # +1 on, -1 back
 
     def on_mission(self) -> None:
         """Reset the latched side and the timers."""
@@ -307,7 +308,7 @@ class Avoid(Behaviour):
             self._side = 0.0
 
     def _turn_on_the_spot(self, scene: Scene, heading: float) -> tuple[float, float]:
-        """Turn to the side of the open heading, or to the other; if both are blocked, back off."""
+        """Turn to the side of the open heading, or to the other; else back off, else creep."""
         sign = self._side or copysign(1.0, heading)
         for direction in (sign, -sign):
             room = free_turn(scene.points, direction, self.body.outline, TURN_MARGIN_M)
@@ -315,7 +316,22 @@ class Avoid(Behaviour):
                 v, w, _ = self.limited_in(scene, 0.0, direction * self.p.w_stop, self.p.safety)
                 if w != 0.0:
                     return v, w
-        return self._back(scene) or (0.0, 0.0)
+        if (back := self._back(scene)) is None:
+            return self._creep(scene)
+        self._back_off()  # for a while: the way of one cycle makes no room to turn
+        return back
+
+    def _creep(self, scene: Scene) -> tuple[float, float]:
+        """Straight on, or straight back, along a wall that is too near for anything else.
+
+        It goes on until it can turn, and the other way once that is blocked.
+        """
+        for creeps in (self._creeps, -self._creeps):
+            v, _, _ = self.limited_in(scene, creeps * self.p.v_back, 0.0, self.p.safety)
+            if abs(v) >= 0.5 * self.p.v_back:
+                self._creeps = creeps
+                return v, 0.0
+        return 0.0, 0.0
 
     def _onward(self, scene: Scene, wanted: float, v: float) -> tuple[float, float]:
         """The command for the cycle or two until another agent takes over."""

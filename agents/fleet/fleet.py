@@ -135,6 +135,7 @@ class Fleet(Agent):
         self._doing: int | None = None
         self._drive = Ordered()  # the mission of the current task
         self._looks_until: float | None = None
+        self._doubt = ""  # why it is unknown whether the robot is at its task; empty: it is
         self._waits_since: float | None = None  # before a passage
         self._elsewhere = False  # the robot is driven for others
         self._pose_at = self._status_at = -inf  # when they were last received
@@ -256,6 +257,7 @@ class Fleet(Agent):
             return
         event = self._drive.update(status, self.now)
         if event is Event.REACHED:
+            self._doubt = status.doubt
             self._looks_until = self.now + work.list.tasks[doing].look_s
             self._set_alarm()
         elif event is Event.FAILED:
@@ -404,8 +406,9 @@ class Fleet(Agent):
     def _done(self, work: Work, task: int) -> None:
         self._end_drive()
         work.order = [other for other in work.order if other != task]
-        work.sharing.finish(task, self.now)
-        self.log(f"task {task} done; {len(work.sharing.open)} are left")
+        work.sharing.finish(task, self.now, unsure=bool(self._doubt))
+        end = f"unsure: {self._doubt}" if self._doubt else "done"
+        self.log(line(f"task {task} {end}; {len(work.sharing.open)} are left"))
         self._remember(work)
 
     def _plan_ahead(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 from msgspec import Meta
 
@@ -68,6 +68,9 @@ class FleetDone(Message, frozen=True):
 
     task: TaskNumber
     by: Name
+    unsure: bool = False  # the robot was at the goal only perhaps, by the deviation of its pose
+
+    appended: ClassVar[int] = 1
 
 
 Done = Annotated[tuple[FleetDone, ...], Meta(max_length=4 * TASKS)]

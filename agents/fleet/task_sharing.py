@@ -57,7 +57,7 @@ class TaskSharing(Sharing):
         """Begin to share so many tasks, at a time, s."""
         super().__init__(instance, list_id, [resource_of(task) for task in range(tasks)], rng, now)
         self.robot, self.tasks = robot, tasks
-        self.done: dict[int, set[str]] = {}  # by task, the robots that did it
+        self.done: dict[int, dict[str, bool]] = {}  # by task and robot, whether that is unsure
         self.given_up: set[int] = set()  # by this robot
         self._others: dict[str, tuple[float, frozenset[int]]] = {}  # by robot: time, given-up tasks
 
@@ -99,11 +99,11 @@ class TaskSharing(Sharing):
         """Add tasks that another robot knows to be done."""
         for each in done:
             if each.task < self.tasks:
-                self.done.setdefault(each.task, set()).add(each.by)
+                self.done.setdefault(each.task, {})[each.by] = each.unsure
 
-    def finish(self, task: int, now: float) -> None:
-        """Mark a task as done by this robot."""
-        self.done.setdefault(task, set()).add(self.robot)
+    def finish(self, task: int, now: float, *, unsure: bool = False) -> None:
+        """Mark a task as done by this robot, or as done only perhaps."""
+        self.done.setdefault(task, {})[self.robot] = unsure
         self._bid(task, None, now)
 
     # Outputs -------------------------------------------------------------------------------------
@@ -123,6 +123,10 @@ class TaskSharing(Sharing):
         return FleetClaims(self.robot, self.instance, *claims, done, given_up)
 
 
-def done_of(done: Mapping[int, Iterable[str]]) -> tuple[FleetDone, ...]:
+def done_of(done: Mapping[int, Mapping[str, bool]]) -> tuple[FleetDone, ...]:
     """Return the done tasks as messages."""
-    return tuple(FleetDone(task, by) for task in sorted(done) for by in sorted(done[task]))
+    return tuple(
+        FleetDone(task, by, unsure)
+        for task in sorted(done)
+        for by, unsure in sorted(done[task].items())
+    )

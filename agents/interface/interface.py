@@ -36,7 +36,7 @@ from armadico.core.messages import (
 )
 from armadico.core.resources import Resource
 from armadico.core.unseen import Rule
-from armadico.mobile.behaviour import LOST_M, driven_by
+from armadico.mobile.behaviour import FOUND_S, LOST_M, driven_by
 from armadico.mobile.driven import Event, Stage, following
 from armadico.mobile.geometry import relative, wrap
 from armadico.mobile.messages import (
@@ -131,7 +131,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     stays_m: Annotated[float, Meta(gt=0, le=10)] = (
         0.5  # a shorter way back and forth is no progress
     )
-    lost_s: Annotated[float, Meta(gt=0, le=1e5)] = 150.0  # relocate has given up by then
+    lost_s: Annotated[float, Meta(gt=0, le=1e5)] = FOUND_S  # relocate has given up by then
 
     # A mission fails at repeated contacts in one place: further tries only cause damage.
     contacts: Annotated[int, Meta(ge=1, le=1000)] = 3  # a mission fails at this contact
@@ -529,8 +529,8 @@ class Interface(Agent):
             side = "" if state.touch is None else " ahead" if state.touch.x > 0.0 else " behind"
             pose = self.latest(Pose)
             at = "" if pose is None else f" at ({pose.x:.2f}, {pose.y:.2f})"
-            time = f"{self.now - here[0]:.0f} s"
-            self._fail(f"the robot touched something{side}{at}: contact {len(here)} in {time}")
+            time = f"{len(here)} times in {self.now - here[0]:.0f} s"
+            self._fail(f"the robot was held{side}{at} {time}: by contacts, or blocked wheels")
 
     def on_wakeup(self) -> None:
         """Publish the trajectory again for late joiners."""

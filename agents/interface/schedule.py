@@ -26,6 +26,10 @@ PACE_SHARE: Final = 0.4
 START_S: Final = 20.0
 """The time that is allowed beside the way, s: to plan, to turn at the start, and to park."""
 
+SURE: Final = 1.25
+"""A goal is reached for sure if the pose is within so many tolerances of it even when it is off by
+its deviation. That is 0.15 m by default, as `reached` of a run."""
+
 NAMED: Final = 3
 """At most so many causes are named."""
 
@@ -123,7 +127,7 @@ def delay(state: RobotState | None, pose: Pose | None, waits: str | None) -> str
     if state.capped and abs(admitted.v) < abs(ordered.v):
         return f"the robot agent slows {name} down: {state.capped}"
     if state.stalled:
-        return f"{name} drives, and the robot touches something"
+        return f"{name} drives, and the robot is held by a contact, or its wheels are blocked"
     if pose.deviation > UNSURE_M:
         return f"{name} drives slowly, as the pose is uncertain"
     return f"{name} drives too slowly" if ordered.v or ordered.w else f"{name} stands"
@@ -134,9 +138,11 @@ def doubt(pose: Pose, goal: Waypoint, near_m: float, turned_rad: float) -> str:
 
     The mission ends in any case: a pose does not get better while the robot stands.
     """
-    if pose.deviation <= near_m and pose.heading_deviation <= turned_rad:
-        return ""
     off = hypot(goal.x - pose.x, goal.y - pose.y)
+    if not pose.covariance:
+        return f"arrived by a pose of unknown error: {off:.2f} m from the goal"
+    if off + pose.deviation <= SURE * near_m and pose.heading_deviation <= turned_rad:
+        return ""
     return (
         f"arrived as far as the pose is known: {off:.2f} m from the goal, +-{pose.deviation:.2f} m"
         f" and +-{degrees(pose.heading_deviation):.0f} degrees, for a tolerance of {near_m:.2f} m"

@@ -55,6 +55,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     x: Metres = 0.0
     y: Metres = 0.0
     theta: Annotated[float, Meta(ge=-6.2832, le=6.2832)] = 0.0
+    exact: bool = False  # the odometry and this pose have no error, as in some simulations
 
 
 class Encoder(Agent):
@@ -69,7 +70,7 @@ class Encoder(Agent):
     receives: ClassVar[tuple[type[Message], ...]] = (Correction, InitialPose)
     provides: ClassVar[tuple[type[Message], ...]] = (Pose, Origin)
     parameters = Parameters
-    launched_with = ("x", "y", "theta")
+    launched_with = ("x", "y", "theta", "exact")
     p: Parameters
 
     def __init__(self, identity: agent.Identity, parameters: Parameters | None = None) -> None:
@@ -85,7 +86,7 @@ class Encoder(Agent):
         self._waited = 0  # cycles without an origin
         self._correction: Correction | None = None
         self._revision = 0  # of the map that the origin belongs to
-        self._covariance: tuple[float, ...] = ()
+        self._covariance = COVARIANCE * (0.0,) if self.p.exact else ()
         self._initial_pose_at = 0, 0  # the newest cycle, epoch and number, at the last initial pose
 
     def on_origin(self, origin: Origin) -> None:
@@ -96,8 +97,9 @@ class Encoder(Agent):
             self._known = origin.epoch, (origin.at_x, origin.at_y, origin.at_theta)
         self._origin = origin.x, origin.y, origin.theta
         self._counter, self._by = origin.counter, origin.by
-        if not self._covariance and len(origin.covariance) == COVARIANCE:
-            self._covariance = origin.covariance
+        if self.p.exact or not self._covariance:
+            known = len(origin.covariance) == COVARIANCE
+            self._covariance = origin.covariance if known else ()
 
     def on_correction(self, correction: Correction) -> None:
         """Apply a correction from a map (thesis 3.4.1)."""
@@ -194,9 +196,11 @@ class Encoder(Agent):
         """The origin with another robot agent, or after the odometry was reset."""
         before, was = self._known
         if before == epoch or not was_reset(was, odometry):
-            self._covariance = grown(self._covariance, relative(was, odometry))
+            if not self.p.exact:
+                self._covariance = grown(self._covariance, relative(was, odometry))
             return origin
-        self._covariance = grown(self._covariance, (UNCOUNTED_M, 0.0, 0.0))
+        uncounted = UNCOUNTED_M, 0.0, 0.0
+        self._covariance = () if self.p.exact else grown(self._covariance, uncounted)
         # The robot has not jumped. Its motion meanwhile was not counted.
         self.log("the controller's odometry was reset: the pose continues from here", WARNING)
         return self._begin(compose(origin, was), odometry)

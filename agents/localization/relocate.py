@@ -21,7 +21,7 @@ from armadico.core.messages import Message, Point, RobotState
 from armadico.core.parameters import TURN_MARGIN_M, Safety
 from armadico.core.resources import WHEELS
 from armadico.mobile import particles
-from armadico.mobile.behaviour import LOST_M, Behaviour
+from armadico.mobile.behaviour import FOUND_S, LOST_M, Behaviour
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, wrap
 from armadico.mobile.messages import Particles, Pose, Sonar
 from armadico.mobile.obstacles import Obstacles
@@ -64,7 +64,7 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     tell_m: Metres = 2.0  # greatest length of a leg that distinguishes places
     off_rad: Annotated[float, Meta(gt=0, le=1)] = 0.2  # it first turns to a leg farther off
     wait_s: Annotated[float, Meta(gt=0, le=60)] = 2.0  # until the next choice if no leg helps
-    give_up_s: Annotated[float, Meta(gt=0, le=3600)] = 120.0
+    give_up_s: Annotated[float, Meta(gt=0, le=3600)] = FOUND_S
     utility_least: Annotated[float, Meta(ge=0, le=1)] = 0.4  # when just lost
     utility_most_m: Metres = 2.0  # standard deviation of the pose at which the utility is 1
     safety: Safety = Safety()

@@ -93,6 +93,10 @@ class Errand:
     The agent passes in messages (`pose`, `trajectory`, `planned`, `status`) and bids what `bid_for`
     returns. If another agent wins the trajectory, the errand is interrupted and contends with the
     rest of its path. The owner of the trajectory has that planned anew if the robot has left it.
+
+    Attributes:
+        stage: The progress.
+        note: Of the mission's status. At the goal: why it is unknown whether the robot is there.
     """
 
     def __init__(self, rng: random.Random) -> None:
@@ -242,7 +246,7 @@ class Errand:
             return
         event = event_of(status, self._way.id)
         self._on(event)
-        if event in (Event.DRIVEN, Event.FAILED):
+        if event in (Event.DRIVEN, Event.REACHED, Event.FAILED):
             self.note = status.note
         if event is Event.DRIVEN:
             self.standing, self.stands = None, False

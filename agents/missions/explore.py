@@ -259,7 +259,7 @@ class Explore(Agent):
             return
         event = self._order.update(status, self.now)
         if event is Driven.REACHED:
-            self._arrived(exploration)
+            self._arrived(exploration, status.doubt)
         elif event is Driven.INTERRUPTED and status.mission not in self._order.own:
             if self._charges:
                 # It waits for the charger; the next target is chosen afterwards.
@@ -398,7 +398,7 @@ class Explore(Agent):
         revision = 0 if self._map is None else self._map.revision
         self.query(MissionRequest(goal, through, planned=False, revision=revision), on_reply)
 
-    def _arrived(self, exploration: Exploration) -> None:
+    def _arrived(self, exploration: Exploration, doubt: str) -> None:
         if exploration.state is ExploreState.RETURNING:
             left = len(exploration.places.avoided)
             if self._is_open(exploration):
@@ -408,6 +408,7 @@ class Explore(Agent):
             elif left:
                 self._fail(exploration, f"{left} places could not be reached")
             else:
+                exploration.note = doubt
                 self._on(exploration, Event.BACK)
             return
         target = exploration.places.target

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 import msgspec
 from msgspec import Meta
@@ -24,7 +24,7 @@ from armadico.core.messages import (
 )
 from armadico.core.services import event, latch, query, state
 from armadico.mobile.errand import Errands, Order, Progress, StepDone
-from armadico.mobile.messages import Joules, Leading, MissionReply, Waypoint
+from armadico.mobile.messages import UNSURE, Joules, Leading, MissionReply, Waypoint
 
 
 class ExploreRequest(Order, frozen=True):
@@ -53,7 +53,10 @@ class ExploreState(StrEnum):
 
 
 class ExploreStatus(Errands, frozen=True):
-    """The explore agent's report; `exploration` is the number of the reply to its request."""
+    """The explore agent's report; `exploration` is the number of the reply to its request.
+
+    One that is done with a note is back as far as the pose is known, which is not far enough.
+    """
 
     exploration: Bits64
     state: ExploreState
@@ -72,6 +75,7 @@ class ExploreStatus(Errands, frozen=True):
                 state=self.state.value,
                 over=self.state in (ExploreState.DONE, ExploreState.FAILED),
                 failed=self.note if self.state is ExploreState.FAILED else "",
+                doubt=self.note if self.state is ExploreState.DONE else "",
                 summary=f"exploration {self.state.value}{why}; {self.known:.1f} m^2 known,"
                 f" {self.places} places driven to, {self.given_up} of them not reached",
             ),
@@ -199,6 +203,9 @@ class Frame(Message, frozen=True):
     elapsed: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # time spent on the step, s
     begun: bool = False
     stage: Counter = 0  # the task's own
+    doubt: Text = ""  # why it is unknown whether its request was done; empty: it was
+
+    appended: ClassVar[int] = 1
 
 
 class StepEnd(StrEnum):
@@ -216,6 +223,9 @@ class StepResult(Message, frozen=True):
     end: StepEnd
     said: Text = ""
     at: Annotated[float, Meta(ge=0, le=LARGEST)] = 0.0  # the mission's time at work by then, s
+    doubt: Text = ""  # why it is unknown whether a step that is done is; empty: it is
+
+    appended: ClassVar[int] = 1
 
     def __str__(self) -> str:
         return str(self.done)
@@ -223,7 +233,8 @@ class StepResult(Message, frozen=True):
     @property
     def done(self) -> StepDone:
         """The result in the form that all errands share."""
-        return StepDone(self.step, self.end.value, self.said, self.at)
+        end = UNSURE if self.doubt else self.end.value
+        return StepDone(self.step, end, self.doubt or self.said, self.at)
 
 
 class Course(Message, frozen=True):
@@ -235,6 +246,9 @@ class Course(Message, frozen=True):
     detour: Steps = ()  # done before the next step
     drops: Counter = 0  # the number of steps that the detour replaces
     results: Annotated[tuple[StepResult, ...], Meta(max_length=100)] = ()  # the newest
+    doubt: Text = ""  # of the first step of which it is unknown whether it is done
+
+    appended: ClassVar[int] = 1
 
 
 class MissionEnd(StrEnum):
@@ -243,7 +257,7 @@ class MissionEnd(StrEnum):
     QUEUED = "queued"  # not begun
     ACTIVE = "active"
     SUSPENDED = "suspended"  # begun, while another one is more urgent
-    DONE = "done"
+    DONE = "done"  # with a note: unsure, since a step may not be
     FAILED = "failed"
     CANCELLED = "cancelled"
 
@@ -279,10 +293,20 @@ class BoardMission(Message, frozen=True):
         """Whether the mission has ended."""
         return self.state in ENDS
 
+    @property
+    def outcome(self) -> str:
+        """The state for people and JSON: `unsure` if it is done only perhaps."""
+        return UNSURE if self.doubt else self.state.value
+
+    @property
+    def doubt(self) -> str:
+        """Why it is unknown whether it is done; "" if it is, or is not over."""
+        return self.note if self.state is MissionEnd.DONE else ""
+
     def __str__(self) -> str:
         """The number of steps done, the current step, and the note."""
-        done = sum(result.end is StepEnd.DONE for result in self.course.results)
-        words = [f"{done} done", self.doing or self.state.value]
+        done = sum(result.done.end == StepEnd.DONE for result in self.course.results)
+        words = [f"{done} done", self.doing or self.outcome]
         words += [f"{len(self.ahead)} to come"] if self.ahead else []
         return ", ".join([*words, *filter(None, [self.note])])
 
@@ -294,10 +318,11 @@ class BoardMission(Message, frozen=True):
             self.mission,
             over=self.over,
             failed=": ".join(filter(None, [why, self.note])) if why else "",
+            doubt=self.doubt,
             note=self.note,
             summary=str(self),
             name=self.name,
-            state=self.state.value,
+            state=self.outcome,
             priority=self.priority,
             by=self.by,
             active=self.state is MissionEnd.ACTIVE,

@@ -249,7 +249,7 @@ class MissionPlanning(DeliberativeAgent):
                 wants.order = 0  # the explore agent has restarted: order again
                 wants.wait(self.now)
         elif status.state is ExploreState.DONE:
-            wants.reach = Reach.DONE
+            wants.done(status.note)
         elif status.state is ExploreState.FAILED:
             wants.fail(status.note)
 
@@ -258,7 +258,7 @@ class MissionPlanning(DeliberativeAgent):
         match self._wanted:
             case Charging(key=(_, _, Charge(until=until)), reach=Reach.UNDER_WAY) as wants:
                 if level.share >= min(until, FULL):  # in the dock, or already
-                    wants.reach = Reach.DONE
+                    wants.done()
 
     def on_charge_status(self, status: ChargeStatus) -> None:
         """Track whether there is a path to a dock; without one the robot is never charged."""
@@ -418,8 +418,7 @@ class MissionPlanning(DeliberativeAgent):
             else 0
         )
         for result in out.course.results[old:]:
-            note = f": {result.said}" if result.said else ""
-            self.log(line(f"{entry.listed.name}: {result.step} {result.end}{note}"))
+            self.log(line(f"{entry.listed.name}: {result}"))
         for event in out.events:
             self._publish_event(event, number)
         self._changed |= out.course.tasks != course.tasks or out.course.results != course.results
@@ -437,11 +436,12 @@ class MissionPlanning(DeliberativeAgent):
 
     def _over(self, entry: Entry, failed: str | None) -> None:
         end = MissionEnd.DONE if failed is None else MissionEnd.FAILED
-        self._missions.end(entry, end, failed or "")
+        note = entry.listed.course.doubt if failed is None else failed
+        self._missions.end(entry, end, note)
         self._want(None)
-        why = "" if failed is None else f": {failed}"
+        why = f": {note}" if note else ""
         level = agent.INFO if failed is None else WARNING
-        self.log(line(f"mission {entry.listed.name} {end}{why}"), level)
+        self.log(line(f"mission {entry.listed.name} {entry.listed.outcome}{why}"), level)
         self._changed = True
 
     def _publish_event(self, event: Message, mission: int) -> None:
@@ -588,7 +588,7 @@ class MissionPlanning(DeliberativeAgent):
     def _drive(self, entry: Entry, wants: Driving, request: Drive, beliefs: Beliefs) -> None:
         errand, pose = self.errand, self.fresh(Pose)
         if errand.stage is Stage.REACHED:
-            wants.reach = Reach.DONE
+            wants.done(errand.note)
             errand.stand(pose)
         elif errand.stage is Stage.FAILED:
             self._not_planned(wants)

@@ -83,7 +83,7 @@ def advance(
         beliefs: The present estimates.
         seconds: The time at work since the last update, s.
         state: The progress of the task's request.
-        note: The reason if that has failed.
+        note: The reason if that has failed; of one that is done, why that is unknown.
     """
     return _Update(mission, course, beliefs).run(seconds, state, note)
 
@@ -237,7 +237,7 @@ class _Update:
             self._inapplicable(step)
             return
         procedure = self._mission.procedures.get(step.do)
-        self._set(begun=True, elapsed=0.0, stage=0)
+        self._set(begun=True, elapsed=0.0, stage=0, doubt="")
         if procedure is None:
             self._course = replace(self._course, tasks=next_count(self._course.tasks))
             return
@@ -266,6 +266,8 @@ class _Update:
 
     def tick(self, step: Step, state: Reach, note: str) -> Request | None:
         """Update the current task; return its request if it goes on."""
+        if state is Reach.DONE and note:
+            self._set(doubt=line(note)[:NOTE_MOST])
         frame = self._frame
         progress = Progress(frame.elapsed, state, note, frame.stage)
         try:
@@ -286,7 +288,7 @@ class _Update:
         else:
             if verdict.event is not None:
                 self._events.append(verdict.event)
-            self._record(step, StepEnd.DONE, verdict.said)
+            self._record(step, StepEnd.DONE, verdict.said, frame.doubt)
             self._step_done()
         return None
 
@@ -331,12 +333,12 @@ class _Update:
     def _end(self, why: str) -> None:
         self._course, self._failed = replace(self._course, frames=()), line(why)
 
-    def _record(self, step: Step, end: StepEnd, note: str = "") -> None:
-        result = StepResult(
-            line(str(step))[:NOTE_MOST], end, line(note)[:NOTE_MOST], self._course.elapsed
-        )
-        results = (*self._course.results, result)[-RESULTS_MOST:]
-        self._course = replace(self._course, results=results)
+    def _record(self, step: Step, end: StepEnd, note: str = "", doubt: str = "") -> None:
+        course, name = self._course, line(str(step))[:NOTE_MOST]
+        result = StepResult(name, end, line(note)[:NOTE_MOST], course.elapsed, doubt)
+        first = course.doubt or (doubt and f"{name}: {doubt}")
+        results = (*course.results, result)[-RESULTS_MOST:]
+        self._course = replace(course, results=results, doubt=first)
 
     def _holds(self, when: When) -> bool:
         left, alarms = self._beliefs.battery, self._beliefs.alarms

@@ -63,7 +63,7 @@ class Progress(Struct, frozen=True):
     Attributes:
         elapsed: Time since its step began, s, without the time while the mission was suspended.
         state: Of its last request.
-        note: Why that failed, or what it waits for.
+        note: Why that failed, what it waits for, or why it is unknown whether it is done.
         stage: The task's own number from its last result; 0 at first.
     """
 

@@ -41,7 +41,7 @@ class Wanted:
         key: The mission, the task's number, and the request.
         since: When it was first requested, s.
         reach: Its progress.
-        note: Why it has failed, or what it waits for.
+        note: Why it has failed, what it waits for, or why it is unknown whether it is done.
         patience: With refusals.
     """
 
@@ -50,6 +50,9 @@ class Wanted:
     reach: Reach = Reach.UNDER_WAY
     note: str = ""
     patience: Patience = Patience()
+
+    def done(self, doubt: str = "") -> None:
+        self.reach, self.note = Reach.DONE, line(doubt)
 
     def fail(self, why: str) -> None:
         self.reach, self.note = Reach.FAILED, line(why)

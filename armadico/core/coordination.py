@@ -233,6 +233,8 @@ class Contender:
         if bid is None:
             self._bids.clear()
             return self._do(Event.NO_BID, now)
+        if self.state is State.HOLDING and self._lapsed(cycle):
+            self._do(Event.OUTBID, now)  # its silence was its own: it contends anew
         _remember(self._bids, cycle, bid)
         self._inputs = inputs
         self._do(Event.BID, now)
@@ -526,6 +528,18 @@ class Contender:
             return False
         age = self.clock.age(ack.obeyed_cycle)
         return ack.obeyed >= self.largest and age is not None and age <= 1
+
+    def _lapsed(self, cycle: Cycle) -> bool:
+        """Whether this holder's last command was obeyed, and it has made no bid for long since.
+
+        That is a holder without fresh inputs, for example. Cycles that it missed do not count.
+        """
+        last, ack, tenure = next(reversed(self._bids), None), self.ack, self.tenure
+        if last is None or ack is None or tenure is None or ack.obeyed != tenure.ballot:
+            return False
+        resumed = 0 if self.clock.resumed is None else self.clock.resumed.number
+        paused = cycle.epoch == last.epoch and cycle.number - max(last.number, resumed) >= UNOBEYED
+        return paused and ack.obeyed_cycle == last
 
     def _cycles_without(self, since: Cycle, ballot: Ballot | None) -> int:
         """Return the cycles since a tenure began or a ballot (None: any) was last obeyed.

@@ -241,6 +241,7 @@ def facts(
         "x": x,
         "y": y,
         "theta": theta,
+        "exact": "true" if scenario.sensors == society().ideal.sensors else None,
         "start_m": PLACED_M if placed else None,
         "start_rad": PLACED_RAD if placed else None,
         "world": None if unmapped(scenario) else scenario.world,

@@ -1,19 +1,23 @@
-"""Devices on the virtual mesh, behind device agents' ports."""
+"""Devices on the virtual mesh, behind device agents' ports, whose lines have guards."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from armadico.core.braking import Braking
+from armadico.core.outgoing import EXPIRY_S, STEP_S, Write
 from armadico.mesh.virtual_node import Node
 from armadico.mesh.virtual_place import DEVICE, Device, Network, address
 
 
 @dataclass
 class Port:
-    """A device and the node that opened it last."""
+    """A device, the node that opened it last, and what its guard does."""
 
     device: Device
     node: Node
+    guard: Braking = field(default_factory=lambda: Braking(EXPIRY_S, STEP_S))
+    waits: bool = False  # a look at the guard is scheduled
 
 
 class Ports:
@@ -27,14 +31,52 @@ class Ports:
         """Open a device for a node."""
         for port in self._ports:
             if port.device is device:
-                port.node = node
+                port.node, port.guard = node, Braking(EXPIRY_S, STEP_S)
                 return
         port = Port(device, node)
         self._ports.append(port)
         self._mesh.call_at(self._mesh.now, self._device_due, port)
 
-    def write(self, node: Node, data: bytes) -> None:
-        """Send bytes to a node's device."""
+    def write(self, node: Node, item: Write) -> None:
+        """Send a write's bytes to a node's device, and let its guard know."""
+        for port in self._of(node):
+            port.guard.renew(item.brakes, self._mesh.now)
+            self._watch(port)
+        if item.data:
+            self._send(node, item.data)
+
+    def closed(self, node: Node) -> None:
+        """Process that a node has ended: its guard brakes the device, if it moves."""
+        for port in self._of(node):
+            port.guard.at_once(self._mesh.now)
+            self._brake(port)
+
+    def _of(self, node: Node) -> list[Port]:
+        return [port for port in self._ports if port.node is node]
+
+    def _watch(self, port: Port) -> None:
+        due = port.guard.due
+        if due is not None and not port.waits:
+            port.waits = True
+            self._mesh.call_at(due, self._guard_due, port)
+
+    def _guard_due(self, port: Port, _: object) -> None:
+        port.waits = False
+        self._brake(port)
+
+    def _brake(self, port: Port) -> None:
+        """Write the guard's next step, if it is due."""
+        guard, node = port.guard, port.node
+        if guard.due is not None and guard.due <= self._mesh.now:
+            if not node.alive and guard.is_over:
+                return
+            data, is_new = guard.step(self._mesh.now)
+            self._send(node, data)
+            if is_new:
+                node.braked()
+        self._watch(port)
+
+    def _send(self, node: Node, data: bytes) -> None:
         link = self._mesh.link(node.address, address(node.namespace, DEVICE))
         at = link.arrival(self._mesh.now)
         if at is not None:

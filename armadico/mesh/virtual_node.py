@@ -11,7 +11,7 @@ from armadico.core.journal import Journalled
 from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS, Mailbox
 from armadico.core.messages import JournalPiece, Message
-from armadico.core.outgoing import Publish, SendQuery, Write
+from armadico.core.outgoing import EXPIRY_S, Publish, SendQuery, Write
 from armadico.core.resources import WHEELS
 from armadico.core.services import Kind, matches
 from armadico.mesh.virtual_clock import Step
@@ -87,6 +87,10 @@ class Node(Place):
         self.driver.leave(self.time)
         self._send(self.driver.drain())
         self.kill()
+
+    def kill(self) -> None:
+        super().kill()
+        self.mesh.ports.closed(self)
 
     def hang(self) -> None:
         """SIGSTOP: deliveries wait, its token stays for the lease."""
@@ -168,6 +172,10 @@ class Node(Place):
     def received(self, data: bytes, _: object) -> None:
         """Process bytes from the device."""
         self._accept(lambda: self.driver.received(data, self.time), "device")
+
+    def braked(self) -> None:
+        """Process that the guard of its device's line has braked by one step."""
+        self._accept(lambda: self.driver.braked(self.time), "braked")
 
     def _replied(self, number: int, message: Message | None) -> None:
         self._accept(lambda: self.driver.on_reply(number, message, self.time), f"reply/{number}")
@@ -252,7 +260,7 @@ class Node(Place):
                 if why:
                     self.unsent(item.key, why)
             elif isinstance(item, Write):
-                self.mesh.ports.write(self, item.data)
+                self.mesh.ports.write(self, item)
             elif isinstance(item, SendQuery):
                 self._ask(item)
             elif isinstance(item, Reply):
@@ -261,6 +269,9 @@ class Node(Place):
                 self.announce(self.name, self.agent.instance)
             elif isinstance(item, OpenPort) and self.device is not None:
                 self.mesh.ports.plug(self.device, self)
+                if any(resource.stops for resource in self.agent.owns):
+                    # This guard has priority over all, and never fails.
+                    self.driver.guarded(EXPIRY_S, EXPIRY_S, self.time)
                 self.driver.link(True, "", self.time)
                 self._drain()
 

@@ -17,7 +17,7 @@ class StepDone(NamedTuple):
     """The end of one step of an errand."""
 
     step: str
-    end: str  # "done", "failed", "passed over"
+    end: str  # "done", "unsure", "failed", "passed over"
     note: str
     at: float  # the errand's working time by then, s
 
@@ -33,6 +33,7 @@ class Progress:
         number: Its number, as in the reply to its order.
         over: Whether it has ended.
         failed: Why it failed; empty: it has not.
+        doubt: Why it is unknown whether all of it was done; empty: nothing speaks against it.
         note: Why it does not proceed now, or other information.
         summary: All of it in a line, for people.
         name: Its name; empty: none.
@@ -49,6 +50,7 @@ class Progress:
     number: int
     over: bool
     failed: str = ""
+    doubt: str = ""
     note: str = ""
     summary: str = ""
     name: str = ""
@@ -60,6 +62,11 @@ class Progress:
     room: str = ""
     ahead: tuple[str, ...] = ()
     steps: tuple[StepDone, ...] | None = None
+
+    @property
+    def succeeded(self) -> bool | None:
+        """Whether it has ended as requested; None: that is unknown."""
+        return None if self.over and self.doubt else self.over and not self.failed
 
     @property
     def done(self) -> int:

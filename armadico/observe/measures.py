@@ -28,6 +28,7 @@ from armadico.core.services import derived
 from armadico.mobile.errand import Errands, Progress
 from armadico.mobile.geometry import STOOD, Pose2, compose, relative, to_world, wrap
 from armadico.mobile.messages import (
+    UNSURE,
     BatteryLevel,
     MissionState,
     MissionStatus,
@@ -90,7 +91,8 @@ class Result(Struct, frozen=True):
     from start to goal. Without a goal `reached`, FO and P are null. `reached` is null, too, if the
     true pose is not known; `arrived` is what the interface agent reports, by the estimated pose,
     of which `deviation_m` is the standard deviation at the end. `done` is whether a mission of
-    several tasks ended as requested, and `tasks` the result of each; null for other missions.
+    several tasks ended as requested, null if that is unknown, and `tasks` the result of each; null
+    for other missions.
     `limit_s` is the time limit if it ended the run. `why` is the reason of a failure, or why the
     robot did not drive at the end. Shares (TG, TA, TGt in the thesis) are by agent, in per cent of
     the cycles in which any agent was obeyed. `unseen_m` is how much of the paths leads through what
@@ -131,6 +133,8 @@ class Result(Struct, frozen=True):
         """Whether the goal was reached, and if not, why the run ended."""
         limit = "" if self.limit_s is None else f": time limit of {self.limit_s:.0f} s"
         why = f": {self.why}" if self.why else ""
+        if self.tasks is not None and self.done is None:
+            return f"{UNSURE}{why}"
         if self.done is not None:
             return "done" if self.done else f"NOT done{limit}{why}"
         if self.reached is not None:
@@ -403,7 +407,11 @@ class RunWatch:
             return f"stopped by {state.stop.requester}; {how}"
         if not state.motors:
             return "the robot's motors are off"
-        return "stalled: the robot touches something" if state.stalled else ""
+        return (
+            "stalled: the robot touches something, or its wheels are blocked"
+            if state.stalled
+            else ""
+        )
 
     def judge(self) -> Judgement:
         """Whether the goal is reached or the mission done, without a collision."""
@@ -427,7 +435,7 @@ class RunWatch:
     def _mission_done(self) -> Judgement:
         errand = self.errand
         if errand is not None and errand.over and not errand.failed:
-            return yes()
+            return unknown(f"mission unsure: {errand.doubt}") if errand.doubt else yes()
         if self.phase is Phase.LOST:
             return unknown("mission: unknown", AGAIN)
         if errand is None and not self.failed:
@@ -467,7 +475,7 @@ class RunWatch:
             limit_s=self.limit,
             conditions=self.conditions,
             why=self._why,
-            done=None if self.tasks is None else self.tasks.over and not self.tasks.failed,
+            done=None if self.tasks is None else self.tasks.succeeded,
             tasks=None
             if self.tasks is None
             else tuple(
@@ -565,7 +573,7 @@ class RunWatch:
                 elif errand.failed:
                     self._enter(Phase.FAILED, errand.failed)
                 else:
-                    self._enter(Phase.DONE)
+                    self._enter(Phase.DONE, errand.doubt)
                 return
         if before is not None and before.steps is not None:
             self._enter(Phase.FAILED, "it was removed from the board")

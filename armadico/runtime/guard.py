@@ -10,7 +10,7 @@ Then it drops bytes that move the robot, and brakes, until the agent has latched
 beside the socket marks that, for the guard of a restarted agent.
 
 It ends when the agent's pipe closes and the robot was braked. It ignores the signals that end the
-agent, which has the last word. It imports nothing but the transport, so that it starts fast.
+agent, which has the last word. It imports little but the transport, so that it starts fast.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
+
+from armadico.core.braking import Braking
 
 TYPE_CHECKING = False  # importing `typing` is slow
 if TYPE_CHECKING:
@@ -47,8 +49,7 @@ LATCHED: Final = marshal.dumps(None)  # from the agent, instead of a write: it h
 LARGEST: Final = 65_536  # most bytes of a message to the agent
 READ_S: Final = 0.1  # timeout of one read of the line
 FULL_S: Final = 0.05  # readings that the agent does not take within this time are lost, s
-BEAT_S: Final = 0.1  # period of `BEAT`, and of repeating the last braking bytes
-REPEATS: Final = 2  # of the last braking bytes, once the agent has gone
+BEAT_S: Final = 0.1  # period of `BEAT`
 LEAVES_S: Final = 5.0  # after this time without an agent it ends, even if the line hangs
 TURN: Final = 64  # most writes of the agent between two looks at the stop
 PRIORITY: Final = 20  # of SCHED_FIFO: above ordinary processes, below the kernel's threads
@@ -74,13 +75,10 @@ class Guard:
             step_s: The time between two steps of braking, s.
         """
         self._agent, self._port = agent, port
-        self._expiry_s, self._step_s = expiry_s, step_s
         self._mark = f"{place}-stop"
         self._stopped = os.path.exists(self._mark)
         self._notices: deque[bytes] = deque([STOP] if self._stopped else ())
-        self._brakes: tuple[bytes, ...] = ()  # what is left to write; the last one stays
-        self._repeats = 0  # how often the last one was written
-        self._due: float | None = None  # when the next one is
+        self._braking = Braking(expiry_s, step_s)
         self._gone = False  # the agent
         self._stops = _Stops(place)
         self._inputs: list[socket.socket | int] = [agent, *self._stops.sources, *_keys()]
@@ -89,21 +87,23 @@ class Guard:
         """Return when the agent has gone and the robot was braked. Raises OSError of the line."""
         threading.Thread(target=self._read, name="line", daemon=True).start()
         beat_at = 0.0
-        while not (self._gone and (self._due is None or self._repeats > REPEATS)):
+        while not (self._gone and self._braking.is_over):
             now = time.monotonic()
             if now >= beat_at:
                 beat_at = now + BEAT_S
                 self._notices.append(BEAT)
             while self._notices and self._tell(self._notices[0]):
                 self._notices.popleft()
-            until = beat_at if self._due is None else min(beat_at, self._due)
+            due = self._braking.due
+            until = beat_at if due is None else min(beat_at, due)
             ready = select.select(self._inputs, [], [], max(until - now, 0.0))[0]
             stops = [self._is_stop(source) for source in ready if source is not self._agent]
             if any(stops):
                 self._stop()
             if self._agent in ready:
                 self._on_agent()
-            if self._due is not None and time.monotonic() >= self._due:
+            due = self._braking.due
+            if due is not None and time.monotonic() >= due:
                 self._brake()
 
     def close(self) -> None:
@@ -124,7 +124,7 @@ class Guard:
                 self._gone = True
                 self._inputs.remove(self._agent)
                 signal.setitimer(signal.ITIMER_REAL, LEAVES_S)
-                self._due = None if self._due is None else time.monotonic()
+                self._braking.at_once(time.monotonic())
                 return
             self._on_write(marshal.loads(message))
 
@@ -139,23 +139,17 @@ class Guard:
             return
         if data:
             self._port.write(data)
-        self._brakes, self._repeats = brakes, 0
-        self._due = None
-        if brakes:
-            self._due = time.monotonic() + (0.0 if self._stopped else self._expiry_s)
+        now = time.monotonic()
+        self._braking.renew(brakes, now)
+        if self._stopped:
+            self._braking.at_once(now)
 
     def _brake(self) -> None:
         """Write the next step, and tell the agent."""
-        self._port.write(self._brakes[0])
-        wait = self._step_s
-        if len(self._brakes) > 1:
-            self._brakes = self._brakes[1:]
-        else:
-            self._repeats += 1
-            wait = BEAT_S
-        if self._repeats < 2:
+        data, is_new = self._braking.step(time.monotonic())
+        self._port.write(data)
+        if is_new:
             self._notices.append(BRAKED)
-        self._due = time.monotonic() + wait
 
     # The stop ------------------------------------------------------------------------------------
 
@@ -165,7 +159,7 @@ class Guard:
             with suppress(OSError):
                 os.close(os.open(self._mark, os.O_CREAT | os.O_WRONLY, 0o600))
         self._notices.append(STOP)
-        self._due = None if self._due is None else time.monotonic()
+        self._braking.at_once(time.monotonic())
 
     def _is_stop(self, source: socket.socket | int) -> bool:
         """Read a source of stops; return whether it orders one, as everything does that comes."""

@@ -223,6 +223,14 @@ def test_what_is_done_is_a_set_that_only_grows() -> None:
     assert sharing.open == [1, 3]
 
 
+def test_a_task_that_is_done_only_perhaps_is_passed_on_as_that() -> None:
+    sharing = TaskSharing("r0", "fleet-r0", LIST, 4, Random(1), 0.0)
+    sharing.finish(3, 1.0, unsure=True)
+    later = TaskSharing("r1", "fleet-r1", LIST, 4, Random(1), 0.0)
+    later.learn(done_of(sharing.done))
+    assert done_of(later.done) == (FleetDone(3, "r0", unsure=True),)
+
+
 # Everything at once -------------------------------------------------------------------------------
 
 EVENTS = st.lists(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from random import Random
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
+from armadico.agents.missions.errands import Errand
 from armadico.config.scenarios import load_scenario
 from armadico.core.exchange import EXCHANGES, Bid
 from armadico.core.messages import Claim, Point, RobotState, encode
@@ -19,6 +21,7 @@ from armadico.mobile.messages import (
     MissionState,
     MissionStatus,
     Pose,
+    Trajectory,
     Way,
     Waypoint,
 )
@@ -31,6 +34,16 @@ A, B, C = Waypoint(1.0, 0.0, 0.0), Waypoint(2.0, 0.0, 0.0), Waypoint(2.0, 2.0, 1
 
 
 ORIGIN = Point(0.0, 0.0)
+
+
+def test_an_errand_keeps_why_it_is_unknown_whether_the_robot_is_at_its_goal() -> None:
+    errand = Errand(Random(1))
+    errand.trajectory(Trajectory(1, 7, (A,), ORIGIN))
+    assert errand.resume(A, 7)
+    errand.status(MissionStatus(7, MissionState.REACHED, 0.1, note="+-0.30 m"))
+    assert (errand.stage, errand.note) == (Stage.REACHED, "+-0.30 m")
+    errand.drop()
+    assert errand.note == ""
 
 
 def way(*waypoints: Waypoint, number: int = 1, start: Point = ORIGIN, leg: int = 0) -> Way:

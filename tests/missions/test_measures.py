@@ -12,6 +12,7 @@ from armadico.agents.missions.messages import (
     StepEnd,
     StepResult,
 )
+from armadico.core.judgement import Answer
 from armadico.core.messages import (
     Cycle,
 )
@@ -49,6 +50,17 @@ def test_a_mission_removed_from_the_board_is_over() -> None:
     result = run.watch.result()
     assert result.done is False
     assert result.why
+
+
+def test_a_mission_that_is_done_only_perhaps_is_neither_done_nor_passed() -> None:
+    run = Run(goal=None).begin()
+    run.cycle(0.0)
+    run.show(board(MissionEnd.DONE, "move(R1): +-0.30 m"))
+    result = run.watch.result()
+    assert run.watch.done
+    assert result.done is None
+    assert result.judgement.answer is Answer.UNKNOWN
+    assert result.outcome == "unsure: move(R1): +-0.30 m"
 
 
 def test_a_mission_of_several_tasks_is_done_or_not_and_has_its_steps() -> None:

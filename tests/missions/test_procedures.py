@@ -86,6 +86,18 @@ def test_steps_are_done_one_after_another_and_what_comes_of_them_is_kept() -> No
     assert [result.at for result in drill.course.results] == [2.0, 5.5]
 
 
+def test_a_step_whose_goal_may_be_missed_is_unsure_and_so_is_its_mission() -> None:
+    drill = Drill(mission('do = "move", to = "R1"', 'do = "move", to = "R2"'))
+    drill.look(1.0, Reach.DONE, "+-0.30 m")
+    drill.done()
+    assert [str(result) for result in drill.course.results] == [
+        "move(R1) unsure: +-0.30 m",
+        "move(R2) done: in R1",
+    ]
+    assert (drill.over, drill.out.failed) == (True, None)
+    assert drill.course.doubt == "move(R1): +-0.30 m"
+
+
 def test_what_fails_without_an_alternative_fails_the_mission_and_says_why() -> None:
     drill = Drill(mission('do = "move", to = "R1"', 'do = "take-photo"'))
     assert drill.failed("the door is shut").failed == "move(R1): the door is shut"

@@ -30,7 +30,8 @@ class FleetResult(Struct, frozen=True):
 
     `unreachable` are tasks that every robot has given up. `makespan_s` is the time from accepting
     the list until the last task was done; null if some were not. `twice` are tasks done by two
-    robots. `messages` is the number of messages for sharing, without poses, per task. `judgement`
+    robots, `unsure` those of which it is unknown whether the robot was there, by the deviation of
+    its pose. `messages` is the number of messages for sharing, without poses, per task. `judgement`
     is the conclusion: without the truth of each robot nobody knows whether one touched anything.
     """
 
@@ -45,6 +46,7 @@ class FleetResult(Struct, frozen=True):
     limit_s: float | None = None
     note: str = ""
     unreachable: tuple[int, ...] = ()
+    unsure: tuple[int, ...] = ()
     judgement: Judgement = unknown("nothing was judged")
 
     @property
@@ -57,6 +59,7 @@ class FleetResult(Struct, frozen=True):
         took = "" if self.makespan_s is None else f" in {self.makespan_s:.1f} s"
         left = ", ".join(map(str, self.unreachable))
         unreached = f"; no robot reaches {left}" if left else ""
+        unsure = f", {len(self.unsure)} of them unsure" if self.unsure else ""
         limit = "" if self.limit_s is None else f"; time limit of {self.limit_s:.0f} s"
         known = [row.collisions for row in self.robots if row.collisions is not None]
         least = " or more" if known and len(known) < len(self.robots) else ""
@@ -64,7 +67,7 @@ class FleetResult(Struct, frozen=True):
         return (
             f"{self.done} of {self.tasks} tasks done{took} by {len(self.robots)} robots,"
             f" {len(self.twice)} twice; {self.messages:.0f} messages a task{touched}"
-            f"{unreached}{limit}"
+            f"{unreached}{unsure}{limit}"
         )
 
 
@@ -107,6 +110,7 @@ class FleetWatch:
     # The tasks that each robot has given up, and the time of that message.
     _given_up: dict[str, tuple[float, frozenset[int]]] = field(default_factory=dict)
     _robots: dict[str, _Robot] = field(default_factory=dict)
+    _unsure: set[int] = field(default_factory=set)
 
     def begin(self, list_id: int, now: float) -> None:
         """Begin to measure: the list is accepted."""
@@ -185,6 +189,7 @@ class FleetWatch:
             did = self._one(each.by).tasks
             if each.task not in did:
                 did.append(each.task)
+                self._unsure |= {each.task} if each.unsure else set()
         if self.ended is None and len(self.done) == self.tasks:
             self.ended = self.now
 
@@ -232,6 +237,7 @@ class FleetWatch:
             limit_s=None if self.over else self.limit,
             note=self.note,
             unreachable=self.unreachable,
+            unsure=tuple(sorted(self._unsure)),
             judgement=self.judge(),
         )
 
@@ -250,7 +256,8 @@ class FleetWatch:
         if len(did) > len(set(did)):
             return no("a task was done twice")
         if len(self.done) == self.tasks:
-            return yes()
+            unsure = ", ".join(map(str, sorted(self._unsure)))
+            return unknown(f"whether a robot was there: task {unsure}") if unsure else yes()
         count = f"{len(self.done)} of {self.tasks} tasks done"
         return unknown(f"{count}; {self.lost}") if self.lost else no(count)
 

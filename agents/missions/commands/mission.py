@@ -222,7 +222,7 @@ def _chosen(missions: Sequence[BoardMission], named: str) -> list[BoardMission]:
 
 
 def in_a_line(mission: BoardMission) -> str:
-    line = f"{mission.name:16} {mission.priority:.1f}  {mission.state.value:10} {mission.mission}"
+    line = f"{mission.name:16} {mission.priority:.1f}  {mission.outcome:10} {mission.mission}"
     doing = "" if mission.over else f"  {mission}"
     note = f"  {mission.note}" if mission.note and mission.over else ""
     return options.shown(f"{line}{doing}{note}")
@@ -231,14 +231,14 @@ def in_a_line(mission: BoardMission) -> str:
 def plain(mission: BoardMission) -> dict[str, object]:
     """Return a mission of the board for JSON."""
     results = [
-        {"step": r.step, "end": r.end.value, "note": r.said, "at_s": round(r.at, 3)}
-        for r in mission.course.results
+        {"step": r.step, "end": r.end, "note": r.note, "at_s": round(r.at, 3)}
+        for r in (result.done for result in mission.course.results)
     ]
     return {
         "mission": mission.mission,
         "name": mission.name,
         "priority": mission.priority,
-        "state": mission.state.value,
+        "state": mission.outcome,
         "by": mission.by,
         "doing": mission.doing,
         "room": mission.room,

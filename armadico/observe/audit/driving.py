@@ -373,7 +373,7 @@ class Speed(Rule):
         pose, about, seen = now.pose, now.description, now.obstacles
         if not now.driving or pose is None or about is None or seen is None or not now.holder:
             return False
-        if pose.deviation > SURE_M or not self._route.waypoints:
+        if not pose.covariance or pose.deviation > SURE_M or not self._route.waypoints:
             return False
         if self._route.to_go(pose.x, pose.y) < LONG_M + PARKS_M:
             return False
@@ -405,7 +405,8 @@ class Brakes(Rule):
         if not isinstance(message, RobotState) or now.description is None:
             return
         admitted = 0.0 if message.stop.stopped else now.admitted
-        if admitted is None:
+        # A wheel that comes to rest or turns around in a bend is held for some cycles by friction.
+        if admitted is None or message.v < abs(message.w) * now.description.half_width:
             return
         self._follows.add(now.now, admitted, message.v)
         share = self._follows.brakes(now.description.v_decel)

@@ -9,6 +9,7 @@ from typing import Final
 
 from armadico.core.judgement import Answer
 from armadico.core.messages import Message, RobotState
+from armadico.mobile.behaviour import FOUND_S
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import (
     MissionState,
@@ -47,10 +48,6 @@ LONG_S: Final = 10.0
 STUCK_S: Final = 60.0
 """Coming no nearer counts as the cause of a failure after this time, s. The interface agent gives
 up after two minutes; that it is late is another finding."""
-
-LOST_S: Final = 30.0
-"""The longest, s, that an undisturbed robot with missions may be lost. A search of a floor takes
-some seconds of turning and driving."""
 
 LATELY_S: Final = 10.0
 """What was seen within this time before a failure may be its cause, s."""
@@ -220,9 +217,9 @@ class Reached(Rule):
             goal = self._goal
             if goal is not None and goal[0] == message.mission != self._known:
                 self._known, self.checked = message.mission, True
-                yield from self._judge(goal[1], now)
+                yield from self._judge(goal[1], message.doubt, now)
 
-    def _judge(self, goal: Waypoint, now: Scene) -> Iterator[Finding]:
+    def _judge(self, goal: Waypoint, doubt: str, now: Scene) -> Iterator[Finding]:
         pose, truth = now.pose, now.truth
         if pose is None:
             text = "reached, and no pose shows where"
@@ -231,9 +228,11 @@ class Reached(Rule):
         by_pose, truly = _off(goal, pose), None if truth is None else _off(goal, truth)
         by = "" if truly is None else _by(pose, by_pose)
         off = by_pose if truly is None else truly
-        if _beyond(*by_pose):
+        # A mission that ends as unsure may be off by as much as the pose.
+        off_m, off_rad = (pose.deviation, pose.heading_deviation) if doubt else (0.0, 0.0)
+        if _beyond(*by_pose, off_m, off_rad):
             yield self.found(now, "interface", f"reported as reached, {_so(off)} off", by)
-        elif (truly is None or _beyond(*truly)) and now.unsure:
+        elif (truly is None or _beyond(*truly)) and (doubt or now.unsure):
             what = "reported as reached, by a pose that does not claim to know"
             what += "" if truly is None else f": {_so(truly)} off"
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
@@ -245,8 +244,8 @@ def _off(goal: Waypoint, at: Pose | Truth) -> tuple[float, float]:
     return hypot(goal.x - at.x, goal.y - at.y), abs(wrap(goal.theta - at.theta))
 
 
-def _beyond(off_m: float, off_rad: float) -> bool:
-    return off_m > REACHED_M or off_rad > OFF_RAD
+def _beyond(off_m: float, off_rad: float, may_m: float = 0.0, may_rad: float = 0.0) -> bool:
+    return off_m > max(REACHED_M, may_m) or off_rad > max(OFF_RAD, may_rad)
 
 
 def _so(off: tuple[float, float]) -> str:
@@ -288,7 +287,7 @@ class Failed(Rule):
             dt, self._last_at = now.now - self._last_at, now.now
             if message.stalled:
                 self._seen_at = now.now
-            excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.WAITS)
+            excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.LOST, Excuse.WAITS)
             if excuse is Excuse.WAITS:
                 self._waits_s += min(dt, 1.0)
             elif excuse is not None:
@@ -317,7 +316,7 @@ class Found(Rule):
         if not isinstance(message, RobotState):
             return
         dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
-        self.checked = self.checked or now.pose is not None
+        self.checked = self.checked or (now.pose is not None and bool(now.pose.covariance))
         if not now.lost:
             self._lost_s = 0.0
         elif (
@@ -325,8 +324,8 @@ class Found(Rule):
             and now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.BY_HAND, Excuse.FAULT) is None
         ):
             self._lost_s += dt
-            if self._lost_s > LOST_S:
+            if self._lost_s > FOUND_S:
                 self._lost_s = -inf  # once, until it is found
                 assert now.pose is not None, "a pose says that it is lost"
-                what = f"lost for {LOST_S:.0f} s on a mission"
+                what = f"lost for {FOUND_S:.0f} s on a mission"
                 yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")

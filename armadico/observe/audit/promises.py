@@ -35,7 +35,7 @@ class Promise(StrEnum):
     ONE_HOLDER = "in a whole network no two tenures overlap for 5 cycles"
     OBEYED = "in a whole network a command is obeyed within 5 s if an agent bids"
     SILENCE = "a stop is ordered within 0.4 s of the last valid command"
-    WATCHDOG = "without the robot agent the controller's watchdog stops the wheels"
+    WATCHDOG = "without the robot agent the guard of its line stops the wheels"
     SMOOTH = "speeds change within the ramps, and a takeover stays between both actions"
     NO_ERROR = "no agent raises an error"
     MOVES = "after healing the robot moves within 2 s (5 s after standing back), or bids say why"

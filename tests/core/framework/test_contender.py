@@ -419,6 +419,18 @@ def test_a_holder_that_bids_seldom_releases_too(cycles: int) -> None:
     assert [c.action is None for c in stage.bid(0.5)] == [cycles >= 6]
 
 
+def test_a_holder_that_had_no_bid_for_long_contends_again_without_standing_back() -> None:
+    """Its last command was obeyed: that it was silent since is no lack of obedience."""
+    stage = holding()
+    mine, last = own(stage), stage.at
+    stage.cycle(40, largest=mine, obeyed=mine, obeyed_cycle=last)
+    assert stage.bid(0.5) == []
+    assert stage.contender.state is State.CONTENDING
+    stage.cycle(44, largest=mine, obeyed=mine, obeyed_cycle=last)
+    commands = [*stage.bid(0.5), *stage.tick()]
+    assert [command.ballot.term for command in commands] == [mine.term + 1]
+
+
 def test_a_holder_that_bids_zero_lets_go_in_the_fourth_cycle() -> None:
     stage = holding()
     for number in (5, 6, 7):

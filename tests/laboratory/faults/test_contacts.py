@@ -79,6 +79,16 @@ def test_what_moves_is_compared_where_it_was_at_each_reading() -> None:
     assert found.judge(lambda at: (WALL_X - 0.5 * at, 0.0)) is Cause.SEEN
 
 
+@pytest.mark.parametrize(("gap", "cause"), [(1.0, Cause.SEEN), (0.3, Cause.SUDDEN)])
+def test_what_appears_nearer_than_the_robot_can_stop_is_not_its_own_doing(
+    gap: float, cause: Cause
+) -> None:
+    found = witness()
+    found.on_reading(0.0, (WALL_X - gap - 0.3, 0.0, 0.0), 0.5, sonar(None))
+    found.on_reading(1.0, (WALL_X - gap - 0.2, 0.0, 0.0), 0.5, sonar(gap))
+    assert found.judge(lambda at: (WALL_X, 0.0) if at > 0.5 else None) is cause
+
+
 def test_the_nearest_place_is_on_the_wall_that_is_touched() -> None:
     walls = [(5.0, -1.0, 5.0, 1.0), (0.21, -1.0, 0.21, 1.0), (-1.0, 3.0, 1.0, 3.0)]
     place = nearest_place((0.0, 0.0, 0.0), OUTLINE, walls)

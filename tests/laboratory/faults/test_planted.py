@@ -26,6 +26,7 @@ from armadico.core.kernel import Kernel
 from armadico.core.latched import Memory
 from armadico.core.messages import Action, Latched, Message, RobotState, Stop
 from armadico.core.resources import WHEELS, Resource
+from armadico.mesh.virtual_device import Ports
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Correction, Origin, Pose, Trajectory
 from armadico.mobile.obstacles import Obstacles
@@ -103,14 +104,20 @@ def repeats_the_last_command(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(robot.Robot, "rest", rest)
 
 
+def has_no_guard(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Ports, "_brake", lambda self, port: None)
+
+
 def orders_a_stop_only_once(patch: pytest.MonkeyPatch) -> None:
+    has_no_guard(patch)  # it would repeat the stop
     patch.setattr(robot.Robot, "_repeat_stop", lambda self, left, right: None)
     patch.setattr(robot.Robot, "_renews", property(lambda self: False))
     # The check of how the robot moves would order the stop again after a second.
     patch.setattr(robot.Robot, "_check_obedience", lambda self, report, ordered: None)
 
 
-def has_no_watchdog(patch: pytest.MonkeyPatch) -> None:
+def has_no_guard_and_no_watchdog(patch: pytest.MonkeyPatch) -> None:
+    has_no_guard(patch)
     patch.setattr(Microcontroller, "_watchdog_tripped", lambda self: False)
 
 
@@ -367,7 +374,8 @@ BUGS = (
     Bug(orders_no_stop, Promise.SILENCE, case(_CUT)),
     Bug(repeats_the_last_command, Promise.SILENCE, case(_CUT)),
     Bug(orders_a_stop_only_once, Promise.SILENCE, case(_LOSSY, _SILENT, seed=3)),
-    Bug(has_no_watchdog, Promise.WATCHDOG, case(_HANG)),
+    Bug(has_no_guard, Promise.SILENCE, case(_HANG)),
+    Bug(has_no_guard_and_no_watchdog, Promise.WATCHDOG, case(_HANG)),
     Bug(overshoots_in_an_exchange, Promise.SMOOTH, case(lasts=40.0)),
     Bug(stops_without_a_ramp, Promise.SMOOTH, case(_CUT)),
     Bug(is_blind, Promise.COLLISION, case(scenario="sc3", lasts=40.0)),

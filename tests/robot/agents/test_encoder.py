@@ -36,8 +36,10 @@ Place = tuple[float, float, float]
 class Robot(Alone):
     """Publishes its odometry in each cycle."""
 
-    def __init__(self, x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> None:
-        self.parameters = Parameters(x=x, y=y, theta=theta)
+    def __init__(
+        self, x: float = 0.0, y: float = 0.0, theta: float = 0.0, *, exact: bool = False
+    ) -> None:
+        self.parameters = Parameters(x=x, y=y, theta=theta, exact=exact)
         self.starts = 0
         super().__init__(self.new_encoder(), robot=None)
         self.poses: list[Pose] = []
@@ -346,6 +348,14 @@ def test_without_corrections_the_covariance_is_unknown_and_after_one_it_grows() 
     first = robot.moved(0.0, 0.0, 0.0).deviation
     assert first == pytest.approx(0.02**0.5)
     assert robot.moved(1.0, 0.0, 0.0).deviation > first
+
+
+def test_an_exact_odometry_makes_the_pose_known_until_it_is_reset() -> None:
+    robot = Robot(exact=True)
+    for x in (0.0, 50.0):
+        assert robot.moved(x, 0.0, 0.0).covariance == (0.0,) * 6
+    robot.restart()
+    assert robot.moved(0.0, 0.0, 0.0).covariance == (), "the motion meanwhile was not counted"
 
 
 def test_what_was_corrected_outlives_the_encoder_agent() -> None:

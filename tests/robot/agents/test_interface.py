@@ -223,6 +223,13 @@ def test_a_goal_reached_by_a_pose_beyond_the_tolerance_is_reached_with_a_doubt(
     assert status.outcome == ("unsure" if off_m > 0.12 else "reached")
 
 
+def test_a_goal_reached_by_a_pose_of_unknown_error_is_reached_with_a_doubt(driving: Desk) -> None:
+    driving.moved(1.0)
+    driving.moved(3.0)  # without a covariance
+    assert driving.last(MissionStatus).outcome == "unsure"
+    assert "unknown error" in driving.last(MissionStatus).note
+
+
 @pytest.mark.parametrize(("off_m", "outcome"), [(0.0, "driving"), (0.3, "unsure")])
 def test_a_robot_that_cannot_know_better_ends_its_mission_beside_the_goal_unsure(
     driving: Desk, off_m: float, outcome: str

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from armadico.bridge.kind import simulated
 from armadico.bridge.p2os.commands import Cmd, command
+from armadico.config.profile import load_profile
 from armadico.config.scenarios import Scenario
 from armadico.core.messages import (
     LARGEST_COUNT,
@@ -22,6 +23,7 @@ from armadico.core.messages import (
     RobotState,
     Stop,
 )
+from armadico.core.outgoing import EXPIRY_S
 from armadico.core.services import service_of
 from armadico.launch.society import Options
 from armadico.launch.virtual import Rehearsal
@@ -73,6 +75,26 @@ class Drive(Driven):
 
     def logs(self) -> list[str]:
         return [log.text for log in self.of(Log)]
+
+
+# The guard of the line ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fails", ["kill", "hang"])
+def test_without_its_robot_agent_the_robot_brakes_along_its_ramp(fails: str) -> None:
+    """Long before the controller's watchdog, of 2 s; and one that hung drives on afterwards."""
+    drive = Drive()
+    ramp = load_profile(LINE.robot).limits.v_decel
+    robot, v = drive.mesh.node("robot"), drive.truth().v
+    getattr(robot, fails)()
+    took = drive.until(lambda: abs(drive.truth().v) < 0.02)
+    assert v / ramp <= took <= EXPIRY_S + v / ramp + 0.5
+    if fails == "kill":
+        drive.restart("robot")
+    else:
+        drive.let_pass(2.0)
+        robot.resume()
+    assert drive.arrives()
 
 
 # Epochs -------------------------------------------------------------------------------------------

@@ -45,6 +45,7 @@ from armadico.observe.audit.promises import Excuse, Finding, Promise
 GOTO, AVOID = "goto-0123456789ab", "avoid-0123456789ab"
 SURE = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
 LOST = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+ROUGH = (0.16, 0.0, 0.0, 1e-4, 0.0, 1e-4)
 ROBOT = Description(
     *("pioneer", 0.1, 0.2, 0.2, 0.2, 1.2, 3.0, 0.3, 0.6, 1.0, 1.0, 0.3, 2.0),
     simulator="sim",
@@ -429,16 +430,19 @@ def test_a_limit_that_is_not_known_leaves_the_speed_unknown_until_goto_says_it()
 
 
 def test_without_a_truth_reached_is_judged_by_the_pose() -> None:
-    def reached(off: float, covariance: tuple[float, ...]) -> list[Finding]:
+    def reached(off: float, covariance: tuple[float, ...], doubt: str = "") -> list[Finding]:
         auditor = Auditor([rule for rule in RULES if rule.promise is Promise.REACHED])
         auditor.update(0.0, "", Trajectory(1, 1, (Waypoint(5.0, 0.0, 0.0),)))
         auditor.update(0.1, "", Pose(Cycle(1, 1), 5.0 + off, 0.0, 0.0, covariance))
-        return auditor.update(0.2, "", MissionStatus(1, MissionState.REACHED, 0.0))
+        return auditor.update(0.2, "", MissionStatus(1, MissionState.REACHED, 0.0, note=doubt))
 
     assert reached(0.05, SURE) == []
     assert [each.answer for each in reached(0.5, SURE)] == [Answer.NO]
     assert [each.answer for each in reached(0.05, LOST)] == [Answer.UNKNOWN]
     assert [each.answer for each in reached(0.05, ())] == [Answer.UNKNOWN]
+    assert [each.answer for each in reached(0.3, ROUGH)] == [Answer.NO]
+    assert [each.answer for each in reached(0.3, ROUGH, "unsure")] == [Answer.UNKNOWN]
+    assert [each.answer for each in reached(0.5, ROUGH, "unsure")] == [Answer.NO]
 
 
 def test_the_truth_of_another_robots_simulator_counts_nothing() -> None:

@@ -19,7 +19,7 @@ from armadico.config.profile import load_profile
 from armadico.config.worlds import load_world
 from armadico.core.messages import Message
 from armadico.launch.virtual import Rehearsal
-from armadico.mobile.behaviour import LOST_M
+from armadico.mobile.behaviour import FOUND_S, LOST_M
 from armadico.mobile.geometry import Pose2, wrap
 from armadico.mobile.messages import Pose, Truth
 from armadico_tools.experiments.driving import (
@@ -39,7 +39,6 @@ ROBOTS: Final = ("pioneer-2dx", "jackal", "turtlebot4")
 LIFTED_S: Final = (3.0, 10.0)
 """It is lifted so long after the mission began."""
 
-FOUND_S: Final = 60.0
 OFF_M, OFF_RAD = 0.5, radians(30.0)
 """The pose is right within these."""
 

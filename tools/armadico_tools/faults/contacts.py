@@ -25,8 +25,8 @@ from armadico.mobile.scans import bearings_of, ranges_of
 from armadico.mobile.swept_path import Outline
 
 Place = tuple[float, float]
-PlaceAt = Callable[[float], Place]
-"""Where an obstacle was at a time, s."""
+PlaceAt = Callable[[float], Place | None]
+"""Where an obstacle was at a time, s; None: it was not there."""
 
 Line = tuple[float, float, float, float]
 """Both ends, m."""
@@ -43,6 +43,9 @@ SAME_M: Final = 0.15
 STEP_M: Final = 0.02
 """Step along walls in the search for the nearest place."""
 
+COMES_M, COMES_M_S = 0.5, 2.0
+"""No moving obstacle comes from farther than the first and its way at this speed, m and m/s."""
+
 SIDES: Final = 16
 """Sides of a column's outline."""
 
@@ -55,6 +58,7 @@ class Cause(StrEnum):
 
     SEEN = "a reading showed it in time"
     TOO_FAST = "a reading showed it too late for the robot's speed"
+    SUDDEN = "it appeared nearer than the robot can stop"
     MUTE = "it was in view and gave no reading"
     OUTSIDE = "no sensor looked there"
     FALSE = "the readings were altered"
@@ -112,9 +116,13 @@ class Witness:
 
     def judge(self, place_at: PlaceAt) -> Cause:
         """The cause of a contact with an obstacle, by its true place at each time (s)."""
-        late = mute = altered = False
+        late = mute = altered = sudden = False
         for reading in reversed(self._readings):
-            x, y, _ = relative(reading.pose, (*place_at(reading.at), 0.0))
+            place = place_at(reading.at)
+            if place is None:
+                sudden = True
+                break
+            x, y, _ = relative(reading.pose, (*place, 0.0))
             gap = self._outline.clearance(x, y)
             if gap > NEAR_M:
                 break
@@ -126,10 +134,10 @@ class Witness:
             elif False in shown:
                 mute, altered = True, altered or reading.altered
         if late:
-            return self._count(Cause.TOO_FAST)
+            return self._count(Cause.SUDDEN if sudden else Cause.TOO_FAST)
         if mute:
             return self._count(Cause.FALSE if altered else Cause.MUTE)
-        return self._count(Cause.OUTSIDE)
+        return self._count(Cause.SUDDEN if sudden else Cause.OUTSIDE)
 
     def _count(self, cause: Cause) -> Cause:
         self.counts[cause] += 1
@@ -187,15 +195,15 @@ class Surroundings:
         body = plant.profile.body
         self._plant = plant
         self.outline = Outline(body.front_m, body.rear_m, 0.5 * body.width_m)
-        self._moving: deque[tuple[float, Place | None]] = deque(maxlen=KEPT)
+        self._moving: deque[tuple[float, Pose2, list[Line]]] = deque(maxlen=KEPT)
 
     @property
     def pose(self) -> Pose2:
         return self._plant.pose
 
     def look(self, at: float) -> None:
-        """Remember where the nearest moving obstacle is at a time, s."""
-        self._moving.append((at, self._nearest(_lines(self._plant.walls.all()[1]))))
+        """Remember where the moving obstacles are at a time, s."""
+        self._moving.append((at, self.pose, _lines(self._plant.walls.all()[1])))
 
     def touched(self) -> PlaceAt | None:
         """The place of what is touched now, by the time; None: nothing is there."""
@@ -209,9 +217,16 @@ class Surroundings:
             assert found is not None, "one of both is there"
             return lambda _: found
 
-        def place_at(at: float) -> Place:
-            known = (place for when, place in self._moving if when >= at and place is not None)
-            return next(known, moves)
+        now = self._moving[-1][0] if self._moving else 0.0
+
+        def place_at(at: float) -> Place | None:
+            known = ((pose, lines) for when, pose, lines in self._moving if when >= at)
+            pose, lines = next(known, (self.pose, _lines(moving)))
+            reach = COMES_M + COMES_M_S * max(now - at, 0.0)
+            near = [line for line in lines if _away(moves, line) <= reach]
+            if not near:
+                return None
+            return nearest_place(pose, self.outline, near) or near[0][:2]  # it is far
 
         return place_at
 
@@ -220,6 +235,14 @@ class Surroundings:
 
     def _gap(self, place: Place) -> float:
         return self.outline.clearance(*relative(self.pose, (*place, 0.0))[:2])
+
+
+def _away(place: Place, line: Line) -> float:
+    """The distance from a place to the nearer end of a line, less its length, m: a lower bound."""
+    x, y = place
+    x1, y1, x2, y2 = line
+    ends = min(hypot(x1 - x, y1 - y), hypot(x2 - x, y2 - y))
+    return ends - hypot(x2 - x1, y2 - y1)
 
 
 def _lines(walls: Segments) -> list[Line]:

@@ -1,7 +1,7 @@
 """The kinds of faults, and the promises that each voids while it lasts.
 
-A fault does not break a promise that it voids: without the robot agent no stop can be ordered, and
-the wheels roll until the controller's own watchdog stops them.
+A fault does not break a promise that it voids: with a broken line to the controller a stop may not
+arrive. Without the robot agent the guard of its line brakes, so its absence voids nothing.
 """
 
 from __future__ import annotations
@@ -41,9 +41,6 @@ class Kind:
         return self.breaks or self.blinds
 
 
-ROBOT_VOIDS: Final = frozenset({Promise.SILENCE, Promise.COLLISION, Promise.SMOOTH})
-"""Promises that are void without the robot agent: the wheels roll on blindly, for up to 2 s."""
-
 _LINE: Final = frozenset({Promise.COLLISION, Promise.SMOOTH})
 """With the line to the controller broken a stop is ordered, but may not arrive."""
 
@@ -56,13 +53,6 @@ orders anew. It loses three orders in a row with a probability of 1.6 %, so a st
 0.3 s; it practically never loses ten, after which the link counts as lost. With 0.3 there was no
 contact in 24 simulated minutes."""
 
-SLOW_S: Final = 0.015
-"""A robot agent that needs less than this for each message voids nothing. A cycle has about five (a
-status packet, a command, a claim, one or two more), which is 75 of its 100 ms. So it keeps up, and
-orders a stop late by one or two messages; the promise allows 0.4 s instead of 0.3 s. From 20 ms on
-its queue grows as long as it is slow. With 19.9 ms no promise was broken in 24 simulated
-minutes."""
-
 AGAIN_S: Final = 1.0
 """A process that may not join while no other of its name is alive is restarted after this, s, as by
 `armadico up`."""
@@ -72,6 +62,12 @@ _GLASS: Final[dict[str, Any]] = {
     "voids": _BLIND,
     "why": "glass",
     "only": "laser",
+}
+_JUMPS: Final[dict[str, Any]] = {
+    "breaks": False,
+    # By its clock the robot agent was silent for long, so the base may rest already.
+    "voids": frozenset({Promise.SMOOTH}),
+    "why": "clock jumped",
 }
 _HELD: Final[dict[str, Any]] = {
     "breaks": False,
@@ -119,10 +115,8 @@ KINDS: Final = {
         Kind("starved", "all agents of a host take long for each message, for lack of processor"),
         Kind("links-lost", "no agent reaches another, and all connections end or their lease does"),
         Kind("silent-links", "connections stay up, but nothing flows between some hosts"),
-        Kind("clock-step", "an agent's clock jumps ahead", breaks=False),
-        Kind(
-            "host-clock-step", "the clock of a host, for all its agents, jumps ahead", breaks=False
-        ),
+        Kind("clock-step", "an agent's clock jumps ahead", **_JUMPS),
+        Kind("host-clock-step", "the clock of a host, for all its agents, jumps ahead", **_JUMPS),
         Kind("clock-drift", "an agent's clock runs fast or slow", breaks=False),
         Kind(
             *("serial-garbage", "bytes on the line to the controller are corrupted"),
@@ -211,8 +205,6 @@ RESTARTS: Final = frozenset({"crash", "flap", "robot-restart"})
 """Kinds that replace a process; `in-turn` shows each as a crash."""
 
 SLOWS: Final = frozenset({"slow", "starved"})
-DISABLES: Final = RESTARTS | SLOWS | {"hang"}
-"""Kinds that void `ROBOT_VOIDS` if the robot agent is the target."""
 
 CLAIMS: Final = frozenset({"huge-term", "flood"})
 """Kinds in which a stranger claims the wheels, unseen by watchers."""
@@ -221,10 +213,7 @@ STRANGE_UTILITY: Final = 0.9
 """The utility of a stranger's claims."""
 
 
-def voided(kind: str, targets: tuple[str, ...], amount: float = inf) -> dict[Promise, str]:
+def voided(kind: str, amount: float = inf) -> dict[Promise, str]:
     """The promises that a fault voids, with the reasons."""
     made = KINDS[kind]
-    voids = dict.fromkeys(made.voids, made.why) if amount >= made.least else {}
-    if kind in DISABLES and "robot" in targets and (kind not in SLOWS or amount >= SLOW_S):
-        voids |= dict.fromkeys(ROBOT_VOIDS, "robot agent away")
-    return voids
+    return dict.fromkeys(made.voids, made.why) if amount >= made.least else {}

@@ -7,7 +7,7 @@ from math import inf
 
 from armadico.core.messages import RobotState, Stop
 from armadico.mobile.messages import Truth
-from armadico_tools.faults.fault_types import LOSSY, RESTARTS, Promise
+from armadico_tools.faults.fault_types import LOSSY, RESTARTS, SLOWS, Promise
 from armadico_tools.faults.observations import Observation, Ordered, Published
 from armadico_tools.faults.record import Bounds, Record
 
@@ -24,7 +24,7 @@ class Stopped:
 
     A released stop that arrives again, late or from a peer's memory, has no effect. This holds
     under all faults, which can only delay the rest of the wheels: without the robot agent the
-    watchdog's time comes first, and an order that the line loses is repeated.
+    guard's time comes first, and an order that the line loses is repeated.
     """
 
     promise = Promise.STOP
@@ -99,9 +99,7 @@ class Stopped:
 
     def _rests(self, truth: Truth, at: float, now: Record) -> Iterator[str]:
         if _away(now):
-            self._rest_due = max(
-                self._rest_due, at + self._bounds.braking_s + self._bounds.watchdog_s
-            )
+            self._rest_due = max(self._rest_due, at + self._bounds.braking_s + self._bounds.guard_s)
         if now.body.rested_at >= at:
             return
         if at > self._rest_due and now.body.rested_at < self._rest_due - self._bounds.braking_s:
@@ -111,6 +109,6 @@ class Stopped:
 
 def _away(now: Record) -> bool:
     """Whether the robot agent, or the line to its controller, is unable to stop the wheels."""
-    if now.faults.befalls("robot", *RESTARTS, "hang", "slow", "clock-step", "clock-drift"):
+    if now.faults.befalls("robot", *RESTARTS, *SLOWS, "hang", "clock-step", "clock-drift"):
         return True
     return any(f.kind.startswith("serial") and f.amount >= LOSSY for f in now.faults.active)

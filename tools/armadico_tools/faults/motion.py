@@ -1,4 +1,4 @@
-"""Promises about the wheels: silence, the watchdog, bounded acceleration."""
+"""Promises about the wheels: silence, the guard, bounded acceleration."""
 
 from __future__ import annotations
 
@@ -120,12 +120,12 @@ def _is_like(command: Command, order: Ordered) -> bool:
 
 
 class Watchdog:
-    """If the robot agent is dead or hangs, the controller's watchdog stops the wheels in time."""
+    """If the robot agent is dead or hangs, the guard of its line stops the wheels in time."""
 
     promise = Promise.WATCHDOG
 
     def __init__(self, bounds: Bounds) -> None:
-        self._due_s = bounds.watchdog_s + bounds.braking_s
+        self._due_s = bounds.guard_s + bounds.braking_s
         self._since: float | None = None
 
     def check(self, seen: Observation, now: Record) -> Iterator[str]:

@@ -34,6 +34,10 @@ class Ordered(Observation, frozen=True):
     w: float
 
 
+class Arrived(Observation, frozen=True):
+    """The controller has received an order. Where this is not observed, none does."""
+
+
 class Faulted(Observation, frozen=True):
     """A fault begins or ends; `kind` is one of `fault_types.KINDS`, `targets` names agents.
 

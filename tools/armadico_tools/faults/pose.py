@@ -12,7 +12,7 @@ from math import hypot, inf, pi, sin
 from armadico.core.messages import Cycle, RobotState
 from armadico.mobile.geometry import wrap
 from armadico.mobile.messages import Pose, Truth
-from armadico_tools.faults.fault_types import Promise
+from armadico_tools.faults.fault_types import SLOWS, Promise
 from armadico_tools.faults.observations import Astray, Observation, Published
 from armadico_tools.faults.record import MOVING_M_S, MOVING_RAD_S, POSES, Bounds, Record, may_be_off
 
@@ -76,7 +76,7 @@ class Localized:
             self._cause_at = seen.at
         if any(fault.kind.startswith("serial") for fault in now.faults.active):
             self._spoilt_at = seen.at
-        if now.faults.befalls("robot", "slow", "hang"):
+        if now.faults.befalls("robot", *SLOWS, "hang"):
             self._slow_at = seen.at
         self._slips = now.faults.befalls("robot", "slip")
         self._lost = self._lost or isinstance(seen, Astray)

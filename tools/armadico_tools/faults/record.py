@@ -27,6 +27,7 @@ from armadico.core.messages import (
     Log,
     RobotState,
 )
+from armadico.core.outgoing import EXPIRY_S
 from armadico.core.resources import WHEELS
 from armadico.mobile.behaviour import LOST_M
 from armadico.mobile.geometry import wrap
@@ -42,6 +43,7 @@ from armadico_tools.faults.fault_types import (
 )
 from armadico_tools.faults.figures import Kept
 from armadico_tools.faults.observations import (
+    Arrived,
     Bids,
     Came,
     Denied,
@@ -114,7 +116,7 @@ class Bounds:
     obeyed_s: float = 5.0
     moves_s: float = 2.0
     stood_back_s: float = 5.0
-    watchdog_s: float = 2.0
+    guard_s: float = 2.0 * EXPIRY_S  # until the guard brakes: the last command, renewed once
     killed_s: float = 0.1  # from a holder's end to another's obeyed command: far below its silence
     silent_s: float = 0.3  # from a silent holder's last to another's first: before the stop
     unobeyed_s: float = 0.9  # where the other still receives it: 6 cycles, and delays
@@ -138,7 +140,7 @@ class Bounds:
 
 
 def bounds_of(scenario: Scenario) -> Bounds:
-    """The bounds for a scenario's robot: ramps, watchdog, errors of the odometry.
+    """The bounds for a scenario's robot: ramps, errors of the odometry.
 
     Raises ConfigError for an unknown robot.
     """
@@ -146,7 +148,6 @@ def bounds_of(scenario: Scenario) -> Bounds:
     sensors = load_entry(find("robots", "sensors"), SensorProfile, scenario.sensors)
     limits, body, slip = profile.limits, profile.body, 3.0 * sensors.slip
     return Bounds(
-        watchdog_s=profile.watchdog_s,
         limit=inf if scenario.v_max is None else scenario.v_max,
         v_max=limits.v_max,
         w_max=limits.w_max,
@@ -316,6 +317,7 @@ class Faults:
     free_since: float = inf  # inf while a fault or a stop excuses the robot from moving
     healed_at: float = -inf  # end of the last excuse
     hindered_at: float = -inf  # when the last fault that excuses from outcomes ended
+    waits_since: float = inf  # when the first order was written that no other has followed yet
     unable_until: float = -inf  # until when a robot that could not act may still be braking
     unable_why: str = ""
     again_at: float = -inf  # when a robot agent that was refused, and is absent, tries again
@@ -327,15 +329,15 @@ class Faults:
             self.whole_since = self.free_since = now
 
     def on_fault(self, fault: Faulted, now: float, stops_in_s: float) -> None:
+        if not fault.began:
+            self._recovers(now, stops_in_s)
         key = Fault(fault.kind, fault.targets, fault.to, fault.amount)
         self.active[key] += 1 if fault.began else -1
         self.active += Counter()  # drops zero counts
         if not fault.began:
             if hinders(fault.kind, fault.amount):
                 self.hindered_at = now
-            taken = voided(fault.kind, fault.targets, fault.amount)
-            if Promise.COLLISION in taken and Promise.SENSORS not in taken:
-                self.unable_until, self.unable_why = now + stops_in_s, taken[Promise.COLLISION]
+            taken = voided(fault.kind, fault.amount)
             self._ended.update({promise: (now, why) for promise, why in taken.items()})
         if any(KINDS[fault.kind].breaks for fault in self.active):
             self.whole_since = inf
@@ -352,28 +354,45 @@ class Faults:
     def voids(self, promise: Promise, now: float, rested_at: float) -> str:
         """The fault that voids a promise, in words, or that did just before; "" without one."""
         for fault in self.active:
-            why = voided(fault.kind, fault.targets, fault.amount).get(promise)
+            why = voided(fault.kind, fault.amount).get(promise)
             if why:
                 return why
         ended, why = self._ended.get(promise, (-inf, ""))
         rested = ended <= rested_at < now  # the cause of the rest is over, too
         return f"{JUST_AFTER}{why}" if now - ended < OVER_S and not rested else ""
 
+    def on_order(self, now: float) -> None:
+        """Process that an order was written to the line."""
+        self.waits_since = min(self.waits_since, now)
+
+    def on_arrival(self, now: float, stops_in_s: float) -> None:
+        """Process that an order has arrived at the controller."""
+        self._recovers(now, stops_in_s)
+        self.waits_since = inf
+
+    def _recovers(self, now: float, stops_in_s: float) -> None:
+        if why := self._line_fails(now):
+            self.unable_until, self.unable_why = now + stops_in_s, why
+
+    def _line_fails(self, now: float) -> str:
+        """The fault by which no order has arrived for as long as acting may take; "" if one did."""
+        kinds = [fault for fault in self.active if now - self.waits_since > STOPS_S]
+        whys = (voided(f.kind, f.amount).get(Promise.COLLISION, "") for f in kinds)
+        return next(filter(None, whys), "")
+
     def unable(self, now: float) -> str:
         """Why the robot cannot act on what its sensors read, or could not just before; "" if not.
 
         Just before: until it has braked, if an obstacle was within its stopping distance.
         """
-        for fault in self.active:
-            taken = voided(fault.kind, fault.targets, fault.amount)
-            if Promise.COLLISION in taken and Promise.SENSORS not in taken:
-                return taken[Promise.COLLISION]
+        if why := self._line_fails(now):
+            return why
         return f"{JUST_AFTER}{self.unable_why}" if now <= self.unable_until else ""
 
     @property
     def alters_readings(self) -> bool:
         """Whether a fault makes readings wrong."""
-        voids = (voided(fault.kind, fault.targets, fault.amount) for fault in self.active)
+        voids = (voided(fault.kind, fault.amount) for fault in self.active)
         return any(Promise.SENSORS in taken for taken in voids)
 
     def befalls(self, name: str, *kinds: str) -> bool:
@@ -418,7 +437,10 @@ class Record:
             self.faults.excuse(self.now, stopped=self.owner.stopped())
         elif isinstance(seen, Ordered):
             self.owner.ordered = seen
+            self.faults.on_order(self.now)
             self.kept.orders.append((self.now, seen))
+        elif isinstance(seen, Arrived):
+            self.faults.on_arrival(self.now, self.body.stops_in_s(self.bounds))
         elif isinstance(seen, Bids):
             if seen.record.resource == WHEELS.name:
                 self.contest.on_bids(seen, self.now)

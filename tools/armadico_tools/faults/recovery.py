@@ -171,7 +171,7 @@ class Remembered:
                 yield f"the mission is forgotten for {FORGOTTEN_S:.0f} s"
         elif state is MissionState.DRIVING:
             self._under_way, self._none_at = True, None
-        elif state is MissionState.REACHED:
+        elif state in (MissionState.REACHED, MissionState.FAILED):
             self._under_way = False
 
 

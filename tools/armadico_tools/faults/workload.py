@@ -48,6 +48,7 @@ from armadico_tools.faults.fault_types import Promise
 from armadico_tools.faults.hand import Hand
 from armadico_tools.faults.injector import VirtualInjector
 from armadico_tools.faults.observations import (
+    Arrived,
     Astray,
     Bids,
     Denied,
@@ -92,6 +93,7 @@ class End(StrEnum):
     """How a mission ended; the bed itself ends none."""
 
     REACHED = "reached"
+    UNSURE = "at the goal as far as the pose is known, which is not far enough"
     FAILED = "failed"
     REFUSED = "refused"
     FORGOTTEN = "forgotten, and requested again"
@@ -125,12 +127,15 @@ class Workload:
         around = Surroundings(self.rehearsal.robot.plant)
         self.mesh.watch(lambda _, __, now: around.look(now), Sonar, Scan)
         self.checker.touched = around.touched
+        if serial:
+            _before(self.rehearsal.robot, "receive", self._arrives)
+        self._arrived = Orders()
         self._orders = _orders_of(self.rehearsal.scenario, options)
         self._heading_for = 0
         self._requested = self._ordered = False
         self._number = self._done = 0  # of the mission; of a fleet's list, and its tasks done
         self._none_at: float | None = None  # since when there is none
-        self._under_way = MissionState.NONE
+        self._under_way, self._doubt = MissionState.NONE, ""
         self._by_status = scenario.mission is None and not scenario.tasks
         if not self._by_status:
             self.mesh.watch(self._on_progress, *derived(Errands), FleetStatus)
@@ -245,6 +250,10 @@ class Workload:
                 f"{command.ballot.instance}, of another protocol, is obeyed",
             )
 
+    def _arrives(self, data: bytes, now: float) -> None:
+        for _ in self._arrived.feed(data, now):
+            self.observe(Arrived(now))
+
     def _refused(self, node: Node) -> None:
         if node.namespace != self.rehearsal.namespace:
             return
@@ -278,6 +287,9 @@ class Workload:
             if session is not None and "drive" not in vars(session):
                 _before(session, "drive", drives)
 
+        def guard_brakes() -> None:
+            self.observe(Ordered(self.mesh.now, 0.0, 0.0))
+
         if self.case.planted:
             plant(self.case.planted, agent)
         _before(agent.kernel, "disappeared", disappears)
@@ -286,6 +298,7 @@ class Workload:
         if node.device is self.rehearsal.robot:
             serial = load_profile(self.rehearsal.scenario.robot).section == "p2os"
             _before(agent, "write", writes if serial else connects)
+            _before(node, "braked", guard_brakes)
             _tap_owner(agent.owner(WHEELS), self)
         else:
             _before(agent.kernel, "publish", publishes)
@@ -298,8 +311,8 @@ class Workload:
         if self._requested or self._under_way in (MissionState.DRIVING, MissionState.PLANNING):
             return
         if self._under_way in (MissionState.REACHED, MissionState.FAILED):
-            reached = self._under_way is MissionState.REACHED
-            self.ends[End.REACHED if reached else End.FAILED] += 1
+            reached = End.UNSURE if self._doubt else End.REACHED
+            self.ends[reached if self._under_way is MissionState.REACHED else End.FAILED] += 1
             self._heading_for = 1 - self._heading_for
         elif self._ordered:  # it was forgotten
             if self._none_at is None or self.mesh.now - self._none_at < 2 * FORGOTTEN_S:
@@ -347,6 +360,7 @@ class Workload:
         """The progress of a goal."""
         ended = self._under_way in (MissionState.REACHED, MissionState.FAILED)
         if not (ended and status.state is MissionState.NONE):
+            self._doubt = status.doubt
             self._under_way = status.state  # a new interface agent knows of no mission that ended
         if status.state is not MissionState.NONE:
             self._none_at = None
