@@ -148,9 +148,9 @@ class Ordered(Rule):
         self._others.append(now.now)
         if len(self._others) == OTHERS and now.now - self._others[0] < WITHIN_S:
             self._others.clear()
-            what = f"orders {v:.2f} m/s, {w:.2f} rad/s"
-            was = f"{agent_of(by.instance)} commanded {commanded[-1][0]:.2f}, {commanded[-1][1]:.2f}"
-            yield self.found(now, "robot", f"{what}, where {was}", f"{OTHERS} such orders")
+            was = f"{agent_of(by.instance)} commanded %.2f and %.2f" % commanded[-1]
+            what = f"orders {v:.2f} m/s and {w:.2f} rad/s, where {was}"
+            yield self.found(now, "robot", what, f"{OTHERS} such orders")
 
 
 class Stopped(Rule):

@@ -263,7 +263,7 @@ class Earned(Rule):
         named = now.now - self._named_at < TAKES_S
         if at and sum(map(bool, self._lately)) >= EARNED_CYCLES and not named:
             self._named_at = now.now
-            what = f"lets through what its readings forbid, in {EARNED_CYCLES} of {OF_CYCLES} cycles"
+            what = f"lets through what its readings forbid ({EARNED_CYCLES} of {OF_CYCLES} cycles)"
             yield self.found(now, "robot", what, at)
 
 

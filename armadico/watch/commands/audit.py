@@ -167,12 +167,12 @@ class _Audit:
         print(f"\n{', '.join(f'{word} {count}' for word, count in sums)}")
         return verdict.exit_code
 
-
     def _whole(self, verdict: Finding) -> Finding:
         """What was kept as far as it was judged is unknown if something was not judged."""
         if verdict.answer is not Answer.YES or not self.unread:
             return verdict
-        what = f"kept as far as was judged; {self.unread[0]}"
+        why, *_ = self.unread[0].partition(";")
+        what = f"kept as far as was judged: {why}"
         return replace(verdict, what=what, answer=Answer.UNKNOWN)
 
 
