@@ -13,14 +13,14 @@ from armadico.mobile.messages import MissionStatus, Trajectory, Truth
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, OneDriver, Ordered, Stopped
 from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady
-from armadico.observe.audit.missions import Arrives, Failed, Found, Reached
+from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
 from armadico.observe.audit.sensing import Changes, Heading, Moves, Scaled, Unbiased
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Reached, Failed, Found),
+    *(Touched, Arrives, Ends, Reached, Failed, Found),
     *(Stands, Honest, Earned, Steady, Speed, Brakes),
     *(OneDriver, Fresh, Ordered, Stopped, Heading, Scaled, Moves, Changes, Unbiased),
 )

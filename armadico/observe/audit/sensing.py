@@ -60,8 +60,8 @@ STEP_DEVIATIONS, STEP_FREE_M = 4.0, 0.25
 """A pose moves otherwise than the odometry by no more than so many of its deviations before and
 after, and the second, m."""
 
-WINDOW_M = 3.0
-"""The odometry's way is compared with the robot's over so much of it, m."""
+PIECE_M, WINDOW_M = 0.5, 3.0
+"""The odometry's way is compared with the robot's in pieces, until they are so long, m."""
 
 SCALE = 0.06
 """The share by which they may differ. Made errors of wheels are 2 %."""
@@ -154,33 +154,36 @@ class Scaled(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._from: tuple[tuple[float, float], tuple[float, float]] | None = None
-        self._off: float | None = None  # the share in the window before
+        self._way_m = self._true_m = 0.0  # of this window
+        self._off = 0.0  # the share in the window before
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
-        state, before = now.state, now.before
-        if not isinstance(message, RobotState) or state is None or before is None:
+        state, before, at = now.state, now.before, now.truth or now.pose
+        if not isinstance(message, RobotState) or state is None or before is None or at is None:
             return
-        at = now.truth or now.pose
-        unknown = at is None or (now.truth is None and not 0.0 < now.pose.deviation < CERTAIN_M)
         if (
-            unknown
+            (isinstance(at, Pose) and not 0.0 < at.deviation < CERTAIN_M)
             or before.cycle.epoch != state.cycle.epoch
             or now.state_gap_s > GAP_S
             or now.excuse(Excuse.DISTURBED) is not None
         ):
-            self._from, self._off = None, None
+            self._from = None
             return
         here = (state.x, state.y), (at.x, at.y)
-        if self._from is None:
-            self._from = here
-        way = dist(self._from[0], here[0])
-        if way < WINDOW_M:
+        since = self._from = self._from or here
+        way = dist(since[0], here[0])
+        if way < PIECE_M:
             return
-        true, self._from, self.checked = dist(self._from[1], here[1]), here, True
-        off, was = way / max(true, 0.01) - 1.0, self._off
-        self._off = off
-        if was is not None and min(abs(off), abs(was)) > SCALE and off * was > 0.0:
-            self._off = None
+        self._from, self.checked = here, True
+        self._way_m += way
+        self._true_m += dist(since[1], here[1])
+        if self._way_m < WINDOW_M:
+            return
+        way, true, was = self._way_m, self._true_m, self._off
+        self._way_m = self._true_m = 0.0
+        self._off = way / max(true, 0.01) - 1.0
+        if min(abs(self._off), abs(was)) > SCALE and self._off * was > 0.0:
+            self._off = 0.0
             what = f"the odometry counts {way:.2f} m where the robot moved by {true:.2f} m"
             yield self.found(now, "robot", what, "twice")
 

@@ -240,6 +240,11 @@ def rolls_on(drive: Drive) -> None:
     drive.go(3, ordered=0.0, v=0.7)
 
 
+def never_ends(drive: Drive) -> None:
+    drive.go(13.3)
+    drive.go(16, ahead=(Point(0.4, 0.0),), **STANDS_STILL)
+
+
 def brakes_weakly(drive: Drive) -> None:
     drive.go(2)
     for step in range(20):
@@ -324,6 +329,7 @@ TABLE = [
     (lets_through, Promise.EARNED, "robot"),
     (hunts, Promise.STEADY, "goto"),
     (rolls_on, Promise.BRAKES, "robot"),
+    (never_ends, Promise.ARRIVES, "interface"),
     (brakes_weakly, Promise.BRAKES, "robot"),
     (obeys_otherwise, Promise.ORDERED, "robot"),
     (forgets_its_stop, Promise.STOP, "robot"),
