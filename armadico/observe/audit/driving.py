@@ -298,7 +298,7 @@ class Steady(Rule):
         takes.append(now.now)
         recent = [at for at in takes if now.now - at < TAKES_S]
         self.most = max(self.most, len(recent))
-        if len(recent) < TAKES or now.excuse(Excuse.DISTURBED) is not None:
+        if len(recent) < TAKES:
             return
         takes.clear()
         what = f"took the wheels {TAKES} times in {now.now - recent[0]:.1f} s"
