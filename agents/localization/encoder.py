@@ -86,7 +86,7 @@ class Encoder(Agent):
         self._waited = 0  # cycles without an origin
         self._correction: Correction | None = None
         self._revision = 0  # of the map that the origin belongs to
-        self._covariance = COVARIANCE * (0.0,) if self.p.exact else ()
+        self._covariance: tuple[float, ...] = COVARIANCE * (0.0,) if self.p.exact else ()
         self._initial_pose_at = 0, 0  # the newest cycle, epoch and number, at the last initial pose
 
     def on_origin(self, origin: Origin) -> None:

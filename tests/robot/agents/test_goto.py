@@ -14,7 +14,9 @@ from armadico.agents.driving.goto import Goto, Parameters
 from armadico.agents.methods.controllers import SETTINGS
 from armadico.agents.methods.settings import Brisk
 from armadico.core.agent import Identity
-from armadico.core.messages import Description, Point
+from armadico.core.cycles import PERIOD
+from armadico.core.messages import Description, Point, RobotState, Twist
+from armadico.mobile.behaviour import HEEDS_M_S
 from armadico.mobile.messages import Pose, Trajectory, Waypoint
 from armadico.mobile.motion import touches_at
 from armadico.mobile.sight import in_sight
@@ -68,6 +70,22 @@ def test_while_it_turns_towards_the_line_it_drives_the_speed_limit_of_that(off: 
     share = max(1.0 - (off - p.calm_from) / p.calm_over, p.calm_least)
     top = min(SETTINGS[p.settings].fast.v * share, SETTINGS[p.settings].creep if off > 1.8 else inf)
     assert made.bid.wanted[0] == pytest.approx(top)
+
+
+@pytest.mark.parametrize(("driver", "heeds"), [("goto-1", True), ("other-1", False)])
+def test_it_does_not_speed_up_against_what_the_robot_agent_lets_through(
+    driver: str, heeds: bool
+) -> None:
+    """By its own obstacles the way is free; only the robot agent's readings forbid it."""
+    made = stage(drive_to((9.0, 0.0, 0.0)))
+    made.holding()
+    for _ in range(20):
+        about = {"ordered": Twist(0.3, 0.0), "capped": "an obstacle is in the way"}
+        made.number += 1
+        made.now += PERIOD
+        made.give(RobotState(made.at, 0, 0, 0, 0, 0, 12, True, False, driver=driver, **about))
+        made.give(made.ack(), obstacles(made.at), Pose(made.at, 0.0, 0.0, 0.0))
+    assert (made.bid.wanted[0] <= HEEDS_M_S) == heeds
 
 
 def test_an_ended_mission_ends_its_bids() -> None:
