@@ -413,7 +413,10 @@ BUGS = (
             ("slow-brake", Promise.BRAKES, "sc1"),
             ("lies", Promise.HONEST, "sc4"),
             ("no-reflex", Promise.COLLISION, "sc3"),
-            ("half-speed", Promise.ORDERED, "sc1"),
+            ("late", Promise.ORDERED, "sc1"),
+            ("jumps", Promise.POSE, "sc1"),
+            ("scaled", Promise.ODOMETRY, "sc3"),
+            ("endless", Promise.ARRIVES, "sc1"),
         )
     ),
     Bug(nothing_else, Promise.EARNED, by_laser("no-reflex")),

@@ -6,7 +6,7 @@ promise, and none in the product as it is.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as alike
@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from msgspec.structs import replace
 
 from armadico.core.agent import Agent
-from armadico.core.messages import Description, Message
+from armadico.core.messages import Description, Message, RobotState
 from armadico.mobile.messages import Pose, Sonar
 from armadico_tools.faults.plan import Outcome
 
@@ -38,6 +38,9 @@ TRUE_S: Final = 10.0
 
 FAILS_AFTER_S: Final = 5.0
 BIAS_M: Final = 0.3
+LATE_S: Final = 0.8
+SCALE: Final = 1.1
+JUMP_M, JUMPS_EACH_S, JUMPS_S = 1.0, 15.0, 1.0
 BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
 
@@ -175,6 +178,39 @@ def _brakes(robot: Any) -> None:
     _publishes(robot, change)
 
 
+def _late(robot: Any) -> None:
+    waiting: deque[tuple[float, Any]] = deque()
+
+    def obey(method: Callable[..., None], resource: Any, action: tuple[float, float]) -> None:
+        waiting.append((robot.now, action))
+        while robot.now - waiting[0][0] >= LATE_S:
+            method(resource, waiting.popleft()[1])
+
+    _wrap(robot, "obey", obey)
+
+
+def _scaled(robot: Any) -> None:
+    def change(message: Message) -> Message:
+        if not isinstance(message, RobotState):
+            return message
+        return replace(message, x=SCALE * message.x, y=SCALE * message.y)
+
+    _publishes(robot, change)
+
+
+def _jumps(encoder: Any) -> None:
+    def change(message: Message) -> Message:
+        if not isinstance(message, Pose) or encoder.now % JUMPS_EACH_S > JUMPS_S:
+            return message
+        return replace(message, x=message.x + JUMP_M)
+
+    _publishes(encoder, change)
+
+
+def _endless(interface: Any) -> None:
+    _wrap(interface, "_arrived", lambda _method, _pose: False)
+
+
 DEFECTS: Final = {
     "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
     "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
@@ -190,6 +226,12 @@ DEFECTS: Final = {
     "flickers": Defect(f"goto withdraws its bid every {FLICKER} cycles", {"goto": _flickers}),
     "biased": Defect(f"sonars are published {BIAS_M:g} m too long", {"robot": _biased}),
     "slow-brake": Defect(f"it brakes {BRAKES:g} times as slowly as described", {"robot": _brakes}),
+    "late": Defect(f"the robot agent obeys each command {LATE_S:g} s late", {"robot": _late}),
+    "scaled": Defect(f"the odometry counts {SCALE:g} times the way", {"robot": _scaled}),
+    "jumps": Defect(
+        f"the pose jumps by {JUMP_M:g} m for {JUMPS_S:g} s at times", {"encoder": _jumps}
+    ),
+    "endless": Defect("a mission does not end at its goal", {"interface": _endless}),
 }
 """The defects by name."""
 
