@@ -124,6 +124,7 @@ class Ordered(Rule):
         super().__init__()
         self._commands: deque[Command] = deque(maxlen=COMMANDS)
         self._others: deque[float] = deque(maxlen=OTHERS)
+        self._named_at = -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, Command) and message.resource == WHEELS.name:
@@ -146,8 +147,9 @@ class Ordered(Rule):
         if any(abs(v - each[0]) < SAME and abs(w - each[1]) < SAME for each in commanded):
             return
         self._others.append(now.now)
-        if len(self._others) == OTHERS and now.now - self._others[0] < WITHIN_S:
-            self._others.clear()
+        named = now.now - self._named_at < WITHIN_S
+        if len(self._others) == OTHERS and now.now - self._others[0] < WITHIN_S and not named:
+            self._named_at = now.now
             was = f"{agent_of(by.instance)} commanded %.2f and %.2f" % commanded[-1]
             what = f"orders {v:.2f} m/s and {w:.2f} rad/s, where {was}"
             yield self.found(now, "robot", what, f"{OTHERS} such orders")

@@ -216,7 +216,7 @@ class Changes(Rule):
             for echo in message.echoes:
                 if echo.range is None:
                     continue
-                self.checked, key = True, (echo.x, echo.y, echo.bearing)
+                key = echo.x, echo.y, echo.bearing
                 last = self._echoes.get(key)
                 ahead = abs(wrap(echo.bearing)) < AHEAD_RAD
                 if last is None or not self._moved(last[1:], state, ahead=ahead):
@@ -225,7 +225,7 @@ class Changes(Rule):
                 self._echoes[key] = echo.range, self._way_m, state.theta
                 yield from self._reads("sonar", now, same=last[0] == echo.range)
         elif isinstance(message, Scan) and set(message.packed) - NOTHING:
-            self.checked, scan = True, self._scan
+            scan = self._scan
             if scan is None or message.number == scan[0]:
                 self._scan = scan or (message.number, message.packed, self._way_m, state.theta)
             elif self._moved(scan[2:], state, ahead=True):
@@ -238,6 +238,7 @@ class Changes(Rule):
         return turned or (ahead and abs(self._way_m - way) > MOVED_M)
 
     def _reads(self, sensor: str, now: Scene, *, same: bool) -> Iterator[Finding]:
+        self.checked = True
         self._repeats[sensor] = self._repeats.get(sensor, 0) + 1 if same else 0
         if self._repeats[sensor] < REPEATS:
             self._named -= set() if same else {sensor}
