@@ -7,22 +7,22 @@ from dataclasses import replace
 from typing import Final
 
 from armadico.core.judgement import Answer
-from armadico.core.messages import Message
+from armadico.core.messages import Ack, Command, Message
 from armadico.core.services import derived
 from armadico.mobile.messages import MissionStatus, Trajectory, Truth
 from armadico.observe.audit.contacts import Touched
-from armadico.observe.audit.coordination import Fresh, OneDriver
+from armadico.observe.audit.coordination import Fresh, OneDriver, Ordered, Stopped
 from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady
-from armadico.observe.audit.missions import Arrives, Failed, Found, Reached
+from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
-from armadico.observe.audit.sensing import Changes, Heading, Unbiased
+from armadico.observe.audit.sensing import Changes, Heading, Moves, Scaled, Unbiased
 
 RULES: Final[tuple[type[Rule], ...]] = (
-    *(Touched, Arrives, Reached, Failed, Found),
+    *(Touched, Arrives, Ends, Reached, Failed, Found),
     *(Stands, Honest, Earned, Steady, Speed, Brakes),
-    *(OneDriver, Fresh, Heading, Changes, Unbiased),
+    *(OneDriver, Fresh, Ordered, Stopped, Heading, Scaled, Moves, Changes, Unbiased),
 )
 
 
@@ -55,6 +55,7 @@ class Auditor:
         self._rules = [rule() for rule in self._kinds]
         self._seen: set[type[Message]] = set()
         self._driven = False  # there was a mission, so it must have had a path
+        self._held = False  # an agent was obeyed, so it must have commanded
 
     def without(self, excuse: Excuse) -> Auditor:
         """A new auditor with the same rules that does not accept an excuse."""
@@ -67,6 +68,7 @@ class Auditor:
         self._seen.add(type(message))
         self.scene.update(at, message)
         self._driven = self._driven or self.scene.driving
+        self._held = self._held or bool(self.scene.holder)
         return self._keep(
             each for rule in self._rules for each in rule.on_message(message, self.scene)
         )
@@ -90,9 +92,10 @@ class Auditor:
             those = [each for each in own if each.answer is answer]
             if those:
                 return those[0]
-        lacking = [kind.__name__ for kind in rule.needs if not self._has(kind)]
-        if not self._driven and self._has(MissionStatus):
-            lacking = [name for name in lacking if name != Trajectory.__name__]
+        no_path = not self._driven and self._has(MissionStatus)
+        no_command = not self._held and self._has(Ack)
+        spared = {kind for kind, none in ((Trajectory, no_path), (Command, no_command)) if none}
+        lacking = [kind.__name__ for kind in rule.needs if not self._has(kind, *spared)]
         if lacking:
             what = f"not checked: no {', '.join(lacking)} received"
         elif not rule.checked:
@@ -102,8 +105,8 @@ class Auditor:
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
         return replace(found, occasion=bool(lacking))
 
-    def _has(self, kind: type[Message]) -> bool:
-        return any(issubclass(each, kind) for each in self._seen)
+    def _has(self, kind: type[Message], *spared: type[Message]) -> bool:
+        return kind in spared or any(issubclass(each, kind) for each in self._seen)
 
     def _keep(self, found: Iterable[Finding]) -> list[Finding]:
         new = list(found)

@@ -1,18 +1,37 @@
-"""Who drives, by the acknowledgements: ballots never decrease, and commands are fresh."""
+"""Who drives, by the acknowledgements: ballots never decrease, commands are fresh and carried out.
+
+And a stop holds until it is released.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
+from math import inf
+from typing import Final
 
-from armadico.core.messages import Ack, Ballot, Message
+from armadico.core.messages import Ack, Ballot, Command, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
-from armadico.observe.audit.promises import Finding, Promise
+from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
+from armadico.observe.measures import speeds
 from armadico.observe.view import agent_of
 
 FRESH_CYCLES = 3
 """A command may be for a cycle so many older than the newest (docs/coordination.md)."""
+
+COMMANDS: Final = 64
+"""Commands that are kept, to be compared with what was ordered."""
+
+SAME: Final = 0.001
+"""Speeds that differ by less, m/s or rad/s, are the same."""
+
+OTHERS, WITHIN_S = 3, 10.0
+"""So many orders within this time, s, that were not commanded are no accident."""
+
+RELEASED_S: Final = 2.0
+"""A release may be received so much later than the state that shows it, s."""
 
 
 def brief(ballot: Ballot | None) -> str:
@@ -90,3 +109,83 @@ class Fresh(Rule):
             if by == before.obeyed and was is not None and at < was:
                 what = f"{brief(by)} is obeyed for cycle {at.number} after {was.number}"
                 yield self.found(now, who, what)
+
+
+class Ordered(Rule):
+    """What the robot agent orders is what the agent that it obeys commanded for that cycle.
+
+    A limit on the speed shows in `admitted`, and not in `ordered`.
+    """
+
+    promise = Promise.ORDERED
+    needs = (RobotState, Ack, Command)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._commands: deque[Command] = deque(maxlen=COMMANDS)
+        self._others: deque[float] = deque(maxlen=OTHERS)
+        self._named_at = -inf
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Command) and message.resource == WHEELS.name:
+            self._commands.append(message)
+        state = now.state
+        if not isinstance(message, Ack) or message.resource != WHEELS.name or state is None:
+            return
+        by, at = message.obeyed, message.obeyed_cycle
+        if by is None or state.driver != by.instance or state.cycle != message.cycle:
+            return
+        commanded = [
+            speeds(each)
+            for each in self._commands
+            if each.action is not None and (each.ballot, each.cycle) == (by, at)
+        ]
+        v, w = state.ordered.v, state.ordered.w
+        if not commanded or not now.publishes_orders:
+            return
+        self.checked = True
+        if any(abs(v - each[0]) < SAME and abs(w - each[1]) < SAME for each in commanded):
+            return
+        self._others.append(now.now)
+        named = now.now - self._named_at < WITHIN_S
+        if len(self._others) == OTHERS and now.now - self._others[0] < WITHIN_S and not named:
+            self._named_at = now.now
+            was = f"{agent_of(by.instance)} commanded %.2f and %.2f" % commanded[-1]
+            what = f"orders {v:.2f} m/s and {w:.2f} rad/s, where {was}"
+            yield self.found(now, "robot", what, f"{OTHERS} such orders")
+
+
+class Stopped(Rule):
+    """A latched stop ends by a release, and nothing is ordered before."""
+
+    promise = Promise.STOP
+    needs = (RobotState,)
+    sees = (Stop,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._stop: Stop | None = None  # the latched one
+        self._since = inf  # when it ended without a release
+        self._released: set[int] = set()  # presses
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, Stop) and not message.stopped:
+            self._released.add(message.press)
+        if not isinstance(message, RobotState):
+            return
+        if message.stop.stopped:
+            self.checked, self._stop, self._since = True, message.stop, inf
+            if message.ordered.v or message.ordered.w:
+                v, w = message.ordered.v, message.ordered.w
+                what = f"orders {v:.2f} m/s, {w:.2f} rad/s while a stop is latched"
+                yield self.found(now, "robot", what)
+        elif self._stop is None:
+            return
+        elif self._stop.press in self._released:
+            self._stop = None
+        elif now.excuse(Excuse.DISTURBED) is None:
+            self._since = min(self._since, now.now)
+            if now.now - self._since > RELEASED_S:
+                what = f"the stop of {self._stop.requester} ended, and no release was received"
+                self._stop = None
+                yield self.found(now, "robot", what)

@@ -11,7 +11,7 @@ from armadico.core.cycles import PERIOD
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Description, Message, RobotState
 from armadico.core.resources import WHEELS
-from armadico.mobile.admissible import UNSEEN
+from armadico.mobile.admissible import TOO_LATE, UNSEEN
 from armadico.mobile.geometry import relative
 from armadico.mobile.messages import Echo, MissionStatus, Pose, Scan, Sonar, Trajectory
 from armadico.mobile.obstacles import Obstacles
@@ -36,8 +36,12 @@ second has ten; people who step in front of the robot cost it five or six, in wh
 FAST_M_S: Final = 0.1
 """Slower commands may be attempts to creep away from what is touched."""
 
-CAPPED_CYCLES: Final = 15
-"""The robot agent's own readings may show first what others learn some cycles later."""
+CAPPED, OF_OBEYED = 15, 60
+"""Or of which the robot agent caps so many of so many that it obeyed, not always in a row. Its own
+readings may show first what others learn some cycles later: in the fault bed up to 8 of 100."""
+
+NO_READING: Final = ("", UNSEEN, TOO_LATE)
+"""Caps by which no reading of this cycle forbids anything."""
 
 PRESSES_M_S: Final = 0.15
 """Slower orders that are capped creep along what is near, and the cap is part of it, m/s."""
@@ -83,6 +87,10 @@ LAG_CYCLES: Final = 4
 BRAKES_LAG, BRAKES_CYCLES = 3, 3
 BRAKES_SHARE: Final = 0.5
 """After a lag of so many cycles it brakes over so many by at least this share of its ramp."""
+
+BRAKINGS, DUE_CYCLES, SETTLED_M_S, FULL_SHARE = 10, 3, 0.06, 0.8
+"""Of so many cycles of braking the second best shows how it can. Each was due for the second, by
+more than the third, m/s, and by so much of what the ramp makes in a cycle."""
 
 ROLLS_M_S: Final = 0.1
 """Driving faster than ordered by this, m/s, is not the lag of the ramp alone."""
@@ -152,33 +160,29 @@ class Honest(Rule):
 
     def __init__(self) -> None:
         super().__init__()
-        self._lately: dict[str, deque[bool]] = {}
-        self._capped: Counter[str] = Counter()  # by instance, cycles in a row
+        self._lately: dict[str, tuple[deque[bool], deque[bool]]] = {}  # forbidden, capped
         self._named_at: dict[str, float] = {}
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if not isinstance(message, RobotState) or not now.holder:
             return
-        forbidden = self._forbidden(now)
-        if forbidden is None:
+        why = self._forbidden(now), _presses(message)
+        if why[0] is None:
             return
         self.checked = True
-        capped = _presses(message)
-        self._capped[now.holder] += 1
-        if not capped:
-            self._capped[now.holder] = 0
-        lately = self._lately.setdefault(now.holder, deque(maxlen=OF_CYCLES))
-        lately.append(bool(forbidden))
-        often = bool(forbidden) and sum(lately) >= FORBIDDEN
-        if not often and self._capped[now.holder] < CAPPED_CYCLES:
-            return
-        if now.excuse(Excuse.DISTURBED) is not None:
-            return
-        lately.clear()
-        if now.now - self._named_at.get(now.holder, -inf) > TAKES_S:
+        new = deque[bool](maxlen=OF_CYCLES), deque[bool](maxlen=OF_OBEYED)
+        lately = self._lately.setdefault(now.holder, new)
+        for each, is_so in zip(lately, why, strict=True):
+            each.append(bool(is_so))
+        found = [
+            what
+            for each, most, what in zip(lately, (FORBIDDEN, CAPPED), why, strict=True)
+            if what and sum(each) >= most
+        ]
+        if found and now.now - self._named_at.get(now.holder, -inf) > TAKES_S:
             self._named_at[now.holder] = now.now
             what = "keeps commanding what the readings forbid"
-            yield self.found(now, now.who, what, forbidden if often else capped)
+            yield self.found(now, now.who, what, found[0])
 
     @staticmethod
     def _forbidden(now: Scene) -> str | None:
@@ -203,7 +207,7 @@ class Honest(Rule):
 def _presses(state: RobotState) -> str:
     """Why the order is one of which less than half is let through; "" if it is not."""
     v, admitted = state.ordered.v, state.admitted.v
-    forbids = state.capped not in ("", UNSEEN)  # no reading forbids what nobody has seen
+    forbids = state.capped not in NO_READING
     if not forbids or v < PRESSES_M_S or admitted >= ADMITTED_SHARE * v:
         return ""
     return f"{v:.2f} m/s, of which {admitted:.2f} are let through: {state.capped}"
@@ -223,7 +227,7 @@ class Earned(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._read: dict[tuple[float, ...], tuple[float, Spots]] = {}  # by sonar, or of the laser
-        self._lately: deque[str] = deque(maxlen=EARNED_CYCLES)
+        self._lately: deque[str] = deque(maxlen=OF_CYCLES)
         self._named_at = -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
@@ -252,13 +256,14 @@ class Earned(Rule):
         ]
         free = min(ahead, default=inf) - about.front
         drives_on = v >= FAST_M_S and v >= state.v - RESTS_M_S and abs(state.w) < TURNS_RAD_S
-        forbidden = drives_on and free < state.v * REACTION_S + state.v**2 / (2.0 * about.v_decel)
+        reached = min(v, max(state.v, 0.0) + about.v_accel * REACTION_S)
+        forbidden = drives_on and free < reached * REACTION_S + reached**2 / (2.0 * about.v_decel)
         at = f"{v:.2f} m/s, where a reading shows {free:.2f} m" if forbidden else ""
         self._lately.append(at)
         named = now.now - self._named_at < TAKES_S
-        if len(self._lately) == EARNED_CYCLES and all(self._lately) and not named:
+        if at and sum(map(bool, self._lately)) >= EARNED_CYCLES and not named:
             self._named_at = now.now
-            what = f"lets through what its readings forbid, for {EARNED_CYCLES} cycles"
+            what = f"lets through what its readings forbid ({EARNED_CYCLES} of {OF_CYCLES} cycles)"
             yield self.found(now, "robot", what, at)
 
 
@@ -293,7 +298,7 @@ class Steady(Rule):
         takes.append(now.now)
         recent = [at for at in takes if now.now - at < TAKES_S]
         self.most = max(self.most, len(recent))
-        if len(recent) < TAKES or now.excuse(Excuse.DISTURBED) is not None:
+        if len(recent) < TAKES:
             return
         takes.clear()
         what = f"took the wheels {TAKES} times in {now.now - recent[0]:.1f} s"
@@ -393,6 +398,7 @@ class Brakes(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._follows = Follows()
+        self._shares: deque[float] = deque(maxlen=BRAKINGS)
         self._named = False
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
@@ -402,15 +408,25 @@ class Brakes(Rule):
         # A wheel that comes to rest or turns around in a bend is held for some cycles by friction.
         if admitted is None or message.v < abs(message.w) * now.description.half_width:
             return
-        self.checked = True
         self._follows.add(now.now, admitted, message.v)
-        if self._named or not self._follows.rolls(now.description):
+        share = self._follows.brakes(now.description.v_decel)
+        if self._named or share is None:
             return
-        if now.excuse(Excuse.DISTURBED) is None:
+        self.checked = True
+        self._shares.append(share)
+        ramp = f"its ramp is {now.description.v_decel:.2f} m/s^2"
+        if self._follows.rolls(now.description):
+            if now.excuse(Excuse.DISTURBED) is not None:
+                return
             self._named = True
             what = f"still drives {message.v:.2f} m/s, where {admitted:.2f} m/s are ordered"
-            ramp = f"its ramp is {now.description.v_decel:.2f} m/s^2"
             yield self.found(now, "robot", what, f"for {self._follows.lasts:.1f} s, {ramp}")
+        elif len(self._shares) == BRAKINGS:
+            best = sorted(self._shares)[-2]
+            if best < BRAKES_SHARE:
+                self._named = True
+                what = f"brakes by {best:.0%} of its ramp at best"
+                yield self.found(now, "robot", what, f"in {BRAKINGS} cycles; {ramp}")
 
 
 class Follows:
@@ -441,6 +457,18 @@ class Follows:
         gains = self._of_ramp(about.v_accel, LAG_CYCLES, OF_CYCLES)
         slow = all(v > FAST_M_S and m < DRIVEN_SHARE * v for _, v, m in self._last)
         return gains is not None and slow and gains < GAINS_SHARE
+
+    def brakes(self, ramp: float) -> float | None:
+        """By what share of the ramp it got slower in the last cycle; None if it was not due."""
+        due = [*self._last][-DUE_CYCLES:]
+        if len(due) < DUE_CYCLES:
+            return None
+        (begun, _, before), (ended, _, after) = due[-2:]
+        most = ramp * (ended - begun)
+        over = before - max(v for _, v, _ in due)
+        if min(v for _, v, _ in due) < 0.0 or over < max(SETTLED_M_S, FULL_SHARE * most):
+            return None
+        return (before - after) / min(most, over)
 
     def rolls(self, about: Description) -> bool:
         """Whether it drives much more than was let through all the time, and gets no slower."""

@@ -37,6 +37,10 @@ BEGINS_S: Final = 20.0
 RESUMES_S: Final = 5.0
 """After an excuse that lasted, a robot has so long to get going, s (`Promise.MOVES`)."""
 
+RESTS_S: Final = 15.0
+RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
+"""A mission ends within the first of the robot's rest at the goal, s, slower than the others."""
+
 DETOURS: Final = 3.0
 """New paths may make a mission so many times as long as the longest of them."""
 
@@ -195,6 +199,40 @@ def length_m(path: Trajectory) -> float:
     return length
 
 
+class Ends(Rule):
+    """A mission ends once the robot rests at its goal, by a pose that knows it."""
+
+    promise = Promise.ARRIVES
+    needs = (RobotState, MissionStatus, Trajectory, Pose)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._rested_s, self._last_at = 0.0, -inf
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, RobotState):
+            return
+        dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+        self.checked = self.checked or now.driving
+        if not now.driving or not self._there(message, now):
+            self._rested_s = 0.0
+            return
+        if now.excuse(Excuse.DISTURBED, Excuse.STOPPED, Excuse.UNSURE) is None:
+            self._rested_s += dt
+        if self._rested_s > RESTS_S:
+            self._rested_s = -inf  # once, until it drives on
+            what = f"the robot rests at its goal for {RESTS_S:.0f} s, and the mission goes on"
+            yield self.found(now, "interface", what)
+
+    @staticmethod
+    def _there(state: RobotState, now: Scene) -> bool:
+        path, pose, mission = now.trajectory, now.pose, now.mission
+        if path is None or pose is None or mission is None or path.mission != mission.mission:
+            return False
+        rests = abs(state.v) < RESTS_M_S and abs(state.w) < RESTS_RAD_S
+        return rests and bool(path.waypoints) and not _beyond(*_off(path.waypoints[-1], pose))
+
+
 class Reached(Rule):
     """A goal that is reported as reached is reached: by the truth, else as far as the pose knows.
 
@@ -232,11 +270,14 @@ class Reached(Rule):
         off_m, off_rad = (pose.deviation, pose.heading_deviation) if doubt else (0.0, 0.0)
         if _beyond(*by_pose, off_m, off_rad):
             yield self.found(now, "interface", f"reported as reached, {_so(off)} off", by)
-        elif (truly is None or _beyond(*truly)) and (doubt or now.unsure):
+            return
+        # A heading within three of its deviations is as certain as the mission asks for.
+        may_be = 0.0, 3.0 * pose.heading_deviation
+        if (truly is None or _beyond(*truly, *may_be)) and (doubt or now.unsure):
             what = "reported as reached, by a pose that does not claim to know"
             what += "" if truly is None else f": {_so(truly)} off"
             yield self.found(now, "localization", what, _by(pose, by_pose), Answer.UNKNOWN)
-        elif truly is not None and _beyond(*truly):
+        elif truly is not None and _beyond(*truly, *may_be):
             yield self.found(now, "localization", f"reported as reached, {_so(truly)} off", by)
 
 

@@ -14,7 +14,8 @@ class Promise(StrEnum):
     # By messages, wherever they come from
     ONE_DRIVER = "within an epoch the ballots that are obeyed never decrease"
     FRESH = "commands for a cycle long past are rejected, however late they arrive"
-    ODOMETRY = "the odometry moves along its heading, whatever happens to the line"
+    ORDERED = "the robot agent orders what the agent that it obeys commands"
+    ODOMETRY = "the odometry moves along its heading, and as far as the robot"
     COLLISION = "the robot does not touch anything"
     ARRIVES = "a mission is reached in the time that its path takes"
     REACHED = "a goal that is reported as reached is reached"
@@ -27,6 +28,8 @@ class Promise(StrEnum):
     STEADY = "no agent takes and loses the wheels again and again"
     SENSORS = "readings change as the robot moves, and agree with what is there"
     BRAKES = "the robot brakes along its ramp"
+    STOP = "once stopped the wheels rest in time, and no agent drives until it is released"
+    POSE = "the error of the pose is within its covariance"
 
     # By what only the fault bed knows: the line to the controller, bids, faults
     ONE_HOLDER = "in a whole network no two tenures overlap for 5 cycles"
@@ -37,8 +40,6 @@ class Promise(StrEnum):
     NO_ERROR = "no agent raises an error"
     MOVES = "after healing the robot moves within 2 s (5 s after standing back), or bids say why"
     HANDOVER = "a holder that falls silent is replaced before the stop, if another bids"
-    STOP = "once stopped the wheels rest in time, and no agent drives until it is released"
-    POSE = "the error of the pose is within its covariance"
 
 
 class Excuse(StrEnum):

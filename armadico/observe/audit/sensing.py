@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, cos, dist, hypot, pi, sin
 
-from armadico.core.messages import Description, Message, RobotState
-from armadico.mobile.geometry import relative, wrap
-from armadico.mobile.messages import Scan, Sonar, Truth
+from armadico.core.messages import Cycle, Description, Message, RobotState
+from armadico.mobile.geometry import Pose2, compose, relative, wrap
+from armadico.mobile.messages import InitialPose, Pose, Scan, Sonar, Truth
 from armadico.mobile.scans import points_of
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
@@ -53,6 +53,22 @@ AGREES_M = 0.04
 NEAREST_SHARE = 0.1
 """The share of them that is too short: by people who walk, and by the time since a ping."""
 
+POSES = 64
+"""Cycles whose odometry is kept, to be compared with poses."""
+
+STEP_DEVIATIONS, STEP_FREE_M = 4.0, 0.25
+"""A pose moves otherwise than the odometry by no more than so many of its deviations before and
+after, and the second, m."""
+
+PIECE_M, WINDOW_M = 0.5, 3.0
+"""The odometry's way is compared with the robot's in pieces, until they are so long, m."""
+
+SCALE = 0.06
+"""The share by which they may differ. Made errors of wheels are 2 %."""
+
+CERTAIN_M = 0.15
+"""A pose less certain than this shows no scale, m."""
+
 NEAR_M = 0.8
 """Obstacles nearer than this, m, are in some sonar's range, whatever its cone."""
 
@@ -92,6 +108,86 @@ class Heading(Rule):
             yield self.found(now, "robot", what)
 
 
+class Moves(Rule):
+    """A pose moves as the odometry does, or by as much as it was uncertain."""
+
+    promise = Promise.POSE
+    needs = (RobotState, Pose)
+    sees = (InitialPose,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._odometry: dict[Cycle, Pose2] = {}
+        self._before: tuple[Pose, Pose2] | None = None
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if isinstance(message, RobotState):
+            self._odometry[message.cycle] = message.x, message.y, message.theta
+            if len(self._odometry) > POSES:
+                del self._odometry[next(iter(self._odometry))]
+        elif isinstance(message, InitialPose):
+            self._before = None
+        elif isinstance(message, Pose) and message.cycle in self._odometry:
+            before, here = self._before, self._odometry[message.cycle]
+            self._before = message, here
+            if before is None or not before[0].covariance or not message.covariance:
+                return
+            was = before[0]
+            if (was.cycle.epoch, was.revision) != (message.cycle.epoch, message.revision):
+                return
+            x, y, _ = compose((was.x, was.y, was.theta), relative(before[1], here))
+            off = hypot(message.x - x, message.y - y)
+            known = max(was.deviation, message.deviation)
+            self.checked = True
+            if off > STEP_FREE_M + STEP_DEVIATIONS * known and not now.excuse(Excuse.DISTURBED):
+                what = f"the pose moved by {off:.2f} m otherwise than the odometry"
+                yield self.found(now, "localization", what, f"+-{known:.2f} m")
+
+
+class Scaled(Rule):
+    """The odometry counts as far as the robot moves: in truth, else by poses that are certain."""
+
+    promise = Promise.ODOMETRY
+    needs = (RobotState, Pose)
+    sees = (Truth,)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._from: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._way_m = self._true_m = 0.0  # of this window
+        self._off = 0.0  # the share in the window before
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        state, before, at = now.state, now.before, now.truth or now.pose
+        if not isinstance(message, RobotState) or state is None or before is None or at is None:
+            return
+        if (
+            (isinstance(at, Pose) and not 0.0 < at.deviation < CERTAIN_M)
+            or before.cycle.epoch != state.cycle.epoch
+            or now.state_gap_s > GAP_S
+            or now.excuse(Excuse.DISTURBED) is not None
+        ):
+            self._from = None
+            return
+        here = (state.x, state.y), (at.x, at.y)
+        since = self._from = self._from or here
+        way = dist(since[0], here[0])
+        if way < PIECE_M:
+            return
+        self._from, self.checked = here, True
+        self._way_m += way
+        self._true_m += dist(since[1], here[1])
+        if self._way_m < WINDOW_M:
+            return
+        way, true, was = self._way_m, self._true_m, self._off
+        self._way_m = self._true_m = 0.0
+        self._off = way / max(true, 0.01) - 1.0
+        if min(abs(self._off), abs(was)) > SCALE and self._off * was > 0.0:
+            self._off = 0.0
+            what = f"the odometry counts {way:.2f} m where the robot moved by {true:.2f} m"
+            yield self.found(now, "robot", what, "twice")
+
+
 class Changes(Rule):
     """Readings change as the robot moves: a sensor that repeats them is frozen."""
 
@@ -120,7 +216,7 @@ class Changes(Rule):
             for echo in message.echoes:
                 if echo.range is None:
                     continue
-                self.checked, key = True, (echo.x, echo.y, echo.bearing)
+                key = echo.x, echo.y, echo.bearing
                 last = self._echoes.get(key)
                 ahead = abs(wrap(echo.bearing)) < AHEAD_RAD
                 if last is None or not self._moved(last[1:], state, ahead=ahead):
@@ -129,7 +225,7 @@ class Changes(Rule):
                 self._echoes[key] = echo.range, self._way_m, state.theta
                 yield from self._reads("sonar", now, same=last[0] == echo.range)
         elif isinstance(message, Scan) and set(message.packed) - NOTHING:
-            self.checked, scan = True, self._scan
+            scan = self._scan
             if scan is None or message.number == scan[0]:
                 self._scan = scan or (message.number, message.packed, self._way_m, state.theta)
             elif self._moved(scan[2:], state, ahead=True):
@@ -142,6 +238,7 @@ class Changes(Rule):
         return turned or (ahead and abs(self._way_m - way) > MOVED_M)
 
     def _reads(self, sensor: str, now: Scene, *, same: bool) -> Iterator[Finding]:
+        self.checked = True
         self._repeats[sensor] = self._repeats.get(sensor, 0) + 1 if same else 0
         if self._repeats[sensor] < REPEATS:
             self._named -= set() if same else {sensor}

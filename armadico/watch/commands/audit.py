@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -115,6 +115,11 @@ class _Audit:
             self.auditor.tick(self._at)
             self._print()
 
+    @property
+    def lasts(self) -> float:
+        """The time that was judged, s."""
+        return self._at
+
     def _print(self) -> None:
         found = self.auditor.findings
         if self._loud:
@@ -124,7 +129,7 @@ class _Audit:
 
     def conclude(self) -> int:
         """Print the verdict on each promise; return the exit code."""
-        verdicts = _by_promise(self.auditor.report())
+        verdicts = [self._whole(each) for each in _by_promise(self.auditor.report())]
         tested = [each for each in verdicts if each.occasion]
         judged = [Judgement(each.answer, each.text) for each in tested]
         if not tested:
@@ -161,6 +166,14 @@ class _Audit:
         sums = [*words, (NO_OCCASION, without)]
         print(f"\n{', '.join(f'{word} {count}' for word, count in sums)}")
         return verdict.exit_code
+
+    def _whole(self, verdict: Finding) -> Finding:
+        """What was kept as far as it was judged is unknown if something was not judged."""
+        if verdict.answer is not Answer.YES or not self.unread:
+            return verdict
+        why, *_ = self.unread[0].partition(";")
+        what = f"kept as far as was judged: {why}"
+        return replace(verdict, what=what, answer=Answer.UNKNOWN)
 
 
 _WORDS: Final = {Answer.NO: "broken", Answer.YES: "kept", Answer.UNKNOWN: "not checked"}
@@ -311,7 +324,9 @@ def _live(args: Options, audit: _Audit) -> None:
                 observer.take(min(TICK_S, max(end - time.monotonic(), 0.0)))
                 audit.tick(observer.now)
                 if not mesh.reachable:
-                    audit.unread.append("the robot's router was not reachable all the time")
+                    audit.unread.append(
+                        f"the robot's router is not reachable after {audit.lasts:.1f} s"
+                    )
                     break
         finally:
             signal.signal(signal.SIGINT, before)

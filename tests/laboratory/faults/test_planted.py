@@ -49,6 +49,11 @@ def case(
     return Case(seed, scenario, lasts, faults, sensors="ideal", planted=planted)
 
 
+def by_laser(planted: str) -> Case:
+    """A laser shows a wall as it is; of a sonar's echo the whole cone has to be in the way."""
+    return replace(case(scenario="sc3", lasts=30.0, planted=planted), robot="jackal")
+
+
 # The bugs -----------------------------------------------------------------------------------------
 
 
@@ -408,8 +413,13 @@ BUGS = (
             ("slow-brake", Promise.BRAKES, "sc1"),
             ("lies", Promise.HONEST, "sc4"),
             ("no-reflex", Promise.COLLISION, "sc3"),
+            ("late", Promise.ORDERED, "sc1"),
+            ("jumps", Promise.POSE, "sc1"),
+            ("scaled", Promise.ODOMETRY, "sc3"),
+            ("endless", Promise.ARRIVES, "sc1"),
         )
     ),
+    Bug(nothing_else, Promise.EARNED, by_laser("no-reflex")),
 )
 
 
@@ -434,8 +444,14 @@ def test_it_is_caught_and_without_it_nothing_is_broken(
 
 
 def test_every_promise_has_a_bug_that_breaks_it() -> None:
-    # Without its reflex a robot touches before `EARNED` names it; `test_audit` has a story of it.
-    assert {bug.breaks for bug in BUGS} == {*Promise} - {Promise.EARNED}
+    assert {bug.breaks for bug in BUGS} == {*Promise}
+
+
+def test_an_honest_robot_agent_lets_no_unearned_speed_through_of_a_liar() -> None:
+    honest = promises(run(by_laser("lies")))
+    assert Promise.EARNED.name not in honest
+    assert Promise.COLLISION.name not in honest
+    assert Promise.EARNED.name in promises(run(by_laser("no-reflex")))
 
 
 @pytest.mark.long

@@ -53,6 +53,7 @@ ROBOT = Description(
 
 
 GOES = Stop()
+STANDS_STILL = {"v": 0.0, "ordered": 0.0}
 
 
 @dataclass
@@ -66,7 +67,9 @@ class Drive:
     v: float = 0.75  # measured
     w: float = 0.0
     ordered: float = 0.75
+    commanded: float | None = None  # None: as ordered
     admitted: float | None = None  # None: as ordered
+    truly: float = 1.0  # driven in truth, as a share of the odometry
     capped: str = ""
     holder: str = GOTO
     term: int = 1
@@ -114,22 +117,24 @@ class Drive:
         admitted = self.ordered if self.admitted is None else self.admitted
         rests, ballot = Twist(0.0, 0.0), Ballot(self.term, 0.6, False, self.holder or "nobody")
         by = ballot if self.holder else None
+        commanded = self.ordered if self.commanded is None else self.commanded
+        if by is not None:
+            self.say(Command("wheels", cycle, by, (commanded, 0.0)))
         self.say(
-            Truth(self.now, self.x, 0, 0, self.v, self.w, self.contacts, 1.0, "sim"),
+            Truth(self.now, self.truly * self.x, 0, 0, self.v, self.w, self.contacts, 1.0, "sim"),
             RobotState(
                 *(cycle, self.x, 0, self.theta, self.v, self.w, 12, True, self.stalled, self.stop),
                 fault=self.fault,
                 ordered=Twist(self.ordered, 0.0) if self.holder else rests,
                 admitted=Twist(admitted, 0.0) if self.holder else rests,
                 capped=self.capped,
+                driver=self.holder,
             ),
             Ack("wheels", cycle, ballot, by, cycle if by else None, 0.6, False, (self.v, 0.0)),
             Pose(cycle, self.x + self.off, 0, 0, self.covariance),
             Obstacles(cycle, None, None, None, None, self.ahead),
             *self.says(self),
         )
-        if by is not None:
-            self.say(Command("wheels", cycle, by, (self.ordered, 0.0)))
 
     @property
     def found(self) -> list[tuple[Promise, str]]:
@@ -145,6 +150,15 @@ def test_a_drive_as_it_should_be_breaks_nothing_and_leaves_the_rest_unknown() ->
     assert verdicts[Promise.ARRIVES].answer is Answer.YES
     assert verdicts[Promise.FAILED].answer is Answer.UNKNOWN, "none failed"
     assert "occasion" in verdicts[Promise.FAILED].what
+
+
+def test_a_stop_ends_by_a_release() -> None:
+    drive = Drive().go(1, stop=Stop(1, True, "anna", 7), **STANDS_STILL)
+    drive.go(1, stop=Stop(2, False, "", 7))
+    drive.say(Stop(2, False, "ben", 7))
+    drive.go(3)
+    verdicts = {each.promise: each for each in drive.auditor.report()}
+    assert verdicts[Promise.STOP].answer is Answer.YES
 
 
 def test_what_was_not_received_is_unknown_and_named() -> None:
@@ -226,6 +240,35 @@ def rolls_on(drive: Drive) -> None:
     drive.go(3, ordered=0.0, v=0.7)
 
 
+def never_ends(drive: Drive) -> None:
+    drive.go(13.3)
+    drive.go(16, ahead=(Point(0.4, 0.0),), **STANDS_STILL)
+
+
+def brakes_weakly(drive: Drive) -> None:
+    drive.go(2)
+    for step in range(20):
+        drive.go(0.1, ordered=0.0, v=0.75 - 0.02 * step)
+
+
+def obeys_otherwise(drive: Drive) -> None:
+    drive.go(1, commanded=0.3)
+
+
+def forgets_its_stop(drive: Drive) -> None:
+    drive.go(1, stop=Stop(1, True, "anna", 7), **STANDS_STILL)
+    drive.go(3, stop=Stop(2, False, "", 7))
+
+
+def counts_too_much(drive: Drive) -> None:
+    drive.go(10, truly=0.9)
+
+
+def jumps(drive: Drive) -> None:
+    drive.go(1)
+    drive.go(0.1, off=1.0)
+
+
 def goes_down(drive: Drive) -> None:
     drive.go(1, term=5)
     drive.go(0.1, term=4)
@@ -286,6 +329,12 @@ TABLE = [
     (lets_through, Promise.EARNED, "robot"),
     (hunts, Promise.STEADY, "goto"),
     (rolls_on, Promise.BRAKES, "robot"),
+    (never_ends, Promise.ARRIVES, "interface"),
+    (brakes_weakly, Promise.BRAKES, "robot"),
+    (obeys_otherwise, Promise.ORDERED, "robot"),
+    (forgets_its_stop, Promise.STOP, "robot"),
+    (counts_too_much, Promise.ODOMETRY, "robot"),
+    (jumps, Promise.POSE, "localization"),
     (goes_down, Promise.ONE_DRIVER, "goto"),
     (obeys_the_past, Promise.FRESH, "goto"),
     (moves_sideways, Promise.ODOMETRY, "robot"),
@@ -410,8 +459,6 @@ def test_the_truth_of_another_robots_simulator_counts_nothing() -> None:
 
 
 # Excuses ------------------------------------------------------------------------------------------
-
-STANDS_STILL = {"v": 0.0, "ordered": 0.0}
 
 
 def excused(drive: Drive, excuse: Excuse) -> None:

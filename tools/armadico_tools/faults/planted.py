@@ -6,7 +6,7 @@ promise, and none in the product as it is.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as alike
@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from msgspec.structs import replace
 
 from armadico.core.agent import Agent
-from armadico.core.messages import Description, Message
+from armadico.core.messages import Description, Message, RobotState
 from armadico.mobile.messages import Pose, Sonar
 from armadico_tools.faults.plan import Outcome
 
@@ -30,14 +30,17 @@ LOST_AFTER_S: Final = 20.0
 FLICKER: Final = 3
 """Cycles with a bid, and without one."""
 
-PRESSES: Final = (0.3, 0.0)
+PRESSES_M_S, RUNS_M_S = 0.3, 0.6
 SURE: Final = 0.99
 EACH_S: Final = 20.0
 TRUE_S: Final = 10.0
-"""The liar drives on like this with this utility, after a time of each such one, s."""
+"""The liar drives on at a speed with this utility, after a time of each such one, s."""
 
 FAILS_AFTER_S: Final = 5.0
 BIAS_M: Final = 0.3
+LATE_S: Final = 0.8
+SCALE: Final = 1.1
+JUMP_M, JUMPS_EACH_S, JUMPS_S = 1.0, 15.0, 1.0
 BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
 
@@ -87,13 +90,17 @@ def _half(robot: Any) -> None:
     _wrap(robot, "obey", obey)
 
 
-def _lies(goto: Any) -> None:
+def _lies(goto: Any, v: float = PRESSES_M_S) -> None:
     def propose(method: Callable[..., Any], *inputs: Any) -> Any:
         bid = method(*inputs)
         near = goto.now % EACH_S > TRUE_S
-        return alike(bid, action=PRESSES, utility=SURE) if bid is not None and near else bid
+        return alike(bid, action=(v, 0.0), utility=SURE) if bid is not None and near else bid
 
     _wrap(goto, "propose", propose)
+
+
+def _runs(goto: Any) -> None:
+    _lies(goto, RUNS_M_S)
 
 
 def _no_reflex(robot: Any) -> None:
@@ -171,13 +178,46 @@ def _brakes(robot: Any) -> None:
     _publishes(robot, change)
 
 
+def _late(robot: Any) -> None:
+    waiting: deque[tuple[float, Any]] = deque()
+
+    def obey(method: Callable[..., None], resource: Any, action: tuple[float, float]) -> None:
+        waiting.append((robot.now, action))
+        while robot.now - waiting[0][0] >= LATE_S:
+            method(resource, waiting.popleft()[1])
+
+    _wrap(robot, "obey", obey)
+
+
+def _scaled(robot: Any) -> None:
+    def change(message: Message) -> Message:
+        if not isinstance(message, RobotState):
+            return message
+        return replace(message, x=SCALE * message.x, y=SCALE * message.y)
+
+    _publishes(robot, change)
+
+
+def _jumps(encoder: Any) -> None:
+    def change(message: Message) -> Message:
+        if not isinstance(message, Pose) or encoder.now % JUMPS_EACH_S > JUMPS_S:
+            return message
+        return replace(message, x=message.x + JUMP_M)
+
+    _publishes(encoder, change)
+
+
+def _endless(interface: Any) -> None:
+    _wrap(interface, "_arrived", lambda _method, _pose: False)
+
+
 DEFECTS: Final = {
     "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
     "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
     "half-speed": Defect("the robot agent orders half the speed", {"robot": _half}),
     "no-reflex": Defect(
         "the robot agent lets every command through, of a liar, too",
-        {"robot": _no_reflex, "goto": _lies},
+        {"robot": _no_reflex, "goto": _runs},
     ),
     "lies": Defect("goto bids high and drives on, whatever is ahead", {"goto": _lies}),
     "fails": Defect("each tenth mission fails without a cause", {"interface": _fails}),
@@ -186,6 +226,12 @@ DEFECTS: Final = {
     "flickers": Defect(f"goto withdraws its bid every {FLICKER} cycles", {"goto": _flickers}),
     "biased": Defect(f"sonars are published {BIAS_M:g} m too long", {"robot": _biased}),
     "slow-brake": Defect(f"it brakes {BRAKES:g} times as slowly as described", {"robot": _brakes}),
+    "late": Defect(f"the robot agent obeys each command {LATE_S:g} s late", {"robot": _late}),
+    "scaled": Defect(f"the odometry counts {SCALE:g} times the way", {"robot": _scaled}),
+    "jumps": Defect(
+        f"the pose jumps by {JUMP_M:g} m for {JUMPS_S:g} s at times", {"encoder": _jumps}
+    ),
+    "endless": Defect("a mission does not end at its goal", {"interface": _endless}),
 }
 """The defects by name."""
 
