@@ -22,7 +22,7 @@ from armadico.core.config_errors import ConfigError
 from armadico.mobile.admissible import CREEP_M_S, TOUCH_M, View, admit
 from armadico.mobile.geometry import Pose2, turning_circle
 from armadico.mobile.messages import Echo, Scan
-from armadico.mobile.motion import Body, Speeds, ordered
+from armadico.mobile.motion import Body, Speeds, ordered, ramped
 from armadico.mobile.swept_path import Outline
 
 REACTION_CYCLES, REACTION_S = 2.0, 0.2
@@ -69,6 +69,8 @@ class Reflex:
         self._seen = Seen(profile)
         self._view: View | None = None  # computed when it is first needed in a cycle
         self._measured: tuple[Speeds, Speeds] = ((0.0, 0.0), (0.0, 0.0))  # a cycle ago, and now
+        self._ramped: Speeds = (0.0, 0.0)  # where the ramps are, by what was driven
+        self._now = 0.0
         self.why = ""
         self._capped: tuple[Speeds, Speeds] | None = None  # commanded, and obeyed
         self._count = 0
@@ -81,6 +83,7 @@ class Reflex:
         measured: Speeds,
         now: float,
         scan: Scan | None = None,
+        driven: Speeds = (0.0, 0.0),
     ) -> None:
         """Add one cycle's readings.
 
@@ -90,8 +93,11 @@ class Reflex:
             measured: (v, w) by the wheels, m/s and rad/s.
             now: s.
             scan: A laser's scan; None: none arrived.
+            driven: The (v, w) that were commanded since the last cycle.
         """
         self._seen.update(echoes, scan, pose, now)
+        self._ramped = ramped(self._body, self._ramped, driven, max(0.0, now - self._now))
+        self._now = now
         self._measured = self._measured[1], measured
         self._view = None
 
@@ -102,7 +108,9 @@ class Reflex:
             return v, w
         if self._view is None:
             self._view = self._seen.view(self._within)
-        going = ordered(self._body, *self._measured)
+        # What was commanded just now does not show in the measured speeds yet.
+        trend = ordered(self._body, *self._measured)
+        going = max(trend[0], self._ramped[0], key=abs), max(trend[1], self._ramped[1], key=abs)
         safe_v, safe_w, self.why = admit(self._body, going, (v, w), self._view)
         if self.why:
             self._capped, self._count = ((v, w), (safe_v, safe_w)), self._count + 1

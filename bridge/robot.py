@@ -627,6 +627,7 @@ class Robot(DeviceAgent):
             self._orders.measured,
             self.now,
             scan,
+            self._orders.driven,
         )
         if scan is not None and self._response.see(points_of(scan), pose):
             self._found_fault()

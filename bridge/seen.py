@@ -19,6 +19,9 @@ are joined where the robot fits through no gap between them, and go on into unse
 Nearer than a sonar's least range it only knows that something is there: what was heard before stays
 where it was.
 
+A wall at the edge of a laser's view goes on beyond it, unless a place there was seen to be free.
+What moves towards the laser is expected to go on: its places of the next moments count as taken.
+
 Frame of the arguments: the body's, x forward, y left, origin at the middle of the wheel axle;
 m, rad, s.
 """
@@ -26,7 +29,7 @@ m, rad, s.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import cos, floor, inf, radians, sin, tan
+from math import cos, floor, inf, radians, sin, tan, tau
 from typing import Final
 
 import numpy as np
@@ -108,6 +111,33 @@ BESIDE_RAD: Final = radians(25)
 SAME_M: Final = 0.03
 """A point within this of a known one replaces it."""
 
+ON_M: Final = np.arange(0.05, 0.45, 0.05)
+"""Beyond the last point in a laser's view, its wall goes on at these distances: chosen."""
+
+BETWEEN_S: Final = 0.45
+"""For this time a point stays although a scan looks through its place: rays may be lost, or pass
+a thin object on both sides. Two turns of a laser at 5 Hz."""
+
+APART_S: Final = 0.25
+"""Two scans so far apart show what moves: a place that the earlier one looked through is taken."""
+
+WALKS_M: Final = (0.06, 0.5)
+"""So far a moving object went from one of these scans to the other: less is noise, and more is
+another object."""
+
+AHEAD_S: Final = np.arange(0.15, 0.9, 0.15)
+"""Times for which moving objects are expected to go on: a robot stops within the last one, s."""
+
+GONE_S: Final = 1.0
+"""A moving object that has left the view counts for this time. Where one was seen lately, so long a
+place counts as free after a reading showed it: another may have stepped there."""
+
+SOME: Final = 3
+"""So many points that move are an object, and not lost rays."""
+
+LINE_M: Final = (0.05, 0.3)
+"""Points of a wall show its direction if they are so far apart, and so near to the last one."""
+
 CELL_M: Final = 0.1
 CELLS: Final = 64
 """Size and number of the cells of free space, in both directions, with the robot in the middle."""
@@ -139,8 +169,13 @@ class Seen:
         # x, y in the odometry's frame, when, and the direction of the sonar that hit it
         self._echoed: Floats = np.empty((0, 5))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
+        self._beyond: Floats = np.empty((0, 2))  # x, y, where walls leave the laser's view
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
+        # Of the last `APART_S`: when, the scan, its ranges, and the pose.
+        self._scans: list[tuple[float, Scan, Floats, Pose2]] = []
+        self._moving: Floats = np.empty((0, 5))  # x, y, when, and the velocity, m/s
+        self._moved_at = -inf  # when an object last moved
         self._number = -1  # of the newest scan
         self._corner: tuple[int, int] | None = None  # of the cells, in cells
         self._free: Floats = np.full((CELLS, CELLS), -inf)  # when last seen, s
@@ -166,10 +201,12 @@ class Seen:
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
         echoed = self._from_world(self._echoed[:, :2])
-        points = np.concatenate([echoed, self._from_world(self._scanned[:, :2])])
+        known = self._from_world(np.concatenate([self._scanned[:, :2], self._beyond]))
+        points = np.concatenate([echoed, known, self._expected()])
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
-        unseen = (self._now - self._free > LATELY_S) & (np.abs(x) < within) & (np.abs(y) < within)
+        lately = GONE_S if self._now - self._moved_at < LATELY_S else LATELY_S
+        unseen = (self._now - self._free > lately) & (np.abs(x) < within) & (np.abs(y) < within)
         cells = np.column_stack([x[unseen], y[unseen]])
         near = echoed[self._beside(echoed) < NEAR_M]
         gaps = np.hypot(*(cells[:, None] - near).transpose(2, 0, 1))
@@ -279,13 +316,66 @@ class Seen:
         fresh = np.where(shown >= np.minimum(away, reach + CELL_M), self._now, -inf)
         fresh[away > reach] = -inf
         self._free[near] = np.maximum(self._free[near], fresh)
-        _, shown, seen = _rays(scan, ranges, self._from_world(self._scanned[:, :2]))
+        known = self._scanned
+        away, shown, seen = _rays(scan, ranges, self._from_world(known[:, :2]))
+        seen &= (shown < away + 3.0 * self._noise) | (self._now - known[:, 2] > BETWEEN_S)
         points = points_of(scan)
         rear, front, half = self._footprint
         own = (rear < points[:, 0]) & (points[:, 0] < front) & (np.abs(points[:, 1]) < half)
         points = points[~own & (np.hypot(points[:, 0], points[:, 1]) < DARK_M)]
         new = np.column_stack([self._to_world(points), np.full(len(points), self._now)])
-        self._scanned = np.concatenate([self._scanned[~seen], new])
+        self._scanned = np.concatenate([known[~seen], new])
+        self._go_on(scan, ranges)
+        self._follow(scan, ranges)
+
+    def _follow(self, scan: Scan, ranges: Floats) -> None:
+        """Note which of a scan's points move towards the laser, by comparing two scans."""
+        known, taken = self._moving, self._scanned[self._scanned[:, 2] == self._now, :2]
+        if len(known):
+            stays = ~_rays(scan, ranges, self._from_world(known[:, :2]))[2]
+            self._moving = known[stays & (self._now - known[:, 2] < GONE_S)]
+        self._scans.append((self._now, scan, ranges, self._pose))
+        while len(self._scans) > 2 and self._now - self._scans[1][0] >= APART_S:
+            self._scans.pop(0)
+        at, before, were, pose = self._scans[0]
+        if not 0.0 < self._now - at < GONE_S:
+            return
+        away, shown, seen = _rays(before, were, _into(pose, taken))
+        taken = taken[seen & (shown > away + THROUGH_M)]
+        if len(taken) < SOME:
+            return
+        taken, was = _thinned(taken), _out_of(pose, points_of(before))
+        if not len(was):
+            return
+        apart = taken[:, None] - was
+        nearest = np.hypot(*apart.transpose(2, 0, 1)).argmin(axis=1)
+        went = apart[np.arange(len(taken)), nearest]
+        moves = (WALKS_M[0] < np.hypot(*went.T)) & (np.hypot(*went.T) < WALKS_M[1])
+        new = np.column_stack([taken, np.full(len(taken), self._now), went / (self._now - at)])
+        self._moving = np.concatenate([self._moving, new[moves]])
+        if moves.sum() >= SOME:
+            self._moved_at = self._now
+
+    def _expected(self) -> Floats:
+        """Where moving objects are expected in the next moments, outside the footprint."""
+        if not len(self._moving):
+            return self._moving[:, :2]
+        x_y, at, velocity = np.split(self._moving, [2, 3], axis=1)
+        after = (self._now - at)[:, None] + AHEAD_S[:, None]
+        places = self._from_world((x_y[:, None] + after * velocity[:, None]).reshape(-1, 2))
+        return places[self._beside(places) > 0.0]
+
+    def _go_on(self, scan: Scan, ranges: Floats) -> None:
+        """Note where walls go on beyond the edges of a laser's view; what is near stays noted."""
+        at = self._from_world(self._beyond)
+        beside = self._beside(at)
+        near = (beside < AROUND_M + CELL_M) & (beside > -INSIDE_M) & ~_rays(scan, ranges, at)[2]
+        new = self._to_world(_beyond_view(scan, ranges))
+        cells = np.floor(new / CELL_M).astype(np.intp) - self._corner
+        held = ((cells >= 0) & (cells < CELLS)).all(axis=1)
+        new, (i, j) = new[held], cells[held].T
+        both = np.concatenate([self._beyond[near], new[self._now - self._free[i, j] > LATELY_S]])
+        self._beyond = _thinned(both)
 
     def _kept(self, points: Floats) -> Floats:
         """Points that are neither too old nor where the robot stands."""
@@ -294,7 +384,7 @@ class Seen:
         return points[stays & (beside > -INSIDE_M)]
 
     def _beside(self, at: Floats) -> Floats:
-        """How far places are outside the footprint, ahead, behind or aside, m."""
+        """By how much the footprint can grow until places are on its edge, m; below 0: inside."""
         rear, front, half = self._footprint
         ahead = np.maximum(at[:, 0] - front, rear - at[:, 0])
         beside: Floats = np.maximum(ahead, np.abs(at[:, 1]) - half)
@@ -321,14 +411,31 @@ class Seen:
         return c * dx + s * dy, c * dy - s * dx
 
     def _from_world(self, places: Floats) -> Floats:
-        dx, dy = places[:, 0] - self._pose[0], places[:, 1] - self._pose[1]
-        c, s = cos(self._pose[2]), sin(self._pose[2])
-        return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+        return _into(self._pose, places)
 
     def _to_world(self, places: Floats) -> Floats:
-        x, y = places[:, 0], places[:, 1]
-        c, s = cos(self._pose[2]), sin(self._pose[2])
-        return np.column_stack([c * x - s * y, s * x + c * y]) + self._pose[:2]
+        return _out_of(self._pose, places)
+
+
+def _thinned(places: Floats) -> Floats:
+    """One place of each square of `SAME_M`."""
+    squares = np.floor(places / SAME_M) @ (1.0, 1e6)
+    return places[np.unique(squares, return_index=True)[1]]
+
+
+def _into(pose: Pose2, places: Floats) -> Floats:
+    """Places of the odometry's frame in the body's."""
+    dx, dy = places[:, 0] - pose[0], places[:, 1] - pose[1]
+    c, s = cos(pose[2]), sin(pose[2])
+    return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+
+
+def _out_of(pose: Pose2, places: Floats) -> Floats:
+    """Places of the body's frame in the odometry's."""
+    x, y = places[:, 0], places[:, 1]
+    c, s = cos(pose[2]), sin(pose[2])
+    found: Floats = np.column_stack([c * x - s * y, s * x + c * y]) + pose[:2]
+    return found
 
 
 def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, Flags]:
@@ -353,6 +460,32 @@ def _filled(points: Floats, width: float) -> Floats:
     between = np.concatenate([begin + share * way for share in (0.25, 0.5, 0.75)])
     thinned: Floats = np.unique(np.round(between / SAME_M), axis=0) * SAME_M
     return thinned
+
+
+def _beyond_view(scan: Scan, ranges: Floats) -> Floats:
+    """Places on the walls that reach the edges of a laser's view, if they go on straight."""
+    if round(tau / abs(scan.step)) <= len(ranges):  # a whole turn
+        return np.empty((0, 2))
+    found = [np.empty((0, 2))]
+    rays = np.arange(len(ranges) // 4)
+    for inwards in (rays, len(ranges) - 1 - rays):
+        edge = inwards[np.isfinite(ranges[inwards])]
+        if len(edge) < SOME:
+            continue
+        away, bearings = ranges[edge], scan.bearing + scan.step * edge
+        x, y = scan.x + away * np.cos(bearings), scan.y + away * np.sin(bearings)
+        off = np.hypot(x - x[:1], y - y[:1])
+        count = np.argmax(off > LINE_M[1]) or len(off)
+        if off[:count].max() < LINE_M[0]:
+            continue
+        middle = np.array([x[:count].mean(), y[:count].mean()])
+        dx, dy = x[:count] - middle[0], y[:count] - middle[1]
+        angle = 0.5 * np.arctan2(2.0 * (dx @ dy), dx @ dx - dy @ dy)  # of the principal axis
+        along = np.array([np.cos(angle), np.sin(angle)])
+        last = along[0] * dx[0] + along[1] * dy[0]
+        on = middle + along * (last + np.sign(last) * ON_M[:, None])
+        found.append(on[~_rays(scan, ranges, on)[2]])
+    return np.concatenate(found)
 
 
 def _on_walls(echo: Echo, away: float, normals: Floats) -> Floats:

@@ -124,6 +124,14 @@ def ordered(body: Body, before: Speeds, now: Speeds) -> Speeds:
     )
 
 
+def ramped(body: Body, now: Speeds, to: Speeds, after: float) -> Speeds:
+    """Return the (v, w) that ramps from `now` towards `to` reach after a time, s."""
+    return (
+        _ramp(now[0], to[0], body.v_accel * after, body.v_decel * after),
+        _ramp(now[1], to[1], body.w_accel * after, body.w_decel * after),
+    )
+
+
 def _leads(before: float, now: float, accel: float, body: Body) -> float:
     if abs(now) <= abs(before) or now * before < 0.0:
         return now

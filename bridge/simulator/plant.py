@@ -264,8 +264,10 @@ class Plant:
         assert shape is not None
         if laser.lasts_s == 0.0 or len(self._went) < 2:
             return laser.scan(self.pose)
-        steps, *places = np.array(self._went).T
         times = self._steps - np.linspace(laser.lasts_s / STEP_S, 0.0, shape.rays)
+        newest = enumerate(reversed(self._went))
+        before = next((k for k, went in newest if went[0] <= times[0]), WENT)
+        steps, *places = np.array([*self._went][-before - 1 :]).T
         poses = np.column_stack([np.interp(times, steps, each) for each in places])
         return laser.scan(poses if shape.time_order >= 0 else poses[::-1])
 

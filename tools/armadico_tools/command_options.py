@@ -35,7 +35,9 @@ def over(
     label: str,
     done: Callable[[T, R], None],
 ) -> bool:
-    """Apply a function to tasks in processes. Returns False after Ctrl-C."""
+    """Apply a function to tasks in processes. Returns False after Ctrl-C, or if one was killed."""
+    from concurrent.futures import BrokenExecutor
+
     from armadico.cli import pool
 
     count = 0
@@ -47,7 +49,8 @@ def over(
 
     try:
         pool.over(function, tasks, processes, label, counted)
-    except KeyboardInterrupt:
-        options.report(f"interrupted after {count} of {len(tasks)} {label}")
+    except (KeyboardInterrupt, BrokenExecutor) as error:
+        why = "a process was killed" if isinstance(error, BrokenExecutor) else "interrupted"
+        options.report(f"{why} after {count} of {len(tasks)} {label}")
         return False
     return True

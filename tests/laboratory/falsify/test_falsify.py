@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from collections.abc import Callable
 from functools import partial
@@ -15,6 +16,8 @@ from armadico.bridge.robot import Parameters
 from armadico.bridge.simulator.plant import Plant
 from armadico.cli.options import UsageError
 from armadico.core.config_errors import ConfigError
+from armadico.core.judgement import UNKNOWN_EXIT
+from armadico_tools.command_options import over
 from armadico_tools.commands import falsify
 from armadico_tools.falsify import search, trial
 from armadico_tools.falsify.cases import SIZE, Case, loads, setting
@@ -109,6 +112,34 @@ def test_a_small_search_finds_a_contact_goes_on_where_it_was_and_prints_a_repeat
     cycles = Ledger(tmp_path, "pioneer-2dx", ("rooms-a",)).cycles
     assert falsify.main([*some, "--cycles", str(cycles + 1)]) == 1
     assert not set(first) & set(ran[len(first) :]), "no seed is searched twice"
+
+
+def test_an_interrupted_search_does_not_pass_and_says_how_far_it_came(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = Search.run
+
+    def interrupted(self: Search) -> search.Found:
+        if self.seed:
+            raise KeyboardInterrupt
+        return whole(replace(self, generations=1, lasts=1.0))
+
+    monkeypatch.setattr(Search, "run", interrupted)
+    some = ["--robot", "pioneer-2dx", "--world", "rooms-a", "--jobs", "1", "--out", str(tmp_path)]
+    assert falsify.main([*some, "--cycles", "20000"]) == UNKNOWN_EXIT
+    driven = Ledger(tmp_path, "pioneer-2dx", ("rooms-a",)).cycles
+    assert f"unknown: pioneer-2dx: {driven:,} of 20,000 cycles were driven" in (
+        capsys.readouterr().out
+    )
+    assert falsify.main([*some, "--cycles", str(driven), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["judgement"]["answer"] == "yes"
+
+
+def test_a_series_of_which_a_process_was_killed_is_not_whole(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert not over(os._exit, [1, 1], 2, "seeds", lambda _task, _found: None)
+    assert "a process was killed after 0 of 2 seeds" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("without_limits")

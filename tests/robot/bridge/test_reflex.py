@@ -228,6 +228,74 @@ def test_fewer_rays_show_less(rays: int) -> None:
         assert speeds[0] < 1.0
 
 
+def among(walls: np.ndarray, x: float, number: int, around: float) -> Scan:
+    """A scan of a robot at (x, 0) among walls, (n, 4): both ends, m."""
+    bearings = (np.arange(720) / 720 - 0.5) * around
+    ex, ey = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
+    ax, ay = walls[:, 0] - x - 0.12, walls[:, 1]
+    c, s = np.cos(bearings)[:, None], np.sin(bearings)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = (ax * ey - ay * ex) / (c * ey - s * ex)
+        along = (ax * s - ay * c) / (c * ey - s * ex)
+    hit = (away > 0.0) & (along >= 0.0) & (along <= 1.0)
+    return scan_of(np.where(hit, away, 20.0).min(axis=1).tolist(), number, around)
+
+
+def test_a_wall_that_leaves_the_view_of_a_laser_goes_on() -> None:
+    """Behind the robot no ray looks, and the wall that it sees aside crosses its way there."""
+    profile = jackal(720)
+    reflex, x, v = Reflex(profile), 0.0, 0.0
+    wall = np.array([[-1.0, 0.0, 0.0, -1.0]])
+    corner = profile.body.rear_m + profile.body.width_m / 2
+    for number in range(1, 60):
+        scan = among(wall, x, number, radians(270))
+        reflex.update((), (x, 0.0, 0.0), (v, 0.0), 0.1 * number, scan, (v, 0.0))
+        v = reflex.cap(-CREEP_M_S, 0.0)[0]
+        x += 0.1 * v
+    assert -1.0 + corner < x < -0.1, "it came nearer, and did not touch"
+
+
+def test_a_thin_object_stays_between_two_scans_that_show_it() -> None:
+    profile = jackal(720)
+    post = [0.5 if abs(index - 360) < 2 else 10.0 for index in range(720)]
+    reflex = Reflex(profile)
+    speeds = []
+    for number in range(1, 9):
+        scan = scan_of(post if number < 3 else [10.0] * 720, number)
+        reflex.update((), ORIGIN, (1.0, 0.0), 0.1 * number, scan)
+        speeds.append(reflex.cap(1.0, 0.0)[0])
+    assert max(speeds[1:5]) < 1.0
+    assert speeds[-1] == 1.0, "it is gone"
+
+
+def test_what_was_just_commanded_counts_though_the_wheels_do_not_show_it_yet() -> None:
+    speeds = []
+    for driven in ((0.0, 0.0), (1.0, 0.0)):
+        reflex = Reflex(jackal(720))
+        ahead = [0.4 if abs(index - 360) < 40 else 10.0 for index in range(720)]
+        for number in (1, 2, 3):
+            scan = scan_of(ahead, number)
+            reflex.update((), ORIGIN, (0.0, 0.0), 0.1 * number, scan, driven)
+        speeds.append(reflex.cap(2.0, 0.0)[0])
+    assert speeds[1] < speeds[0]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_person_who_comes_nearer_is_expected_to_come_on(side: float) -> None:
+    """And what has left the view may be behind the robot by now."""
+    speeds = []
+    for pace in (0.0, 1.2):
+        reflex = Reflex(jackal(720))
+        for number in range(1, 8):
+            x = 1.6 + pace * 0.1 * (7 - number)
+            person = np.array([[x, 0.1 * side, x, 0.6 * side], [x, 0.1 * side, 9.0, 0.1 * side]])
+            scan = among(person, 0.0, number, tau)
+            reflex.update((), ORIGIN, (1.0, 0.0), 0.1 * number, scan, (1.0, 0.0))
+        speeds.append(reflex.cap(1.0, 0.0)[0])
+    assert speeds[0] == 1.0
+    assert speeds[1] < 1.0
+
+
 def test_a_laser_that_sees_its_own_robot_does_not_hold_it() -> None:
     seen = Seen(jackal(360))
     seen.update((), scan_of([0.11] * 360, 1), ORIGIN, 0.1)

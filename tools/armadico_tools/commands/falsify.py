@@ -86,6 +86,6 @@ main = Command(
     " delayed commands and lost readings; only the robot agent and its simulator are there. Each"
     " seed is an evolution (CMA-ES) of such cases towards the worst one. Results are kept in a"
     " file, so an interrupted search continues. The worst case is printed as a command that repeats"
-    " it. Exit code 1 if there is one.",
+    " it. Exit code 1 if there is one, 3 if none was found in fewer cycles than wanted.",
     EXAMPLES,
 )

@@ -8,13 +8,13 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from msgspec import Struct
+from msgspec import Struct, to_builtins
 from rich.console import Console
 from rich.table import Table
 
-from armadico.cli import options
 from armadico.cli.options import FailedError
 from armadico.config.loading import read_text
+from armadico.core.judgement import Judgement, all_of, no, unknown, yes
 from armadico.observe.conditions import software
 from armadico_tools.command_options import over
 from armadico_tools.falsify.cases import loads
@@ -57,7 +57,7 @@ class Ledger:
 
     def __init__(self, folder: Path, robot: str, worlds: Sequence[str]) -> None:
         """Open the file, and make its folder if needed. Raises FailedError."""
-        self._of = software().commit, robot, " ".join(worlds)
+        self.robot, self._of = robot, (software().commit, robot, " ".join(worlds))
         try:
             self._rows = Rows(folder / FILE, Row)
         except OSError as error:
@@ -110,30 +110,44 @@ def search(
     *,
     as_json: bool,
 ) -> int:
-    """Search seeds for each robot; Ctrl-C ends with what was found so far. Raises ConfigError."""
+    """Search seeds for each robot, until so many cycles were driven; the code of its judgement.
+
+    An interrupted search shows what was found so far, but it passes never. Raises ConfigError.
+    """
     ledgers = {robot: Ledger(folder, robot, worlds) for robot in robots}
     complete = all(
         _until(ledger, robot, tuple(worlds), cycles, first, jobs)
         for robot, ledger in ledgers.items()
     )
-    found = any(preventable(row.by_cause) for le in ledgers.values() for row in le.rows.values())
+    judgement = all_of(judge(ledger, cycles) for ledger in ledgers.values())
     commands = [text for ledger in ledgers.values() if (text := _worst(ledger))] if complete else []
     if as_json:
         rows = {robot: _summary(ledger) for robot, ledger in ledgers.items()}
-        print(json.dumps({"robots": rows, "repeat": commands}, indent=2))
+        found = {"robots": rows, "wanted": cycles, "repeat": commands}
+        print(json.dumps({**found, "judgement": to_builtins(judgement)}, indent=2))
     else:
-        _show(ledgers)
+        _show(ledgers, cycles)
         for command in commands:
             print(command)
-    if not complete:
-        return options.INTERRUPTED
-    return 1 if found else 0
+        print(judgement)
+    return judgement.exit_code
+
+
+def judge(ledger: Ledger, cycles: int) -> Judgement:
+    """Whether so many cycles passed without a contact that the sensors could have prevented."""
+    found = preventable(sum((row.by_cause for row in ledger.rows.values()), Counter()))
+    if found:
+        return no(f"{ledger.robot}: {found} contacts that the sensors could have prevented")
+    if ledger.cycles < cycles:
+        driven = f"{ledger.robot}: {ledger.cycles:,} of {cycles:,} cycles were driven"
+        return unknown(driven, "run the same command again: it continues")
+    return yes()
 
 
 def _until(
     ledger: Ledger, robot: str, worlds: tuple[str, ...], cycles: int, first: int, jobs: int
 ) -> bool:
-    """Search seeds until so many cycles were driven. Returns False after Ctrl-C."""
+    """Search seeds until so many cycles were driven. Returns False if interrupted."""
     seed = first
     while (left := cycles - ledger.cycles) > 0:
         mean = ledger.cycles / len(ledger.rows) if ledger.rows else CYCLES_A_SEED
@@ -170,7 +184,7 @@ def _summary(ledger: Ledger) -> dict[str, object]:
     }
 
 
-def _show(ledgers: dict[str, Ledger]) -> None:
+def _show(ledgers: dict[str, Ledger], wanted: int) -> None:
     table = Table("robot")
     for title in ("seeds", "cases", "cycles", "contacts to prevent"):
         table.add_column(title, justify="right")
@@ -179,8 +193,10 @@ def _show(ledgers: dict[str, Ledger]) -> None:
         found = _summary(ledger)
         contacts = sum((row.by_cause for row in ledger.rows.values()), Counter[str]())
         causes = "\n".join(f"{count} {cause}" for cause, count in contacts.most_common())
-        numbers = (str(found[name]) for name in ("seeds", "cases", "cycles", "preventable"))
-        table.add_row(robot, *numbers, causes or "none")
+        driven = f"{ledger.cycles:,} of {wanted:,}"
+        numbers = str(found["seeds"]), str(found["cases"]), driven, str(found["preventable"])
+        whole = ledger.cycles >= wanted
+        table.add_row(robot, *numbers, causes or ("none" if whole else "none so far"))
     Console().print(table)
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 from math import atan2, cos, inf, sin
 from typing import Final
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace as altered
 
@@ -80,15 +81,20 @@ class Hostile(agent.Agent):
     def _bearing(self) -> float:
         """The direction of the nearest reading, rad; 0 without one."""
         sonar, scan = self.latest(Sonar), self.latest(Scan)
-        places = [
-            (e.x + e.range * cos(e.bearing), e.y + e.range * sin(e.bearing))
-            for e in (() if sonar is None else sonar.echoes)
-            if e.range is not None
-        ]
+        echoes = () if sonar is None else sonar.echoes
+        places = np.array(
+            [
+                (e.x + e.range * cos(e.bearing), e.y + e.range * sin(e.bearing))
+                for e in echoes
+                if e.range is not None
+            ]
+        ).reshape(-1, 2)
         if scan is not None:
-            places += [(x, y) for x, y in points_of(scan).tolist()]
-        near = min(places, key=lambda place: place[0] ** 2 + place[1] ** 2, default=(1.0, 0.0))
-        return atan2(near[1], near[0])
+            places = np.concatenate([places, points_of(scan)])
+        if not len(places):
+            return 0.0
+        x, y = places[np.argmin(np.hypot(*places.T))].tolist()
+        return atan2(y, x)
 
 
 class Outcome(Struct, frozen=True):

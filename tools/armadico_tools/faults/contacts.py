@@ -12,16 +12,16 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from enum import StrEnum
 from itertools import pairwise
-from math import atan2, hypot, radians, sin, tau
+from math import hypot, inf, pi, radians, tau
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from armadico.bridge.simulator.plant import Plant
 from armadico.bridge.simulator.walls import Columns, Segments
-from armadico.mobile.geometry import Pose2, relative, wrap
+from armadico.mobile.geometry import Pose2, relative
 from armadico.mobile.messages import Scan, Sonar
-from armadico.mobile.scans import bearings_of, ranges_of
+from armadico.mobile.scans import Floats, bearings_of, ranges_of
 from armadico.mobile.swept_path import Outline
 
 Place = tuple[float, float]
@@ -69,24 +69,13 @@ def unknowable(cause: Cause) -> str:
     return "" if cause in PREVENTABLE else cause.value
 
 
-class Ray(NamedTuple):
-    """What one sensor read: its pose in the body frame, half its opening angle, and the range."""
-
-    x: float
-    y: float
-    bearing: float
-    half: float
-    range: float  # infinite: nothing within `reach`
-    reach: float
-
-
 class Reading(NamedTuple):
     """The readings of one cycle, where the robot truly was, and how fast (m/s)."""
 
     at: float
     pose: Pose2
     speed: float
-    rays: tuple[Ray, ...]
+    seen: Sonar | Scan
     altered: bool  # by an injected fault
 
 
@@ -107,8 +96,7 @@ class Witness:
         self, at: float, pose: Pose2, speed: float, seen: Sonar | Scan, *, altered: bool = False
     ) -> None:
         """Add the readings of one cycle, taken at a true pose and speed (m/s)."""
-        rays = _of_sonars(seen) if isinstance(seen, Sonar) else _of_laser(seen)
-        self._readings.append(Reading(at, pose, speed, tuple(rays), altered))
+        self._readings.append(Reading(at, pose, speed, seen, altered))
 
     def judge(self, place_at: PlaceAt) -> Cause:
         """The cause of a contact with an obstacle, by its true place at each time (s)."""
@@ -118,12 +106,12 @@ class Witness:
             gap = self._outline.clearance(x, y)
             if gap > NEAR_M:
                 break
-            shown = [_shows(ray, x, y) for ray in reading.rays]
-            if True in shown:
+            in_view, shown = _shows(reading.seen, x, y)
+            if shown:
                 if gap >= self._stopping(reading.speed):
                     return self._count(Cause.SEEN)
                 late = True
-            elif False in shown:
+            elif in_view:
                 mute, altered = True, altered or reading.altered
         if late:
             return self._count(Cause.TOO_FAST)
@@ -136,32 +124,34 @@ class Witness:
         return cause
 
 
-def _shows(ray: Ray, x: float, y: float) -> bool | None:
-    """Whether a ray shows a place in the body frame; None: it does not look there.
+def _shows(seen: Sonar | Scan, x: float, y: float) -> tuple[bool, bool]:
+    """Whether a place in the body frame is in view of any sensor, and whether one shows it.
 
     What is behind something nearer is not in view.
     """
-    away, bearing = hypot(x - ray.x, y - ray.y), atan2(y - ray.y, x - ray.x)
+    mounts, ranges, half = _rays(seen)
+    dx, dy = x - mounts[:, 0], y - mounts[:, 1]
+    away = np.hypot(dx, dy)
+    off = np.abs(np.remainder(np.arctan2(dy, dx) - mounts[:, 2] + pi, tau) - pi)
     # Within the cone, or so near beside it that the echo may be of the same obstacle.
-    beside = abs(wrap(bearing - ray.bearing)) - ray.half
-    if away > ray.reach or (beside > 0.0 and away * sin(min(beside, 1.5)) > SAME_M):
-        return None
-    if ray.range < away - SAME_M:
-        return None
-    return ray.range <= away + SAME_M
+    beside = np.clip(off - half, 0.0, 1.5)
+    looks = (away <= seen.reach) & (away * np.sin(beside) <= SAME_M)
+    in_view = looks & (ranges >= away - SAME_M)
+    return bool(in_view.any()), bool((in_view & (ranges <= away + SAME_M)).any())
 
 
-def _of_sonars(seen: Sonar) -> Iterable[Ray]:
-    for echo in seen.echoes:
-        measured = np.inf if echo.range is None else echo.range
-        yield Ray(echo.x, echo.y, echo.bearing, HALF_CONE, float(measured), seen.reach)
+def _rays(seen: Sonar | Scan) -> tuple[Floats, Floats, float]:
+    """What each sonar or ray read: (x, y, bearing); the range, infinite: nothing; half its angle.
 
-
-def _of_laser(seen: Scan) -> Iterable[Ray]:
-    half = 0.5 * abs(seen.step)
-    for bearing, measured in zip(bearings_of(seen), ranges_of(seen), strict=True):
-        if not np.isnan(measured):
-            yield Ray(seen.x, seen.y, float(bearing), half, float(measured), seen.reach)
+    The range of an invalid ray is NaN, so it shows nothing.
+    """
+    if isinstance(seen, Scan):
+        bearings = bearings_of(seen)
+        mounts = np.column_stack([np.broadcast_to((seen.x, seen.y), (len(bearings), 2)), bearings])
+        return mounts, ranges_of(seen), 0.5 * abs(seen.step)
+    mounts = np.array([(e.x, e.y, e.bearing) for e in seen.echoes]).reshape(-1, 3)
+    ranges = np.array([inf if e.range is None else e.range for e in seen.echoes])
+    return mounts, ranges, HALF_CONE
 
 
 def nearest_place(pose: Pose2, outline: Outline, walls: Iterable[Line]) -> Place | None:
