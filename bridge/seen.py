@@ -12,8 +12,12 @@ there. A place counts as free for `LATELY_S` after a reading showed it:
 
 An echo may come from any place of an arc. Its points are those that no other sonar looked through.
 Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each
-tangent of the arc that no other sonar excludes, space is not seen to be free. Nearer than a sonar's
-least range it only knows that something is there: what was heard before stays where it was.
+tangent of the arc that no other sonar excludes, space is not seen to be free, and near the arc the
+wall counts as heard. Behind and beside the robot, where no sonar looks, memory does: near points
+are joined where the robot fits through no gap between them, and go on into unseen cells.
+
+Nearer than a sonar's least range it only knows that something is there: what was heard before stays
+where it was.
 
 A wall at the edge of a laser's view goes on beyond it, unless a place there was seen to be free.
 What moves towards the laser is expected to go on: its places of the next moments count as taken.
@@ -70,6 +74,13 @@ TANGENTS: Final = SURE_RAD * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 ALONG_M: Final = np.linspace(-0.5, 0.5, 11)
 """Normals of walls, from the axis, and places on the wall, from the foot of the normal. At 0.6 m/s
 the robot stops within the last one."""
+
+SURE_M: Final = 0.11
+"""Up to here along it a wall that nothing excludes counts as an obstacle, farther as unseen: the
+corner of a robot that creeps along it would touch it beside the echo's arc."""
+
+GOES_ON_M: Final = 0.15
+"""What was heard near the footprint goes on so far, where no sonar has looked since."""
 
 NOISE_M: Final = 0.01
 """Twice the noise of echoes from near."""
@@ -189,17 +200,23 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        known = self._echoed[:, :2], self._scanned[:, :2], self._beyond
-        points = np.concatenate([self._from_world(np.concatenate(known)), self._expected()])
+        echoed = self._from_world(self._echoed[:, :2])
+        known = self._from_world(np.concatenate([self._scanned[:, :2], self._beyond]))
+        points = np.concatenate([echoed, known, self._expected()])
         points = points[(np.abs(points) < within).all(axis=1)]
         x, y = self._cells()
         lately = GONE_S if self._now - self._moved_at < LATELY_S else LATELY_S
         unseen = (self._now - self._free > lately) & (np.abs(x) < within) & (np.abs(y) < within)
         cells = np.column_stack([x[unseen], y[unseen]])
+        near = echoed[self._beside(echoed) < NEAR_M]
+        gaps = np.hypot(*(cells[:, None] - near).transpose(2, 0, 1))
+        hidden = cells[(gaps < GOES_ON_M).any(axis=1)]
         walls = [places for places, at in self._walls.values() if self._now - at < PAIR_S]
         places = self._from_world(np.concatenate([np.empty((0, 2)), *walls]))
-        cells = np.concatenate([cells, places])
-        return View(points, cells, 0.5 * CELL_M, self._noise)
+        sure = np.tile(np.abs(ALONG_M) < SURE_M, len(places) // len(ALONG_M))
+        filled = _filled(near, 2.0 * self._footprint[2])
+        points = np.concatenate([points, filled, hidden, places[sure]])
+        return View(points, np.concatenate([cells, places[~sure]]), 0.5 * CELL_M, self._noise)
 
     def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
         """Add an echo, or its absence."""
@@ -432,6 +449,21 @@ def _rays(scan: Scan, ranges: Floats, places: Floats) -> tuple[Floats, Floats, F
     shown = np.minimum(ranges[low], ranges[high])
     valid: Flags = inside & ~np.isnan(shown)
     return np.hypot(dx, dy), np.where(valid, shown, 0.0), valid
+
+
+def _filled(points: Floats, width: float) -> Floats:
+    """Places between points that are less than a width apart: the robot fits through no such gap.
+
+    What was heard of a wall is a few points of it, and a corner of the footprint may turn into it
+    between them.
+    """
+    one, other = np.triu_indices(len(points), 1)
+    apart = np.hypot(*(points[one] - points[other]).T)
+    pairs = (apart > 2.0 * SAME_M) & (apart < width)
+    begin, way = points[one[pairs]], (points[other] - points[one])[pairs]
+    between = np.concatenate([begin + share * way for share in (0.25, 0.5, 0.75)])
+    thinned: Floats = np.unique(np.round(between / SAME_M), axis=0) * SAME_M
+    return thinned
 
 
 def _beyond_view(scan: Scan, ranges: Floats) -> Floats:

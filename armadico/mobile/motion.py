@@ -213,9 +213,8 @@ def touches_at(
     near = _within(body, measured, wanted, points, margin, waited=waited)
     if not len(near):
         return inf
-    front, rear, half = body.outline
     px, py = near[:, 0], near[:, 1]
-    beside = np.maximum(np.maximum(px - front, -rear - px), np.abs(py) - half)
+    beside = clearances(body.outline, px, py)
     # The slack shrinks with the distance: else a robot that is told to drive on would come nearer
     # by it in each cycle, until it touches.
     slack = ROUNDING_M + NO_NEARER_M * np.clip(beside / (margin or 1.0), 0.0, 1.0)
@@ -223,10 +222,17 @@ def touches_at(
     way = course(body, measured, wanted, waited)
     x, y, c, s, _ = np.array(way).reshape(-1, 5, 1).transpose(1, 0, 2)
     dx, dy = px - x, py - y
-    along, across = c * dx + s * dy, c * dy - s * dx
-    met = (-rear - least < along) & (along < front + least) & (np.abs(across) < half + least)
+    met = clearances(body.outline, c * dx + s * dy, c * dy - s * dx) < least
     steps = np.flatnonzero(met.any(axis=1))
     return way[steps[0]].at if len(steps) else inf
+
+
+def clearances(outline: Outline, x: Floats, y: Floats) -> Floats:
+    """Return the distances of places from the footprint, m; negative inside of it."""
+    front, rear, half = outline
+    ahead, aside = np.maximum(x - front, -rear - x), np.abs(y) - half
+    found: Floats = np.hypot(np.maximum(ahead, 0.0), np.maximum(aside, 0.0))
+    return found + np.minimum(np.maximum(ahead, aside), 0.0)
 
 
 def _within(
