@@ -91,7 +91,6 @@ class Confirmation(Struct, frozen=True):
     looks_after: int  # steps between new readings after which a lost robot is searched for
     found_fit: float  # least fit at a place where a lost robot is accepted
     misfit: float  # an average fit below this is reported
-    chance: float  # a fit below this is reached anywhere by chance
     clear: int = 3  # verdicts that one clear search counts for, at any place
     clear_odds: float = 7.0  # least log odds of a clear search
     clear_fit: float = 0.85  # least fit of a clear search: as if everything were mapped
@@ -105,7 +104,6 @@ SONARS = Confirmation(
     looks_after=5,
     found_fit=0.28,
     misfit=0.3,
-    chance=0.0,
 )
 LASER = Confirmation(
     verdicts=5,
@@ -115,7 +113,6 @@ LASER = Confirmation(
     looks_after=3,
     found_fit=0.6,
     misfit=0.5,
-    chance=0.3,
 )
 """Chosen on three logs of real robots (laser), and on simulated kidnappings (sonars).
 
@@ -363,6 +360,8 @@ class Localization(Agent):
         if isinstance(belief, Localized) and belief.unproved > 0.0:
             fits = self._filter.fit >= self._confirm.found_fit
             belief = replaced(belief, unproved=belief.unproved - fits * hypot(*motion[:2]))
+        if isinstance(belief, Localized) and (belief.suspect or self._filter.refuted):
+            belief = replaced(belief, unproved=self.p.proved_m)
         return belief
 
     def on_sonar(self, sonar: Sonar) -> None:
@@ -444,18 +443,16 @@ class Localization(Agent):
 
     def _least_m(self, belief: Localized) -> float:
         """Least standard deviation to publish for a localized robot, m."""
-        chance = self._filter.fit < self._confirm.chance
-        if belief.suspect or chance:
+        refuted = self._filter.refuted
+        if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
             rests = self.now - self._searches.at > UNSETTLED_S
-            agree = chance or self._fit.bad or belief.verdicts > 1
-            if rests or (belief.suspect and agree):
-                return self.p.adrift_m
-        if belief.suspect:
-            return self.p.doubt_m
+            agree = refuted or self._fit.bad or belief.verdicts > 1
+            return self.p.adrift_m if rests or (belief.suspect and agree) else self.p.doubt_m
+        if belief.unconfirmed and self._filter.fit < self._confirm.found_fit:
+            return self.p.adrift_m
         if belief.unconfirmed or belief.unproved > 0.0:
-            fits = self._filter.fit >= self._confirm.found_fit
-            return self.p.unproved_m if fits else self.p.adrift_m
+            return self.p.unproved_m
         return self.p.misfit_m if self._fit.bad else 0.0
 
     def _publish_particles(self, cycle: Cycle) -> None:

@@ -42,8 +42,8 @@ resulting speed near obstacles are known by their points."""
 
 # The speed limit, m/s, when the deviation is just above `UNSURE_M` (or the top speed, if less), and
 # the share of it at `LOST_M`. A share of the top speed alone would not be enough: 0.3 of a Jackal's
-# 2 m/s is fast.
-SURE_M_S, SLOWEST = 1.0, 0.3
+# 2 m/s is fast. The robot is then slower than 0.3 m/s, also if its wheels slip or count wrong by 7 %.
+SURE_M_S, SLOWEST = 1.0, 0.28
 
 
 def driven_by(agent: Agent) -> str:
