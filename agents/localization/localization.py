@@ -419,7 +419,8 @@ class Localization(Agent):
         # A localized robot keeps its cluster: another one that fits equally well, such as the room
         # next door, is no reason to jump.
         found = self._filter.estimate(None if isinstance(self._belief, Lost) else self._estimate)
-        self._filter.tell(found.pose, echoes)
+        if not self._filter.refuted:
+            self._filter.tell(found.pose, echoes)
         self._update_belief(found)
         belief = self._belief
         self._filter.lost = isinstance(belief, Lost) and not belief.spread

@@ -821,6 +821,20 @@ def test_readings_that_contradict_a_place_slow_the_robot_at_once(world: str) -> 
     assert contradicted[0] < UNSURE_M < Parameters().unproved_m <= contradicted[-1]
 
 
+@pytest.mark.parametrize("slip", [(0.06, 0.0, 0.0), (0.02, 0.0, 0.04)])
+def test_the_deviation_follows_wheels_that_slip(world: str, slip: Pose2) -> None:
+    """They count 1.2 m that the robot does not drive, or turn it by 0.8 rad too much."""
+    robot = settled(world)
+    *_, (pose, _) = drive(START, 200)
+    for _ in range(20):
+        (correction,) = robot.at(pose, slip, (0.0, 0.0, 0.0))
+    where = placed(correction, robot.odometry)
+    error = hypot(where[0] - pose[0], where[1] - pose[1])
+    heading = sqrt(correction.covariance[5])
+    assert error < 3.0 * deviation(correction)
+    assert abs(wrap(where[2] - pose[2])) < 3.0 * heading
+
+
 def test_a_place_that_is_contradicted_while_another_one_fits_is_not_driven_from(
     world: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
