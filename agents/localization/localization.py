@@ -358,11 +358,11 @@ class Localization(Agent):
                 unmoved = None  # it would have driven through a wall, so it was moved
         belief = replaced(belief, agreed=compose(belief.agreed, motion), unmoved=unmoved)
         if isinstance(belief, Localized) and belief.unproved > 0.0:
-            fits = self._filter.fit >= self._confirm.found_fit
+            fits = self._filter.supported and self._filter.fit >= self._confirm.found_fit
             belief = replaced(belief, unproved=belief.unproved - fits * hypot(*motion[:2]))
         if isinstance(belief, Localized) and (belief.suspect or self._filter.refuted):
             if belief.unproved <= 0.0:  # it was lifted, or its wheels slipped, by an unknown motion
-                self._filter.bound.widen(self.p.unproved_m, FOUND_RAD)
+                self._filter.bound.widen(self.p.unproved_m / SQUARE, FOUND_RAD)
             belief = replaced(belief, unproved=self.p.proved_m)
         return belief
 

@@ -45,7 +45,7 @@ OFF_M, OFF_RAD = 0.5, radians(30.0)
 
 FAST_M_S: Final = 0.3
 AWARE_S: Final = 1.0
-"""The time after which a lifted robot should know, and be slow: half a ring of sonars, and its ramp."""
+"""The time after which a lifted robot should know, and be slow: a ring of sonars, and its ramp."""
 
 ROOM_M: Final = 0.1
 """Least distance from the footprint, all around, to the walls where it is put down."""
