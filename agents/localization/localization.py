@@ -450,8 +450,9 @@ class Localization(Agent):
         if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
             rests = self.now - self._searches.at > UNSETTLED_S
-            agree = refuted or self._fit.bad or belief.verdicts > 1
-            return self.p.adrift_m if rests or (belief.suspect and agree) else self.p.doubt_m
+            agree = belief.suspect and (refuted or self._fit.bad or belief.verdicts > 1)
+            adrift = rests or agree or self._filter.disproved
+            return self.p.adrift_m if adrift else self.p.doubt_m
         if belief.unconfirmed and self._filter.fit < self._confirm.found_fit:
             return self.p.adrift_m
         if belief.unconfirmed or belief.unproved > 0.0:

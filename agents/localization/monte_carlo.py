@@ -88,6 +88,7 @@ class Settings(Struct, frozen=True):
     trust: float = 0.3  # exponent of an echo's likelihood: neighbouring echoes are not independent
     told: float = 0.1  # that exponent in the bound: echoes of one wall are wrong together
     chance: float = 0.22  # echoes that fit worse than this are evidence against the place
+    certain: float = REFUTED_MOST  # evidence with which the place is wrong even without another one
     doubtful: float = 0.2  # that exponent while the robot is lost: the particles stay spread
     judged: int = 24  # newest echoes over which the fit is averaged
     around_m: float = 1.5  # particles within this of the estimate count in its covariance
@@ -100,6 +101,7 @@ LASER: Final = Settings(
     trust=0.08,
     told=0.08,
     chance=0.3,
+    certain=inf,
     doubtful=0.05,
     judged=72,
     adaptive=True,
@@ -320,6 +322,11 @@ class MonteCarlo:
         was lifted, or that its wheels slipped, before a search has found where it is.
         """
         return self._against > REFUTED
+
+    @property
+    def disproved(self) -> bool:
+        """Whether they do so beyond doubt. Never by laser: scans of an unmapped hall do, too."""
+        return self._against >= self.settings.certain
 
     @property
     def supported(self) -> bool:
