@@ -71,6 +71,10 @@ SQUARE = sqrt(2.0)
 FOUND_RAD = 0.3
 """Standard deviation of the heading of a robot that has just been found, until readings tell it."""
 
+TOLD = 0.5
+"""Share of `unproved_m` to which readings have to narrow the bound before they prove a place: along
+a corridor without features they fit anywhere."""
+
 MISFIT_S = 15.0
 """Time constant of the running average of the readings' fit, while the robot moves."""
 
@@ -359,7 +363,8 @@ class Localization(Agent):
         belief = replaced(belief, agreed=compose(belief.agreed, motion), unmoved=unmoved)
         if isinstance(belief, Localized) and belief.unproved > 0.0:
             fits = self._filter.supported and self._filter.fit >= self._confirm.found_fit
-            belief = replaced(belief, unproved=belief.unproved - fits * hypot(*motion[:2]))
+            proves = fits and self._filter.bound.most_m < TOLD * self.p.unproved_m
+            belief = replaced(belief, unproved=belief.unproved - proves * hypot(*motion[:2]))
         if isinstance(belief, Localized) and (belief.suspect or self._filter.refuted):
             if belief.unproved <= 0.0:  # it was lifted, or its wheels slipped, by an unknown motion
                 self._filter.bound.widen(self.p.unproved_m / SQUARE, FOUND_RAD)
@@ -588,7 +593,7 @@ class Localization(Agent):
         proof = 0.0
         if isinstance(self._belief, Lost):
             proof = self.p.proved_m
-            self._filter.bound.begin(self.p.unproved_m, FOUND_RAD)
+            self._filter.require_proof(self.p.unproved_m, FOUND_RAD)
         self._belief, self._estimate = Localized(proofs, proof, unmoved=unmoved), pose
         self._searches = Searches(at=self._searches.at)
         self.log(f"the robot is localized at {_place(pose)}")

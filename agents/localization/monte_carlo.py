@@ -253,6 +253,11 @@ class MonteCarlo:
         """Whether the robot has moved enough to weigh readings."""
         return self._moved >= self.settings.moved_m or self._turned >= self.settings.moved_rad
 
+    def require_proof(self, deviation_m: float, deviation_rad: float) -> None:
+        """Start the bound, and the evidence, of a place that has just been found."""
+        self.bound.begin(deviation_m, deviation_rad)
+        self._against = REFUTED
+
     def weigh(self, echoes: Sequence[Echo]) -> None:
         """Weigh the particles by readings; resample if few particles hold the weight."""
         if not echoes or not len(self.poses):
@@ -368,7 +373,7 @@ class MonteCarlo:
         self.wheels = self._uncalibrated(len(guesses), 0.5)
         self.wheels += guesses[:, 3:]
         self.weights = np.repeat(shares / (each * shares.sum()), each)
-        self._hits, self._against = MAPPED_HITS, REFUTED
+        self._hits = MAPPED_HITS
 
     def _resample(self) -> None:
         """Resample with low variance; the number of particles is that of KLD sampling."""
