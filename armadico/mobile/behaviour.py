@@ -40,9 +40,9 @@ CREEP_M: Final = 0.15
 """Least visible path that is assumed. Otherwise the robot would stop and never see more; at the
 resulting speed near obstacles are known by their points."""
 
-# The speed limit, m/s, when the deviation is just above `UNSURE_M` (or the top speed, if less), and
-# the share of it at `LOST_M`. A share of the top speed alone would not be enough: 0.3 of a Jackal's
-# 2 m/s is fast. At 0.28 it is below 0.3 m/s also if the wheels count 7 % too little.
+# The speed limit, m/s, when the deviation is just above `UNSURE_M`, and the share of it at `LOST_M`.
+# A share of the top speed would be wrong: too fast for a Jackal, and 0.1 m/s for a slow robot. At
+# 0.28 it is slower than 0.3 m/s also if the wheels count 7 % too little.
 SURE_M_S, SLOWEST = 1.0, 0.28
 
 
@@ -124,7 +124,7 @@ class Behaviour(Agent, hooks=("propose",)):
         pose = self.latest(Pose)
         unknown = pose is None or not pose.covariance
         if (sure := self.pose_confidence) < 1.0 or unknown:
-            most = min(self.body.v_max, SURE_M_S) * sure
+            most = SURE_M_S * sure
             v = min(max(v, -most), most)
         if self.route.unseen:
             v, safety = self._by_sight(v, scene, safety)

@@ -69,7 +69,7 @@ def settled(agent: Agent, off_m: float, points: Sequence[Point] = (), leaving: i
 
 
 def cap_at(off_m: float) -> float:
-    return min(PIONEER.v_max, SURE_M_S) * max((LOST_M - off_m) / (LOST_M - UNSURE_M), SLOWEST)
+    return SURE_M_S * max((LOST_M - off_m) / (LOST_M - UNSURE_M), SLOWEST)
 
 
 @pytest.mark.parametrize("off_m", [0.35, 0.42, 0.99 * LOST_M])
