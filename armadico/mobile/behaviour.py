@@ -40,7 +40,7 @@ CREEP_M: Final = 0.15
 """Least visible path that is assumed. Otherwise the robot would stop and never see more; at the
 resulting speed near obstacles are known by their points."""
 
-# The speed limit, m/s, when the deviation is just above `UNSURE_M`, and the share of it at `LOST_M`.
+# The speed limit, m/s, when the deviation is just above `UNSURE_M`, and its share at `LOST_M`.
 # A share of the top speed would be wrong: too fast for a Jackal, and 0.1 m/s for a slow robot. At
 # 0.28 it is slower than 0.3 m/s also if the wheels count 7 % too little.
 SURE_M_S, SLOWEST = 1.0, 0.28
