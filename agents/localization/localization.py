@@ -566,7 +566,7 @@ class Localization(Agent):
             self._set_lost(
                 f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
                 f" they fit by {other.fit:.2f} at {_place(other.pose)}",
-                unmoved=here,
+                unmoved=None if self._filter.disproved else here,
             )
 
     def _explains_better(self, other: Alternative) -> bool:

@@ -121,9 +121,7 @@ class Behaviour(Agent, hooks=("propose",)):
         """Do the same for a given scene; the result has the free path of the wanted speeds."""
         # The uncertainty is a limit, not a factor. A behaviour ramps up from its last command, so a
         # factor would apply again in each cycle until the robot stands.
-        pose = self.latest(Pose)
-        unknown = pose is None or not pose.covariance
-        if (sure := self.pose_confidence) < 1.0 or unknown:
+        if (sure := self.pose_confidence) < 1.0:
             most = SURE_M_S * sure
             v = min(max(v, -most), most)
         if self.route.unseen:
