@@ -88,7 +88,7 @@ class Settings(Struct, frozen=True):
     trust: float = 0.3  # exponent of an echo's likelihood: neighbouring echoes are not independent
     told: float = 0.1  # that exponent in the bound: echoes of one wall are wrong together
     chance: float = 0.22  # echoes that fit worse than this are evidence against the place
-    certain: float = REFUTED_MOST  # evidence with which the place is wrong even without another one
+    certain: float = REFUTED_MOST  # evidence that needs no other place to be believed
     doubtful: float = 0.2  # that exponent while the robot is lost: the particles stay spread
     judged: int = 24  # newest echoes over which the fit is averaged
     around_m: float = 1.5  # particles within this of the estimate count in its covariance
@@ -169,11 +169,12 @@ class MonteCarlo:
         self.weights: NDArray[np.float64] = np.zeros(0)
         self.changes = 0  # of the particles: while it stays equal, so do all values derived
         self._estimated: tuple[int, Pose2, Estimate] | None = None  # at which change, about what
+        self.refuted = self.disproved = False  # by the newest echoes
         self.lost = False  # set by the localization agent
         self._moved = inf
         self._turned = inf
         self._logs: deque[float] = deque(maxlen=settings.judged)  # of the newest likelihoods
-        self._against = 0.0  # evidence against the place, nats
+        self._weigh_against(0.0)
         self._hits = MAPPED_HITS  # running mean over the rays
         self.history = History(settings.search)
         self.bound = Bound(odometry)  # of the estimate's covariance
@@ -211,7 +212,7 @@ class MonteCarlo:
         self.weights = np.full(len(poses), 1.0 / len(poses))
         self.history.clear()
         self._logs.clear()
-        self._against = 0.0
+        self._weigh_against(0.0)
         self._hits = MAPPED_HITS
         self._moved = self._turned = inf
 
@@ -256,7 +257,19 @@ class MonteCarlo:
     def require_proof(self, deviation_m: float, deviation_rad: float) -> None:
         """Start the bound, and the evidence, of a place that has just been found."""
         self.bound.begin(deviation_m, deviation_rad)
-        self._against = REFUTED
+        self._weigh_against(REFUTED)
+
+    def _weigh_against(self, evidence: float) -> None:
+        """Set the evidence against the place, nats, and what follows: Page's test (CUSUM).
+
+        It compares the readings' likelihoods with those at a wrong place, so it tells that a robot
+        was lifted, or that its wheels slipped, before a search has found where it is. `refuted` and
+        `disproved` (beyond doubt) hold until echoes have outweighed all of it: no flicker.
+        """
+        self._against = evidence = min(max(evidence, 0.0), REFUTED_MOST)
+        held = evidence > 0.0
+        self.refuted = held and (self.refuted or evidence > REFUTED)
+        self.disproved = held and (self.disproved or evidence >= self.settings.certain)
 
     def weigh(self, echoes: Sequence[Echo]) -> None:
         """Weigh the particles by readings; resample if few particles hold the weight."""
@@ -270,7 +283,7 @@ class MonteCarlo:
         self._logs.extend(logs.tolist())
         heard = [echo.range is not None for echo in echoes]  # silence fits almost anywhere
         against = self.settings.trust * float((log(self.settings.chance) - logs[heard]).sum())
-        self._against = min(max(self._against + against, 0.0), REFUTED_MOST)
+        self._weigh_against(self._against + against)
         if self.settings.adaptive and not self.lost:
             likelihood = self._without_unmapped(likelihood)
         trust = self.settings.doubtful if self.lost else self.settings.trust
@@ -318,20 +331,6 @@ class MonteCarlo:
     def fit(self) -> float:
         """The geometric mean of the newest readings' likelihoods at the particles."""
         return exp(sum(self._logs) / len(self._logs)) if self._logs else 1.0
-
-    @property
-    def refuted(self) -> bool:
-        """Whether the newest readings contradict the particles' place: Page's test (CUSUM).
-
-        It compares the readings' likelihoods with those at a wrong place, so it tells that a robot
-        was lifted, or that its wheels slipped, before a search has found where it is.
-        """
-        return self._against > REFUTED
-
-    @property
-    def disproved(self) -> bool:
-        """Whether they do so beyond doubt. Never by laser: scans of an unmapped hall do, too."""
-        return self._against >= self.settings.certain
 
     @property
     def supported(self) -> bool:
