@@ -80,6 +80,11 @@ class Bound:
         pose = kept @ self._pose
         self._pose, self._cross = 0.5 * (pose + pose.T), kept @ self._cross
 
+    @property
+    def most_m(self) -> float:
+        """The standard deviation of the position in the direction that is known least, m."""
+        return sqrt(max(0.0, float(np.linalg.eigvalsh(self._pose[:2, :2])[-1])))
+
     def at(self, heading: float) -> Floats:
         """The covariance of x, y and heading in the world, (3, 3)."""
         c, s = cos(heading), sin(heading)

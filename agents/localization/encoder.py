@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, radians
 from typing import Annotated, ClassVar
 
 from msgspec import Meta
@@ -39,6 +39,10 @@ larger step would jerk the wheels."""
 
 LEAP_M, LEAP_RAD = 0.5, 0.5
 """A pose with a larger error than this is corrected at once."""
+
+GIVEN = (0.15**2, 0.0, 0.0, 0.15**2, 0.0, radians(6.0) ** 2)
+"""Covariance of a pose that a person gave, until the localization agent corrects it: as its
+`start_m` and `start_rad`. Where nothing ever corrected the pose, it stays unknown."""
 
 GROWTH = 0.01
 """Growth of the pose's variance per metre without a correction (m^2 and rad^2). A Pioneer's
@@ -122,7 +126,7 @@ class Encoder(Agent):
             return
         odometry = (state.x, state.y, state.theta)
         self._initial_pose_at = state.cycle.epoch, state.cycle.number
-        self._correction, self._covariance = None, ()
+        self._correction, self._covariance = None, GIVEN if self._covariance else ()
         self._origin = self._begin((initial.x, initial.y, initial.theta), odometry)
         self._publish_origin(self._origin, odometry, state.cycle.epoch)
         self.log(f"initial pose set: ({initial.x:.2f}, {initial.y:.2f})")

@@ -71,6 +71,10 @@ SQUARE = sqrt(2.0)
 FOUND_RAD = 0.3
 """Standard deviation of the heading of a robot that has just been found, until readings tell it."""
 
+TOLD = 0.5
+"""Share of `unproved_m` to which readings have to narrow the bound before they prove a place: along
+a corridor without features they fit anywhere."""
+
 MISFIT_S = 15.0
 """Time constant of the running average of the readings' fit, while the robot moves."""
 
@@ -91,7 +95,6 @@ class Confirmation(Struct, frozen=True):
     looks_after: int  # steps between new readings after which a lost robot is searched for
     found_fit: float  # least fit at a place where a lost robot is accepted
     misfit: float  # an average fit below this is reported
-    chance: float  # a fit below this is reached anywhere by chance
     clear: int = 3  # verdicts that one clear search counts for, at any place
     clear_odds: float = 7.0  # least log odds of a clear search
     clear_fit: float = 0.85  # least fit of a clear search: as if everything were mapped
@@ -105,7 +108,6 @@ SONARS = Confirmation(
     looks_after=5,
     found_fit=0.28,
     misfit=0.3,
-    chance=0.0,
 )
 LASER = Confirmation(
     verdicts=5,
@@ -115,7 +117,6 @@ LASER = Confirmation(
     looks_after=3,
     found_fit=0.6,
     misfit=0.5,
-    chance=0.3,
 )
 """Chosen on three logs of real robots (laser), and on simulated kidnappings (sonars).
 
@@ -361,8 +362,13 @@ class Localization(Agent):
                 unmoved = None  # it would have driven through a wall, so it was moved
         belief = replaced(belief, agreed=compose(belief.agreed, motion), unmoved=unmoved)
         if isinstance(belief, Localized) and belief.unproved > 0.0:
-            fits = self._filter.fit >= self._confirm.found_fit
-            belief = replaced(belief, unproved=belief.unproved - fits * hypot(*motion[:2]))
+            fits = self._filter.supported and self._filter.fit >= self._confirm.found_fit
+            proves = fits and self._filter.bound.most_m < TOLD * self.p.unproved_m
+            belief = replaced(belief, unproved=belief.unproved - proves * hypot(*motion[:2]))
+        if isinstance(belief, Localized) and (belief.suspect or self._filter.refuted):
+            if belief.unproved <= 0.0:  # it was lifted, or its wheels slipped, by an unknown motion
+                self._filter.bound.widen(self.p.unproved_m / SQUARE, FOUND_RAD)
+            belief = replaced(belief, unproved=self.p.proved_m)
         return belief
 
     def on_sonar(self, sonar: Sonar) -> None:
@@ -418,7 +424,8 @@ class Localization(Agent):
         # A localized robot keeps its cluster: another one that fits equally well, such as the room
         # next door, is no reason to jump.
         found = self._filter.estimate(None if isinstance(self._belief, Lost) else self._estimate)
-        self._filter.tell(found.pose, echoes)
+        if not self._filter.refuted:
+            self._filter.tell(found.pose, echoes)
         self._update_belief(found)
         belief = self._belief
         self._filter.lost = isinstance(belief, Lost) and not belief.spread
@@ -444,18 +451,17 @@ class Localization(Agent):
 
     def _least_m(self, belief: Localized) -> float:
         """Least standard deviation to publish for a localized robot, m."""
-        chance = self._filter.fit < self._confirm.chance
-        if belief.suspect or chance:
+        refuted = self._filter.refuted
+        if belief.suspect or refuted:
             # At rest no new reading can settle it: relocate makes the robot turn.
             rests = self.now - self._searches.at > UNSETTLED_S
-            agree = chance or self._fit.bad or belief.verdicts > 1
-            if rests or (belief.suspect and agree):
-                return self.p.adrift_m
-        if belief.suspect:
-            return self.p.doubt_m
+            agree = belief.suspect and (refuted or self._fit.bad or belief.verdicts > 1)
+            adrift = rests or agree or self._filter.disproved
+            return self.p.adrift_m if adrift else self.p.doubt_m
+        if belief.unconfirmed and self._filter.fit < self._confirm.found_fit:
+            return self.p.adrift_m
         if belief.unconfirmed or belief.unproved > 0.0:
-            fits = self._filter.fit >= self._confirm.found_fit
-            return self.p.unproved_m if fits else self.p.adrift_m
+            return self.p.unproved_m
         return self.p.misfit_m if self._fit.bad else 0.0
 
     def _publish_particles(self, cycle: Cycle) -> None:
@@ -560,7 +566,7 @@ class Localization(Agent):
             self._set_lost(
                 f"not at {_place(here)}, where the readings fit by {other.stay_fit:.2f}:"
                 f" they fit by {other.fit:.2f} at {_place(other.pose)}",
-                unmoved=here,
+                unmoved=None if self._filter.disproved else here,
             )
 
     def _explains_better(self, other: Alternative) -> bool:
@@ -587,7 +593,7 @@ class Localization(Agent):
         proof = 0.0
         if isinstance(self._belief, Lost):
             proof = self.p.proved_m
-            self._filter.bound.begin(self.p.unproved_m, FOUND_RAD)
+            self._filter.require_proof(self.p.unproved_m, FOUND_RAD)
         self._belief, self._estimate = Localized(proofs, proof, unmoved=unmoved), pose
         self._searches = Searches(at=self._searches.at)
         self.log(f"the robot is localized at {_place(pose)}")

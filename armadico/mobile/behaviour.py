@@ -46,10 +46,10 @@ CREEP_M: Final = 0.15
 """Least visible path that is assumed. Otherwise the robot would stop and never see more; at the
 resulting speed near obstacles are known by their points."""
 
-# The speed limit, m/s, when the deviation is just above `UNSURE_M` (or the top speed, if less), and
-# the share of it at `LOST_M`. A share of the top speed alone would not be enough: 0.3 of a Jackal's
-# 2 m/s is fast.
-SURE_M_S, SLOWEST = 1.0, 0.3
+# The speed limit, m/s, when the deviation is just above `UNSURE_M`, and its share at `LOST_M`.
+# A share of the top speed would be wrong: too fast for a Jackal, and 0.1 m/s for a slow robot. At
+# 0.28 it is slower than 0.3 m/s also if the wheels count 7 % too little.
+SURE_M_S, SLOWEST = 1.0, 0.28
 
 HEEDS, HEEDS_M_S = 2.0, 0.14
 """Once the robot agent has reduced an order, the next is at most so many times what was let
@@ -133,7 +133,7 @@ class Behaviour(Agent, hooks=("propose",)):
         # The uncertainty is a limit, not a factor. A behaviour ramps up from its last command, so a
         # factor would apply again in each cycle until the robot stands.
         if (sure := self.pose_confidence) < 1.0:
-            most = min(self.body.v_max, SURE_M_S) * sure
+            most = SURE_M_S * sure
             v = min(max(v, -most), most)
         if self.route.unseen:
             v, safety = self._by_sight(v, scene, safety)

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from armadico.agents.localization.encoder import (
     CREEP_M,
     CREEP_RAD,
+    GIVEN,
     LEAP_M,
     ORIGIN_CYCLES,
     WAIT_CYCLES,
@@ -428,7 +429,7 @@ def test_an_initial_pose_counts_at_once_and_is_remembered() -> None:
     robot.give(InitialPose(7.0, 3.0, pi / 2))
     pose = robot.moved(0.5, 0.0, 0.0)
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.0, pi / 2))
-    assert not pose.covariance, "of the pose before"
+    assert pose.covariance == pytest.approx(GIVEN), "not that of the pose before"
     robot.give(wrong)  # it was under way already
     pose = robot.moved(0.6, 0.0, 0.0)
     assert (pose.x, pose.y, pose.theta) == pytest.approx((7.0, 3.1, pi / 2))

@@ -806,11 +806,42 @@ def test_a_suspicion_that_a_robot_at_rest_cannot_settle_makes_it_lost(
 ) -> None:
     """Relocate then turns it; it used to stand for half a minute."""
     robot = doubting(world, monkeypatch, other(3.0, 0.6))
+    robot.agent._filter.settings = replace(Settings(), chance=1e-9)  # none contradicts it
     while not (published := carried(robot, 1, (0.02, 0.0, 0.0))[0]).elsewhere:
         pass
     assert deviation(published) < LOST_M
     published = carried(robot, 80, (0.0, 0.0, 0.0))
     assert deviation(published[40]) < LOST_M < deviation(published[-1])
+
+
+def test_readings_that_contradict_a_place_slow_the_robot_at_once(world: str) -> None:
+    """Before any search, and until readings that fit have proved a place over a distance."""
+    robot = settled(world)
+    contradicted = [deviation(one) for one in carried(robot, 12, (0.02, 0.0, 0.0))]
+    assert contradicted[0] < UNSURE_M < Parameters().unproved_m <= contradicted[-1]
+
+
+@pytest.mark.parametrize("slip", [(0.06, 0.0, 0.0), (0.02, 0.0, 0.04)])
+def test_the_deviation_follows_wheels_that_slip(world: str, slip: Pose2) -> None:
+    """They count 1.2 m that the robot does not drive, or turn it by 0.8 rad too much."""
+    robot = settled(world)
+    *_, (pose, _) = drive(START, 200)
+    for _ in range(20):
+        (correction,) = robot.at(pose, slip, (0.0, 0.0, 0.0))
+    where = placed(correction, robot.odometry)
+    error = hypot(where[0] - pose[0], where[1] - pose[1])
+    heading = sqrt(correction.covariance[5])
+    assert error < 3.0 * deviation(correction)
+    assert abs(wrap(where[2] - pose[2])) < 3.0 * heading
+
+
+def test_a_place_that_is_contradicted_while_another_one_fits_is_not_driven_from(
+    world: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = doubting(world, monkeypatch, other(3.0, 0.6))
+    published = carried(robot, 60, (0.02, 0.0, 0.0))
+    assert not lost_in(published)
+    assert deviation(published[-1]) > LOST_M
 
 
 def test_it_is_suspicious_until_no_reading_favours_another_place(
