@@ -44,7 +44,6 @@ OPENED: Final = b"o"  # the line is open; followed by "1" with priority, "0" wit
 FAILED: Final = b"f"  # the line cannot be opened, or broke; followed by the reason
 BRAKED: Final = b"r"  # one step of braking was written, without the agent
 STOP: Final = b"s"  # a stop was ordered at the guard
-
 LATCHED: Final = marshal.dumps(None)  # from the agent, instead of a write: it has latched the stop
 
 # A datagram that orders no stop. Each datagram is answered with a word, the guard's pid and its

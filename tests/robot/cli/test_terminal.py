@@ -131,7 +131,7 @@ def test_a_robot_agent_that_hangs_is_not_waited_for_forever(
     done = run(*command)
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
-    assert f"the router at {hung} does not answer" in line
+    assert f"the robot agent does not answer at {hung}" in line
 
 
 def test_doctor_finds_a_robot_agent_that_hangs(run: Run, hung: Path) -> None:

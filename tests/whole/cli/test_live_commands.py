@@ -321,7 +321,7 @@ def test_a_goal_of_which_nothing_more_is_received_is_unknown_and_stands(
     done = run("goto", "1", "2", "90", "--direct")
     assert done.returncode == 3, done.stderr
     assert "no status of the mission for 5 s" in done.stderr
-    assert "The mission stands" in done.stderr
+    assert "The mission continues: it is not known whether the robot drives" in done.stderr
     assert "`armadico stop` stops it" in done.stderr
 
 
