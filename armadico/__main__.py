@@ -1,6 +1,6 @@
 """The installed programs `armadico-command` and `armadico-agent`, and `python -m armadico`.
 
-`bin/armadico` starts the first one.
+`deploy/bin/armadico` starts the first one.
 
 Ctrl-C ends them without a traceback while they import, and after their command.
 """

@@ -28,7 +28,7 @@ from tests.whole.house.tree import (
 
 LEAST = ("pyproject.toml", "README.md", "LICENSE")
 TEXTS = ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "Makefile", "MANIFEST.in")
-SCRIPTS = "bin"
+SCRIPTS = "deploy/bin"
 BESIDES = ("docs", "requirements", "tests", "deploy")
 """Of no package, and in the source distribution all the same."""
 
