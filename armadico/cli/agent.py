@@ -16,6 +16,7 @@ from armadico.cli import options
 from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option, several
 from armadico.core.discovery import AGENTS, agent_class, installed, owners
+from armadico.core.messages import OLDEST, PROTOCOL
 
 if TYPE_CHECKING:
     from armadico.core.agent import Agent, Parameters
@@ -41,6 +42,12 @@ class Options:
     set: tuple[str, ...] = several(
         "set one parameter, over the file's; with several agents AGENT.KEY=VALUE; may be repeated",
         metavar="KEY=VALUE",
+    )
+    protocol: int = option(
+        "use an older protocol, to try what agents do beside ones that are not upgraded yet",
+        choices=(*range(OLDEST, PROTOCOL + 1),),
+        default=PROTOCOL,
+        metavar="N",
     )
     journal: bool = flag("publish the agent's inputs and outputs, so that it can be replayed")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
@@ -122,7 +129,8 @@ def _serve(args: Options) -> int:
     agents = []
     for kind, values in zip(kinds, parameters, strict=True):
         with attributed(kind):
-            agents.append(kind(identity(kind.name, where.name, where.digest), values))
+            own = identity(kind.name, where.name, where.digest, args.protocol)
+            agents.append(kind(own, values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {
         device.instance: partial(open_line, device.address, mesh.namespace)

@@ -25,7 +25,7 @@ import random
 from collections.abc import Callable, Sequence
 
 from armadico.core.agent import Agent, Identity
-from armadico.core.messages import Message
+from armadico.core.messages import PROTOCOL, Message
 from armadico.core.outgoing import SendQuery
 from armadico.core.services import matches, service_of
 from armadico.mesh.link_faults import WHOLE
@@ -76,10 +76,17 @@ class VirtualMesh(Network):
 
     # Building ------------------------------------------------------------------------------------
 
-    def identity(self, name: str, start: int = 0, namespace: str = DEFAULT_NAMESPACE) -> Identity:
+    def identity(
+        self,
+        name: str,
+        start: int = 0,
+        namespace: str = DEFAULT_NAMESPACE,
+        protocol: int = PROTOCOL,
+    ) -> Identity:
         """Return the identity of an agent's `start`-th instance."""
         rng = self.stream(f"agent/{address(namespace, name)}/{start}")
-        return Identity(f"{name}-{rng.getrandbits(64):016x}", "virtual", 0, "virtual", rng)
+        instance = f"{name}-{rng.getrandbits(64):016x}"
+        return Identity(instance, "virtual", 0, "virtual", rng, protocol=protocol)
 
     def add(
         self,
@@ -149,8 +156,8 @@ class VirtualMesh(Network):
         namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Publish from outside the society, as a command-line tool does."""
-        key = key or service_of(type(message)).key
-        self.spread(address(namespace, sender), key, message, None, namespace)
+        for each in [key] if key else service_of(type(message)).keys_of(message, sender):
+            self.spread(address(namespace, sender), each, message, None, namespace)
 
     def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:
         """Publish any payload from outside the society."""

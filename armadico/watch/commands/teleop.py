@@ -184,11 +184,10 @@ def _person() -> str:
 
 def _has_teleop(client: Client) -> bool:
     """Return whether an agent of any name is alive that receives sticks."""
-    from armadico.core.services import service_of
+    from armadico.core.services import requested
     from armadico.watch.teleop.messages import Stick
 
-    key = service_of(Stick).key
-    return any(card is not None and key in card.requests for card in client.cards().values())
+    return any(card is not None and requested(Stick, card) for card in client.cards().values())
 
 
 @contextmanager
