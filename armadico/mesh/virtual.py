@@ -72,20 +72,16 @@ class VirtualMesh(Network):
         self.star = Star(self, reconnect)
         self.queries = Queries(self)
         self.ports = Ports(self)
+        self.protocols: dict[str, int] = {}  # that the next instances of agents use, by name
         self._watchers: dict[tuple[str, type[Message]], list[Watcher]] = {}
 
     # Building ------------------------------------------------------------------------------------
 
-    def identity(
-        self,
-        name: str,
-        start: int = 0,
-        namespace: str = DEFAULT_NAMESPACE,
-        protocol: int = PROTOCOL,
-    ) -> Identity:
+    def identity(self, name: str, start: int = 0, namespace: str = DEFAULT_NAMESPACE) -> Identity:
         """Return the identity of an agent's `start`-th instance."""
         rng = self.stream(f"agent/{address(namespace, name)}/{start}")
         instance = f"{name}-{rng.getrandbits(64):016x}"
+        protocol = self.protocols.get(name, PROTOCOL)
         return Identity(instance, "virtual", 0, "virtual", rng, protocol=protocol)
 
     def add(
