@@ -150,7 +150,7 @@ class Options:
 def run(args: Options) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise options.UsageError(
-            "teleop needs a terminal for its keys; programs publish teleop/stick instead"
+            "teleop needs a terminal for its keys; programs publish teleop/stick/HAND instead"
         )
     mesh = args.mesh.join()
     from armadico.core.messages import RobotState
