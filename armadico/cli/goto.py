@@ -156,7 +156,7 @@ def _sent(client: Client, args: Options) -> Mission:
     client.listen(Pose)
     heading = None if args.heading is None else math.radians(args.heading)
     start = args.start and (*args.start[:2], math.radians(args.start[2]))
-    end, reported = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), False
+    end, said = time.monotonic() + min(args.timeout or STARTS_S, STARTS_S), ""
     while True:
         try:
             return client.goto(
@@ -165,9 +165,8 @@ def _sent(client: Client, args: Options) -> Mission:
         except (AbsentError, MissionRefusedError) as error:
             if time.monotonic() >= end or not (client.alive and _starts(client, args)):
                 raise
-            if not reported:
-                options.report(f"waiting for the society to start: {options.shown(error.args[0])}")
-            reported = True
+            if said != (said := options.shown(error.args[0])):
+                options.report(f"waiting for the society to start: {said}")
             client.wait_for(lambda: None, AGAIN_S)
 
 
