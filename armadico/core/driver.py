@@ -20,8 +20,10 @@ from armadico.core.kernel import Subscription
 from armadico.core.membership import CARD_S, Admission, Stage
 from armadico.core.messages import (
     OLDEST,
+    Ack,
     Ask,
     Card,
+    Claim,
     Latched,
     Log,
     Message,
@@ -30,7 +32,7 @@ from armadico.core.messages import (
     decode,
 )
 from armadico.core.outgoing import Answer, Publish, Refused, SendQuery, Write
-from armadico.core.services import BIDS, CARD, addressed, service_of, shared_key
+from armadico.core.services import BIDS, CARD, addressed, parent, service_of, shared_key
 from armadico.core.shared import is_shared
 
 OPEN_QUERIES: Final = 64  # queries that may wait for their answers; beyond, the oldest is dropped
@@ -462,6 +464,9 @@ class Driver:
         publishers of an older protocol are heard.
         """
         if key != shared:
+            if parent(key) != shared:  # further parts after the publisher
+                self._refuse(key, Verdict.NOT_ITS_KEY, now)
+                return False
             self._copied.append((now, message))
             return True
         for copied in self._copied:
@@ -493,9 +498,10 @@ class Driver:
 def misaddressed(key: str, message: Message) -> str:
     """Return why a message does not belong on its key; "" if it does."""
     service = service_of(type(message))
-    resource = getattr(message, "resource", None)
-    if "{resource}" in service.key and key.split("/")[1] != resource:
-        return f"it is about {resource}"
-    named = service.sender_of(message)
+    if (type(message) is Claim or type(message) is Ack) and key.split("/")[1] != message.resource:
+        return f"it is about {message.resource}"
+    sender = service.sender_of(message)
+    if not sender or key.rpartition("/")[2] == sender:
+        return ""
     shared = service.since > OLDEST and key.count("/") < service.key.count("/")
-    return "" if shared or not named or key.rpartition("/")[2] == named else Verdict.NOT_ITS_KEY
+    return "" if shared else Verdict.NOT_ITS_KEY

@@ -135,9 +135,11 @@ def test_a_claim_on_the_shared_key_counts_only_from_an_agent_of_the_older_protoc
     release = Claim(WHEELS.name, ack.obeyed, ack.cycle, None)
     drive.mesh.publish(release, sender="evil", key="resource/wheels/utility")
     drive.mesh.publish(release, sender="evil", key=WHEELS.utility_key_of("evil-1"))
+    drive.mesh.publish(release, sender="evil", key=WHEELS.utility_key_of(f"evil-2/{holder}"))
     drive.let_pass(0.4)
     assert drive.last(Ack).obeyed == ack.obeyed, f"{holder} still drives"
     drive.let_pass(6.0)
     refused = [log.text for log in drive.of(Log) if Verdict.NOT_ITS_KEY in log.text]
     assert any("resource/wheels/utility:" in text for text in refused)
-    assert any("resource/wheels/utility/evil-1:" in text for text in refused)
+    for publisher in ("evil-1", f"evil-2/{holder}"):
+        assert any(f"{WHEELS.utility_key_of(publisher)}:" in text for text in refused)
