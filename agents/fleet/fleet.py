@@ -202,7 +202,7 @@ class Fleet(Agent):
                 f"a list that is not this fleet's, whose own is not done yet: two fleets are named"
                 f" {fleet!r}; each goes on with its own; another --namespace tells them apart"
             )
-            self.refuse(service_of(FleetTasks).key, why)
+            self.refuse(service_of(FleetTasks).pattern, why)
 
     def on_fleet_claims(self, message: FleetClaims) -> None:
         """Process another robot's claims and done tasks; send it the list if it has none."""

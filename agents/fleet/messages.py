@@ -138,7 +138,7 @@ class FleetStatus(Message, frozen=True):
 
 
 event(FleetPassages, "fleet/{robot}/passages", "passages that a robot holds", rate_hz=2)
-event(FleetTasks, "fleet/tasks", "the list that a fleet works on")
+event(FleetTasks, "fleet/tasks", "the list that a fleet works on", several=True)
 event(FleetClaims, "fleet/{robot}/claims", "tasks that a robot holds; done", rate_hz=1)
 query(FleetRequest, "tasks/request", FleetReply, "do these tasks")
 latch(FleetBoard, "tasks/board", "the list, and its tasks that are done")

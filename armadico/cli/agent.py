@@ -42,6 +42,9 @@ class Options:
         "set one parameter, over the file's; with several agents AGENT.KEY=VALUE; may be repeated",
         metavar="KEY=VALUE",
     )
+    protocol: int | None = option(
+        "use an older version of the protocol, to try an upgrade (default: the newest)", metavar="N"
+    )
     journal: bool = flag("publish the agent's inputs and outputs, so that it can be replayed")
     mesh: options.Mesh = group(options.Mesh, "the mesh")
 
@@ -105,11 +108,15 @@ def _signals_held() -> Iterator[None]:
 def _serve(args: Options) -> int:
     kinds = [agent_class(name) for name in args.names]
     from armadico.core.agent import DeviceAgent
+    from armadico.core.messages import OLDEST, PROTOCOL
     from armadico.core.resources import WHEELS
     from armadico.runtime.blame import attributed
     from armadico.runtime.port_reader import open_line, open_port
     from armadico.runtime.process import identity, serve
 
+    protocol = PROTOCOL if args.protocol is None else args.protocol
+    if not OLDEST <= protocol <= PROTOCOL:
+        raise UsageError(f"--protocol must be from {OLDEST} to {PROTOCOL} (got {protocol})")
     parameters = [_parameters(kind, args) for kind in kinds]
     where = args.mesh.endpoints(passing=False)
     mesh = where.mesh(router=any(owners(args.names, WHEELS)), starts=True)
@@ -122,7 +129,8 @@ def _serve(args: Options) -> int:
     agents = []
     for kind, values in zip(kinds, parameters, strict=True):
         with attributed(kind):
-            agents.append(kind(identity(kind.name, where.name, where.digest), values))
+            own = identity(kind.name, where.name, where.digest, protocol)
+            agents.append(kind(own, values))
     devices = (a for a in agents if isinstance(a, DeviceAgent) and a.address)
     connect = {
         device.instance: partial(open_line, device.address, mesh.namespace)

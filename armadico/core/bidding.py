@@ -36,6 +36,8 @@ class Bidding:
             COMPARISONS[social.comparison],
         )
         self._turned: m.Cycle | None = None  # the cycle of the last turn
+        self._claim_key = desk.key_of(m.Claim, resource=resource.name)
+        self._command_key = resource.command_key_of(agent.instance)
 
     # Inputs --------------------------------------------------------------------------------------
 
@@ -135,8 +137,7 @@ class Bidding:
         return None
 
     def _send(self, messages: list[Message]) -> None:
-        resource, outbox = self.resource, self._desk.outbox
+        outbox = self._desk.outbox
         for message in messages:
-            claim = type(message) is m.Claim
-            key = resource.utility_key if claim else resource.command_key_of(self._agent.instance)
+            key = self._claim_key if type(message) is m.Claim else self._command_key
             outbox.append(Publish(key, message))

@@ -586,6 +586,7 @@ class Verdict(StrEnum):
     IMPLAUSIBLE = "its term is too far above the largest known"
     OUT_OF_RANGE = "its action is not one of this resource, or beyond its limits"
     UNAVAILABLE = "the resource is not ready"
+    NOT_ITS_KEY = "its sender is not the publisher that its key names"
 
 
 class Owner:

@@ -12,7 +12,7 @@ from armadico.core.individual import Individual
 from armadico.core.latched import Memory
 from armadico.core.messages import Message
 from armadico.core.outgoing import INFO, Outgoing, Publish
-from armadico.core.services import Gathering, Kind, service_of
+from armadico.core.services import Gathering, Kind, expression, service_of
 
 M = TypeVar("M", bound=Message)
 
@@ -32,6 +32,7 @@ class Desk:
         gatherings: What combines the messages of several publishers, by kind.
         bids: The records of the last bids.
         inputs: The key expressions of the needed messages.
+        protocol: The version of the protocol that the agent uses.
     """
 
     def __init__(self, agent: Individual) -> None:
@@ -43,11 +44,12 @@ class Desk:
         self.newest: dict[type[Message], Message] = {}
         self.gatherings: dict[type[Message], Gathering] = {}
         self.bids: deque[m.BidRecord] = deque(maxlen=BIDS_REMEMBERED)
-        self.inputs = tuple(service_of(kind).pattern for kind in agent.needs)
+        self.protocol = agent.identity.protocol
+        self.inputs = tuple(expression(self._key(kind)) for kind in agent.needs)
 
     def key_of(self, kind: type[Message], **names: str) -> str:
         """Return the key of a kind's service, filled with `names`, else the agent's names."""
-        key = service_of(kind).key
+        key = self._key(kind)
         if "{" not in key:
             return key
         agent = self.agent
@@ -60,10 +62,10 @@ class Desk:
         if service.kind is Kind.LATCHED:
             with suppress(m.MessageError):  # a message that cannot be sent is not stored either
                 self.memory.note(m.checked(cast("m.Latched", message)))
-        key = service.key
-        self.outbox.append(
-            Publish(self.key_of(type(message), **names) if "{" in key else key, message)
-        )
+        self.outbox.append(Publish(self.key_of(type(message), **names), message))
+
+    def _key(self, kind: type[Message]) -> str:
+        return service_of(kind).key_in(self.protocol)
 
     def log(self, text: str, level: int = INFO, event: str = "") -> None:
         """Publish a log line; `event` (`m.LogEvent`) is for programs."""
@@ -94,7 +96,7 @@ class Desk:
             return ""
         service, gathering = service_of(stale), self.gatherings.get(stale)
         if gathering is None:
-            return service.key
+            return expression(self._key(stale))
         within = service.fresh_cycles
         return service.key.format(name=gathering.missing(lambda c: self.cycles.fresh(c, within)))
 

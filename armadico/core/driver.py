@@ -7,7 +7,7 @@ no socket, thread or clock.
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -15,14 +15,15 @@ from typing import Any, Final
 from msgspec.structs import replace
 
 from armadico.core.agent import WARNING, Agent, DeviceAgent, Question
+from armadico.core.coordination import Verdict
 from armadico.core.kernel import Subscription
 from armadico.core.membership import CARD_S, Admission, Stage
 from armadico.core.messages import (
+    OLDEST,
     Ack,
     Ask,
     Card,
     Claim,
-    Command,
     Latched,
     Log,
     Message,
@@ -31,7 +32,8 @@ from armadico.core.messages import (
     decode,
 )
 from armadico.core.outgoing import Answer, Publish, Refused, SendQuery, Write
-from armadico.core.services import BIDS, CARD
+from armadico.core.services import BIDS, CARD, addressed, parent, service_of, shared_key
+from armadico.core.shared import is_shared
 
 OPEN_QUERIES: Final = 64  # queries that may wait for their answers; beyond, the oldest is dropped
 # Log lines that an agent may publish at once, and per second in the long run, so that an agent
@@ -47,6 +49,11 @@ MOST_REASONS: Final = 64  # different reasons that are counted between two repor
 # observed. The value exceeds every timeout that keeps an agent from acting on messages received
 # before the pause.
 PAUSE_S: Final = 2.0
+
+# A message on its publisher's own key, and its copy on the key that all publishers share in an
+# older protocol, arrive within this time, s. So many are kept to know the copies by.
+COPY_S: Final = 1.0
+COPIES: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +118,7 @@ class Driver:
                 now,
                 alone=agent.alone,
                 owns=[resource.name for resource in agent.owns],
+                protocol=agent.identity.protocol,
             )
             if admit
             else None
@@ -136,6 +144,7 @@ class Driver:
         self._reported_at = float("-inf")
         self._slow: list[float] = []  # turns since the last report that were slow, s each
         self._slow_at = float("-inf")
+        self._copied: deque[tuple[float, Message]] = deque(maxlen=COPIES)  # may be, with the time
 
     # Life cycle ----------------------------------------------------------------------------------
 
@@ -205,6 +214,7 @@ class Driver:
                     if type(item.message) is Log and not self._may_log():
                         continue
                     self._out.append(item)
+                    self._copy(item)
                 elif isinstance(item, Answer):
                     self._answer(item)
                 elif isinstance(item, Refused):
@@ -221,10 +231,12 @@ class Driver:
         own = self._pass(now)
         message: Any = payload
         kind = type(message)  # `isinstance` of a message goes through its ABC: slow, and not needed
-        if kind is bytes or kind in _ADDRESSED:
+        if kind is bytes or kind in addressed():
             message = self._read(to.message, key, payload, now)
             if message is None:
                 return
+        if to.shared and not self._counts(to.shared, key, message, now):
+            return
         if self.refused or self._slow:
             self._report(now)  # may be due since
         if self.stage is Stage.JOINED:
@@ -435,6 +447,38 @@ class Driver:
         self._refuse(key, fault, now)
         return None
 
+    def _copy(self, item: Publish) -> None:
+        """Publish also on the key of older protocols, while an agent is alive that uses one.
+
+        The protocols of other robots are not known.
+        """
+        if self.kernel.elders or is_shared(item.key):
+            shared = shared_key(item.message, item.key)
+            if shared and shared != item.key:
+                self._out.append(Publish(shared, item.message))
+
+    def _counts(self, shared: str, key: str, message: Message, now: float) -> bool:
+        """Return whether a message counts that comes on its publisher's own key, or the shared one.
+
+        What an agent publishes on both counts once, on its own key. So on the shared key only
+        publishers of an older protocol are heard.
+        """
+        if key != shared:
+            if parent(key) != shared:  # further parts after the publisher
+                self._refuse(key, Verdict.NOT_ITS_KEY, now)
+                return False
+            self._copied.append((now, message))
+            return True
+        for copied in self._copied:
+            if copied[1] == message and now - copied[0] < COPY_S:
+                self._copied.remove(copied)
+                return False
+        service = service_of(type(message))
+        if self.kernel.speaks.get(service.sender_of(message), 0) < service.since:
+            return True
+        self._refuse(key, Verdict.NOT_ITS_KEY, now)
+        return False
+
     def _may_log(self) -> bool:
         """Return whether the limits `LINES` and `LINES_A_S` allow one more log line."""
         now = self.kernel.now
@@ -451,15 +495,13 @@ class Driver:
         return True
 
 
-# Messages whose fields repeat the instance or the resource of their keys.
-_ADDRESSED: Final = frozenset({Command, Claim, Ack})
-
-
 def misaddressed(key: str, message: Message) -> str:
     """Return why a message does not belong on its key; "" if it does."""
-    if type(message) is Command:
-        if key.rpartition("/")[2] != message.ballot.instance:
-            return f"a command with the ballot of {message.ballot.instance}"
-    elif (type(message) is Claim or type(message) is Ack) and key.split("/")[1] != message.resource:
+    service = service_of(type(message))
+    if (type(message) is Claim or type(message) is Ack) and key.split("/")[1] != message.resource:
         return f"it is about {message.resource}"
-    return ""
+    sender = service.sender_of(message)
+    if not sender or key.rpartition("/")[2] == sender:
+        return ""
+    shared = service.since > OLDEST and key.count("/") < service.key.count("/")
+    return "" if shared else Verdict.NOT_ITS_KEY

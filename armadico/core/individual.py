@@ -25,6 +25,7 @@ class Identity:
     version: str = ""
     rng: random.Random = field(default_factory=random.Random, compare=False)
     table: str = ""  # the digest of its host table; empty: it has none
+    protocol: int = m.PROTOCOL  # that it uses; an older one is to try and replay what came before
 
 
 class Individual:

@@ -36,11 +36,12 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from msgspec import msgpack
+from msgspec.structs import astuple
 
 from armadico.core.agent import Agent
 from armadico.core.driver import Announce, Driver, Output, Reply
 from armadico.core.kernel import Subscription
-from armadico.core.messages import JournalPiece, JournalRequest, Message, MessageError, decode
+from armadico.core.messages import Card, JournalPiece, JournalRequest, Message, MessageError, decode
 from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.services import service_of
 
@@ -103,7 +104,10 @@ def _plain(item: Output) -> tuple[object, ...]:
     if isinstance(item, SendQuery):
         return (ASK_FOR, item.id, item.key, item.request, item.timeout)
     if isinstance(item, Reply):
-        return (REPLY, item.call, item.key, item.message)
+        # A card of protocol 2 ends before `newest`; so journals of that protocol can be compared.
+        old = isinstance(item.message, Card) and not item.message.newest
+        message = astuple(item.message)[:-1] if old else item.message
+        return (REPLY, item.call, item.key, message)
     return (ANNOUNCE,) if isinstance(item, Announce) else (OPEN_PORT,)
 
 

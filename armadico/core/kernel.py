@@ -44,8 +44,18 @@ class Subscription:
     pattern: str
     kind: Kind
 
+    @property
+    def shared(self) -> str:
+        """The key that all publishers have in an older protocol; "" if it is none of them."""
+        return self.pattern.removesuffix("/**") if self.pattern.endswith("/**") else ""
 
-def subscriptions(cls: type[Individual]) -> tuple[Subscription, ...]:
+    @property
+    def shown(self) -> str:
+        """The key expression of its own protocol alone, for people."""
+        return f"{self.shared}/*" if self.shared else self.pattern
+
+
+def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Subscription, ...]:
     """Return the subscriptions that an agent declares and those of the social intelligence."""
     triggers = cls.reacts_to.values() if isinstance(cls.reacts_to, Mapping) else [cls.reacts_to]
     kinds = [kind for kind in triggers if kind is not None and kind is not m.Ack]
@@ -58,9 +68,10 @@ def subscriptions(cls: type[Individual]) -> tuple[Subscription, ...]:
     for service in services:
         if service.watchers_only:
             raise ValueError(f"{cls.name} listens to {service.key}, which agents may not")
-    found = [Subscription(s.message, s.pattern, s.kind) for s in services]
-    both = dict.fromkeys((*cls.competes_for, *cls.owns))
-    found += [Subscription(m.Claim, r.utility_key, Kind.EVENT) for r in both]
+    found = [Subscription(s.message, s.heard_in(protocol), s.kind) for s in services]
+    both, claims = dict.fromkeys((*cls.competes_for, *cls.owns)), service_of(m.Claim)
+    claimed = (claims.heard_in(protocol, resource=r.name) for r in both)
+    found += [Subscription(m.Claim, pattern, Kind.EVENT) for pattern in claimed]
     found += [Subscription(m.Ack, r.ack_key, Kind.STATE) for r in cls.competes_for]
     found += [Subscription(m.Command, r.command_pattern, Kind.EVENT) for r in cls.owns]
     return tuple(found)
@@ -85,7 +96,9 @@ class Kernel(Desk):
 
     Attributes:
         tenure: The cycles for which the agent has worked.
-        foreign: Instances with another protocol or other resources.
+        foreign: Instances that do not understand its protocol, or have other resources.
+        speaks: The protocols that other instances use, by their cards.
+        elders: Whether one of them uses an older protocol than the agent.
         reachable: Whether the robot's router can be reached.
         drawn: The state of `rng` before the first draw: a replay begins here.
         alarm: When the agent wants to be woken, s.
@@ -96,8 +109,10 @@ class Kernel(Desk):
         self.drawn = agent.rng.getstate()
         self.tenure = 0
         self.foreign: set[str] = set()
+        self.speaks: dict[str, int] = {}
+        self.elders = False
         self.reachable = True
-        self.subscriptions = subscriptions(type(agent))
+        self.subscriptions = subscriptions(type(agent), self.protocol)
         self.alarm: float | None = None
         self._settings = Settings(self)
         self._queries = 0
@@ -278,8 +293,10 @@ class Kernel(Desk):
         self.agent.on_card(card)
         if card.instance in self.foreign:
             return
-        if card.protocol != m.PROTOCOL:
-            why = f"uses protocol {card.protocol}, this agent {m.PROTOCOL}"
+        self.speaks[card.instance] = card.speaks
+        self._count_elders()
+        if not card.understood(self.protocol):
+            why = f"uses protocol {card.speaks}, this agent {m.protocols(self.protocol)}"
         elif differing := differently(card.declares, self._signatures()):
             why = f"declares {differing[0]}, this agent {differing[1]}"
         else:
@@ -292,9 +309,14 @@ class Kernel(Desk):
         """Process the end of a liveliness token."""
         self.now = now
         self.foreign.discard(instance)
+        self.speaks.pop(instance, None)
+        self._count_elders()
         for bidding in self._bidding.values():
             bidding.gone(instance, now)
         self.agent.on_disappeared(name, instance)
+
+    def _count_elders(self) -> None:
+        self.elders = any(m.OLDEST <= each < self.protocol for each in self.speaks.values())
 
     def router(self, there: bool, now: float) -> None:
         """Process that the robot's router became reachable or unreachable."""
@@ -355,9 +377,10 @@ class Kernel(Desk):
                 host=identity.host,
                 pid=identity.pid,
                 version=identity.version,
-                protocol=m.PROTOCOL,
-                provides=tuple(self.key_of(k) for k in (*agent.provides, *agent.answers)),
-                requests=tuple(s.pattern for s in self.subscriptions if self._requests(s))
+                protocol=m.OLDEST,
+                newest=self.protocol if self.protocol > m.OLDEST else 0,
+                provides=tuple(map(self._provided, (*agent.provides, *agent.answers))),
+                requests=tuple(s.shown for s in self.subscriptions if self._requests(s))
                 + tuple(service_of(k).key for k in agent.queries),
                 resources=tuple(r.name for r in competes),
                 holds=tuple(holds),
@@ -368,6 +391,11 @@ class Kernel(Desk):
                 table=identity.table,
             )
         )
+
+    def _provided(self, kind: type[Message]) -> str:
+        """Return the key of a kind; of one that others publish, too, for all of them."""
+        several = service_of(kind).since > m.OLDEST
+        return self.key_of(kind, instance="*") if several else self.key_of(kind)
 
     def _requests(self, to: Subscription) -> bool:
         """Return whether this agent needs a subscription that not every agent has."""
@@ -464,7 +492,7 @@ class Kernel(Desk):
                 if message.stopped and self.stopped is not None:
                     done = "stopped, with the next known counter"
             why = f"{done}: a {kind.__name__}{by} has an implausible counter"
-            self.outbox.append(Refused(service_of(kind).key, why))
+            self.outbox.append(Refused(service_of(kind).pattern, why))
         return news
 
     def _stop_changed(self) -> None:

@@ -9,8 +9,9 @@ newcomers at the same time the one with the smaller id stays. Two instances that
 a partitioned network, compare their cycles: the longer one stays, or of about equal ones the
 smaller id. An instance that does not reply with its card keeps a newcomer out and displaces none.
 
-Of agents with two protocols those with the owner's protocol stay; without an owner, the newcomers
-leave. The owner's token may come last, so a newcomer waits for it before it leaves.
+An agent understands its own protocol and the one before (`Card.understood`). Of agents that do not
+understand each other those stay that the owner understands; without an owner, the newcomers leave.
+The owner's token may come last, so a newcomer waits for it before it leaves.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Final
 
-from armadico.core.messages import PROTOCOL, Card
+from armadico.core.messages import PROTOCOL, Card, protocols
 
 QUIET_S: Final = 0.1  # all tokens count as known after no change of a token for this time
 RESTLESS_S: Final = 0.2  # or after this time since the first change, however many follow
@@ -66,6 +67,7 @@ class Admission:
         *,
         alone: bool = False,
         owns: Sequence[str] = (),
+        protocol: int = PROTOCOL,
     ) -> None:
         """Begin to observe.
 
@@ -75,12 +77,13 @@ class Admission:
             now: The time, s.
             alone: Whether no second instance of the agent may be alive.
             owns: Resources that no other instance may own.
+            protocol: The protocol that it uses.
         """
         self.stage = Stage.LOOKING
         self.refusal = ""
         self.tenure = 0  # cycles for which it has worked: updated by the driver
         self._name, self._instance = name, instance
-        self._alone, self._owns = alone, frozenset(owns)
+        self._alone, self._owns, self._protocol = alone, frozenset(owns), protocol
         self._since = now
         self._checked_at = float("-inf")
         self._grace_until: float | None = None
@@ -244,16 +247,17 @@ class Admission:
         return [instance for instance in sorted(self._alive) if self._is_rival(instance)]
 
     def _foreign(self) -> Card | None:
-        """Return a card of another protocol, if no owner of a resource has this protocol."""
-        cards = self._cards.values()
-        if any(card.owns and card.protocol == PROTOCOL for card in cards):
+        """Return a card that is not understood, if no owner's card of a resource is."""
+        cards, own = self._cards.values(), self._protocol
+        if any(card.owns and card.understood(own) for card in cards):
             return None
-        return next((card for card in cards if card.protocol != PROTOCOL), None)
+        return next((card for card in cards if not card.understood(own)), None)
 
     def _refuse_among(self, foreign: Card) -> None:
         self._refuse(
-            f"{_shown(foreign)} uses protocol {foreign.protocol}, this agent {PROTOCOL}; install"
-            " the same armadico on every machine, or use another namespace: --namespace"
+            f"{_shown(foreign)} uses protocol {foreign.speaks}, this agent"
+            f" {protocols(self._protocol)}; install the same armadico on every machine, or use"
+            " another namespace: --namespace"
         )
 
     def _refuse_for(self, rival: str) -> None:

@@ -15,7 +15,8 @@ import cbor2
 import msgspec
 from msgspec import Meta, Struct
 
-PROTOCOL = 2  # the version of this file, on every card
+PROTOCOL = 3  # the version of this file, on every card
+OLDEST: Final = 2  # the oldest version that is understood, so that agents are upgraded one by one
 LARGEST = 1e6  # the largest absolute value of a number in a message
 # Bytes. A larger payload is rejected before it is decoded: decoding blocks everything else.
 LARGEST_PAYLOAD: Final = 65_536
@@ -226,7 +227,7 @@ class Ballot(Message, frozen=True, order=True):
 
 
 class Claim(Message, frozen=True):
-    """The holder's bid, on ``resource/<resource>/utility``; a release has no utility.
+    """The holder's bid, on ``resource/<resource>/utility/<instance>``; a release has no utility.
 
     `wanted` is the bid's action, `commanded` the action after blending.
     """
@@ -487,13 +488,13 @@ class Card(Message, frozen=True):
     host: Text  # its machine's name, for people
     pid: Counter  # its process there
     version: Text  # its program's, for people
-    protocol: Counter  # the version of this page
+    protocol: Counter  # the oldest version of this page that it understands; see `newest`
     provides: tuple[Text, ...]
     """Keys that it publishes or answers queries on, as in the table of keys, without those of a
     resource and those that every agent has."""
     requests: tuple[Text, ...]
     """Key expressions of its own subscriptions, also of its resources (`robot/state`,
-    `resource/wheels/utility`), and keys of the queries that it sends."""
+    `resource/wheels/utility/*`), and keys of the queries that it sends."""
     resources: tuple[Text, ...]  # names of the resources that it competes for
     holds: tuple[Text, ...] = ()  # names of the resources that it holds now
     clock: Annotated[float, Meta(ge=0, le=1e11)] = 0.0
@@ -513,6 +514,24 @@ class Card(Message, frozen=True):
     table: Text = ""
     """The digest of the host table that it was launched with, to notice that hosts have different
     ones; empty: none."""
+    newest: Counter = 0
+    """The newest version of this page that it uses; 0: `protocol` is the only one."""
+
+    appended: ClassVar[int] = 1
+
+    @property
+    def speaks(self) -> int:
+        """The version that it uses among agents that understand it."""
+        return max(self.protocol, self.newest)
+
+    def understood(self, protocol: int = PROTOCOL) -> bool:
+        """Return whether it and an agent that uses a version understand each other."""
+        return self.protocol <= protocol and self.speaks >= OLDEST
+
+
+def protocols(protocol: int = PROTOCOL) -> str:
+    """Return the versions that an agent understands which uses this one, newest first."""
+    return " and ".join(str(each) for each in range(protocol, OLDEST - 1, -1))
 
 
 class BidRecord(Message, frozen=True):

@@ -77,9 +77,8 @@ class Resource:
         rate = "" if self.period_s is None else f" each {self.period_s:g} s"
         return f"{self.name}({what}){rate}"
 
-    @property
-    def utility_key(self) -> str:
-        return f"resource/{self.name}/utility"
+    def utility_key_of(self, instance: str) -> str:
+        return f"resource/{self.name}/utility/{instance}"
 
     @property
     def ack_key(self) -> str:

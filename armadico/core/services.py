@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from math import inf
+from operator import attrgetter
 from typing import Final, Never, Protocol
 
 from armadico.core import messages as m
@@ -67,11 +68,44 @@ class Service:
     watchers_only: bool = False
     gather: Callable[[], Gathering] | None = None
     """Combines the messages of several publishers into one, which agents receive."""
+    sender: str = ""
+    """The field of the message that names its publisher, as the last part of its key does."""
+    since: int = m.OLDEST
+    """The protocol from which the last part of the key names the publisher. In older ones all
+    publishers share the key without that part."""
 
     @property
     def pattern(self) -> str:
         """The key expression that matches every publisher's key."""
-        return "/".join("*" if "{" in chunk else chunk for chunk in self.key.split("/"))
+        return expression(self.key)
+
+    def key_in(self, protocol: int) -> str:
+        """Return the key that agents of a protocol publish on."""
+        return self.key if protocol >= self.since else parent(self.key)
+
+    def heard_in(self, protocol: int, **names: str) -> str:
+        """Return the key expression that they subscribe to, with the keys of older protocols."""
+        pattern = expression(self.key, **names)
+        if self.since == m.OLDEST:
+            return pattern
+        return parent(pattern) + ("" if protocol < self.since else "/**")
+
+    @property
+    def heard(self) -> str:
+        """The key expression that matches every publisher's key in all understood protocols."""
+        return self.heard_in(m.PROTOCOL)
+
+    def keys_of(self, message: m.Message, guest: str) -> list[str]:
+        """Return the keys on which a program that is no agent publishes a message.
+
+        It does not know which protocols the agents use, so it publishes in all.
+        """
+        key = self.key_for(instance=self.sender_of(message) or guest)
+        return [key] if self.since == m.OLDEST else [key, parent(key)]
+
+    def sender_of(self, message: m.Message) -> str:
+        """Return the publisher that a message names; "" if it names none."""
+        return str(_getter(self.sender)(message)) if self.sender else ""
 
     @property
     def deadline_s(self) -> float | None:
@@ -94,16 +128,53 @@ class Service:
         return self.key.format(**names)
 
 
+_getter: Final = cache(attrgetter)
 _S, _E, _L, _Q = Kind.STATE, Kind.EVENT, Kind.LATCHED, Kind.QUERY
+SPOKEN: Final = 3  # the protocol from which the keys of several publishers name the publisher
+
+
+def _spoken(
+    message: type[m.Message],
+    key: str,
+    kind: Kind,
+    meaning: str,
+    rate_hz: float | None = None,
+    fresh_cycles: int | None = None,
+    sender: str = "",
+) -> Service:
+    """Return a row of several publishers, each with its own last part of the key."""
+    whole = f"{key}/{{instance}}"
+    return Service(
+        message, whole, kind, rate_hz, fresh_cycles, meaning, sender=sender, since=SPOKEN
+    )
+
 
 _rows: list[Service] = [
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
-    Service(m.Stop, "robot/stop", _L, None, None, "latch or release the stop; any process may"),
-    Service(m.Claim, "resource/{resource}/utility", _E, 10, 3, "the holder's bid"),
+    _spoken(m.Stop, "robot/stop", _L, "latch or release the stop; any process may"),
+    _spoken(
+        m.Claim, "resource/{resource}/utility", _E, "the holder's bid", 10, 3, "ballot.instance"
+    ),
     Service(m.Ack, "resource/{resource}/ack", _S, 10, 3, "the obeyed and the largest ballot"),
-    Service(m.Command, "resource/{resource}/cmd/{instance}", _E, 10, 3, "the holder's action"),
-    Service(m.Command, "robot/cmd/{instance}", _E, 10, 3, "the same, for the wheels"),
+    Service(
+        m.Command,
+        "resource/{resource}/cmd/{instance}",
+        _E,
+        10,
+        3,
+        "the holder's action",
+        sender="ballot.instance",
+    ),
+    Service(
+        m.Command,
+        "robot/cmd/{instance}",
+        _E,
+        10,
+        3,
+        "the same, for the wheels",
+        sender="ballot.instance",
+    ),
     Service(m.Ask, "agent/{name}/{instance}/card", _Q, None, None, "identity, offers", m.Card),
     Service(m.Ask, "agent/{name}/{instance}/bids", _Q, None, None, "recent bids", m.BidHistory),
     Service(
@@ -116,9 +187,15 @@ _rows: list[Service] = [
         reply=m.ParametersReply,
     ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "a changed one"),
-    Service(m.Tuning, "tuning", _L, None, None, "all parameters that were changed live"),
+    _spoken(m.Tuning, "tuning", _L, "all parameters that were changed live"),
     Service(
-        m.MonitorReport, "monitor/{instance}", _S, 1, None, "missing agents; which monitor acts"
+        m.MonitorReport,
+        "monitor/{instance}",
+        _S,
+        1,
+        None,
+        "missing agents; which monitor acts",
+        sender="instance",
     ),
     Service(m.Log, "log/{instance}", _E, None, None, "log lines for people"),
     Service(
@@ -164,6 +241,7 @@ def register(service: Service) -> Service:
         _rows.append(service)
         derived.cache_clear()
         _row_at.cache_clear()
+        addressed.cache_clear()
     _by_message[service.message] = service
     return service
 
@@ -209,16 +287,24 @@ def event(
     *,
     rate_hz: float | None = None,
     fresh_cycles: int | None = None,
+    several: bool = False,
+    sender: str = "",
 ) -> Service:
-    """Add a row of an event."""
+    """Add a row of an event.
+
+    With `several` publishers each has a key of its own, with its id as the last part; `sender` is
+    the message's field that repeats it, if there is one.
+    """
+    if several:
+        return register(_spoken(message, key, Kind.EVENT, meaning, rate_hz, fresh_cycles, sender))
     return register(Service(message, key, Kind.EVENT, rate_hz, fresh_cycles, meaning))
 
 
 def latch(
     message: type[m.Latched], key: str, meaning: str, *, rate_hz: float | None = None
 ) -> Service:
-    """Add a row of a latched state (`armadico.core.latched`)."""
-    return register(Service(message, key, Kind.LATCHED, rate_hz, None, meaning))
+    """Add a row of a latched state (`armadico.core.latched`), which every agent publishes."""
+    return register(_spoken(message, key, Kind.LATCHED, meaning, rate_hz))
 
 
 def query(message: type[m.Message], key: str, reply: type[m.Message], meaning: str) -> Service:
@@ -268,7 +354,13 @@ def service_at(key: str) -> Service | None:
 
 @cache
 def _row_at(key: str) -> Service | None:
-    return next((service for service in services() if matches(service.pattern, key)), None)
+    return next((service for service in services() if matches(service.heard, key)), None)
+
+
+@cache
+def addressed() -> frozenset[type[m.Message]]:
+    """Return the messages whose fields repeat the publisher or the resource of their keys."""
+    return frozenset(row.message for row in services() if row.sender or "{resource}" in row.key)
 
 
 def latched() -> tuple[Service, ...]:
@@ -287,6 +379,29 @@ def message_types() -> list[type[m.Message]]:
         and kind.__module__ == name
         and not kind.__subclasses__()
     ]
+
+
+def parent(key: str) -> str:
+    """Return a key without its last part."""
+    return key.rpartition("/")[0]
+
+
+def expression(key: str, **names: str) -> str:
+    """Return the key expression of all keys of a row; `names` fill some of its braces."""
+    chunks = key.split("/")
+    return "/".join(names.get(c.strip("{}"), "*") if "{" in c else c for c in chunks)
+
+
+def requested(message: type[m.Message], card: m.Card) -> bool:
+    """Return whether an agent subscribes to a message, in any understood protocol."""
+    heard = service_of(message).heard
+    return any(matches(heard, key) for key in card.requests)
+
+
+def shared_key(message: m.Message, key: str) -> str:
+    """Return the key without the publisher, as older protocols have it; "" if they have `key`."""
+    service = _by_message.get(type(message))
+    return "" if service is None or service.since == m.OLDEST else parent(key)
 
 
 def matches(pattern: str, key: str) -> bool:

@@ -32,7 +32,7 @@ from armadico.core.messages import (
 from armadico.core.services import CARD, Kind, rows_of, service_of
 from armadico.core.unseen import Rule
 from armadico.launch.latch import Latching
-from armadico.mesh.base import Mesh
+from armadico.mesh.base import Mesh, publish
 from armadico.mobile.errand import Order
 from armadico.mobile.messages import (
     MissionReply,
@@ -167,8 +167,8 @@ class Client:
         return message if self.age(kind) <= service_of(kind).stale_after_s else None
 
     def publish(self, message: Message) -> None:
-        """Publish on the message's service key. Raises MessageError if it could not be decoded."""
-        self.mesh.publish(service_of(type(message)).key, message)
+        """Publish on the message's service keys. Raises MessageError if it cannot be decoded."""
+        publish(self.mesh, message)
 
     def wait_for(self, condition: Callable[[], T | None], timeout: float) -> T | None:
         """Wait until a condition is true; it is checked after each arrival.
@@ -525,7 +525,7 @@ class Client:
             self._inbox.put(key, deliver, keep=1 if service.kind is Kind.STATE else EVENTS)
 
         for row in rows_of(kind):
-            self.mesh.subscribe(row.pattern, arrived)
+            self.mesh.subscribe(row.heard, arrived)
 
     def _token(self, name: str, instance: str, there: bool) -> None:
         def deliver() -> None:

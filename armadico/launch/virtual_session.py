@@ -24,6 +24,7 @@ class VirtualSession(Place):
     ) -> None:
         """Join; the name identifies its links."""
         super().__init__(mesh, namespace, name)
+        self.guest = name
         self._reader = Reader()
         self.refused: Counter[str] = self._reader.refused
         self._listeners: list[tuple[str, Step, object]] = []

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
 
 from armadico.core.messages import Message, MessageError, decode, line
+from armadico.core.services import service_of
 
 logger = logging.getLogger("armadico.mesh")
 
@@ -57,6 +58,9 @@ class Mesh(Time, Protocol):
     """One process's session on a mesh, within one robot's namespace."""
 
     namespace: str
+    guest: str
+    """The id of a program that publishes here and is no agent: the last part of shared keys."""
+
     refused: Counter[str]
     """Payloads that were no message or were published by a wildcard, counted by key."""
 
@@ -118,6 +122,15 @@ class Mesh(Time, Protocol):
 
     def close(self) -> bool:
         """Leave; False if that continues in the background. Earlier publications still arrive."""
+
+
+def publish(mesh: Mesh, message: Message) -> None:
+    """Publish a guest's message on its service's keys.
+
+    Raises MessageError if it could not be decoded.
+    """
+    for key in service_of(type(message)).keys_of(message, mesh.guest):
+        mesh.publish(key, message)
 
 
 class Monotonic:

@@ -25,7 +25,7 @@ import random
 from collections.abc import Callable, Sequence
 
 from armadico.core.agent import Agent, Identity
-from armadico.core.messages import Message
+from armadico.core.messages import PROTOCOL, Message
 from armadico.core.outgoing import SendQuery
 from armadico.core.services import matches, service_of
 from armadico.mesh.link_faults import WHOLE
@@ -72,6 +72,7 @@ class VirtualMesh(Network):
         self.star = Star(self, reconnect)
         self.queries = Queries(self)
         self.ports = Ports(self)
+        self.protocols: dict[str, int] = {}  # that the next instances of agents use, by name
         self._watchers: dict[tuple[str, type[Message]], list[Watcher]] = {}
 
     # Building ------------------------------------------------------------------------------------
@@ -79,7 +80,9 @@ class VirtualMesh(Network):
     def identity(self, name: str, start: int = 0, namespace: str = DEFAULT_NAMESPACE) -> Identity:
         """Return the identity of an agent's `start`-th instance."""
         rng = self.stream(f"agent/{address(namespace, name)}/{start}")
-        return Identity(f"{name}-{rng.getrandbits(64):016x}", "virtual", 0, "virtual", rng)
+        instance = f"{name}-{rng.getrandbits(64):016x}"
+        protocol = self.protocols.get(name, PROTOCOL)
+        return Identity(instance, "virtual", 0, "virtual", rng, protocol=protocol)
 
     def add(
         self,
@@ -149,8 +152,8 @@ class VirtualMesh(Network):
         namespace: str = DEFAULT_NAMESPACE,
     ) -> None:
         """Publish from outside the society, as a command-line tool does."""
-        key = key or service_of(type(message)).key
-        self.spread(address(namespace, sender), key, message, None, namespace)
+        for each in [key] if key else service_of(type(message)).keys_of(message, sender):
+            self.spread(address(namespace, sender), each, message, None, namespace)
 
     def publish_bytes(self, data: bytes, key: str, sender: str = CLIENT) -> None:
         """Publish any payload from outside the society."""

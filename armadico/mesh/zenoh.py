@@ -17,6 +17,7 @@ import atexit
 import json
 import logging
 import os
+import random
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -152,6 +153,7 @@ class ZenohMesh(Reader, Monotonic):
         """
         super().__init__()
         self.namespace = namespace
+        self.guest = f"guest-{random.SystemRandom().getrandbits(64):016x}"
         self.router = ""  # the id of the router that it is linked to, or is; else empty
         self._level = logging.INFO if starts else logging.WARNING
         self._where = where

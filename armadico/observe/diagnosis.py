@@ -282,8 +282,8 @@ def _versions(case: _Case) -> Iterator[Finding]:
     usual = Counter(card.version for card in case.cards).most_common(1)
     for card in case.cards:
         todo = f"install the same armadico on {card.host} as on the other hosts"
-        if card.protocol != PROTOCOL:
-            what = f"{card.name} on {card.host} uses protocol {card.protocol}, this machine"
+        if card.speaks != PROTOCOL:
+            what = f"{card.name} on {card.host} uses protocol {card.speaks}, this machine"
             yield Finding(Sort.VERSION, card.name, f"{what} {PROTOCOL}.", todo)
         elif card.version != usual[0][0]:
             what = f"{card.name} on {card.host} has version {card.version}, others {usual[0][0]}."

@@ -29,7 +29,14 @@ from armadico.config.worlds import load_world
 from armadico.core import journal as j
 from armadico.core.agent import Agent
 from armadico.core.journal import FORMAT, NOTHING, READABLE, START, TAKE
-from armadico.core.messages import PROTOCOL, JournalPiece, MessageError, decode
+from armadico.core.messages import (
+    OLDEST,
+    PROTOCOL,
+    JournalPiece,
+    MessageError,
+    decode,
+    protocols,
+)
 from armadico.core.services import service_of
 from armadico.observe.conditions import digest, software
 
@@ -99,7 +106,7 @@ def head(agent: Agent) -> bytes:
     return msgpack.encode(
         Head(
             format=FORMAT,
-            protocol=PROTOCOL,
+            protocol=identity.protocol,
             name=agent.name,
             instance=agent.instance,
             host=identity.host,
@@ -340,9 +347,9 @@ def _head(frame: bytes) -> tuple[Head | None, str]:
         version = plain["format"]
         if version not in READABLE:
             return None, f"its journal is of format {version}; this program reads {FORMAT}"
-        if plain["protocol"] != PROTOCOL:
-            protocol = plain["protocol"]
-            return None, f"it used protocol {protocol}; this program uses {PROTOCOL}"
+        protocol = plain["protocol"]
+        if not OLDEST <= protocol <= PROTOCOL:
+            return None, f"it used protocol {protocol}; this program reads {protocols()}"
         return msgspec.convert(plain, Head), ""
     except (ValueError, TypeError, KeyError, IndexError):  # msgspec's are ValueErrors
         return None, "its journal does not begin with a valid head"

@@ -20,7 +20,7 @@ from msgspec import Struct
 from armadico.core.agent import WARNING
 from armadico.core.cycles import PERIOD
 from armadico.core.hands import release
-from armadico.core.messages import PROTOCOL, BidRecord, Cycle, LogEvent, RobotState
+from armadico.core.messages import BidRecord, Cycle, LogEvent, RobotState, protocols
 from armadico.core.resources import WHEELS, differently
 from armadico.core.services import QUIET_S, matches, service_of
 from armadico.mobile.behaviour import LOST_M
@@ -380,8 +380,8 @@ class _Chain:
         card = self.view.cards.get(instance)
         if card is None:
             return ""
-        if card.protocol != PROTOCOL:
-            return f"{card.name} uses protocol {card.protocol}, the other agents {PROTOCOL}."
+        if not card.understood():
+            return f"{card.name} uses protocol {card.speaks}, the other agents {protocols()}."
         owners = [a.card for a in self.view.agents if a.card and WHEELS.name in a.card.owns]
         for owner in owners:
             if differing := differently(card.declares, owner.declares):

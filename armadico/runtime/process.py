@@ -35,7 +35,15 @@ from armadico.core.driver import Announce, Driver, OpenPort, Output, Reply
 from armadico.core.journal import Journalled
 from armadico.core.kernel import Subscription
 from armadico.core.mailbox import BURST_S, EVENTS, URGENT
-from armadico.core.messages import Command, Log, Message, MessageError, decode, encoded
+from armadico.core.messages import (
+    PROTOCOL,
+    Command,
+    Log,
+    Message,
+    MessageError,
+    decode,
+    encoded,
+)
 from armadico.core.outgoing import Publish, SendQuery, Write
 from armadico.core.resources import LEAST_SILENCE_S
 from armadico.core.restart_policy import MISUSED
@@ -460,7 +468,9 @@ def _urgent(item: Output) -> bool:
     return type(item) is Write or (type(item) is Publish and type(item.message) is Command)
 
 
-def identity(name: str, host: str | None = None, table: str = "") -> Identity:
+def identity(
+    name: str, host: str | None = None, table: str = "", protocol: int = PROTOCOL
+) -> Identity:
     """Return a new instance's identity; its id is the name and 64 random bits.
 
     `table` is the digest of the host table that the process was launched with.
@@ -473,6 +483,7 @@ def identity(name: str, host: str | None = None, table: str = "") -> Identity:
         version=installed_version(),
         rng=random.Random(rng.getrandbits(64)),
         table=table,
+        protocol=protocol,
     )
 
 

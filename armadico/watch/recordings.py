@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec import Struct
 
 from armadico.core.messages import (
+    OLDEST,
     PROTOCOL,
     BidHistory,
     BidRecord,
@@ -25,6 +26,7 @@ from armadico.core.messages import (
     MessageError,
     TomlValue,
     decode,
+    protocols,
 )
 from armadico.core.services import message_types
 from armadico.observe.journals import JOURNAL, Journal, Pieces, without
@@ -241,11 +243,11 @@ class Past:
                 f"{self.path} does not name its protocol: another program wrote it, or its"
                 " beginning is missing; make one with `armadico record` or `armadico run --record`"
             )
-        if protocol != str(PROTOCOL):
+        if protocol not in map(str, range(OLDEST, PROTOCOL + 1)):
             version = self.about.get("version", "")
             raise RecordingError(
-                f"{self.path} was recorded with protocol {protocol}, but this program uses"
-                f" {PROTOCOL}: `pip install` the version that recorded it"
+                f"{self.path} was recorded with protocol {protocol}, but this program reads"
+                f" {protocols()}: `pip install` the version that recorded it"
                 f"{', ' * bool(version)}{version}"
             )
 

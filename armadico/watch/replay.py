@@ -115,7 +115,8 @@ class Life:
         kind = _class(head) if self.kind is None else self.kind
         parameters = _parameters(head, kind, self.sets)
         self.notes = tuple(_notes(head, kind, self.sets))
-        identity = Identity(head.instance, head.host, head.pid, head.version, _stream(head))
+        who = head.instance, head.host, head.pid, head.version, _stream(head)
+        identity = Identity(*who, protocol=head.protocol)
         self.agent = kind(identity, parameters)
 
     def moments(self) -> Iterator[Moment]:

@@ -447,3 +447,27 @@ def test_however_late_the_news_of_tokens_is_one_stays_in_the_end(
 ) -> None:
     joiners = Joiners(Joining(len(starts) + 1), Drawn(starts, lambda _to, _of: delay))
     assert joiners.run() == ""
+
+
+@pytest.mark.parametrize(
+    ("own", "oldest", "newest", "understood"),
+    [
+        (PROTOCOL, PROTOCOL - 1, 0, True),  # not upgraded yet
+        (PROTOCOL, PROTOCOL - 1, PROTOCOL, True),
+        (PROTOCOL, PROTOCOL, PROTOCOL + 1, True),  # the next one
+        (PROTOCOL - 1, PROTOCOL - 1, PROTOCOL, True),
+        (PROTOCOL - 1, PROTOCOL, PROTOCOL + 1, False),
+        (PROTOCOL, PROTOCOL + 1, PROTOCOL + 2, False),
+        (PROTOCOL, PROTOCOL - 2, 0, False),
+    ],
+)
+def test_agents_whose_ranges_of_protocols_overlap_understand_each_other(
+    own: int, oldest: int, newest: int, understood: bool
+) -> None:
+    admission = Admission("goto", "goto-1", 0.0, protocol=own)
+    admission.appeared("robot", "robot-1", 0.0)
+    admission.queries(0.0)
+    admission.on_card("robot-1", replace(card("robot-1", oldest), newest=newest), 0.01)
+    stages = {admission.check(0.1 * tick) for tick in range(1, 40)}
+    assert (Stage.REFUSED not in stages) == understood
+    assert (f"uses protocol {newest or oldest}" in admission.refusal) != understood

@@ -40,8 +40,8 @@ def test_keys_are_filled_with_names_and_patterns_catch_them_all() -> None:
     command, claim = service_of(m.Command), service_of(m.Claim)
     assert command.key_for(instance="goto-1") == "robot/cmd/goto-1"
     assert command.pattern == "robot/cmd/*"
-    assert claim.key_for(resource="wheels") == "resource/wheels/utility"
-    assert claim.pattern == "resource/*/utility"
+    assert claim.key_for(resource="wheels", instance="goto-1") == "resource/wheels/utility/goto-1"
+    assert claim.pattern == "resource/*/utility/*"
     assert CARD.key_for(name="goto", instance="goto-1") == "agent/goto/goto-1/card"
     assert BIDS.pattern == "agent/*/*/bids"
     with pytest.raises(KeyError):

@@ -191,7 +191,7 @@ def test_top_shows_the_holder_on_a_terminal(environment: dict[str, str], society
 
 @pytest.mark.long
 def test_graph_draws_agents_and_keys(run: Run, society: Society) -> None:
-    assert "resource/wheels/utility  goto -> -" in run("graph").stdout
+    assert "resource/wheels/utility/*  goto -> -" in run("graph").stdout
     assert '"goto" -> "robot/cmd/*";' in run("graph", "--dot").stdout
     drawn = run("graph", "--mermaid").stdout
     assert drawn.startswith("flowchart LR")

@@ -22,7 +22,7 @@ HINT_S: Final = 3.0
 
 EXAMPLES: Final = """\
   armadico echo robot/state
-  armadico echo 'resource/*/utility' --json | jq .message.utility
+  armadico echo 'resource/*/utility/*' --json | jq .message.utility
   armadico echo 'robot/**' -n 20
   armadico echo '**' --timeout 5            give up after 5 s of silence
 """
@@ -36,7 +36,7 @@ def key_expression(text: str) -> str:
     if not all(_CHUNK.fullmatch(chunk) for chunk in chunks):
         raise BadValueError(
             f"{text!r} is not a key expression; expected parts between single slashes, none empty,"
-            " * or ** alone in a part: robot/state, resource/*/utility or log/**"
+            " * or ** alone in a part: robot/state, resource/*/utility/* or log/**"
         )
     if any(a == b == "**" for a, b in pairwise(chunks)):
         raise BadValueError(f"{text!r} is not a key expression: expected a single **")

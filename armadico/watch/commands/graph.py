@@ -96,7 +96,7 @@ def _keys_of(resource: str) -> tuple[str, str, str]:
 
     own = f"resource/{resource}"
     commands = WHEELS.command_pattern if resource == WHEELS.name else f"{own}/cmd/*"
-    return f"{own}/utility", commands, f"{own}/ack"
+    return f"{own}/utility/*", commands, f"{own}/ack"
 
 
 def text(found: Graph) -> str:

@@ -150,7 +150,7 @@ class Options:
 def run(args: Options) -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise options.UsageError(
-            "teleop needs a terminal for its keys; programs publish teleop/stick instead"
+            "teleop needs a terminal for its keys; programs publish teleop/stick/HAND instead"
         )
     mesh = args.mesh.join()
     from armadico.core.messages import RobotState
@@ -184,11 +184,10 @@ def _person() -> str:
 
 def _has_teleop(client: Client) -> bool:
     """Return whether an agent of any name is alive that receives sticks."""
-    from armadico.core.services import service_of
+    from armadico.core.services import requested
     from armadico.watch.teleop.messages import Stick
 
-    key = service_of(Stick).key
-    return any(card is not None and key in card.requests for card in client.cards().values())
+    return any(card is not None and requested(Stick, card) for card in client.cards().values())
 
 
 @contextmanager

@@ -35,7 +35,7 @@ class Live:
         self._alone: set[str] = set()
         self._dropped = 0
         for kind in SHOWN:
-            self._watcher.subscribe(service_of(kind).pattern)
+            self._watcher.subscribe(service_of(kind).heard)
 
     def stop(self) -> None:
         """Make `run` return soon; may be called from a signal handler or another thread."""

@@ -15,7 +15,7 @@ import msgspec
 from armadico.core.mailbox import EVENTS
 from armadico.core.messages import Ask, Message, ParametersRequest
 from armadico.core.services import BIDS, CARD, Kind, Service, service_at, service_of
-from armadico.mesh.base import Mesh, Receiver
+from armadico.mesh.base import Mesh, Receiver, publish
 from armadico.observe.page_part import Answer, Publish, Put, Spawn
 from armadico.observe.page_requests import Asked, RequestError
 from armadico.observe.watching import EVERYTHING, QUERY_S, Received, read_or_none
@@ -142,8 +142,7 @@ class Session:
             for out in robot.drain():
                 match out:
                     case Publish(message):
-                        mesh = self._meshes[namespace]
-                        mesh.publish(service_of(type(message)).key, message)
+                        publish(self._meshes[namespace], message)
                     case Put():
                         self._put(robot, self._meshes[namespace], out)
                     case Spawn():

@@ -60,5 +60,13 @@ class TeleopStatus(ByHand, frozen=True):
         return self.hand
 
 
-event(Stick, "teleop/stick", "the position of a hand's stick", rate_hz=10, fresh_cycles=3)
+event(
+    Stick,
+    "teleop/stick",
+    "the position of a hand's stick",
+    rate_hz=10,
+    fresh_cycles=3,
+    several=True,
+    sender="hand",
+)
 state(TeleopStatus, "teleop/status", 1, 3, "which hand drives; 10 Hz while one does")

@@ -9,7 +9,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from armadico.core.messages import Cycle, Deflection
-from armadico.core.services import service_of
+from armadico.core.services import requested
 from armadico.observe.described import rounded
 from armadico.observe.page_part import Desk, Part
 from armadico.observe.page_requests import Asked, RequestError
@@ -72,8 +72,7 @@ class Hands(Part):
 
     def show(self, parts: dict[str, object], t: float) -> None:
         """Show which hand drives; `there`: a teleop agent is alive."""
-        key = service_of(Stick).key
-        there = any(a.card and key in a.card.requests for a in self.view.agents)
+        there = any(a.card and requested(Stick, a.card) for a in self.view.agents)
         found: dict[str, object] = {"there": there, "hand": "", "holds": False}
         status = self.view.hand(t)
         if isinstance(status, TeleopStatus):

@@ -349,7 +349,7 @@ def test_it_subscribes_to_what_it_names_and_what_its_social_side_needs() -> None
     social = {RobotState, m.Description, m.Claim, m.Ack}
     assert listens >= {Pose, Obstacles} | social | latched
     patterns = {s.pattern for s in subscriptions(Driver) if s.message in (m.Claim, m.Ack)}
-    assert patterns == {"resource/wheels/utility", "resource/wheels/ack"}, "its own, no others"
+    assert patterns == {"resource/wheels/utility/**", "resource/wheels/ack"}, "its own, no others"
 
 
 def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) -> None:
@@ -362,15 +362,15 @@ def test_the_card_has_the_identity_and_the_offers(stage: Alone, driver: Driver) 
         42,
         "9.9",
     )
-    assert card.protocol == m.PROTOCOL
+    assert (card.protocol, card.newest) == (m.OLDEST, m.PROTOCOL)
     assert card.provides == ("mission/request",)
     assert set(card.requests) == {
         "robot/state",
-        "resource/wheels/utility",
+        "resource/wheels/utility/*",
         "resource/wheels/ack",
         "encoder/pose",
         "*/obstacles",
-        "trajectory",
+        "trajectory/*",
         "path/plan",
     }
     assert card.resources == ("wheels",)

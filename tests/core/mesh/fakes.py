@@ -35,6 +35,7 @@ class FakeMesh(Reader, Monotonic):
     """Keeps publications and queries; the test delivers messages and sets the time."""
 
     namespace = "fake"
+    guest = "guest-1"
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__()

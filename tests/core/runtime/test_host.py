@@ -357,11 +357,11 @@ def test_nothing_that_counts_is_lost_in_a_flood_of_claims() -> None:
         hand.query(PlanRequest(Waypoint(0, 0, 0), Waypoint(1, 0, 0)), answers.append)
 
     def burst() -> None:
-        mesh.receive("robot/stop", Stop(3, True, "tester", 1))
+        mesh.receive("robot/stop/**", Stop(3, True, "tester", 1), key="robot/stop/guest-1")
         mesh.changed("goto", "goto-1", False)
         mesh.queries[-1][0]("path/plan", encode(Plan((), 2.0)))
         for _ in range(20 * EVENTS):
-            mesh.subscribers["resource/wheels/utility"]("resource/wheels/utility", claim)
+            mesh.subscribers["resource/wheels/utility/**"]("resource/wheels/utility/a-1", claim)
 
     play(host, lambda: mesh.changed("goto", "goto-1", True), flood, burst)
     assert hand.stopped is not None
@@ -437,16 +437,16 @@ def test_a_change_of_epoch_is_logged_once_and_a_return_as_a_warning() -> None:
 
 def test_an_implausible_counter_is_logged_with_its_publisher_and_the_consequence() -> None:
     observed = Observed(Watcher(identity("watcher")))
-    observed.receive(Stop(1, False, "people", 7), 0.5, "robot/stop")
-    observed.receive(Trajectory(1, 1, ()), 0.5, "trajectory")
-    (sent,) = observed.receive(Stop(m.JUMP + 2, False, "forger", 1), 1.0, "robot/stop")
+    observed.receive(Stop(1, False, "people", 7), 0.5, "robot/stop/guest-1")
+    observed.receive(Trajectory(1, 1, ()), 0.5, "trajectory/interface-1")
+    (sent,) = observed.receive(Stop(m.JUMP + 2, False, "forger", 1), 1.0, "robot/stop/guest-1")
     assert sent.level == WARNING
-    assert "1 x on robot/stop: rejected: a Stop by forger" in sent.text
-    (sent,) = observed.receive(Stop(m.JUMP + 2, True, "forger", 2), 7.0, "robot/stop")
+    assert "1 x on robot/stop/*: rejected: a Stop by forger" in sent.text
+    (sent,) = observed.receive(Stop(m.JUMP + 2, True, "forger", 2), 7.0, "robot/stop/guest-1")
     assert "a Stop by forger" in sent.text
     assert observed.driver.agent.stopped is not None
-    (sent,) = observed.receive(Trajectory(m.JUMP + 2, 1, ()), 14.0, "trajectory")
-    assert "on trajectory: rejected: a Trajectory" in sent.text
+    (sent,) = observed.receive(Trajectory(m.JUMP + 2, 1, ()), 14.0, "trajectory/interface-1")
+    assert "on trajectory/*: rejected: a Trajectory" in sent.text
 
 
 # Strangers' cards ---------------------------------------------------------------------------------

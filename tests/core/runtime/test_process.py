@@ -285,7 +285,7 @@ def test_what_the_agent_raises_comes_out_and_half_a_turn_is_not_sent() -> None:
             self.log("released")
 
     host, mesh = on_a_fake(Failing(identity("failing")))
-    host.inbox.put("test", lambda: mesh.receive("robot/stop", Stop(1, True, "t", 1)))
+    host.inbox.put("test", lambda: mesh.receive("robot/stop/**", Stop(1, True, "t", 1)))
     with pytest.raises(RuntimeError, match="the other half"):
         host.live()
     host.leave()

@@ -87,7 +87,7 @@ class Hostile:
         stop = self.agent.stopped
         if stop is not None and stop.by.startswith("assistant"):
             release = Stop(next_count(stop.counter), False, "a person", stop.press)
-            self.place.publish(service_of(Stop).key, release)
+            self.place.publish(service_of(Stop).key_for(instance="p"), release)
 
 
 @pytest.mark.long(but=("702",))

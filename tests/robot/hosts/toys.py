@@ -11,11 +11,12 @@ import sys
 import time
 from typing import Any, ClassVar
 
+from msgspec.structs import replace
+
 from armadico.config.endpoints import endpoints
-from armadico.core import messages
 from armadico.core.agent import Agent
 from armadico.core.exchange import Bid
-from armadico.core.messages import Message, RobotState
+from armadico.core.messages import PROTOCOL, Card, Message, RobotState
 from armadico.core.resources import WHEELS, Resource
 from armadico.runtime.process import identity, serve
 
@@ -34,13 +35,19 @@ class Driver(Agent):
         return Bid(utility=1.0, action=(0.3, 0.0), critical=True)
 
 
+class Foreign(Driver):
+    """Joins all the same, although its card is of a protocol that the others do not understand."""
+
+    def fill_card(self, card: Card) -> Card:
+        return replace(card, protocol=PROTOCOL + 1, newest=0)
+
+
 def main(kind: str, host: str) -> None:
     logging.basicConfig(stream=sys.stderr)
-    if kind == "foreign":  # on its card; an agent that refuses to join has read the number already
-        messages.PROTOCOL += 1
     ahead = AHEAD_S if kind == "late" else 0.0
     mesh = endpoints(host=host, passing=False).mesh()
-    serve([Driver(identity("driver", host))], mesh, wall=lambda: time.time() + ahead)
+    toy = Foreign if kind == "foreign" else Driver
+    serve([toy(identity("driver", host))], mesh, wall=lambda: time.time() + ahead)
 
 
 if __name__ == "__main__":

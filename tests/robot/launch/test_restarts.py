@@ -295,4 +295,4 @@ def test_a_stop_and_a_claim_flood_while_it_hangs() -> None:
     assert drive.of(RobotState)[-1].stop.stopped
     said = [log.text for log in drive.of(Log) if "too busy: dropped on" in log.text]
     assert any("resource/wheels/utility" in text for text in said), "it was a flood, and it says so"
-    assert not any(service_of(Stop).key in text for text in said)
+    assert not any(service_of(Stop).key_in(2) in text for text in said)

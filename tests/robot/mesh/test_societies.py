@@ -23,6 +23,7 @@ from armadico.core.messages import (
     Log,
     Message,
     Stop,
+    protocols,
 )
 from armadico.core.outgoing import Publish
 from armadico.core.resources import WHEELS
@@ -127,7 +128,7 @@ def test_among_agents_of_another_protocol_a_newcomer_is_refused(crowd: Crowd) ->
     foreign = joined(crowd, Foreign)
     why = refusal(crowd, start(crowd, Toy))
     assert why.startswith(f"{foreign.agent.instance} (")
-    assert f"uses protocol {PROTOCOL + 1}, this agent {PROTOCOL};" in why
+    assert f"uses protocol {PROTOCOL + 1}, this agent {protocols()};" in why
     assert alive(crowd) == {"foreign"}
 
 
@@ -158,7 +159,7 @@ def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
     assert set(cards) == {(d.agent.name, d.agent.instance) for d in toys}
     for (name, instance), card in cards.items():
         assert card is not None
-        assert (card.name, card.instance, card.protocol) == (name, instance, PROTOCOL)
+        assert (card.name, card.instance, card.speaks) == (name, instance, PROTOCOL)
     instance = toys[0].agent.instance
     assert crowd.client.query(REQUEST, SOON) == Plan((), refusal=f"{instance} does not plan")
     card = crowd.client.card("toy", instance, SOON)
@@ -177,7 +178,8 @@ class Loud(Toy):
         ballot, large = Ballot(1, 0.5, False, self.instance), bytes(LARGEST_PAYLOAD // 2)
         claim = Claim("wheels", ballot, Cycle(1, 1), 0.5)
         too_large = replace(claim, wanted=large, commanded=large)
-        self.kernel.outbox += [Publish(WHEELS.utility_key, each) for each in (too_large, claim)]
+        key = WHEELS.utility_key_of(self.instance)
+        self.kernel.outbox += [Publish(key, each) for each in (too_large, claim)]
         self.kernel.outbox += [
             Publish("encoder/pose", Pose(Cycle(1, 1), x, 0, 0)) for x in (nan, 1.0)
         ]
@@ -196,7 +198,10 @@ def test_messages_that_cannot_be_decoded_are_dropped_and_logged(crowd: Crowd) ->
     assert claim.wanted == ()
     assert pose.x == 1.0
     assert crowd.until(lambda: lines)
-    assert "1 x on resource/wheels/utility: Claim cannot be sent" in lines[0].text
+    assert (
+        f"1 x on {WHEELS.utility_key_of(driver.agent.instance)}: Claim cannot be sent"
+        in lines[0].text
+    )
     assert driver.started
 
 

@@ -92,7 +92,7 @@ def test_a_program_that_stops_it_is_named_as_the_reason_why_it_stands() -> None:
     society = Society(None, {})
     observed = Observed(chronicle=society).drive(4.0)
     stop = Stop(5, True, "assistant: model", 77)
-    VirtualSession(observed.mesh, name="p").publish(service_of(Stop).key, stop)
+    VirtualSession(observed.mesh, name="p").publish(service_of(Stop).key_for(instance="p"), stop)
     observed.let_pass(4.0)
     found = society.why(observed.mesh.now)
     assert found["stands"]

@@ -106,7 +106,7 @@ def test_ps_shows_who_is_there_and_marks_who_does_not_answer(
     process = start("encoder", program="armadico-agent")
     row = who(run, "encoder")["encoder"]
     assert row["pid"] == process.pid
-    assert row["provides"] == ["encoder/pose", "encoder/origin"]
+    assert row["provides"] == ["encoder/pose", "encoder/origin/*"]
     assert "encoder/pose" in run("ps").stdout
     process.send_signal(signal.SIGSTOP)
     rows = agents(run("ps", "--json", "--timeout", "0.2"))
@@ -222,7 +222,7 @@ def test_a_stop_that_is_sent_and_never_acknowledged_is_not_said_to_be_done(
     run: Run, router: ZenohMesh
 ) -> None:
     heard: list[Stop] = []
-    router.subscribe("robot/stop", lambda _key, data: heard.append(decode(data, Stop)))
+    router.subscribe("robot/stop/*", lambda _key, data: heard.append(decode(data, Stop)))
     done = run("stop", "--timeout", "2")
     assert done.returncode == 1
     assert "the stop was sent, not acknowledged" in done.stderr

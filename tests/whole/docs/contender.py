@@ -185,13 +185,14 @@ class Contender:
         self.bids.clear()
         self.say(f"robot/cmd/{self.instance}", ["wheels", self.newest, ballot, None])
         nothing = ["wheels", ballot, self.newest, None, False, [], [0.0, 0.0]]
-        self.say("resource/wheels/utility", nothing)
+        self.say(f"resource/wheels/utility/{self.instance}", nothing)
 
     def speak(self, cycle: list[int], bid: Line) -> None:
         action = bid["action"]
         self.say(f"robot/cmd/{self.instance}", ["wheels", cycle, self.ballot, action])
         rank = [bid["utility"], bid.get("critical", False)]
-        self.say("resource/wheels/utility", ["wheels", self.ballot, cycle, *rank, action, action])
+        claim = ["wheels", self.ballot, cycle, *rank, action, action]
+        self.say(f"resource/wheels/utility/{self.instance}", claim)
 
     @property
     def silent_at(self) -> float:

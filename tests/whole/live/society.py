@@ -10,6 +10,7 @@ from pathlib import Path
 
 from armadico.bridge.p2os.commands import Cmd
 from armadico.config.scenarios import Scenario, ideal
+from armadico.core.messages import PROTOCOL
 from armadico.launch.local import Launcher
 from armadico.launch.processes import SIMULATOR, Process, ProcessTable
 from armadico.launch.society import Member, Options
@@ -28,8 +29,11 @@ LINE = ideal(Scenario(name="line", world="sc1", start=(-1.5, 0.0, 0.0), goal=(6.
 class Linked(ProcessTable):
     """Links the simulator to the observer, which sees the truth without a robot agent, too."""
 
+    protocol = PROTOCOL  # that the next agents use
+
     def start(self, name: str, words: Sequence[str], *, listen: bool = False) -> Process:
-        more = joining_observer(self.namespace) if name == SIMULATOR else ()
+        agents = ("--protocol", str(self.protocol))
+        more = joining_observer(self.namespace) if name == SIMULATOR else agents
         return super().start(name, [*words, *more], listen=listen)
 
 

@@ -261,10 +261,12 @@ def ack_of(state: RobotState, term: int) -> Ack:
 def _key(message: Message) -> str:
     """The key of a stranger's message."""
     if isinstance(message, Claim):
-        return WHEELS.utility_key
+        return WHEELS.utility_key_of(INSTANCE)
     if isinstance(message, Command):
         return WHEELS.command_key_of(INSTANCE)
-    return WHEELS.ack_key if isinstance(message, Ack) else service_of(type(message)).key
+    if isinstance(message, Ack):
+        return WHEELS.ack_key
+    return service_of(type(message)).key_for(instance=INSTANCE, name="sonar")
 
 
 def _ring(count: int) -> tuple[Point, ...]:

@@ -15,11 +15,13 @@ import msgspec
 
 from armadico.core.messages import (
     Latched,
+    Log,
     Message,
     MessageError,
     decode,
     plain,
 )
+from armadico.core.services import service_at
 from armadico_tools.docs_fields import ours
 
 Line = dict[str, Any]
@@ -102,10 +104,10 @@ def difference_of(transcript: Transcript, label: str, sent: Sequence[Line]) -> s
     expected = [x for x in outputs(transcript, label) if x["what"] == "publishes"]
     kinds = {x["key"]: KINDS[x["type"]] for x in transcript.lines if "type" in x}
     compared = [x for x in expected if not issubclass(KINDS[x["type"]], Latched)]
-    latched = {key for key, kind in kinds.items() if issubclass(kind, Latched)}
     found: list[Line] = []
     for x in sent:
-        if x["key"] in latched or x["key"].startswith("log/"):
+        service = service_at(x["key"])
+        if service is not None and issubclass(service.message, Latched | Log):
             continue
         kind = kinds.get(x["key"])
         if kind is None:
