@@ -286,7 +286,7 @@ def clear(namespace: str) -> None:
 
 
 def identity(pid: int) -> str:
-    """Return a process's pid and start time, which the command `armadico` (`deploy/bin/armadico`) reads.
+    """Return a process's pid and start time, which `deploy/bin/armadico` reads.
 
     No later process has the same two. Without /proc it is the pid, which nothing reads.
     """
