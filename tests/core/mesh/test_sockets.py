@@ -243,7 +243,7 @@ def _command(base: Path) -> str:
     """The command `armadico`, whose program prints its words."""
     folder = base / "bin"
     folder.mkdir()
-    program = shutil.copy(Path(__file__).parents[3] / "bin" / "armadico", folder)
+    program = shutil.copy(Path(__file__).parents[3] / "deploy" / "bin" / "armadico", folder)
     echo = folder / "armadico-command"
     echo.write_text('#!/bin/sh\necho "$@"\n')
     echo.chmod(0o755)

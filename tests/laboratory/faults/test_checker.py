@@ -695,9 +695,9 @@ def drives_with_pose(story: Story, seconds: int, *, off: float, std: float, v: f
         story.publish(Truth(story.now, story.driven, 0, 0, v, 0, 0, 1.0))
         story.v = v
         story.rest()
-        story.publish(
-            Pose(story.cycle, story.driven + off, 0, 0, (std**2, 0.0, 0.0, 0.0, 0.0, 0.01**2))
-        )
+        covariance = (std**2, 0.0, 0.0, 0.0, 0.0, 0.01**2)
+        anew = round(10 * off)  # the map moved: no jump
+        story.publish(Pose(story.cycle, story.driven + off, 0, 0, covariance, revision=anew))
 
 
 def posed(story: Story) -> list[Promise]:
