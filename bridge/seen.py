@@ -382,7 +382,6 @@ class Seen:
         beside = self._beside(at)
         near = (beside < AROUND_M + CELL_M) & (beside > -INSIDE_M) & ~_rays(scan, ranges, at)[2]
         new = self._to_world(_beyond_view(scan, ranges))
-        assert self._corner is not None, "after an update"
         cells = np.floor(new / CELL_M).astype(np.intp) - self._corner
         held = ((cells >= 0) & (cells < CELLS)).all(axis=1)
         new, (i, j) = new[held], cells[held].T
