@@ -373,6 +373,7 @@ class Seen:
 
     def _go_on(self, scan: Scan, ranges: Floats) -> None:
         """Note where walls go on beyond the edges of a laser's view; what is near stays noted."""
+        assert self._corner is not None, "after an update"
         at = self._from_world(self._beyond)
         beside = self._beside(at)
         near = (beside < AROUND_M + CELL_M) & (beside > -INSIDE_M) & ~_rays(scan, ranges, at)[2]
