@@ -36,11 +36,12 @@ class Ration:
     """Limits the number of reports decoded: their cost must not delay a stop."""
 
     def __init__(self) -> None:
-        self._left = float(BURST)
+        self._left, self._at = float(BURST), 0.0
 
-    def surplus(self, count: int, earned: float) -> int:
-        """How many of `count` reports to skip, oldest first; `earned` were added since."""
-        self._left = min(self._left + earned, BURST)
+    def surplus(self, count: int, now: float, rate: float) -> int:
+        """How many of `count` reports to skip, oldest first; `rate` are allowed per second."""
+        self._left = min(self._left + (now - self._at) * rate, BURST)
+        self._at = now
         surplus = max(count - int(self._left), 0)
         self._left -= count - surplus
         return surplus

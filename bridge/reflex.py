@@ -111,7 +111,7 @@ class Reflex:
         # What was commanded just now does not show in the measured speeds yet.
         trend = ordered(self._body, *self._measured)
         going = max(trend[0], self._ramped[0], key=abs), max(trend[1], self._ramped[1], key=abs)
-        safe_v, safe_w, self.why = admit(self._body, going, (v, w), self._view)
+        safe_v, safe_w, self.why = admit(self._body, trend, (v, w), self._view, also=going)
         if self.why:
             self._capped, self._count = ((v, w), (safe_v, safe_w)), self._count + 1
         return safe_v, safe_w

@@ -166,8 +166,9 @@ class Seen:
         self._noise = max(0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M)
         self._least = 0.0 if ring is None else ring.min_m + NOISE_M
         self._cone = 0.0 if ring is None else radians(ring.cone_deg) / 2
-        # x, y in the odometry's frame, when, and the direction of the sonar that hit it
-        self._echoed: Floats = np.empty((0, 5))
+        # x, y in the odometry's frame, when, the direction of the sonar that hit it, and whether
+        # one looked through from elsewhere since
+        self._echoed: Floats = np.empty((0, 6))
         self._scanned: Floats = np.empty((0, 3))  # x, y, and when
         self._beyond: Floats = np.empty((0, 2))  # x, y, where walls leave the laser's view
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
@@ -200,7 +201,8 @@ class Seen:
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
-        echoed = self._from_world(self._echoed[:, :2])
+        echoed, doubted = self._from_world(self._echoed[:, :2]), self._echoed[:, 5] > 0.0
+        echoed, cleared = echoed[~doubted], echoed[doubted]
         known = self._from_world(np.concatenate([self._scanned[:, :2], self._beyond]))
         points = np.concatenate([echoed, known, self._expected()])
         points = points[(np.abs(points) < within).all(axis=1)]
@@ -216,7 +218,9 @@ class Seen:
         sure = np.tile(np.abs(ALONG_M) < SURE_M, len(places) // len(ALONG_M))
         filled = _filled(near, 2.0 * self._footprint[2])
         points = np.concatenate([points, filled, hidden, places[sure]])
-        return View(points, np.concatenate([cells, places[~sure]]), 0.5 * CELL_M, self._noise)
+        return View(
+            points, np.concatenate([cells, places[~sure], cleared]), 0.5 * CELL_M, self._noise
+        )
 
     def _hear(self, echo: Echo, x: Floats, y: Floats) -> None:
         """Add an echo, or its absence."""
@@ -234,7 +238,9 @@ class Seen:
         facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
         old = self._now - known[:, 2] > TWICE_S
         at = self._from_world(known[:, :2])
-        gone = facing & self._through(at, mount, free)
+        through = self._through(at, mount, free)
+        known[old & through & ~facing, 5] = 1.0
+        gone = facing & through
         gone |= self._through(at, mount, min(free, EDGE_M))
         known = self._echoed = known[~(old & gone)]
         if free >= ARC_M:
@@ -259,9 +265,9 @@ class Seen:
         if away < ARC_M:
             self._suspect(echo, away)
         off = np.hypot(*(known[:, None, :2] - self._to_world(places)).transpose(2, 0, 1))
-        new = np.empty((len(places), 5))
+        new = np.zeros((len(places), 6))
         new[:, :2] = self._to_world(places)
-        new[:, 2:] = self._now, cos(heading), sin(heading)
+        new[:, 2:5] = self._now, cos(heading), sin(heading)
         self._echoed = np.concatenate([known[(off >= SAME_M).all(axis=1)], new])
 
     def _nearer(self, mount: Mount) -> float:
@@ -371,11 +377,11 @@ class Seen:
 
     def _go_on(self, scan: Scan, ranges: Floats) -> None:
         """Note where walls go on beyond the edges of a laser's view; what is near stays noted."""
+        assert self._corner is not None, "after an update"
         at = self._from_world(self._beyond)
         beside = self._beside(at)
         near = (beside < AROUND_M + CELL_M) & (beside > -INSIDE_M) & ~_rays(scan, ranges, at)[2]
         new = self._to_world(_beyond_view(scan, ranges))
-        assert self._corner is not None, "after an update"
         cells = np.floor(new / CELL_M).astype(np.intp) - self._corner
         held = ((cells >= 0) & (cells < CELLS)).all(axis=1)
         new, (i, j) = new[held], cells[held].T

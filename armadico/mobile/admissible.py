@@ -53,7 +53,12 @@ class Admitted(NamedTuple):
 
 
 def admit(
-    body: Body, measured: Speeds, command: Speeds, view: View, waited: float = 0.0
+    body: Body,
+    measured: Speeds,
+    command: Speeds,
+    view: View,
+    waited: float = 0.0,
+    also: Speeds | None = None,
 ) -> Admitted:
     """Return the admissible command nearest to one.
 
@@ -64,13 +69,16 @@ def admit(
         command: (v, w), m/s and rad/s.
         view: What the newest readings show.
         waited: The age of the readings, s.
+        also: Other speeds that it may have, m/s and rad/s: a turn that has not begun yet bends no
+            path away from a wall.
     """
+    starts = [measured] if also is None or also == measured else [measured, also]
     corner = hypot(max(body.outline.front, body.outline.rear), body.outline.half_width)
 
     def clear(points: Floats, wanted: Speeds, margin: float) -> bool:
-        return (
-            not len(points)
-            or touches_at(body, measured, wanted, points, margin, waited=waited) == inf
+        return not len(points) or all(
+            touches_at(body, start, wanted, points, margin, waited=waited) == inf
+            for start in starts
         )
 
     margin = TOUCH_M + view.noise_m

@@ -147,9 +147,8 @@ class Session:
         return min(times, default=None)
 
     def receive(self, data: bytes, now: float) -> list[Event]:
-        earned = (now - self._now) * A_CYCLE / self._units.cycle_s
         self._advance(now)
-        for payload in self._rationed(self.decoder.feed(data, now), earned):
+        for payload in self._rationed(self.decoder.feed(data, now)):
             self._on_packet(payload)
         return self._drain_events()
 
@@ -237,10 +236,10 @@ class Session:
                 self._deadline = now + TIMEOUTS_S[self.state]
         self._now = now
 
-    def _rationed(self, payloads: list[bytes], earned: float) -> Iterator[bytes]:
+    def _rationed(self, payloads: list[bytes]) -> Iterator[bytes]:
         """All payloads, but of a flood of status packets only the newest."""
         count = sum(payload[0] in STATUS_TYPES for payload in payloads)
-        surplus = self._ration.surplus(count, earned)
+        surplus = self._ration.surplus(count, self._now, A_CYCLE / self._units.cycle_s)
         self.counts.surplus += surplus
         for payload in payloads:
             if surplus and payload[0] in STATUS_TYPES:

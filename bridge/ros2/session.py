@@ -114,12 +114,11 @@ class Session:
 
     def receive(self, data: bytes, now: float) -> list[Event]:
         """Process frames; surplus odometry, beyond `OFTEN`, is skipped."""
-        passed = now - self._now
         self._advance(now)
         frames = self.decoder.feed(data, now)
         odom = self._profile.ros2.odom
         count = sum(topic == odom.name for topic, _ in frames)
-        surplus = self._ration.surplus(count, passed * OFTEN * self._profile.ros2.odom_hz)
+        surplus = self._ration.surplus(count, now, OFTEN * self._profile.ros2.odom_hz)
         for topic, payload in frames if self.state is not State.CLOSED else ():
             if topic == odom.name and surplus:
                 surplus -= 1

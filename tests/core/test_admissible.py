@@ -80,6 +80,13 @@ def test_ahead_behind_and_on_turning_it_says_why_it_is_slower(command: Speeds) -
     assert crept.why == "", "or nobody would ever look there"
 
 
+@pytest.mark.parametrize("turn", [-0.3, 0.3])
+def test_it_may_turn_away_from_what_is_just_off_its_corner(turn: float) -> None:
+    outline = PIONEER.outline
+    point = np.array([[outline.front + 0.016, -outline.half_width - 0.016]])
+    assert admit(PIONEER, AT_REST, (0.0, turn), view(point)).why == ""
+
+
 def test_what_it_left_behind_does_not_hold_it() -> None:
     behind = [(-PIONEER.outline.rear - 0.03, y) for y in (-0.1, 0.0, 0.1)]
     assert admit(PIONEER, AT_REST, (0.6, 0.0), view(behind)).why == ""

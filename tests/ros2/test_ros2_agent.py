@@ -207,7 +207,7 @@ def test_widely_spaced_rays_limit_the_speed_and_the_state_says_why() -> None:
     top, turn = bench.commands[-1][1:]
     assert (top >= 0.1, turn) == (True, 1.0)
     assert max(v for _, v, _ in bench.commands[commands:]) < 0.5 * JACKAL.limits.v_max
-    assert bench.all(RobotState)[-1].capped == "not seen to be free"
+    assert "not seen to be free" in {state.capped for state in bench.all(RobotState)[-5:]}
 
 
 def test_a_robot_that_is_otherwise_than_its_profile_is_doubted_and_driven() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, radians, tau
+from math import cos, inf, radians, sin, tau
 
 import numpy as np
 import pytest
@@ -135,6 +135,31 @@ def test_a_wall_nearer_than_the_least_range_stays_where_it_was_heard() -> None:
         reflex.update(all_round(s3=heard, s4=heard), (x, 0.0, 0.0), (0.0, 0.0), 0.1 * step)
     assert reflex.cap(0.6, 0.0)[0] < 0.05
     assert reflex.cap(-0.1, 0.0) == (-0.1, 0.0)
+
+
+def test_what_was_looked_through_from_elsewhere_is_approached_slowly() -> None:
+    """A wall may answer from one direction only; but a robot that sees through it need not stop."""
+    reflex, heading = Reflex(PROFILE), radians(150.0)
+    sonar = PROFILE.ring.sonars[7]  # it looks along 60 degrees
+    x = sonar.x_m * cos(heading) - sonar.y_m * sin(heading) + 0.4 * cos(radians(60.0))
+    y = sonar.x_m * sin(heading) + sonar.y_m * cos(heading) + 0.4 * sin(radians(60.0))
+    for now in (0.0, 0.1):
+        reflex.update([echo(0.4, 7)], (0.62 - x, -y, heading), (0.6, 0.0), now)
+    reflex.update((), ORIGIN, (0.6, 0.0), 1.9)
+    assert reflex.cap(0.6, 0.0)[0] == 0.0
+    for now in (2.0, 2.1):
+        reflex.update(all_round(), ORIGIN, (0.6, 0.0), now)
+    assert 0.0 < reflex.cap(0.6, 0.0)[0] <= CREEP_M_S
+
+
+def test_between_two_places_that_were_heard_a_wall_goes_on() -> None:
+    """Wherever the robot does not fit through: else its rear corner turns into the wall there."""
+    seen = Seen(PROFILE)
+    for now, x in ((0.0, 0.0), (0.1, 0.25)):
+        seen.update([echo(0.15, 0)], None, (x, 0.0, 0.0), now)
+    sonar = PROFILE.ring.sonars[0]
+    middle = sonar.x_m - 0.125, sonar.y_m + 0.15
+    assert np.hypot(*(seen.view(1.0).points - middle).T).min() < 0.05
 
 
 def test_it_reports_its_caps_at_a_limited_rate() -> None:

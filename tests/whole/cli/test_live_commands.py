@@ -300,10 +300,12 @@ def test_a_goal_that_is_no_place_is_refused_in_one_line_and_nothing_moves(
     assert driven is None or not driven.waypoints
 
 
-def test_a_goal_is_reached(whole: dict[str, str]) -> None:
+def test_a_goal_is_arrived_at_and_without_localization_nobody_knows_how_well(
+    whole: dict[str, str],
+) -> None:
     done = call("goto", "0.5", "0", "0", "--direct", env=whole)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "the goal is reached" in done.stdout
+    assert done.returncode == 3, done.stdout + done.stderr
+    assert "arrived by a pose of unknown error: 0.0" in done.stdout
 
 
 def test_without_an_interface_agent_a_mission_goes_nowhere(run: Run, router: ZenohMesh) -> None:

@@ -158,7 +158,7 @@ def test_when_the_launcher_is_killed_the_society_drives_on_and_down_ends_it(
         observer.drives_on()
         assert all(child.is_running() for child in everybody)
         said, errors = run("down").communicate(timeout=SOON)
-        assert "killed `armadico run`: encoder, " in said, errors
+        assert "left by a killed launcher: encoder, " in said, errors
         assert all_gone(everybody)
     finally:
         for child in everybody:
