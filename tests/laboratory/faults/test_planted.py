@@ -401,7 +401,7 @@ BUGS = (
     Bug(rests_half_the_time, Promise.ARRIVES, case(scenario="sc3", lasts=60.0)),
     Bug(raises_when_an_agent_goes, Promise.NO_ERROR, case(_GONE)),
     *(
-        Bug(nothing_else, promise, case(_STOP, scenario=scenario, planted=name, lasts=60.0))
+        Bug(nothing_else, promise, case(_STOP, scenario=scenario, planted=name, lasts=90.0))
         for name, promise, scenario in (
             ("early", Promise.REACHED, "sc1"),
             ("fails", Promise.FAILED, "sc1"),

@@ -82,13 +82,13 @@ def built(copy: Path, what: str, folder: str = ".") -> Path:
 
 @pytest.mark.long
 def test_the_source_distribution_has_what_it_is_built_tried_and_read_with(tmp_path: Path) -> None:
-    copy = checkout(tmp_path, (*FOLDERS, SCRIPTS, *BESIDES), (*LEAST, *TEXTS))
+    copy = checkout(tmp_path, (*FOLDERS, *BESIDES), (*LEAST, *TEXTS))
     with tarfile.open(built(copy, "--sdist")) as archive:
         inside = {name.partition("/")[2] for name in archive.getnames()}
     assert {*LEAST, *TEXTS} <= inside
     there = {
         path.relative_to(ROOT).as_posix()
-        for folder in (SCRIPTS, *BESIDES, LABORATORY)
+        for folder in (*BESIDES, LABORATORY)
         for path in sources(folder, "*")
         if path.is_file() and path.suffix != ".pyc" and ".egg-info" not in str(path)
     }
