@@ -126,11 +126,10 @@ class Parameters(agent.Parameters, frozen=True, kw_only=True):
     give_up_s: Annotated[float, Meta(gt=0, le=1e5)] = 120.0  # timeout of a blocked mission
     give_up_m_s: Annotated[float, Meta(gt=0, le=10)] = 0.1  # speed on the longest detour
 
-    # Without a planner nobody finds another path: it fails where it stays.
+    # Without a planner nobody finds another path: it fails where it stays. A way back and forth
+    # that is shorter than `stays_m` is no progress.
     stays_s: Annotated[float, Meta(gt=0, le=1e5)] = 65.0
-    stays_m: Annotated[float, Meta(gt=0, le=10)] = (
-        0.5  # a shorter way back and forth is no progress
-    )
+    stays_m: Annotated[float, Meta(gt=0, le=10)] = 0.5
     lost_s: Annotated[float, Meta(gt=0, le=1e5)] = FOUND_S  # relocate has given up by then
 
     # A mission fails at repeated contacts in one place: further tries only cause damage.

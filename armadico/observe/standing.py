@@ -523,7 +523,7 @@ class _Chain:
                 what = f"{name} has been observed for only {self.now - came:.1f} s."
             return self.end(Sort.STARTING, name, what)
         if key and self._responds(instance, since):
-            words = self._complaint(instance, since).rstrip(".?")
+            words = self._complaint(instance, since)
             if card is not None and card.owns:
                 words = f": {card.fault}" if card.fault else words
                 what = f"The device of {name} sends no data{words.rstrip('.?')}."

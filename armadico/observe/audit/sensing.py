@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import atan2, cos, dist, hypot, pi, sin
+from math import atan2, cos, dist, hypot, inf, pi, sin
 
-from armadico.core.messages import Cycle, Description, Message, RobotState
+from armadico.core.messages import Cycle, Message, RobotState
 from armadico.mobile.geometry import Pose2, compose, relative, wrap
 from armadico.mobile.messages import InitialPose, Pose, Scan, Sonar, Truth
+from armadico.mobile.motion import clearances
 from armadico.mobile.scans import points_of
+from armadico.mobile.swept_path import Outline
 from armadico.observe.audit.promises import Excuse, Finding, Promise
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import Scene
@@ -272,19 +274,20 @@ class Unbiased(Rule):
         truth, about = now.truth, now.description
         if truth is None or about is None or not isinstance(message, Sonar | Scan):
             return
+        outline = Outline(about.front, about.rear, about.half_width)
         if truth.clearance is None or truth.clearance > NEAR_M or abs(truth.v) < MOVES_M_S:
             self._ring.clear()
         elif isinstance(message, Sonar):
             for echo in message.echoes:
                 far = echo.range if echo.range is not None else message.reach
                 x, y = echo.x + far * cos(echo.bearing), echo.y + far * sin(echo.bearing)
-                self._ring[echo.x, echo.y, echo.bearing] = _outside(about, x, y)
+                self._ring[echo.x, echo.y, echo.bearing] = outline.clearance(x, y)
             if self._ring:
                 yield from self._add("sonar", min(self._ring.values()) - truth.clearance, now)
         else:
-            distances = [_outside(about, x, y) for x, y in points_of(message)]
-            seen = min((each for each in distances if each > 0.0), default=None)
-            if seen is not None:  # a laser may see its own robot
+            away = clearances(outline, *points_of(message).T)
+            seen = float(away.min(initial=inf, where=away > 0.0))  # a laser may see its own robot
+            if seen < inf:
                 yield from self._add("laser", seen - truth.clearance, now)
 
     def _add(self, sensor: str, off: float, now: Scene) -> Iterator[Finding]:
@@ -301,9 +304,3 @@ class Unbiased(Rule):
             self._named.add(sensor)
             what = f"the {sensor}'s readings are off by {lowest:+.2f} m"
             yield self.found(now, sensor, what, f"{NEAREST_SHARE:.0%} of {PINGS} by less, twice")
-
-
-def _outside(about: Description, x: float, y: float) -> float:
-    """A point's distance from the footprint, m; 0 within."""
-    aside = max(abs(y) - about.half_width, 0.0)
-    return hypot(max(x - about.front, -about.rear - x, 0.0), aside)

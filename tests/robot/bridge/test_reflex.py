@@ -211,6 +211,7 @@ def test_without_the_reflex_a_command_passes_as_it_is() -> None:
 
 
 def jackal(rays: int) -> RobotProfile:
+    pytest.importorskip("armadico.bridge.ros2")
     profile = load_profile("jackal")
     assert profile.laser is not None
     return replace(profile, laser=replace(profile.laser, rays=rays))
@@ -335,7 +336,8 @@ def test_a_near_echo_that_a_laser_looks_through_is_forgotten_after_a_while(
     ranges: float, after_s: float, stays: bool
 ) -> None:
     """A pane, at once: no. What no sonar looks at any more must not hold a robot for good."""
-    seen = Seen(replace(load_profile("jackal-sonars"), laser=jackal(720).laser))
+    laser = jackal(720).laser
+    seen = Seen(replace(load_profile("jackal-sonars"), laser=laser))
     seen.update([Echo(0.2, 0.0, 0.0, 0.3)], None, ORIGIN, 0.0)
     seen.update([], scan_of([ranges] * 720, 1), ORIGIN, after_s)
     at = seen.view(1.0).points
