@@ -37,6 +37,7 @@ class Known:
         alive: The instances of the agents by name.
         tape: Messages of an earlier day: time (s), key and payload.
         state: The robot's newest state.
+        me: The member whose key the attacker has; "" without one.
     """
 
     cycle: Values = field(default_factory=lambda: [0, 0])
@@ -50,6 +51,7 @@ class Known:
     state: Values = field(default_factory=list)
     description: Values = field(default_factory=list)
     person: str = "person-anna-0123456789abcdef"
+    me: str = ""
 
     @property
     def holder(self) -> str:
@@ -96,7 +98,12 @@ def attempt(name: str, state: str, text: str) -> Callable[[Act], Act]:
     return keep
 
 
-def _own(prefix: str = "stranger") -> str:
+def _me(k: Known) -> str:
+    """An instance of the member that it is, or of a stranger."""
+    return _own(k.me.partition("+")[0] or "stranger")
+
+
+def _own(prefix: str) -> str:
     return f"{prefix}-{secrets.randbits(64):016x}"
 
 
@@ -132,8 +139,8 @@ def _listen(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("contend", DRIVES, "claim and command in its own name, with the best bid")
 def _contend(p: Peer, k: Known, seconds: float) -> None:
-    own = _own()
-    token = p.token(f"agent/stranger/{own}")
+    own = _me(k)
+    token = p.token(f"agent/{own[:-17]}/{own}")
     term = k.term
     repeat(seconds, 40, lambda _: _drive(p, k, [max(term, k.term) + 1, BEST, True, own], own))
     del token
@@ -182,7 +189,7 @@ def _goal(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("trajectory", RESTS, "publish a path to drive")
 def _trajectory(p: Peer, k: Known, seconds: float) -> None:
-    own = _own("interface")
+    own = _me(k)
     counter = k.beyond(k.mission[0])
     way = [[4.0, 3.0, 0.0]]
     values = [counter, secrets.randbits(40), way]
@@ -200,7 +207,7 @@ def _at_rest(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("stop", DRIVES, "press the emergency stop")
 def _stop(p: Peer, k: Known, seconds: float) -> None:
-    own, press = _own(), secrets.randbits(63)
+    own, press = _me(k), secrets.randbits(63)
 
     def act(_: int) -> None:
         p.put_all(_latched(k, "robot/stop", own), k.beyond(k.counter), True, "stranger", press)
@@ -210,7 +217,7 @@ def _stop(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("release", STOPPED, "release a person's emergency stop")
 def _release(p: Peer, k: Known, seconds: float) -> None:
-    own = _own()
+    own = _me(k)
 
     def act(number: int) -> None:
         counter = k.beyond(k.counter + number % 3)
@@ -233,7 +240,7 @@ def _release_by_state(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("release-large", STOPPED, "release with counters far ahead, in rising steps")
 def _release_large(p: Peer, k: Known, seconds: float) -> None:
-    own = _own()
+    own = _me(k)
 
     def act(number: int) -> None:
         counter = (k.counter + (number + 1) * (JUMP - 1)) % (LARGEST + 1)
@@ -306,7 +313,7 @@ def _replies(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("end-mission", DRIVES, "publish a path without waypoints")
 def _end_mission(p: Peer, k: Known, seconds: float) -> None:
-    own = _own("interface")
+    own = _me(k)
 
     def act(number: int) -> None:
         counter, mission = k.mission
@@ -319,7 +326,7 @@ def _end_mission(p: Peer, k: Known, seconds: float) -> None:
 def _origin(p: Peer, k: Known, seconds: float) -> None:
     if not k.origin:
         return
-    own = _own("encoder")
+    own = _me(k)
 
     def act(number: int) -> None:
         origin = list(k.origin)
@@ -407,7 +414,7 @@ def _description(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("tuning", DRIVES, "change the parameters of agents, by the latched state and by query")
 def _tuning(p: Peer, k: Known, seconds: float) -> None:
-    own = _own()
+    own = _me(k)
     setting = ["v_max", "0.05"]
     settings = [[name, setting] for name in ("goto", "robot")]
     for name, instance in k.alive.items():
@@ -418,7 +425,7 @@ def _tuning(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("boards", DRIVES, "publish boards of missions and tasks")
 def _boards(p: Peer, k: Known, seconds: float) -> None:
-    own = _own()
+    own = _me(k)
 
     def act(number: int) -> None:
         p.put_all(_latched(k, "mission/board", own), number + 9, 1, [], [], False)

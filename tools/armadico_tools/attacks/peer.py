@@ -54,6 +54,10 @@ class Peer:
         with suppress(zenoh.ZError):
             self._session.close()  # type: ignore[no-untyped-call]
 
+    @property
+    def is_linked(self) -> bool:
+        return bool(list(self._session.info.routers_zid()))
+
     def put(self, key: str, *values: object) -> None:
         """Publish an array of values."""
         self.put_bytes(key, cbor2.dumps(values))
