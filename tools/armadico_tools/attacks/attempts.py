@@ -128,6 +128,11 @@ def _drive(p: Peer, k: Known, ballot: Values, instance: str) -> None:
         p.put(f"resource/wheels/cmd{part}", *command)
 
 
+@attempt("nothing", DRIVES, "send nothing, to see what the machine's load does")
+def _nothing(p: Peer, k: Known, seconds: float) -> None:
+    time.sleep(seconds)
+
+
 # Reading and driving ------------------------------------------------------------------------------
 
 

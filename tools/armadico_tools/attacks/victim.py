@@ -27,7 +27,7 @@ from armadico.launch.processes import command_line, kill_trees
 from armadico.mesh import sockets
 from armadico.mesh.door import VIEWER
 from armadico.mesh.ports import free_port
-from armadico.mobile.messages import MissionRequest, Origin, Trajectory
+from armadico.mobile.messages import Origin, Trajectory
 from armadico.runtime.errors import MissionRefusedError
 from armadico_tools.attacks.attempts import DRIVES, RESTS, STOPPED, Attempt, Known
 from armadico_tools.attacks.peer import Peer
@@ -185,6 +185,7 @@ class Victim:
     def restart(self) -> None:
         """Start all anew: an attack has left something behind."""
         self.stop()
+        self.drive = Drive()
         self.known = Known(tape=self.known.tape, person=self.known.person)
         self.start()
 
@@ -200,8 +201,8 @@ class Victim:
         if latest.stop.stopped and state != STOPPED:
             self.person.resume(by="person")
         if state == RESTS:
-            self.person.request_mission(MissionRequest(None))
-            self._until(lambda: self.drive.now() == (0.0, 0.0), "the robot rests")
+            if self.drive.now() != (0.0, 0.0) or self.known.mission[1]:
+                self.restart()
         else:
             self._send()
             if state == STOPPED:
