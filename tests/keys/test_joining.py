@@ -173,7 +173,7 @@ def test_what_a_robot_does_not_know_yet_joins_once_it_does(lab: Lab) -> None:
 
 def test_a_message_goes_from_one_computer_to_another(lab: Lab) -> None:
     lab.start()
-    here, there = lab.join("goto"), lab.join("goto", "lab2")
+    here, there = lab.join("viewer"), lab.join("goto", "lab2")
     assert here.wait_joined(SOON_S)
     assert there.wait_joined(SOON_S)
     arrived: list[str] = []
