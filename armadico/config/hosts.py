@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from ipaddress import AddressValueError, IPv6Address
+from ipaddress import AddressValueError, IPv6Address, ip_address
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -111,6 +111,14 @@ class HostTable(Struct, frozen=True):
         return next(owning, next((name for name, host in hosts if host.router), None))
 
     @property
+    def open_port(self) -> str:
+        """The robot's endpoint, if any program that reaches this machine can drive by it; or ""."""
+        endpoint = self.robots_router
+        if endpoint is None or self.keys is not None or _is_loopback(address_of(endpoint)):
+            return ""
+        return endpoint
+
+    @property
     def robots_router(self) -> str | None:
         """The endpoint of the robot's router for other hosts, or None."""
         name = self.robots_host
@@ -191,9 +199,13 @@ def _faults(table: HostTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
     for name, host in table.hosts.items():
         for key, message in _faults_of(name, host, robots):
             yield (name, key), message
+        if fault := _fault_of_keys(host.router, table.keys):
+            yield (name, "router"), f"{name}.router = {fault}"
     for index, endpoint in enumerate(table.fleet):
-        if fault := _fault(endpoint):
+        if fault := _fault(endpoint) or _fault_of_keys(endpoint, table.keys):
             yield ("fleet", index), f"fleet[{index}] = {fault}"
+    if table.keys == "":
+        yield ("keys",), 'keys = "": expected a folder, such as keys = "keys"'
     yield from _faults_of_robots(table.hosts)
     if own is not None and table.fleet and own not in table.fleet:
         yield (
@@ -260,6 +272,16 @@ def _faults_of_robots(hosts: Mapping[str, Host]) -> Iterator[tuple[tuple[str | i
             yield (name, "robot"), f'{name}.robot = "{host.robot}": {fault}'
 
 
+def _fault_of_keys(endpoint: str | None, keys: str | None) -> str | None:
+    """The fault of an endpoint whose protocol does not fit a table with keys, or one without."""
+    protocol = None if endpoint is None else endpoint.partition("/")[0]
+    if keys is None and protocol in ("tls", "quic"):
+        return f'"{endpoint}": {protocol} needs keys; write keys = "keys" above the first host'
+    if keys is not None and protocol not in (None, "tls"):
+        return f'"{endpoint}": with keys expected tcp or tls, both of which are TLS then'
+    return None
+
+
 def _fault(endpoint: str) -> str | None:
     """The fault of an endpoint, or None."""
     found = _ENDPOINT.match(endpoint)
@@ -283,6 +305,14 @@ def address_of(endpoint: str) -> str:
 def _is_address(name: str) -> bool:
     """Whether this is a host name, an IPv4 or an IPv6 address."""
     return _is_host(f"[{name}]" if ":" in name else name)
+
+
+def _is_loopback(address: str) -> bool:
+    """Whether no other machine reaches an address."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
 
 
 def _is_host(host: str) -> bool:

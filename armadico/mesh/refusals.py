@@ -9,6 +9,7 @@ from armadico.mesh.sockets import answers
 from armadico.mesh.topology import Topology
 
 AGAIN_S: Final = 0.1  # how often a client checks whether its router is there, s
+PROBE_S: Final = 1.0  # timeout of finding out whether a port is closed
 LATER_S: Final = 2.0  # the longest pause after refusals, s: each one delays the router's listener
 
 
@@ -67,9 +68,17 @@ class Refusals:
             )
         if not (here or joining or self._why):
             return ""
-        known = [*door.faults(here), *filter(None, self._why.values())]
+        # The files tell more than the handshake.
+        known = door.faults(here) or [*filter(None, self._why.values())]
         place = str(path) if here else joining or " or ".join(self._why)
-        return f"{place} does not let {door.name} in: {'; '.join(known)}" if known else ""
+        if known:
+            return f"{place} does not let {door.name} in: {'; '.join(known)}"
+        if joining in self._why:  # it makes the handshake, and refuses the password or hangs
+            return (
+                f"{place} does not let {door.name} in: the key was revoked or made anew (`armadico"
+                " keys list` on the robot's computer), or the robot agent hangs"
+            )
+        return ""
 
     def _of_closed(self, folder: object) -> str:
         """Return why a process without keys gets no link; "" if the society may be open."""
@@ -77,9 +86,9 @@ class Refusals:
         if folder is not None:
             return f"the society here is closed, with the keys in {folder}, and {todo}"
         for endpoint in self._where.connect:
-            if endpoint.startswith("tcp/") and answers(endpoint, AGAIN_S):
+            if endpoint.startswith("tcp/") and answers(endpoint, PROBE_S):
                 from armadico.mesh.handshake import speaks_tls
 
-                if speaks_tls(endpoint, AGAIN_S):
+                if speaks_tls(endpoint, PROBE_S):
                     return f"the society at {endpoint} is closed, and {todo}"
         return ""
