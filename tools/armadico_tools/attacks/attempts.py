@@ -179,9 +179,7 @@ def _release_wheels(p: Peer, k: Known, seconds: float) -> None:
 def _stick(p: Peer, k: Known, seconds: float) -> None:
     own = _own("hand")
     p.put("mission/request", None)
-    repeat(
-        seconds, 20, lambda n: p.put(f"teleop/stick/{own}", k.cycle, own, n + 1, 0.3, 0.8, True)
-    )
+    repeat(seconds, 20, lambda n: p.put(f"teleop/stick/{own}", k.cycle, own, n + 1, 0.3, 0.8, True))
 
 
 @attempt("goal", RESTS, "request a mission")
@@ -459,9 +457,7 @@ def _orders(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("log", DRIVES, "write lines into the log in another's name")
 def _log(p: Peer, k: Known, seconds: float) -> None:
-    repeat(
-        seconds, 5, lambda _: p.put(f"log/{k.instance('robot')}", 40, "FORGED: on fire", "")
-    )
+    repeat(seconds, 5, lambda _: p.put(f"log/{k.instance('robot')}", 40, "FORGED: on fire", ""))
 
 
 # Keys, payloads and floods ------------------------------------------------------------------------
@@ -520,7 +516,13 @@ def _flood(p: Peer, k: Known, seconds: float) -> None:
     small = cbor2.dumps(["wheels", k.cycle, [1, 0.1, False, own], [0.0, 0.0]])
     keys = (
         *(f"robot/cmd/{k.holder}", f"robot/cmd/{own}", f"resource/wheels/utility/{own}"),
-        *("sonar/obstacles", "robot/state", f"log/{own}", f"robot/stop/{own}", "resource/wheels/ack"),
+        *(
+            "sonar/obstacles",
+            "robot/state",
+            f"log/{own}",
+            f"robot/stop/{own}",
+            "resource/wheels/ack",
+        ),
     )
     repeat(seconds, 1250, lambda _: [p.put_bytes(key, small) for key in keys])
 

@@ -44,7 +44,7 @@ def main(address: str, port: int, rate: float, kind: str) -> None:
             wait = began + number / rate - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            if pool._work_queue.qsize() < 64:  # noqa: SLF001 - slower than asked for
+            if pool._work_queue.qsize() < 64:
                 pool.submit(once)
 
 

@@ -61,7 +61,9 @@ def strangers(victim: Victim) -> Iterator[Stranger]:
     yield Stranger("no certificate, no password", victim.endpoint, trusts)
 
     def tls(label: str, files: dict[str, object], **other: object) -> Stranger:
-        return Stranger(label, victim.endpoint, true | files | {f"{USER}{k}": v for k, v in other.items()})
+        return Stranger(
+            label, victim.endpoint, true | files | {f"{USER}{k}": v for k, v in other.items()}
+        )
 
     yield tls("foreign authority", made.pair("foreign", name, foreign=True))
     yield tls("signed by itself", made.pair("itself", name, itself=True))

@@ -7,7 +7,6 @@ can forge. Processes are counted by the system.
 from __future__ import annotations
 
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
@@ -21,7 +20,6 @@ import psutil
 
 from armadico.config.endpoints import Endpoints, endpoints
 from armadico.core.messages import Command, Description, Log, Message, RobotState, decode
-from armadico.core.services import service_of
 from armadico.launch.client import Client
 from armadico.launch.processes import command_line, kill_trees
 from armadico.mesh import sockets
@@ -145,7 +143,9 @@ class Victim:
 
     def _popen(self, *words: str) -> subprocess.Popen[bytes]:
         with (self.folder / f"{words[0]}.log").open("ab") as log:
-            command = command_line([*words, "--hosts", str(self.table), "--host", "here"], tied=True)
+            command = command_line(
+                [*words, "--hosts", str(self.table), "--host", "here"], tied=True
+            )
             made = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
             )

@@ -14,8 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
-from armadico.bridge.simulator.server import TcpLine
 from armadico.bridge.p2os.packets import Decoder
+from armadico.bridge.simulator.server import TcpLine
 from armadico.config.endpoints import Endpoints, endpoints
 from armadico.config.scenarios import Scenario
 from armadico.core.cycles import PERIOD

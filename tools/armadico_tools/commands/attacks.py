@@ -25,7 +25,9 @@ EXAMPLES: Final = """\
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    names: tuple[str, ...] = argument("attacks; see --list (default: all)", nargs="*", metavar="NAME")
+    names: tuple[str, ...] = argument(
+        "attacks; see --list (default: all)", nargs="*", metavar="NAME"
+    )
     keys: bool = flag("attack a society with keys (default: without)")
     who: tuple[str, ...] = several(
         "attack with the key of this member; may be repeated (default: without a key)",
