@@ -1,4 +1,4 @@
-"""A hand-written peer: a bare Zenoh session and CBOR, without Armadico and without rights of its own.
+"""A hand-written peer: a bare Zenoh session and CBOR, without Armadico and without its checks.
 
 It is what an attacker writes from docs/protocol.md. It checks nothing that it sends.
 """
