@@ -17,7 +17,6 @@ import psutil
 
 from armadico.config.endpoints import endpoints
 from armadico.config.hosts import load_hosts
-from armadico.core.messages import Ack
 from armadico.launch.client import Client
 from armadico.launch.processes import kill_trees
 from armadico.mesh import sockets
@@ -160,19 +159,18 @@ FLOODS: Final = (
 
 
 class Recovery(NamedTuple):
-    """Times from SIGKILL until the new process has its token, s; None: not within the limit.
+    """Times from SIGKILL until a new process of the agent has its token, s.
+
+    None: not within `LIMIT_S`. The society waits 1 to 2 s before it restarts an agent.
 
     Attributes:
         here: Of an agent on the robot's computer.
         there: Of an agent on another computer of the table.
-        gap: The longest time in which no command was obeyed.
-        share: The processor time of the robot's computer, cores, without the simulator.
     """
 
     flood: str
     here: float | None
     there: float | None
-    gap: float
 
 
 LIMIT_S: Final = 20.0
@@ -190,23 +188,16 @@ def recoveries(folder: Path, floods: tuple[Flood, ...] = FLOODS) -> Iterator[Rec
         client = stack.enter_context(lab.viewer())
         names = {"robot", "encoder", "goto", "avoid", "interface"}
         lab.until(client, lambda: {n for n, _ in client.alive} >= names, "the society")
-        obeyed: list[float] = []
-
-        def keep(message: object, at: float) -> None:
-            if isinstance(message, Ack) and message.obeyed is not None:
-                obeyed.append(at)
-
-        client.listen(Ack, then=keep)
         for flood in floods:
-            with _flooding(lab, flood):
+            with flooding(lab, flood):
                 client.wait_for(lambda: False, SETTLES_S)
-                here = _restarted(client, ups[ROBOT], "encoder")
-                there = _restarted(client, ups[LAB], "goto")
-            yield Recovery(flood.name, here, there, 0.0)
+                here = restarted(client, ups[ROBOT], "encoder")
+                there = restarted(client, ups[LAB], "goto")
+            yield Recovery(flood.name, here, there)
             client.wait_for(lambda: False, SETTLES_S)
 
 
-def _restarted(client: Client, up: subprocess.Popen[bytes], name: str) -> float | None:
+def restarted(client: Client, up: subprocess.Popen[bytes], name: str) -> float | None:
     """Kill an agent of a host; return when a new process of it has its token, s."""
     before = {i for n, i in client.alive if n == name}
     victims = [
@@ -222,7 +213,8 @@ def _restarted(client: Client, up: subprocess.Popen[bytes], name: str) -> float 
 
 
 @contextmanager
-def _flooding(lab: Lab, flood: Flood) -> Iterator[None]:
+def flooding(lab: Lab, flood: Flood) -> Iterator[None]:
+    """A stranger's computer connects to the robot's port inside the `with` block."""
     if not flood.kind:
         yield
         return

@@ -79,14 +79,14 @@ def _links(victim: Victim) -> Iterator[Outcome]:
     from armadico_tools.attacks.strangers import member, strangers
 
     goto = member(victim, "goto")
-    if not _linked(victim, goto.endpoint, goto.settings):
+    if not linked(victim, goto.endpoint, goto.settings):
         raise VictimError("the rightful member goto gets no link, so a stranger proves nothing")
     for stranger in strangers(victim):
-        linked = _linked(victim, stranger.endpoint, stranger.settings)
-        yield Outcome(stranger.name, True, "link", linked)
+        got = linked(victim, stranger.endpoint, stranger.settings)
+        yield Outcome(stranger.name, True, "link", got)
 
 
-def _linked(victim: Victim, endpoint: str, settings: dict[str, object]) -> bool:
+def linked(victim: Victim, endpoint: str, settings: dict[str, object]) -> bool:
     """Whether a peer gets a link that lasts: TLS 1.3 refuses a client after its first bytes."""
     try:
         with Peer(victim.namespace, endpoint, settings) as peer:

@@ -76,7 +76,7 @@ class Drive:
         with self._lock:
             kept = list(self._kept)
         found, v, w, index = [], 0.0, 0.0, 0
-        for step in range(int((end - begin) / PERIOD_S)):
+        for step in range(round((end - begin) / PERIOD_S)):
             while index < len(kept) and kept[index][0] <= begin + step * PERIOD_S:
                 _, v, w = kept[index]
                 index += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
@@ -20,6 +21,7 @@ EXAMPLES: Final = """\
   armadico attacks --keys                   a stranger on a society with keys
   armadico attacks --keys --as goto         a program that has goto's key
   armadico attacks --keys --links           which certificates and passwords get a link
+  sudo .venv/bin/armadico attacks --keys --floods    do killed agents come back meanwhile?
 """
 
 
@@ -35,6 +37,10 @@ class Options:
         metavar="MEMBER",
     )
     links: bool = flag("with --keys: only try to get a link, in every wrong way")
+    floods: bool = flag(
+        "with --keys: flood the port of a lab of three computers, which are network namespaces"
+        " (needs root), kill agents, and measure when they are back"
+    )
     seconds: int = option("attack for so long, s", default=3, metavar="S", must=at_least(1))
     json: bool = flag("print JSON")
     list: bool = flag("list the attacks")
@@ -48,8 +54,11 @@ def run(args: Options) -> int:
     for name in args.names:
         if name not in ATTEMPTS:
             raise UsageError(no_such("attack", name, ATTEMPTS))
-    if (args.who or args.links) and not args.keys:
-        raise UsageError(f"--{'as' if args.who else 'links'} needs --keys")
+    for option_name, given in (("as", args.who), ("links", args.links), ("floods", args.floods)):
+        if given and not args.keys:
+            raise UsageError(f"--{option_name} needs --keys")
+    if args.floods:
+        return _floods(as_json=args.json)
     chosen = [ATTEMPTS[name] for name in args.names or ATTEMPTS]
     if args.list:
         for each in chosen:
@@ -69,6 +78,35 @@ def run(args: Options) -> int:
         if args.json:
             print(json.dumps([outcome._asdict() for outcome in outcomes], indent=1))
     return int(args.keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes))
+
+
+def _floods(*, as_json: bool) -> int:
+    """Print the times of recovery; 1 if an agent did not come back."""
+    from tempfile import TemporaryDirectory
+
+    from armadico_tools.attacks import lab
+    from armadico_tools.hosts.namespaces import lacking
+
+    if (trouble := lacking()) is not None:
+        raise FailedError(trouble)
+    found = []
+    with TemporaryDirectory(prefix="armadico-lab-") as folder:
+        options.report("setting up a lab of three computers")
+        try:
+            for each in lab.recoveries(Path(folder)):
+                found.append(each)
+                if not as_json:
+                    here, there = map(_shown, (each.here, each.there))
+                    print(f"{each.flood:<44}here {here:<10}elsewhere {there}", flush=True)
+        except lab.LabError as error:
+            raise FailedError(str(error)) from None
+    if as_json:
+        print(json.dumps([each._asdict() for each in found], indent=1))
+    return int(any(None in (each.here, each.there) for each in found))
+
+
+def _shown(seconds: float | None) -> str:
+    return "never" if seconds is None else f"{seconds:.1f} s"
 
 
 main = Command(
