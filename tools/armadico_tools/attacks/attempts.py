@@ -526,7 +526,7 @@ def _flood(p: Peer, k: Known, seconds: float) -> None:
             "resource/wheels/ack",
         ),
     )
-    repeat(seconds, 1250, lambda _: [p.put_bytes(key, small) for key in keys])
+    repeat(seconds, 1250, lambda _: p.put_bytes_all(keys, small))
 
 
 @attempt("flood-large", DRIVES, "64 KiB messages, 500 a second")
@@ -534,7 +534,7 @@ def _flood_large(p: Peer, k: Known, seconds: float) -> None:
     points = [[40.0, y / 100] for y in range(3400)]
     large = cbor2.dumps([k.cycle, None, None, None, None, points])[:65_536]
     keys = ("sonar/obstacles", "robot/state", f"robot/cmd/{k.holder}", "stranger/obstacles", "x")
-    repeat(seconds, 100, lambda _: [p.put_bytes(key, large) for key in keys])
+    repeat(seconds, 100, lambda _: p.put_bytes_all(keys, large))
 
 
 @attempt("queries", DRIVES, "1,000 queries a second for everything")

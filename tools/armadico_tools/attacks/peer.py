@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 import cbor2
 import zenoh
 
-SETTINGS: Final[Mapping[str, object]] = {
+SETTINGS: Final[dict[str, object]] = {
     "mode": "client",
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -67,6 +67,10 @@ class Peer:
             self._session.put(
                 self._root + key, data, congestion_control=zenoh.CongestionControl.DROP
             )
+
+    def put_bytes_all(self, keys: Sequence[str], data: bytes) -> None:
+        for key in keys:
+            self.put_bytes(key, data)
 
     def put_all(self, keys: Sequence[str], *values: object) -> None:
         for key in keys:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import zenoh
@@ -86,7 +86,7 @@ def _links(victim: Victim) -> Iterator[Outcome]:
         yield Outcome(stranger.name, True, "link", got)
 
 
-def linked(victim: Victim, endpoint: str, settings: dict[str, object]) -> bool:
+def linked(victim: Victim, endpoint: str, settings: Mapping[str, object]) -> bool:
     """Whether a peer gets a link that lasts: TLS 1.3 refuses a client after its first bytes."""
     try:
         with Peer(victim.namespace, endpoint, settings) as peer:
@@ -100,7 +100,7 @@ def _attacks(
     victim: Victim, chosen: Sequence[Attempt], seconds: float, name: str = ""
 ) -> Iterator[Outcome]:
     """Make the attempts, as a stranger with what a stranger has, or as a member."""
-    settings: dict[str, object] = {}
+    settings: Mapping[str, object] = {}
     if name:
         from armadico_tools.attacks.strangers import member
 

@@ -7,7 +7,7 @@ to make most of them.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -36,7 +36,7 @@ class Stranger(NamedTuple):
 
     name: str
     endpoint: str
-    settings: dict[str, object]
+    settings: Mapping[str, object]
 
 
 def member(victim: Victim, name: str) -> Stranger:
