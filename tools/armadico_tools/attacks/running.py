@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from contextlib import suppress
+from typing import Final, NamedTuple
 
 import zenoh
 
@@ -12,6 +13,9 @@ from armadico_tools.attacks.peer import Peer
 from armadico_tools.attacks.victim import Victim, VictimError
 
 __all__ = ["Outcome", "VictimError", "run"]
+
+TRIES: Final = 5
+"""A member's attempts to get a link, as a busy computer may not answer within Zenoh's timeout."""
 
 Report = Callable[[str], None]
 
@@ -96,6 +100,13 @@ def linked(victim: Victim, endpoint: str, settings: Mapping[str, object]) -> boo
         return False
 
 
+def _peer(victim: Victim, settings: Mapping[str, object], tries: int) -> Peer | None:
+    for _ in range(tries):
+        with suppress(zenoh.ZError):
+            return Peer(victim.namespace, victim.endpoint, settings)
+    return None
+
+
 def _attacks(
     victim: Victim, chosen: Sequence[Attempt], seconds: float, name: str = ""
 ) -> Iterator[Outcome]:
@@ -108,9 +119,8 @@ def _attacks(
         victim.known.me = name
     who = name or "a stranger"
     for attempt in chosen:
-        try:
-            peer = Peer(victim.namespace, victim.endpoint, settings)
-        except zenoh.ZError:
+        peer = _peer(victim, settings, tries=TRIES if name else 1)
+        if peer is None:
             yield Outcome(who, not name, attempt.name, False)
             continue
         with peer:
@@ -118,4 +128,3 @@ def _attacks(
         yield Outcome(who, not name, attempt.name, True, tuple(effects))
         if any("read" not in effect for effect in effects):
             victim.restart()
-            victim.known.me = name

@@ -186,7 +186,7 @@ class Victim:
         """Start all anew: an attack has left something behind."""
         self.stop()
         self.drive = Drive()
-        self.known = Known(tape=self.known.tape, person=self.known.person)
+        self.known = Known(tape=self.known.tape, person=self.known.person, me=self.known.me)
         self.start()
 
     def keep_tape(self) -> None:
@@ -198,7 +198,7 @@ class Victim:
         latest = self.viewer.latest(RobotState, 5.0)
         if latest is None:
             raise VictimError("the robot agent publishes no state")
-        if latest.stop.stopped and state != STOPPED:
+        if latest.stop.stopped:
             self.person.resume(by="person")
         if state == RESTS:
             if self.drive.now() != (0.0, 0.0) or self.known.mission[1]:
