@@ -179,14 +179,13 @@ def _release_wheels(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("stick", DRIVES, "drive by hand")
 def _stick(p: Peer, k: Known, seconds: float) -> None:
-    own = _own("hand")
-    p.put("mission/request", None)
+    own = _me(k)
     repeat(seconds, 20, lambda n: p.put(f"teleop/stick/{own}", k.cycle, own, n + 1, 0.3, 0.8, True))
 
 
 @attempt("goal", RESTS, "request a mission")
 def _goal(p: Peer, k: Known, seconds: float) -> None:
-    p.ask("mission/request", [5.0, 3.0, 0.0], within=1.0)
+    p.ask("mission/request", [5.0, 3.0, 0.0], [], False, within=1.0)
     for key in ("mission/order", "explore/request"):
         p.ask(key, *(["m", "go to 3 3", 0.5, "x"] if key == "mission/order" else [0, 0, 3, 3]))
     time.sleep(max(seconds - 2.0, 0.0))

@@ -36,7 +36,7 @@ FAR_M: Final = 2_000.0
 REACH_M: Final = 10_000.0
 AGENTS: Final = (
     *("robot", "encoder", "sonar", "goto", "avoid", "gothrough"),
-    *("path-planning", "interface", "monitor"),
+    *("path-planning", "interface", "teleop", "monitor"),
 )
 ROAD: Final = """\
 world = "empty"
@@ -161,9 +161,8 @@ class Victim:
         self._until(lambda: sockets.answers(f"tcp/127.0.0.1:{simulator}", 1.0), "the simulator")
         self._tap = Tap(f"tcp://127.0.0.1:{simulator}", self.drive.write)
         road = str(self.folder / "road.toml")
-        opened = () if self._keys else _open_words()
         far = ("--set", f"interface.reach_m={REACH_M:g}")
-        words = ("up", road, "--robot", self._tap.url, *far, "--restarts", "50", *opened)
+        words = ("up", road, "--robot", self._tap.url, *far, "--with", "teleop", "--restarts", "50")
         self._up = psutil.Process(self._popen(*words).pid)
         self._mesh = self.where.mesh(VIEWER, starts=True)
         self._mesh.open()
@@ -352,7 +351,3 @@ def _plain(data: bytes) -> list[object]:
     import cbor2
 
     return list(cbor2.loads(data))
-
-
-def _open_words() -> tuple[str, ...]:
-    return ()
