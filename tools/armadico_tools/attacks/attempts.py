@@ -160,8 +160,10 @@ def _as_holder(p: Peer, k: Known, seconds: float) -> None:
 
 @attempt("drive-as-other", DRIVES, "claim and command in another contender's name")
 def _as_other(p: Peer, k: Known, seconds: float) -> None:
+    others = [name for name in ("avoid", "gothrough", "goto") if name != k.me]
+
     def act(number: int) -> None:
-        name = k.instance(("avoid", "gothrough", "goto")[number % 3])
+        name = k.instance(others[number % len(others)])
         _drive(p, k, [k.term + 1, BEST, True, name], name)
 
     repeat(seconds, 30, act)
