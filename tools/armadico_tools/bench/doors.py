@@ -91,7 +91,8 @@ def start(quick: bool) -> list[Figure]:
 
 def _started(where: Endpoints) -> float:
     assert where.table is not None, "it has one"
-    words = ["up", "sc1", "--hosts", where.table.file, "--host", "here"]
+    besides = [word for name in ("teleop", "mission-planning") for word in ("--with", name)]
+    words = ["up", "sc4", *besides, "--hosts", where.table.file, "--host", "here"]
     command = command_line([*words, "--namespace", where.namespace], tied=True)
     with closing(where.mesh(starts=True)) as mesh:
         mesh.open()
