@@ -71,6 +71,8 @@ def sip_to_command(quick: bool) -> list[Figure]:
             stack.enter_context(_driving(place, way, index / len(ways)))
             for index, way in enumerate(ways)
         ]
+        for watch in watches:  # the first ones while the others started
+            watch.latencies.clear()
         socket, socket_keys, tcp, tls = await_all([w.latencies for w in watches], wanted)
     return [
         figure("sip-to-command-socket-keys", "ms", socket_keys, socket),
