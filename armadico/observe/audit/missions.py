@@ -47,7 +47,7 @@ DETOURS: Final = 3.0
 NOBODY: Final = "nobody"
 
 LONG_S: Final = 10.0
-"""Waiting for a free path counts as the cause of a failure after this time, s."""
+"""Waiting for a free path, or being lost, counts as a failure's cause after this time, s."""
 
 STUCK_S: Final = 60.0
 """Coming no nearer counts as the cause of a failure after this time, s. The interface agent gives
@@ -71,6 +71,9 @@ EXCUSES: Final = (
 IN_THE_WAY_S: Final = 30.0
 """Obstacles ahead, such as people, may cost a mission so much time, s, and no more: going round
 them is a behaviour's work. A choice."""
+
+PLACED_M: Final = 0.4
+"""Within this of its start a path is not judged, m."""
 
 
 class Arrives(Rule):
@@ -299,7 +302,10 @@ def _by(pose: Pose, off: tuple[float, float]) -> str:
 
 
 class Failed(Rule):
-    """A mission fails for a cause that was seen."""
+    """A mission fails for a cause that was seen.
+
+    A disturbance that only the observer knows of is none: the robot gives up for what it sees.
+    """
 
     promise = Promise.FAILED
     needs = (RobotState, MissionStatus)
@@ -309,13 +315,13 @@ class Failed(Rule):
         self._mission = 0
         self._judged = False
         self._seen_at = -inf  # when a cause was last seen
-        self._waits_s = 0.0
+        self._lasted: dict[Excuse, float] = {}  # s, of this mission
         self._to_go, self._nearer_at, self._last_at = inf, -inf, -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
         if isinstance(message, MissionStatus):
             if message.mission != self._mission:
-                self._mission, self._judged, self._waits_s = message.mission, False, 0.0
+                self._mission, self._judged, self._lasted = message.mission, False, {}
                 self._to_go, self._nearer_at, self._seen_at = inf, now.now, -inf
             if message.state is MissionState.DRIVING and message.to_go < self._to_go - NEARER_M:
                 self._to_go, self._nearer_at = message.to_go, now.now
@@ -325,20 +331,19 @@ class Failed(Rule):
             if message.mission != self._mission and message.waypoints:
                 self._seen_at = now.now  # it is for another mission
         elif isinstance(message, RobotState):
-            dt, self._last_at = now.now - self._last_at, now.now
-            if message.stalled:
+            dt, self._last_at = min(now.now - self._last_at, 1.0), now.now
+            if message.stalled or now.excuse(Excuse.FAULT) is not None:
                 self._seen_at = now.now
-            excuse = now.excuse(Excuse.FAULT, Excuse.DISTURBED, Excuse.LOST, Excuse.WAITS)
-            if excuse is Excuse.WAITS:
-                self._waits_s += min(dt, 1.0)
-            elif excuse is not None:
-                self._seen_at = now.now
+            for each in (Excuse.LOST, Excuse.WAITS):
+                if now.excuse(each) is not None:
+                    self._lasted[each] = self._lasted.get(each, 0.0) + dt
 
     def _judge(self, status: MissionStatus, now: Scene) -> Iterator[Finding]:
         first, self._judged, self.checked = not self._judged, True, True
         stuck = now.now - self._nearer_at > STUCK_S
         seen = now.now - self._seen_at < LATELY_S
-        if first and not seen and not stuck and self._waits_s < LONG_S:
+        lasted = max(self._lasted.values(), default=0.0) >= LONG_S
+        if first and not (seen or stuck or lasted):
             what = "the mission failed, and no contact, blocked path or fault of the robot was seen"
             yield self.found(now, "interface", what, status.note)
 
@@ -370,3 +375,36 @@ class Found(Rule):
                 assert now.pose is not None, "a pose says that it is lost"
                 what = f"lost for {FOUND_S:.0f} s on a mission"
                 yield self.found(now, "localization", what, f"+-{now.pose.deviation:.1f} m")
+
+
+class Leads(Rule):
+    """A path of the planner leads through no wall of the map that the robot was launched with."""
+
+    promise = Promise.PATH
+    needs = (Trajectory,)
+    charted = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._judged: tuple[Waypoint, ...] = ()
+
+    def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if not isinstance(message, Trajectory) or not message.planned or message.revision:
+            return
+        chart = now.chart
+        if chart is None or not message.waypoints or message.waypoints == self._judged:
+            return
+        self._judged, self.checked = message.waypoints, True
+        x, y = message.start.x, message.start.y
+        # By its pose the robot may stand in a wall, or behind one.
+        skip = PLACED_M
+        for number, to in enumerate(message.waypoints[message.leg :], message.leg + 1):
+            length = hypot(to.x - x, to.y - y)
+            share = min(skip / length, 1.0) if length else 1.0
+            at = chart.crosses(x + share * (to.x - x), y + share * (to.y - y), to.x, to.y)
+            skip, x, y = max(skip - length, 0.0), to.x, to.y
+            if at is not None:
+                of = f"waypoint {number} of {len(message.waypoints)}"
+                what = f"the path to {of} leads through a wall of the map"
+                yield self.found(now, "path-planning", what, f"at ({at[0]:.2f}, {at[1]:.2f})")
+                return

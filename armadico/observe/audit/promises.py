@@ -25,6 +25,8 @@ class Promise(StrEnum):
     FOUND = "a robot that is lost finds its place again"
     HONEST = "no agent keeps commanding what readings forbid"
     EARNED = "no speed is let through that the robot's readings forbid"
+    PATH = "a planned path leads through no wall of the map"
+    HELD = "an agent holds the wheels while it has a use for them, and then releases them"
     STEADY = "no agent takes and loses the wheels again and again"
     SENSORS = "readings change as the robot moves, and agree with what is there"
     BRAKES = "the robot brakes along its ramp"

@@ -28,6 +28,7 @@ from armadico.mobile.messages import (
     Truth,
 )
 from armadico.mobile.obstacles import Obstacles, Surroundings
+from armadico.observe.audit.chart import Chart
 from armadico.observe.audit.promises import Excuse
 from armadico.observe.measures import REACHED_M, REACHED_RAD, speeds
 from armadico.observe.view import agent_of, driver
@@ -68,6 +69,7 @@ class Scene:
         excuses: Those that count; others are switched off.
         needed: How often each excuse held when a rule asked for it.
         disturbed: A disturbance that the observer knows of, in words; "" without one.
+        chart: The map that the robot was launched with; None: unknown.
         v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
             None: unknown.
         holder: The instance whose command is obeyed; "" without one.
@@ -79,6 +81,7 @@ class Scene:
         self.needed: Counter[Excuse] = Counter()
         self.disturbed = ""
         self.v_max = v_max
+        self.chart: Chart | None = None
         self.description: Description | None = None
         self.state: RobotState | None = None
         self.before: RobotState | None = None  # the state before

@@ -16,8 +16,20 @@ from typing import Any, Final, NamedTuple
 from msgspec.structs import replace
 
 from armadico.core.agent import Agent
+from armadico.core.exchange import Bid
 from armadico.core.messages import Description, Message, RobotState
-from armadico.mobile.messages import Pose, Sonar
+from armadico.mobile.messages import (
+    Correction,
+    MissionRequest,
+    Plan,
+    PlanRequest,
+    Pose,
+    Scan,
+    Sonar,
+    Trajectory,
+)
+from armadico.mobile.obstacles import Obstacles
+from armadico.mobile.scans import packed, ranges_of
 from armadico_tools.faults.plan import Outcome
 
 GIVES_UP_M: Final = 1.5
@@ -41,6 +53,11 @@ BIAS_M: Final = 0.3
 LATE_S: Final = 0.8
 SCALE: Final = 1.1
 JUMP_M, JUMPS_EACH_S, JUMPS_S = 1.0, 15.0, 1.0
+IDLE: Final = 0.01
+STALE_CYCLES: Final = 10
+LAG_CYCLES: Final = 5
+IGNORES_S: Final = 10.0
+SHIFT_M, ASIDE_M, NARROW = 0.3, 0.5, 0.6
 BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
 
@@ -158,6 +175,9 @@ def _flickers(goto: Any) -> None:
 
 def _biased(robot: Any) -> None:
     def change(message: Message) -> Message:
+        if isinstance(message, Scan):
+            ranges = ranges_of(message) + BIAS_M
+            return replace(message, packed=packed(ranges, 0.0, message.reach))
         if not isinstance(message, Sonar):
             return message
         echoes = tuple(
@@ -211,6 +231,119 @@ def _endless(interface: Any) -> None:
     _wrap(interface, "_arrived", lambda _method, _pose: False)
 
 
+def _straight(planner: Any) -> None:
+    def plan(_method: Callable[..., Any], request: PlanRequest) -> Plan:
+        far = hypot(request.goal.x - request.start.x, request.goal.y - request.start.y)
+        return Plan((request.goal,), far)
+
+    _wrap(planner, "_plan", plan)
+
+
+def _keeps(goto: Any) -> None:
+    def bid(method: Callable[..., Any], message: object) -> Bid:
+        return method(message) or Bid(IDLE, (0.0, 0.0), reason="it keeps the wheels")
+
+    _wrap(goto, "bid", bid)
+
+
+def _hides(perception: Any) -> None:
+    """As if one side's sensors were not read."""
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Obstacles):
+            return message
+        shown = tuple(p for p in message.points if p.y < 0.0)
+        nearest = min(shown, key=lambda p: hypot(p.x, p.y), default=None)
+        return replace(message, points=shown, closest=nearest, left=None)
+
+    _publishes(perception, change)
+
+
+def _mirrors(robot: Any) -> None:
+    def change(message: Message) -> Message:
+        if isinstance(message, Sonar):
+            echoes = tuple(replace(e, y=-e.y, bearing=-e.bearing) for e in message.echoes)
+            return replace(message, echoes=echoes)
+        if isinstance(message, Scan):
+            bearing, step = -message.bearing, -message.step
+            return replace(message, y=-message.y, bearing=bearing, step=step)
+        return message
+
+    _publishes(robot, change)
+
+
+def _stale(encoder: Any) -> None:
+    poses: deque[Pose] = deque()
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Pose):
+            return message
+        poses.append(message)
+        old = poses.popleft() if len(poses) > STALE_CYCLES else poses[0]
+        return replace(old, cycle=message.cycle)
+
+    _publishes(encoder, change)
+
+
+def _ignores(goto: Any) -> None:
+    def take(method: Callable[..., None], trajectory: Trajectory) -> None:
+        if not goto.route.waypoints or goto.now - begun["at"] > IGNORES_S:
+            method(trajectory)
+            begun["at"] = goto.now
+
+    begun = {"at": goto.now}
+    _wrap(goto, "_take", take)
+
+
+def _spins(robot: Any) -> None:
+    def linked(method: Callable[..., None], up: bool, why: str) -> None:
+        method(up, why)
+        session = robot._session
+        if session is not None and "drive" not in vars(session):
+            _wrap(session, "drive", lambda drive, v, w: drive(v, 2.0 * w))
+
+    _wrap(robot, "on_link", linked)
+
+
+def _lags(robot: Any) -> None:
+    states: deque[RobotState] = deque()
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, RobotState):
+            return message
+        states.append(message)
+        old = states.popleft() if len(states) > LAG_CYCLES else states[0]
+        return replace(message, x=old.x, y=old.y, theta=old.theta)
+
+    _publishes(robot, change)
+
+
+def _shifts(localization: Any) -> None:
+    def change(message: Message) -> Message:
+        return (
+            replace(message, x=message.x + SHIFT_M) if isinstance(message, Correction) else message
+        )
+
+    _publishes(localization, change)
+
+
+def _misses(interface: Any) -> None:
+    def request(method: Callable[..., Any], asked: MissionRequest, question: Any) -> Any:
+        goal = replace(asked.goal, x=asked.goal.x + ASIDE_M)
+        return method(replace(asked, goal=goal), question)
+
+    _wrap(interface, "on_mission_request", request)
+
+
+def _narrow(robot: Any) -> None:
+    def change(message: Message) -> Message:
+        if not isinstance(message, Description):
+            return message
+        return replace(message, half_width=NARROW * message.half_width)
+
+    _publishes(robot, change)
+
+
 DEFECTS: Final = {
     "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
     "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
@@ -224,7 +357,7 @@ DEFECTS: Final = {
     "stands": Defect("goto takes the wheels and stands", {"goto": _stands}),
     "lost": Defect(f"the robot is lost for ever after {LOST_AFTER_S:g} s", {"encoder": _lost}),
     "flickers": Defect(f"goto withdraws its bid every {FLICKER} cycles", {"goto": _flickers}),
-    "biased": Defect(f"sonars are published {BIAS_M:g} m too long", {"robot": _biased}),
+    "biased": Defect(f"ranges are published {BIAS_M:g} m too long", {"robot": _biased}),
     "slow-brake": Defect(f"it brakes {BRAKES:g} times as slowly as described", {"robot": _brakes}),
     "late": Defect(f"the robot agent obeys each command {LATE_S:g} s late", {"robot": _late}),
     "scaled": Defect(f"the odometry counts {SCALE:g} times the way", {"robot": _scaled}),
@@ -232,6 +365,21 @@ DEFECTS: Final = {
         f"the pose jumps by {JUMP_M:g} m for {JUMPS_S:g} s at times", {"encoder": _jumps}
     ),
     "endless": Defect("a mission does not end at its goal", {"interface": _endless}),
+    "straight": Defect(
+        "paths lead straight to the goal, through walls", {"path-planning": _straight}
+    ),
+    "keeps": Defect("goto never releases the wheels", {"goto": _keeps}),
+    "hides": Defect("obstacles on the left are not published", {"sonar": _hides, "laser": _hides}),
+    "mirrored": Defect("readings are published with swapped sides", {"robot": _mirrors}),
+    "stale-pose": Defect("poses are re-sent", {"encoder": _stale}),
+    "ignores": Defect(
+        f"goto drives on along a path that has ended, for {IGNORES_S:g} s", {"goto": _ignores}
+    ),
+    "spins": Defect("the base turns twice as fast as is ordered", {"robot": _spins}),
+    "late-odometry": Defect("the odometry is late", {"robot": _lags}),
+    "shifted": Defect(f"the map is shifted by {SHIFT_M:g} m", {"localization": _shifts}),
+    "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
+    "narrow": Defect("the robot is described as too narrow", {"robot": _narrow}),
 }
 """The defects by name."""
 
