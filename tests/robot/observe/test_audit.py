@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import cos, inf, sin
+from math import cos, inf, pi, sin
 
 import pytest
 from hypothesis import given, settings
@@ -40,7 +40,9 @@ from armadico.mobile.messages import (
 )
 from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.auditor import RULES, Auditor
+from armadico.observe.audit.missions import Leads
 from armadico.observe.audit.promises import Excuse, Finding, Promise
+from armadico.observe.audit.sensing import Fits
 
 GOTO, AVOID = "goto-0123456789ab", "avoid-0123456789ab"
 SURE = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
@@ -305,12 +307,54 @@ def laser_repeats(drive: Drive) -> None:
     drive.go(3, says=scan)
 
 
-def sonar_is_biased(drive: Drive) -> None:
-    def readings(d: Drive) -> tuple[Message, ...]:
-        near = Truth(d.now, d.x, 0, 0, d.v, 0, 0, 0.5, "sim")
-        return near, Sonar(Cycle(1, d.number), 5.0, (echo(0.7 + 0.01 * (d.number % 5)),))
+WALL = (-5.0, 0.9, 40.0, 0.9)  # on its left
+LEFT = 0.5 * pi
 
-    drive.go(22, says=readings, ahead=(Point(0.7, 0.5),))
+
+def on_its_left(far: float, pose_y: float = 0.0) -> Callable[[Drive], tuple[Message, ...]]:
+    """A sonar's range, by a pose that is so far to the left."""
+
+    def says(d: Drive) -> tuple[Message, ...]:
+        cycle = Cycle(1, d.number)
+        return Pose(cycle, d.x, pose_y, 0, SURE), Sonar(cycle, 5.0, (echo(far, LEFT),))
+
+    return says
+
+
+def sonar_is_biased(drive: Drive) -> None:
+    drive.auditor.chart([WALL])
+    drive.go(11, says=on_its_left(1.0))
+
+
+def hides(drive: Drive) -> None:
+    def shown(y: float) -> Callable[[Drive], tuple[Message, ...]]:
+        def says(d: Drive) -> tuple[Message, ...]:
+            cycle = Cycle(1, d.number)
+            obstacles = Obstacles(cycle, None, None, None, None, (Point(0.0, y),))
+            return Sonar(cycle, 5.0, (echo(0.3, LEFT),)), obstacles
+
+        return says
+
+    drive.go(3, says=shown(0.5))
+    assert drive.found == []
+    drive.go(3, says=shown(-0.5))
+
+
+def plans_through_a_wall(drive: Drive) -> None:
+    drive.auditor.chart([(5.0, -1.0, 5.0, 1.0)])
+    drive.say(Trajectory(2, 1, (Waypoint(10.0, 0.0, 0.0),), planned=True))
+
+
+def holds_for_nothing(drive: Drive) -> None:
+    drive.end(MissionState.NONE)
+    drive.go(4, **STANDS_STILL)
+
+
+def falls_silent(drive: Drive) -> None:
+    for term in (2, 3, 4):
+        ballot, now = Ballot(term, 0.6, False, GOTO), 20 * term
+        for number in (now, now + 9):
+            drive.say(Ack("wheels", Cycle(1, number), ballot, ballot, Cycle(1, now)))
 
 
 TABLE = [
@@ -341,6 +385,10 @@ TABLE = [
     (sonar_repeats, Promise.SENSORS, "sonar"),
     (laser_repeats, Promise.SENSORS, "laser"),
     (sonar_is_biased, Promise.SENSORS, "sonar"),
+    (hides, Promise.SENSORS, "sonar"),
+    (plans_through_a_wall, Promise.PATH, "path-planning"),
+    (holds_for_nothing, Promise.HELD, "goto"),
+    (falls_silent, Promise.HELD, "goto"),
 ]
 
 
@@ -391,6 +439,37 @@ def test_readings_that_change_or_a_robot_that_stands_show_no_frozen_sensor() -> 
     drive = Drive().go(3, says=changes)
     same = Sonar(Cycle(1, 1), 5.0, (echo(2.0),))
     drive.go(5, says=lambda _: (same,), v=0.0, ordered=0.0)
+    assert drive.found == []
+
+
+@pytest.mark.parametrize(
+    ("far", "pose_y", "found"),
+    [
+        (0.7, 0.0, []),  # on the wall
+        (0.7, 0.4, [(Promise.POSE, "localization")]),
+        (1.0, 0.0, [(Promise.SENSORS, "sonar")]),
+        (2.5, 0.0, []),  # too far to be exact
+    ],
+)
+def test_readings_off_the_map_are_the_sensors_or_the_poses(
+    far: float, pose_y: float, found: list[tuple[Promise, str]]
+) -> None:
+    drive = Drive(Auditor([Fits]))
+    drive.auditor.chart([WALL])
+    assert drive.go(20, says=on_its_left(far, pose_y)).found == found
+
+
+def test_without_a_map_what_needs_it_is_not_checked() -> None:
+    drive = Drive(Auditor([Fits, Leads])).go(2, says=on_its_left(1.0))
+    for each in drive.auditor.report():
+        assert each.answer is Answer.UNKNOWN
+        assert "map" in each.what
+
+
+def test_a_path_from_behind_a_wall_by_the_poses_error_is_no_finding() -> None:
+    drive = Drive(Auditor([Leads]))
+    drive.auditor.chart([(0.2, -1.0, 0.2, 1.0)])
+    drive.say(Trajectory(2, 1, (Waypoint(10.0, 0.0, 0.0),), planned=True))
     assert drive.found == []
 
 

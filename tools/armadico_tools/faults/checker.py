@@ -28,7 +28,7 @@ from armadico_tools.faults.motion import Moving, Silence, Smooth, Watchdog
 from armadico_tools.faults.observations import Observation, Published
 from armadico_tools.faults.pose import Localized
 from armadico_tools.faults.record import Bounds, Record
-from armadico_tools.faults.recovery import CommandObeyed, Moves, Remembered
+from armadico_tools.faults.recovery import CommandObeyed, Goes, Moves, Remembered
 from armadico_tools.faults.sightings import Sightings
 
 TOUCHES_M: Final = 0.1
@@ -89,6 +89,7 @@ class Checker:
             self._localized,
             self._moves,
             Remembered(),
+            Goes(),
         )
 
     @property
