@@ -64,9 +64,9 @@ class Auditor:
         strict.scene.chart = self.scene.chart
         return strict
 
-    def chart(self, walls: Iterable[Wall]) -> None:
-        """The robot was launched with a map of these walls, world frame, m."""
-        self.scene.chart = Chart(walls)
+    def chart(self, walls: Iterable[Wall] | None) -> None:
+        """The robot was launched with a map of these walls, world frame, m; None: not at hand."""
+        self.scene.mapped, self.scene.chart = True, None if walls is None else Chart(walls)
 
     def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
         """Process one message, received at a time (s). Returns what it shows."""
@@ -113,7 +113,7 @@ class Auditor:
         else:
             return rule.found(self.scene, "", "kept", answer=Answer.YES)
         found = rule.found(self.scene, "", what, answer=Answer.UNKNOWN)
-        return replace(found, occasion=bool(lacking) or uncharted)
+        return replace(found, occasion=bool(lacking) or (uncharted and self.scene.mapped))
 
     def _has(self, kind: type[Message], *spared: type[Message]) -> bool:
         return kind in spared or any(issubclass(each, kind) for each in self._seen)

@@ -69,7 +69,8 @@ class Scene:
         excuses: Those that count; others are switched off.
         needed: How often each excuse held when a rule asked for it.
         disturbed: A disturbance that the observer knows of, in words; "" without one.
-        chart: The map that the robot was launched with; None: unknown.
+        mapped: Whether the robot was launched with a map.
+        chart: That map; None: unknown.
         v_max: The limit that a scenario or a user sets, m/s (`v_max` of goto); inf: there is none;
             None: unknown.
         holder: The instance whose command is obeyed; "" without one.
@@ -81,6 +82,7 @@ class Scene:
         self.needed: Counter[Excuse] = Counter()
         self.disturbed = ""
         self.v_max = v_max
+        self.mapped = False
         self.chart: Chart | None = None
         self.description: Description | None = None
         self.state: RobotState | None = None
