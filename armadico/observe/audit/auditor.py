@@ -59,10 +59,15 @@ class Auditor:
         self._held = False  # an agent was obeyed, so it must have commanded
 
     def without(self, excuse: Excuse) -> Auditor:
-        """A new auditor with the same rules that does not accept an excuse."""
-        strict = Auditor(self._kinds, self.scene.excuses - {excuse}, self.scene.v_max)
-        strict.scene.chart = self.scene.chart
-        return strict
+        """A new auditor with the same rules and map that does not accept an excuse."""
+        return self.anew(self.scene.excuses - {excuse})
+
+    def anew(self, excuses: frozenset[Excuse] | None = None) -> Auditor:
+        """A new auditor with the same rules and map, and these excuses, by default the same."""
+        new = Auditor(self._kinds, self.scene.excuses if excuses is None else excuses)
+        new.scene.v_max = self.scene.v_max
+        new.scene.mapped, new.scene.chart = self.scene.mapped, self.scene.chart
+        return new
 
     def chart(self, walls: Iterable[Wall] | None) -> None:
         """The robot was launched with a map of these walls, world frame, m; None: not at hand."""

@@ -51,8 +51,8 @@ frozen sensor. A sonar's cone hides a turn of some degrees, so some repeat by ch
 SONAR_M, LASER_M = 1.5, 4.0
 """Readings of sonars and of lasers are near within this, m: a cone is wide farther away."""
 
-RAYS = 16
-"""So many rays of a scan are compared."""
+RAYS, SCANS_S = 16, 0.3
+"""So many rays of a scan are compared, with the map once in this time, s."""
 
 READINGS, OFF_M, DEVIATIONS = 50, 0.15, 2.0
 """Of so many readings half are off the map by no more than the second, m, and so many deviations
@@ -271,6 +271,7 @@ class Fits(Rule):
     def __init__(self) -> None:
         super().__init__()
         self._off: dict[tuple[str, bool], list[float]] = {}  # m, by sensor, and whether by truth
+        self._scan_at = -inf
         self._was: dict[tuple[str, bool], bool] = {}  # whether those before were off the map
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
@@ -279,6 +280,10 @@ class Fits(Rule):
             return
         if abs(state.v) < MOVES_M_S or now.excuse(Excuse.DISTURBED) is not None:
             return
+        if isinstance(message, Scan):
+            if now.now - self._scan_at < SCANS_S:
+                return
+            self._scan_at = now.now
         sensor, points = _near(message)
         if not len(points):
             return

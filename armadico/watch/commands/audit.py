@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import FILE, Command, argument, flag, group, option, several
-from armadico.core.config_errors import ConfigError
 from armadico.core.judgement import Answer, Judgement, all_of
 from armadico.mesh.topology import default_namespace
 from armadico.observe.audit.promises import Finding, Promise
@@ -115,15 +114,12 @@ class _Audit:
             self._print()
 
     def learn(self, message: object) -> None:
-        """Load the map that an agent names, unless there is one already."""
-        from armadico.config.worlds import load_world
+        """Take the map that an agent's card names."""
         from armadico.core.messages import Card
+        from armadico.observe.audit.live import learn
 
-        if isinstance(message, Card) and message.world and not self.auditor.scene.mapped:
-            try:
-                self.auditor.chart(load_world(message.world).outlines)
-            except ConfigError:
-                self.auditor.chart(None)
+        if isinstance(message, Card):
+            learn(self.auditor, message)
 
     def tick(self, at: float) -> None:
         """Judge that time has passed."""
