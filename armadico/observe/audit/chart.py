@@ -27,7 +27,8 @@ class Chart:
         square = np.maximum((self._along**2).sum(axis=1), 1e-12)
         share = np.clip((away * self._along).sum(axis=2) / square, 0.0, 1.0)
         distances = np.linalg.norm(away - share[..., None] * self._along, axis=2)
-        return distances.min(axis=1, initial=np.inf)
+        nearest: Floats = distances.min(axis=1, initial=np.inf)
+        return nearest
 
     def crosses(self, x1: float, y1: float, x2: float, y2: float) -> tuple[float, float] | None:
         """The place, m, at which a line first meets a wall; None: at none."""

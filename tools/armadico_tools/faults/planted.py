@@ -26,7 +26,6 @@ from armadico.mobile.messages import (
     Pose,
     Scan,
     Sonar,
-    Trajectory,
 )
 from armadico.mobile.obstacles import Obstacles
 from armadico.mobile.scans import packed, ranges_of
@@ -54,10 +53,10 @@ LATE_S: Final = 0.8
 SCALE: Final = 1.1
 JUMP_M, JUMPS_EACH_S, JUMPS_S = 1.0, 15.0, 1.0
 IDLE: Final = 0.01
-STALE_CYCLES: Final = 10
-LAG_CYCLES: Final = 5
-IGNORES_S: Final = 10.0
-SHIFT_M, ASIDE_M, NARROW = 0.3, 0.5, 0.6
+"""The utility of an agent that keeps the wheels."""
+
+STALE_CYCLES, LAG_CYCLES = 10, 5
+SHIFT_M, ASIDE_M = 0.3, 0.5
 BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
 
@@ -285,16 +284,6 @@ def _stale(encoder: Any) -> None:
     _publishes(encoder, change)
 
 
-def _ignores(goto: Any) -> None:
-    def take(method: Callable[..., None], trajectory: Trajectory) -> None:
-        if not goto.route.waypoints or goto.now - begun["at"] > IGNORES_S:
-            method(trajectory)
-            begun["at"] = goto.now
-
-    begun = {"at": goto.now}
-    _wrap(goto, "_take", take)
-
-
 def _spins(robot: Any) -> None:
     def linked(method: Callable[..., None], up: bool, why: str) -> None:
         method(up, why)
@@ -335,15 +324,6 @@ def _misses(interface: Any) -> None:
     _wrap(interface, "on_mission_request", request)
 
 
-def _narrow(robot: Any) -> None:
-    def change(message: Message) -> Message:
-        if not isinstance(message, Description):
-            return message
-        return replace(message, half_width=NARROW * message.half_width)
-
-    _publishes(robot, change)
-
-
 DEFECTS: Final = {
     "lazy": Defect(f"goto stops {GIVES_UP_M:g} m before its goal", {"goto": _lazy}),
     "early": Defect(f"a mission is reached {EARLY_M:g} m before its goal", {"interface": _early}),
@@ -370,16 +350,12 @@ DEFECTS: Final = {
     ),
     "keeps": Defect("goto never releases the wheels", {"goto": _keeps}),
     "hides": Defect("obstacles on the left are not published", {"sonar": _hides, "laser": _hides}),
-    "mirrored": Defect("readings are published with swapped sides", {"robot": _mirrors}),
-    "stale-pose": Defect("poses are re-sent", {"encoder": _stale}),
-    "ignores": Defect(
-        f"goto drives on along a path that has ended, for {IGNORES_S:g} s", {"goto": _ignores}
-    ),
+    "mirrored": Defect("readings are published with their sides swapped", {"robot": _mirrors}),
+    "stale-pose": Defect(f"each pose is {STALE_CYCLES} cycles old", {"encoder": _stale}),
     "spins": Defect("the base turns twice as fast as is ordered", {"robot": _spins}),
-    "late-odometry": Defect("the odometry is late", {"robot": _lags}),
+    "late-odometry": Defect(f"the odometry is {LAG_CYCLES} cycles late", {"robot": _lags}),
     "shifted": Defect(f"the map is shifted by {SHIFT_M:g} m", {"localization": _shifts}),
     "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
-    "narrow": Defect("the robot is described as too narrow", {"robot": _narrow}),
 }
 """The defects by name."""
 
