@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.floating[Any]]
+from armadico.mobile.scans import Floats
 
 Wall = tuple[float, float, float, float]
 """Both ends, m."""
