@@ -13,7 +13,7 @@ from armadico.mobile.messages import MissionStatus, Trajectory, Truth
 from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, Held, OneDriver, Ordered, Stopped
-from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady
+from armadico.observe.audit.driving import Brakes, Earned, Honest, Speed, Stands, Steady, Turns
 from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Leads, Reached
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
@@ -22,7 +22,7 @@ from armadico.observe.audit.sensing import Changes, Fits, Heading, Moves, Scaled
 
 RULES: Final[tuple[type[Rule], ...]] = (
     *(Touched, Arrives, Ends, Reached, Failed, Found, Leads),
-    *(Stands, Honest, Earned, Steady, Speed, Brakes),
+    *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
     *(OneDriver, Fresh, Ordered, Held, Stopped, Heading, Scaled, Moves, Changes, Fits, Shown),
 )
 

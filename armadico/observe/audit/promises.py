@@ -14,7 +14,7 @@ class Promise(StrEnum):
     # By messages, wherever they come from
     ONE_DRIVER = "within an epoch the ballots that are obeyed never decrease"
     FRESH = "commands for a cycle long past are rejected, however late they arrive"
-    ORDERED = "the robot agent orders what the agent that it obeys commands"
+    ORDERED = "what the agent that is obeyed commands is ordered, and turned by the base"
     ODOMETRY = "the odometry moves along its heading, and as far as the robot"
     COLLISION = "the robot does not touch anything"
     ARRIVES = "a mission is reached in the time that its path takes"

@@ -71,6 +71,7 @@ class Drive:
     ordered: float = 0.75
     commanded: float | None = None  # None: as ordered
     admitted: float | None = None  # None: as ordered
+    turns: float = 0.0  # ordered and admitted, rad/s
     truly: float = 1.0  # driven in truth, as a share of the odometry
     capped: str = ""
     holder: str = GOTO
@@ -121,14 +122,14 @@ class Drive:
         by = ballot if self.holder else None
         commanded = self.ordered if self.commanded is None else self.commanded
         if by is not None:
-            self.say(Command("wheels", cycle, by, (commanded, 0.0)))
+            self.say(Command("wheels", cycle, by, (commanded, self.turns)))
         self.say(
             Truth(self.now, self.truly * self.x, 0, 0, self.v, self.w, self.contacts, 1.0, "sim"),
             RobotState(
                 *(cycle, self.x, 0, self.theta, self.v, self.w, 12, True, self.stalled, self.stop),
                 fault=self.fault,
-                ordered=Twist(self.ordered, 0.0) if self.holder else rests,
-                admitted=Twist(admitted, 0.0) if self.holder else rests,
+                ordered=Twist(self.ordered, self.turns) if self.holder else rests,
+                admitted=Twist(admitted, self.turns) if self.holder else rests,
                 capped=self.capped,
                 driver=self.holder,
             ),
@@ -257,6 +258,12 @@ def obeys_otherwise(drive: Drive) -> None:
     drive.go(1, commanded=0.3)
 
 
+def spins(drive: Drive) -> None:
+    drive.go(3, turns=0.5, w=0.5)
+    assert Promise.ORDERED not in {promise for promise, _ in drive.found}
+    drive.go(3, w=0.8)
+
+
 def forgets_its_stop(drive: Drive) -> None:
     drive.go(1, stop=Stop(1, True, "anna", 7), **STANDS_STILL)
     drive.go(3, stop=Stop(2, False, "", 7))
@@ -376,6 +383,7 @@ TABLE = [
     (never_ends, Promise.ARRIVES, "interface"),
     (brakes_weakly, Promise.BRAKES, "robot"),
     (obeys_otherwise, Promise.ORDERED, "robot"),
+    (spins, Promise.ORDERED, "robot"),
     (forgets_its_stop, Promise.STOP, "robot"),
     (counts_too_much, Promise.ODOMETRY, "robot"),
     (jumps, Promise.POSE, "localization"),

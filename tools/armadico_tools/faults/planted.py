@@ -56,7 +56,7 @@ IDLE: Final = 0.01
 """The utility of an agent that keeps the wheels."""
 
 STALE_CYCLES, LAG_CYCLES = 10, 5
-SHIFT_M, ASIDE_M = 0.3, 0.5
+SHIFT_M, ASIDE_M, SPINS = 0.3, 0.5, 2.0
 BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
 
@@ -286,10 +286,10 @@ def _stale(encoder: Any) -> None:
 
 def _spins(robot: Any) -> None:
     def linked(method: Callable[..., None], up: bool, why: str) -> None:
+        begins = robot._session is None
         method(up, why)
-        session = robot._session
-        if session is not None and "drive" not in vars(session):
-            _wrap(session, "drive", lambda drive, v, w: drive(v, 2.0 * w))
+        if begins and robot._session is not None:
+            _wrap(robot._session, "drive", lambda drive, v, w: drive(v, SPINS * w))
 
     _wrap(robot, "on_link", linked)
 
@@ -317,11 +317,11 @@ def _shifts(localization: Any) -> None:
 
 
 def _misses(interface: Any) -> None:
-    def request(method: Callable[..., Any], asked: MissionRequest, question: Any) -> Any:
+    def consider(method: Callable[..., Any], question: Any, asked: MissionRequest) -> Any:
         goal = replace(asked.goal, x=asked.goal.x + ASIDE_M)
-        return method(replace(asked, goal=goal), question)
+        return method(question, replace(asked, goal=goal))
 
-    _wrap(interface, "on_mission_request", request)
+    _wrap(interface, "_consider", consider)
 
 
 DEFECTS: Final = {
@@ -352,7 +352,7 @@ DEFECTS: Final = {
     "hides": Defect("obstacles on the left are not published", {"sonar": _hides, "laser": _hides}),
     "mirrored": Defect("readings are published with their sides swapped", {"robot": _mirrors}),
     "stale-pose": Defect(f"each pose is {STALE_CYCLES} cycles old", {"encoder": _stale}),
-    "spins": Defect("the base turns twice as fast as is ordered", {"robot": _spins}),
+    "spins": Defect(f"the base turns {SPINS:g} times as fast as is ordered", {"robot": _spins}),
     "late-odometry": Defect(f"the odometry is {LAG_CYCLES} cycles late", {"robot": _lags}),
     "shifted": Defect(f"the map is shifted by {SHIFT_M:g} m", {"localization": _shifts}),
     "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
