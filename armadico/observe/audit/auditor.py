@@ -9,7 +9,8 @@ from typing import Final
 from armadico.core.judgement import Answer
 from armadico.core.messages import Ack, Command, Message
 from armadico.core.services import derived
-from armadico.mobile.messages import MissionStatus, Trajectory, Truth
+from armadico.mobile.messages import MissionStatus, Scan, Trajectory, Truth
+from armadico.mobile.scans import is_readable
 from armadico.observe.audit.chart import Chart, Wall
 from armadico.observe.audit.contacts import Touched
 from armadico.observe.audit.coordination import Fresh, Held, OneDriver, Ordered, Stopped
@@ -76,6 +77,8 @@ class Auditor:
     def update(self, at: float, key: str, message: Message) -> list[Finding]:  # noqa: ARG002
         """Process one message, received at a time (s). Returns what it shows."""
         if isinstance(message, Truth) and not self.scene.own(message):
+            return []
+        if isinstance(message, Scan) and not is_readable(message):
             return []
         self._seen.add(type(message))
         self.scene.update(at, message)

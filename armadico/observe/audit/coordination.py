@@ -162,9 +162,10 @@ class Ordered(Rule):
 
 
 class Held(Rule):
-    """No agent holds the wheels without a mission, and a tenure ends by a release or a takeover.
+    """A tenure ends with its mission, and by a release or a takeover.
 
-    A person may drive by hand, an agent may lead the robot, and another searches its place.
+    An agent may drive without missions; one that took the wheels for a mission has no use for them
+    after it, unless a person drives by hand, it leads the robot, or searches its place.
     """
 
     promise = Promise.HELD
@@ -172,6 +173,7 @@ class Held(Rule):
 
     def __init__(self) -> None:
         super().__init__()
+        self._driven: Ballot | None = None  # of the newest mission
         self._since = inf  # when it was first held without a use
         self._silent: Counter[str] = Counter()  # tenures that ended in silence, by agent
         self._ended: Ballot | None = None
@@ -184,15 +186,16 @@ class Held(Rule):
             self._since = inf
             return
         yield from self._unreleased(message, now)
-        idle = now.mission.state in (MissionState.NONE, MissionState.REACHED, MissionState.FAILED)
-        uses = now.excuse(Excuse.BY_HAND, Excuse.LED, Excuse.LOST) is not None
-        if not now.holder or not idle or uses:
+        if now.mission.state in (MissionState.DRIVING, MissionState.PLANNING):
+            self._driven = message.obeyed
+        uses = now.driving or now.excuse(Excuse.BY_HAND, Excuse.LED, Excuse.LOST) is not None
+        if not now.holder or message.obeyed != self._driven or uses:
             self._since = inf
             return
         self._since = min(self._since, now.now)
         if now.now - self._since > IDLE_S:
             self._since = inf
-            what = f"holds the wheels for {IDLE_S:g} s without a mission"
+            what = f"holds the wheels {IDLE_S:g} s after its mission"
             yield self.found(now, now.who, what, f"utility {message.utility:.2f}")
 
     def _unreleased(self, ack: Ack, now: Scene) -> Iterator[Finding]:

@@ -26,7 +26,7 @@ class Promise(StrEnum):
     HONEST = "no agent keeps commanding what readings forbid"
     EARNED = "no speed is let through that the robot's readings forbid"
     PATH = "a planned path leads through no wall of the map"
-    HELD = "an agent holds the wheels while it has a use for them, and then releases them"
+    HELD = "an agent that took the wheels for a mission releases them after it"
     STEADY = "no agent takes and loses the wheels again and again"
     SENSORS = "readings change as the robot moves, and agree with what is there"
     BRAKES = "the robot brakes along its ramp"

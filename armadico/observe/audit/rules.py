@@ -37,11 +37,10 @@ class Rule:
 
     def is_new(self, of: str, now: Scene, within_s: float = inf) -> bool:
         """Whether there was no finding of an agent or sensor within a time, s; now there is."""
-        new = now.now - self._found_at.get(of, -inf) > within_s
-        if new or of not in self._found_at:
+        new = of not in self._found_at or now.now - self._found_at[of] > within_s
+        if new:
             self._found_at[of] = now.now
-            return True
-        return False
+        return new
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:  # noqa: ARG002
         """Findings by a message, after the scene was updated with it."""

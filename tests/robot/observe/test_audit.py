@@ -353,6 +353,7 @@ def plans_through_a_wall(drive: Drive) -> None:
 
 
 def holds_for_nothing(drive: Drive) -> None:
+    drive.go(1)
     drive.end(MissionState.NONE)
     drive.go(4, **STANDS_STILL)
 
@@ -438,6 +439,17 @@ def test_what_looks_similar_is_no_finding(story: Story) -> None:
     drive = Drive()
     story(drive)
     assert drive.found == []
+
+
+def test_an_agent_may_drive_without_a_mission() -> None:
+    drive = Drive(mission=0)
+    drive.end(MissionState.NONE)
+    assert drive.go(10).found == []
+
+
+def test_a_scan_that_cannot_be_read_is_left_out() -> None:
+    broken = Scan(Cycle(1, 1), 0.1, 0, -1.0, 0.0, 8.0, b"1")
+    assert Drive().go(3, says=lambda _: (broken,)).found == []
 
 
 def test_readings_that_change_or_a_robot_that_stands_show_no_frozen_sensor() -> None:
