@@ -186,9 +186,9 @@ class Held(Rule):
             self._since = inf
             return
         yield from self._unreleased(message, now)
-        if now.mission.state in (MissionState.DRIVING, MissionState.PLANNING):
-            self._driven = message.obeyed
-        uses = now.driving or now.excuse(Excuse.BY_HAND, Excuse.LED, Excuse.LOST) is not None
+        due = now.mission.state in (MissionState.DRIVING, MissionState.PLANNING)
+        self._driven = message.obeyed if due else self._driven
+        uses = due or now.excuse(Excuse.BY_HAND, Excuse.LED, Excuse.LOST) is not None
         if not now.holder or message.obeyed != self._driven or uses:
             self._since = inf
             return

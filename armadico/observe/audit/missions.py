@@ -35,7 +35,8 @@ BEGINS_S: Final = 20.0
 """Time, s, for turning at the start and parking at the goal."""
 
 RESUMES_S: Final = 5.0
-"""After an excuse that lasted, a robot has so long to get going, s (`Promise.MOVES`)."""
+"""After an excuse that lasted, a robot has so long to get going, s (`Promise.MOVES`). A disturbance
+has that time already."""
 
 RESTS_S: Final = 15.0
 RESTS_M_S, RESTS_RAD_S = 0.02, 0.05
@@ -67,10 +68,6 @@ EXCUSES: Final = (
     *(Excuse.DISTURBED, Excuse.SILENT, Excuse.STOPPED, Excuse.FAULT, Excuse.BY_HAND),
     *(Excuse.LED, Excuse.LOST, Excuse.WAITS),
 )
-
-IN_THE_WAY_S: Final = 30.0
-"""Obstacles ahead, such as people, may cost a mission so much time, s, and no more: going round
-them is a behaviour's work. A choice."""
 
 PLACED_M: Final = 0.4
 """Within this of its start a path is not judged, m."""
@@ -123,20 +120,12 @@ class Arrives(Rule):
         dt, self._last_at = now.now - self._last_at, now.now
         self._measure(now)
         excuse = now.excuse(*EXCUSES)
-        if excuse is None and self._excused.get(IN_THE_WAY, 0.0) < IN_THE_WAY_S:
-            excuse = now.excuse(Excuse.IN_THE_WAY)
         before = self._excuse
-        if before is not None and before[0] not in (excuse, *NO_MORE):
+        if before is not None and before[0] not in (excuse, Excuse.DISTURBED):
             self._bonus_s += min(now.now - before[1], RESUMES_S)
         if excuse is not None:
-            self._excuse = (
-                before
-                if before is not None and before[0] is excuse
-                else (
-                    excuse,
-                    now.now,
-                )
-            )
+            if before is None or before[0] is not excuse:
+                self._excuse = excuse, now.now
             _add(self._excused, _name(excuse), dt)
             return
         self._excuse = None
@@ -182,11 +171,6 @@ class Arrives(Rule):
 
 def _name(excuse: Excuse) -> str:
     return excuse.name.lower().replace("_", " ")
-
-
-IN_THE_WAY: Final = _name(Excuse.IN_THE_WAY)
-NO_MORE: Final = (Excuse.DISTURBED, Excuse.IN_THE_WAY)
-"""Excuses that give no further time to get going: a disturbance has it already."""
 
 
 def _add(to: dict[str, float], name: str, seconds: float) -> None:

@@ -51,7 +51,6 @@ class Excuse(StrEnum):
     LOST = "the pose is too uncertain to drive"
     WAITS = "no path is free"
     BLOCKED = "an obstacle is near its front or flanks"
-    IN_THE_WAY = "an obstacle is right ahead"
     BY_HAND = "a person drives"
     LED = "an agent leads it, such as into a dock"
     FAULT = "the robot agent says why it cannot be driven"

@@ -49,9 +49,6 @@ SHOWN: Final[tuple[type[Message], ...]] = (
 ROOM_M: Final = 0.5
 """An obstacle nearer to the robot's front or flanks than this, m, is a reason to stand."""
 
-BESIDE_M: Final = 0.1
-"""Behaviours pass an obstacle at no less, m."""
-
 RESTS: Final = Twist(0.0, 0.0)
 
 CRUISE_M_S: Final = 0.75
@@ -229,8 +226,6 @@ class Scene:
                 return bool(self.disturbed)
             case Excuse.BLOCKED:
                 return self._blocked()
-            case Excuse.IN_THE_WAY:
-                return self._in_the_way()
             case Excuse.CAPPED:
                 return state is not None and bool(state.capped)
             case Excuse.UNSURE:
@@ -243,14 +238,6 @@ class Scene:
             return False
         reach, half = about.front + ROOM_M, about.half_width + ROOM_M
         return any(-about.rear < p.x < reach and abs(p.y) < half for p in seen.points)
-
-    def _in_the_way(self) -> bool:
-        """Whether it would meet an obstacle soon if it drove straight on."""
-        about, seen = self.description, self.obstacles
-        if about is None or seen is None:
-            return False
-        reach, half = about.front + ROOM_M, about.half_width + BESIDE_M
-        return any(0.0 < p.x < reach and abs(p.y) < half for p in seen.points)
 
 
 def _unsure(pose: Pose) -> bool:
