@@ -13,6 +13,7 @@ from dataclasses import replace as alike
 from math import hypot
 from typing import Any, Final, NamedTuple
 
+import numpy as np
 from msgspec.structs import replace
 
 from armadico.core.agent import Agent
@@ -28,7 +29,7 @@ from armadico.mobile.messages import (
     Sonar,
 )
 from armadico.mobile.obstacles import Obstacles
-from armadico.mobile.scans import packed, ranges_of
+from armadico.mobile.scans import bearings_of, packed, ranges_of
 from armadico_tools.faults.plan import Outcome
 
 GIVES_UP_M: Final = 1.5
@@ -56,6 +57,7 @@ IDLE: Final = 0.01
 """The utility of an agent that keeps the wheels."""
 
 STALE_CYCLES, LAG_CYCLES = 10, 5
+FROZEN_CYCLES: Final = 20
 SHIFT_M, ASIDE_M, SPINS = 0.3, 0.5, 2.0
 BRAKES: Final = 3.0
 """The published deceleration, relative to the true one."""
@@ -284,14 +286,20 @@ def _stale(encoder: Any) -> None:
     _publishes(encoder, change)
 
 
-def _spins(robot: Any) -> None:
+def _drives(robot: Any, change: Callable[[float, float], tuple[float, float]]) -> None:
+    """Order other speeds than are published."""
+
     def linked(method: Callable[..., None], up: bool, why: str) -> None:
         begins = robot._session is None
         method(up, why)
         if begins and robot._session is not None:
-            _wrap(robot._session, "drive", lambda drive, v, w: drive(v, SPINS * w))
+            _wrap(robot._session, "drive", lambda drive, v, w: drive(*change(v, w)))
 
     _wrap(robot, "on_link", linked)
+
+
+def _spins(robot: Any) -> None:
+    _drives(robot, lambda v, w: (v, SPINS * w))
 
 
 def _lags(robot: Any) -> None:
@@ -322,6 +330,51 @@ def _misses(interface: Any) -> None:
         return method(question, replace(asked, goal=goal))
 
     _wrap(interface, "_consider", consider)
+
+
+def _blinds(robot: Any) -> None:
+    """As if the cable of one side were off."""
+
+    def change(message: Message) -> Message:
+        if isinstance(message, Sonar):
+            echoes = (e if e.bearing <= 0.0 else replace(e, range=None) for e in message.echoes)
+            return replace(message, echoes=tuple(echoes))
+        if isinstance(message, Scan):
+            ranges = np.where(np.sin(bearings_of(message)) > 0.0, np.inf, ranges_of(message))
+            return replace(message, packed=packed(ranges, 0.0, message.reach))
+        return message
+
+    _publishes(robot, change)
+
+
+def _doubles(robot: Any) -> None:
+    _drives(robot, lambda v, w: (2.0 * v, w))
+
+
+def _freezes(perception: Any) -> None:
+    kept: list[Obstacles] = []
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Obstacles):
+            return message
+        if not kept or message.cycle.number % FROZEN_CYCLES == 0:
+            kept[:] = [message]
+        return replace(kept[0], cycle=message.cycle)
+
+    _publishes(perception, change)
+
+
+def _is_sure(localization: Any) -> None:
+    """By readings that it does not use: it is moved, and certain."""
+
+    def change(message: Message) -> Message:
+        if not isinstance(message, Correction):
+            return message
+        turned = message.theta + 0.1
+        small = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
+        return replace(message, theta=turned, covariance=small)
+
+    _publishes(localization, change)
 
 
 DEFECTS: Final = {
@@ -355,6 +408,13 @@ DEFECTS: Final = {
     "spins": Defect(f"the base turns {SPINS:g} times as fast as is ordered", {"robot": _spins}),
     "late-odometry": Defect(f"the odometry is {LAG_CYCLES} cycles late", {"robot": _lags}),
     "shifted": Defect(f"the map is shifted by {SHIFT_M:g} m", {"localization": _shifts}),
+    "blind": Defect("the sensors of the left read nothing", {"robot": _blinds}),
+    "doubled": Defect("the base drives twice as fast as is ordered", {"robot": _doubles}),
+    "frozen": Defect(
+        f"obstacles are published anew every {FROZEN_CYCLES} cycles",
+        {"sonar": _freezes, "laser": _freezes},
+    ),
+    "turned": Defect("the pose is turned, and certain", {"localization": _is_sure}),
     "aside": Defect(f"a mission leads {ASIDE_M:g} m beside its goal", {"interface": _misses}),
 }
 """The defects by name."""
