@@ -19,12 +19,35 @@ from armadico.observe.audit.missions import Arrives, Ends, Failed, Found, Leads,
 from armadico.observe.audit.promises import Excuse, Finding
 from armadico.observe.audit.rules import Rule
 from armadico.observe.audit.scene import SHOWN, Scene
-from armadico.observe.audit.sensing import Changes, Fits, Heading, Moves, Scaled, Shown
+from armadico.observe.audit.sensing import (
+    Changes,
+    Fits,
+    Heading,
+    Moves,
+    Renewed,
+    Scaled,
+    Sees,
+    Shown,
+)
 
 RULES: Final[tuple[type[Rule], ...]] = (
     *(Touched, Arrives, Ends, Reached, Failed, Found, Leads),
     *(Stands, Honest, Earned, Steady, Speed, Brakes, Turns),
-    *(OneDriver, Fresh, Ordered, Held, Stopped, Heading, Scaled, Moves, Changes, Fits, Shown),
+    *(
+        OneDriver,
+        Fresh,
+        Ordered,
+        Held,
+        Stopped,
+        Heading,
+        Scaled,
+        Moves,
+        Changes,
+        Renewed,
+        Fits,
+        Sees,
+        Shown,
+    ),
 )
 
 

@@ -42,7 +42,7 @@ from armadico.mobile.obstacles import Obstacles
 from armadico.observe.audit.auditor import RULES, Auditor
 from armadico.observe.audit.missions import Leads
 from armadico.observe.audit.promises import Excuse, Finding, Promise
-from armadico.observe.audit.sensing import Fits
+from armadico.observe.audit.sensing import Fits, Sees
 
 GOTO, AVOID = "goto-0123456789ab", "avoid-0123456789ab"
 SURE = (1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4)
@@ -81,6 +81,7 @@ class Drive:
     stalled: bool = False
     covariance: tuple[float, ...] = SURE
     ahead: tuple[Point, ...] = ()
+    renews: float = 1e-6  # m, by which obstacles move aside in a cycle
     waits: bool = False
     contacts: int = 0
     off: float = 0.0  # of the pose, m
@@ -135,9 +136,13 @@ class Drive:
             ),
             Ack("wheels", cycle, ballot, by, cycle if by else None, 0.6, False, (self.v, 0.0)),
             Pose(cycle, self.x + self.off, 0, 0, self.covariance),
-            Obstacles(cycle, None, None, None, None, self.ahead),
+            Obstacles(cycle, None, None, None, None, self.points(self.ahead)),
             *self.says(self),
         )
+
+    def points(self, ahead: tuple[Point, ...]) -> tuple[Point, ...]:
+        """Obstacles in about these places: none stays exactly where it was."""
+        return tuple(replace(p, y=p.y + self.renews * self.number) for p in ahead)
 
     @property
     def found(self) -> list[tuple[Promise, str]]:
@@ -318,7 +323,7 @@ WALL = (-5.0, 0.9, 40.0, 0.9)  # on its left
 LEFT = 0.5 * pi
 
 
-def on_its_left(far: float, pose_y: float = 0.0) -> Callable[[Drive], tuple[Message, ...]]:
+def on_its_left(far: float | None, pose_y: float = 0.0) -> Callable[[Drive], tuple[Message, ...]]:
     """A sonar's range, by a pose that is so far to the left."""
 
     def says(d: Drive) -> tuple[Message, ...]:
@@ -337,7 +342,7 @@ def hides(drive: Drive) -> None:
     def shown(y: float) -> Callable[[Drive], tuple[Message, ...]]:
         def says(d: Drive) -> tuple[Message, ...]:
             cycle = Cycle(1, d.number)
-            obstacles = Obstacles(cycle, None, None, None, None, (Point(0.0, y),))
+            obstacles = Obstacles(cycle, None, None, None, None, d.points((Point(0.0, y),)))
             return Sonar(cycle, 5.0, (echo(0.3, LEFT),)), obstacles
 
         return says
@@ -345,6 +350,17 @@ def hides(drive: Drive) -> None:
     drive.go(3, says=shown(0.5))
     assert drive.found == []
     drive.go(3, says=shown(-0.5))
+
+
+def is_blind_on_one_side(drive: Drive) -> None:
+    drive.auditor.chart([(x - 0.5, 0.9, x + 0.5, 0.9) for x in range(-2, 12)])
+    drive.go(4, says=on_its_left(0.7))
+    assert drive.found == []
+    drive.go(4, says=on_its_left(None))
+
+
+def freezes_its_obstacles(drive: Drive) -> None:
+    drive.go(2, ahead=(Point(1.0, 0.5),), renews=0.0)
 
 
 def plans_through_a_wall(drive: Drive) -> None:
@@ -395,6 +411,8 @@ TABLE = [
     (laser_repeats, Promise.SENSORS, "laser"),
     (sonar_is_biased, Promise.SENSORS, "sonar"),
     (hides, Promise.SENSORS, "sonar"),
+    (is_blind_on_one_side, Promise.SENSORS, "sonar"),
+    (freezes_its_obstacles, Promise.SENSORS, "sonar"),
     (plans_through_a_wall, Promise.PATH, "path-planning"),
     (holds_for_nothing, Promise.HELD, "goto"),
     (falls_silent, Promise.HELD, "goto"),
@@ -484,6 +502,12 @@ def test_without_a_map_what_needs_it_is_not_checked() -> None:
     for each in drive.auditor.report():
         assert each.answer is Answer.UNKNOWN
         assert "map" in each.what
+
+
+def test_one_wall_of_the_map_that_is_gone_is_not_the_sensors_fault() -> None:
+    drive = Drive(Auditor([Sees]))
+    drive.auditor.chart([WALL])
+    assert drive.go(10, says=on_its_left(None)).found == []
 
 
 def test_a_path_from_behind_a_wall_by_the_poses_error_is_no_finding() -> None:
