@@ -69,6 +69,9 @@ EXCUSES: Final = (
     *(Excuse.LED, Excuse.LOST, Excuse.WAITS),
 )
 
+PLANS_S: Final = 5.0
+"""A robot that was lost has a planned path after this time, s."""
+
 PLACED_M: Final = 0.4
 """Within this of its start a path is not judged, m."""
 
@@ -362,17 +365,26 @@ class Found(Rule):
 
 
 class Leads(Rule):
-    """A path of the planner leads through no wall of the map that the robot was launched with."""
+    """A path of the planner leads through no wall of the map that the robot was launched with.
+
+    While the robot is lost, a path straight to the goal stands for one that is planned later.
+    """
 
     promise = Promise.PATH
     needs = (Trajectory,)
+    sees = (Pose,)
     charted = True
 
     def __init__(self) -> None:
         super().__init__()
         self._judged: tuple[Waypoint, ...] = ()
+        self._lost_at = -inf
 
     def on_message(self, message: Message, now: Scene) -> Iterator[Finding]:
+        if now.excuse(Excuse.LOST) is not None:
+            self._lost_at = now.now
+        if now.now - self._lost_at < PLANS_S:
+            return
         if not isinstance(message, Trajectory) or not message.planned or message.revision:
             return
         chart = now.chart

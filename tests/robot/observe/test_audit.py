@@ -510,6 +510,18 @@ def test_one_wall_of_the_map_that_is_gone_is_not_the_sensors_fault() -> None:
     assert drive.go(10, says=on_its_left(None)).found == []
 
 
+def test_while_it_is_lost_a_path_straight_to_the_goal_is_no_finding() -> None:
+    drive = Drive(Auditor([Leads]), covariance=LOST)
+    drive.auditor.chart([(5.0, -1.0, 5.0, 1.0)])
+    drive.go(1)
+    path = Trajectory(2, 1, (Waypoint(10.0, 0.0, 0.0),), planned=True)
+    drive.say(path)
+    drive.go(2, covariance=SURE).say(path)
+    assert drive.found == []
+    drive.go(5).say(path)
+    assert drive.found == [(Promise.PATH, "path-planning")]
+
+
 def test_a_path_from_behind_a_wall_by_the_poses_error_is_no_finding() -> None:
     drive = Drive(Auditor([Leads]))
     drive.auditor.chart([(0.2, -1.0, 0.2, 1.0)])
