@@ -428,7 +428,6 @@ BUGS = (
             ("keeps", Promise.HELD, "sc1"),
             ("hides", Promise.SENSORS, "sc4"),
             ("mirrored", Promise.SENSORS, "rooms-b"),
-            ("blind", Promise.SENSORS, "rooms-b"),
             ("frozen", Promise.SENSORS, "rooms-b"),
             ("spins", Promise.ORDERED, "sc4"),
             ("doubled", Promise.BRAKES, "sc4"),
