@@ -40,6 +40,7 @@ from armadico.core.services import TOKEN
 from armadico.core.shared import shared
 from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
+from armadico.mesh.door import Door
 from armadico.mesh.linger import release_links
 from armadico.mesh.presence import Changed, Presence
 from armadico.mesh.sockets import answers
@@ -250,8 +251,10 @@ class ZenohMesh(Reader, Monotonic):
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
+        door = self._where.door
+        sockets.note_keys(self.namespace, "" if door is None else door.folder)
         self._begin(session)
-        self._peers = PeerLinks(self, self._where.peers)
+        self._peers = PeerLinks(self, self._where.peers, self._where.door)
 
     def _start_seeking(self) -> None:
         seeking = threading.Thread(target=self._seek, name="joining", daemon=True)
@@ -630,7 +633,8 @@ class ZenohMesh(Reader, Monotonic):
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }
-        for key, value in (SETTINGS | own).items():
+        door = self._where.door
+        for key, value in (SETTINGS | own | dict(door.settings if door else {})).items():
             config.insert_json5(key, json.dumps(value))
         return config
 
@@ -643,14 +647,16 @@ class PeerLinks:
     Zenoh's routers (1.10.2) that returns after a hang stops forwarding for good.
     """
 
-    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str]) -> None:
+    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str], door: Door | None) -> None:
         """Begin.
 
         Args:
             mesh: The robot's own mesh.
             elsewhere: Endpoints of robots on other computers.
+            door: The robot's identity as their client.
         """
         self._mesh = mesh
+        self._door = None if door is None else door.as_client()
         self._elsewhere = tuple(elsewhere)
         self._links: dict[str, ZenohMesh] = {}
         self._over = threading.Event()
@@ -681,7 +687,8 @@ class PeerLinks:
                     self._links.pop(endpoint).close()
 
     def _link(self, endpoint: str) -> None:
-        link = ZenohMesh(self._mesh.namespace, topology(connect=endpoint), starts=True)
+        where = topology(connect=endpoint, door=self._door)
+        link = ZenohMesh(self._mesh.namespace, where, starts=True)
 
         def arrived(key: str, data: bytes) -> None:
             if self._is_needed(link):
