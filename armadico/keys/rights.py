@@ -6,8 +6,7 @@ it. Nothing else is allowed. The router enforces it for all its clients. The rob
 process is that router, so `robot` needs no rights.
 
 A key has the publisher's instance, `goto-1f0c...`, so a right has `goto-$*`. That expression also
-covers the instances of an agent called `goto-fast`: rules that deny those go before it
-(`Table.denials`).
+covers the instances of an agent called `goto-fast`, so rules deny those (`Table.denials`).
 """
 
 from __future__ import annotations
@@ -15,12 +14,15 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
+
+from msgspec import Struct
 
 from armadico.core import kernel, messages, services
 from armadico.core.guest import Guest
@@ -39,6 +41,7 @@ from armadico.core.services import (
     service_of,
 )
 from armadico.core.shared import is_shared, shared
+from armadico.mesh.door import ROBOT
 from armadico.mesh.topology import rooted
 
 ROUTER: Final = "router/*"
@@ -130,35 +133,50 @@ class RightsError(ValueError):
     """Members whose rights cannot be told apart."""
 
 
-# Deriving -----------------------------------------------------------------------------------------
+# The table ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(Struct, frozen=True):
     """The rights of a society.
 
     Attributes:
-        rights: All of them, without the robot's.
-        members: The identities, without the robot's.
+        rights: All of them. Those of `robot` are for people: it is the router.
+        speakers: By identity, what its instances begin with.
         critical: The agents whose bids may be critical.
-        silent: Agents whose classes declare nothing that they do besides what every agent does.
+        silent: Agents whose classes declare nothing beyond what every agent does.
     """
 
     rights: tuple[Right, ...]
-    members: tuple[Member, ...]
+    speakers: dict[str, tuple[str, ...]]
     critical: tuple[Critical, ...] = ()
     silent: tuple[str, ...] = ()
 
     def of(self, identity: str) -> list[Right]:
         return [right for right in self.rights if right.identity == identity]
 
-    def denials(self, identity: str) -> tuple[tuple[str, str], ...]:
-        """(own, other): instances of `other` that an expression of `own` would cover, too."""
-        return _denials(self.members)[identity]
+    def denials(self, identity: str) -> list[tuple[str, str]]:
+        """(own, other) speakers: an expression of `own` would cover instances of `other`, too."""
+        own = self.speakers[identity]
+        others = {one for name in self.speakers for one in self.speakers[name] if one not in own}
+        return [(one, other) for one in own for other in sorted(others) if _begins(other, one)]
+
+    def allowed(self, identity: str, does: Does) -> set[str]:
+        """Return the key expressions of one kind of message, without `denied`."""
+        return {right.key for right in self.of(identity) if right.does is does}
+
+    def denied(self, identity: str, does: Does) -> set[str]:
+        """Return the key expressions that are another speaker's within those allowed."""
+        keys = [key.split("/") for key in self.allowed(identity, does)]
+        return {
+            "/".join(instances(other) if chunk == instances(own) else chunk for chunk in chunks)
+            for own, other in self.denials(identity)
+            for chunks in keys
+            if instances(own) in chunks
+        }
 
     def why(self, identity: str, does: Does, key: str) -> Right | None:
         """Return the right that allows a message; None if it is forbidden."""
-        if any(covers(denied, key) for denied in self._denied(identity, does)):
+        if any(covers(denied, key) for denied in self.denied(identity, does)):
             return None
         rights = (right for right in self.of(identity) if right.does is does)
         return next((right for right in rights if covers(right.key, key)), None)
@@ -167,14 +185,14 @@ class Table:
         """Return the rights whose expressions meet a key or key expression."""
         return [right for right in self.rights if meet(right.key, key)]
 
-    def _denied(self, identity: str, does: Does) -> set[str]:
-        keys = [right.key for right in self.of(identity) if right.does is does]
-        return {
-            key.replace(f"{own}-$*", f"{other}-$*")
-            for own, other in self.denials(identity)
-            for key in keys
-            if f"{own}-$*" in key.split("/")
-        }
+    def speaker(self, instance: str) -> str:
+        """Return the agent, or the other identity, of an instance; "" if it is of none."""
+        every = {one for speakers in self.speakers.values() for one in speakers}
+        return max((one for one in every if _begins(instance, one)), key=len, default="")
+
+    def may_be_critical(self, resource: str) -> frozenset[str]:
+        """Return the agents whose bids for a resource may be critical."""
+        return frozenset(each.agent for each in self.critical if each.resource == resource)
 
     def access_control(self, namespace: str, robots: Iterable[str] = ()) -> dict[str, object]:
         """Return Zenoh's `access_control` for the robot's router.
@@ -187,10 +205,9 @@ class Table:
             robots: The namespaces of the robots that share keys with it. Their routers are
                 clients of this one and may subscribe to those keys.
         """
-        rules: list[dict[str, object]] = [
-            _rule("told", Does, [EVERYTHING], flow="egress"),
-            _rule("others' shared keys", [Does.SUBSCRIBE], _shared_keys(namespace)),
-        ]
+        told = _rule("told", Does, [EVERYTHING], flow="egress")
+        shares = [rooted(namespace, f"{first}/**") for first in sorted(shared())]
+        rules = [told, _rule("shared keys", [Does.SUBSCRIBE], shares)]
         subjects: list[dict[str, object]] = []
         policies: list[dict[str, object]] = []
 
@@ -200,12 +217,12 @@ class Table:
             ids = [*common, *(str(rule["id"]) for rule in own)]
             policies.append({"rules": ids, "subjects": [name]})
 
-        for member in self.members:
-            add(f"{namespace}/{member.name}", [*self._rules(namespace, member.name)], "told")
+        for identity in self.speakers:
+            if identity != ROBOT:
+                add(f"{namespace}/{identity}", [*self._rules(namespace, identity)], "told")
         for robot in robots:
-            key = rooted(robot, ROUTER)
-            watches = _rule(f"{robot}: router", [Does.WATCH, Does.LOOK], [key])
-            add(f"{robot}/robot", [watches], "told", "others' shared keys")
+            watches = _rule(f"{robot}: router", [Does.WATCH, Does.LOOK], [rooted(robot, ROUTER)])
+            add(f"{robot}/{ROBOT}", [watches], "told", "shared keys")
         return {
             "enabled": True,
             "default_permission": "deny",
@@ -215,86 +232,86 @@ class Table:
         }
 
     def _rules(self, namespace: str, identity: str) -> Iterator[dict[str, object]]:
-        """One rule for all kinds of messages with the same keys, and those that are denied."""
+        """One rule for all kinds of messages with the same keys, and one for those denied."""
         found: dict[tuple[tuple[str, ...], tuple[str, ...]], list[Does]] = {}
         for does in Does:
-            keys = {right.key for right in self.of(identity) if right.does is does}
-            if keys:
-                denied = tuple(sorted(self._denied(identity, does)))
-                found.setdefault((tuple(sorted(keys)), denied), []).append(does)
-        for number, ((keys, denied), does) in enumerate(found.items()):
+            if keys := self.allowed(identity, does):
+                denied = self.denied(identity, does)
+                found.setdefault((tuple(sorted(keys)), tuple(sorted(denied))), []).append(does)
+        for number, ((allow, deny), kinds) in enumerate(found.items()):
             rule = f"{namespace}/{identity}: {number}"
-            yield _rule(rule, does, [rooted(namespace, key) for key in keys])
-            if denied:
-                where = [rooted(namespace, key) for key in denied]
-                yield _rule(f"{rule} not", does, where, permission="deny")
+            yield _rule(rule, kinds, [rooted(namespace, key) for key in allow])
+            if deny:
+                keys_of = [rooted(namespace, key) for key in deny]
+                yield _rule(f"{rule} not", kinds, keys_of, permission="deny")
+
+
+def instances(speaker: str) -> str:
+    """Return the expression of all instances of an agent, or of another identity."""
+    return f"{speaker}-$*"
+
+
+def _begins(name: str, speaker: str) -> bool:
+    return name.startswith(f"{speaker}-")
+
+
+def _rule(
+    name: str,
+    does: Iterable[Does],
+    keys: Sequence[str],
+    *,
+    flow: str = "ingress",
+    permission: str = "allow",
+) -> dict[str, object]:
+    return {
+        "id": name,
+        "messages": [each.value for each in does],
+        "flows": [flow],
+        "permission": permission,
+        "key_exprs": list(keys),
+    }
+
+
+# Deriving -----------------------------------------------------------------------------------------
 
 
 def table(members: Sequence[Member], robot: str = "") -> Table:
     """Return the rights of all members.
 
     Args:
-        members: All identities but the robot agent's process.
-        robot: The name that keys between robots have: the last part of the namespace.
+        members: All identities, the robot's included.
+        robot: What keys between robots call it: the last part of its namespace.
 
-    Raises RightsError if two members have one name, or one is called as another's agent.
+    Raises RightsError if two members cannot be told apart.
     """
     _check(members)
     rights: dict[Right, None] = {}
     critical: dict[Critical, None] = {}
-    silent = []
+    silent: dict[str, None] = {}
     for member in members:
-        own: list[tuple[Does, str, Because]] = []
         for name, cls in member.agents.items():
-            own += _of_agent(name, cls, robot)
+            own = _of_agent(name, cls, robot)
+            rights |= dict.fromkeys(Right(member.name, *each) for each in own)
             critical |= dict.fromkeys(_critical(name, cls))
             if not _declares(cls):
-                silent.append(name)
+                silent[name] = None
         if member.guest is not None:
-            own += _of_guest(member.name, member.guest)
-        for does, key, because in own:
-            rights.setdefault(Right(member.name, does, key, because))
-    return Table(tuple(rights), tuple(members), tuple(critical), tuple(dict.fromkeys(silent)))
+            own = _of_guest(member.name, member.guest)
+            rights |= dict.fromkeys(Right(member.name, *each) for each in own)
+    speakers = {member.name: member.speakers for member in members}
+    return Table(tuple(rights), speakers, tuple(critical), tuple(silent))
 
 
 def _check(members: Sequence[Member]) -> None:
-    names: set[str] = set()
-    speakers: dict[str, Member] = {}
-    for member in members:
-        if member.name in names:
-            raise RightsError(f"two identities are called {member.name!r}; rename one")
-        names.add(member.name)
-        for speaker in member.speakers:
-            other = speakers.setdefault(speaker, member)
-            if (other.guest is None) != (member.guest is None) and other is not member:
-                raise RightsError(
-                    f"an agent and another identity are both called {speaker!r}, so what they"
-                    " publish cannot be told apart; rename the agent"
-                )
-
-
-@cache
-def _speaking(
-    members: tuple[tuple[str, tuple[str, ...]], ...],
-) -> dict[str, tuple[tuple[str, str], ...]]:
-    every = [(name, speaker) for name, speakers in members for speaker in speakers]
-    return {
-        name: tuple(
-            sorted(
-                {
-                    (own, other)
-                    for own in speakers
-                    for holder, other in every
-                    if other.startswith(f"{own}-") and other not in speakers and holder != name
-                }
-            )
+    if twice := [name for name, often in Counter(m.name for m in members).items() if often > 1]:
+        raise RightsError(f"two identities are called {twice[0]!r}; rename one")
+    guests = {member.name for member in members if member.guest is not None}
+    agents = {agent for member in members for agent in member.agents}
+    if both := sorted(guests & agents):
+        raise RightsError(
+            f"an agent and another identity are both called {both[0]!r}, so what they publish"
+            " cannot be told apart; rename the agent"
         )
-        for name, speakers in members
-    }
-
-
-def _denials(members: Sequence[Member]) -> dict[str, tuple[tuple[str, str], ...]]:
-    return _speaking(tuple((member.name, member.speakers) for member in members))
 
 
 _Own = Iterator[tuple[Does, str, Because]]
@@ -302,7 +319,7 @@ _Own = Iterator[tuple[Does, str, Because]]
 
 def _of_agent(name: str, cls: type[Individual], robot: str) -> _Own:
     """What one agent does, by its class and by what every agent does."""
-    instance = f"{name}-$*"
+    instance = instances(name)
     names = {"name": name, "instance": instance, "robot": robot}
 
     def keys(message: type[Message]) -> Iterator[str]:
@@ -364,18 +381,15 @@ def _watched() -> _Own:
 
 def _of_guest(name: str, cls: type[Guest]) -> _Own:
     """What a program does that is no agent; it publishes on keys with its identity."""
-    names = {"instance": f"{name}-$*"}
-    own: tuple[type, ...] = (cls, *cls.parts())
-    for each in own:
-        for message in getattr(each, "provides", ()):
+    names = {"instance": instances(name)}
+    for part in (cls, *cls.parts()):
+        for attribute, does in (("provides", Does.PUT), ("queries", Does.QUERY)):
+            for message in getattr(part, attribute):
+                for row in rows_of(message):
+                    yield does, expression(row.key, **names), declared_at(part, attribute)
+        for message in getattr(part, "receives", ()):
             for row in rows_of(message):
-                yield Does.PUT, expression(row.key, **names), declared_at(each, "provides")
-        for message in getattr(each, "queries", ()):
-            for row in rows_of(message):
-                yield Does.QUERY, expression(row.key), declared_at(each, "queries")
-        for message in getattr(each, "receives", ()):
-            for row in rows_of(message):
-                yield Does.SUBSCRIBE, row.heard, declared_at(each, "receives")
+                yield Does.SUBSCRIBE, row.heard, declared_at(part, "receives")
     if cls.commands:
         because = declared_at(cls, "commands")
         for service in services.services():
@@ -552,23 +566,3 @@ def _meet(one: tuple[str, ...], other: tuple[str, ...]) -> bool:
     alike = _chunk(one[0]).fullmatch(other[0]) or _chunk(other[0]).fullmatch(one[0])
     return alike is not None and _meet(one[1:], other[1:])
 
-
-def _rule(
-    name: str,
-    does: Iterable[Does],
-    keys: Sequence[str],
-    *,
-    flow: str = "ingress",
-    permission: str = "allow",
-) -> dict[str, object]:
-    return {
-        "id": name,
-        "messages": [each.value for each in does],
-        "flows": [flow],
-        "permission": permission,
-        "key_exprs": list(keys),
-    }
-
-
-def _shared_keys(namespace: str) -> list[str]:
-    return [rooted(namespace, f"{first}/**") for first in sorted(shared())]
