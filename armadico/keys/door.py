@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING
 
-from armadico.keys.store import Store
+from armadico.keys.store import Identity, Store
 from armadico.mesh.door import TLS, USER, Door
 
 if TYPE_CHECKING:
@@ -40,4 +43,12 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
             f"{TLS}listen_private_key": str(found.private),
             f"{USER}dictionary_file": str(store.users(where.namespace)),
         }
-    return Door(found.name, settings, str(store.folder))
+    return Door(found.name, settings, str(store.folder), partial(_faults, store, found))
+
+
+def _faults(store: Store, identity: Identity, here: bool) -> Sequence[str]:
+    """What is wrong with an identity now, as `Door.faults`."""
+    from armadico.keys.checking import Checks  # slow, and only an error needs it
+
+    checks = Checks(store, datetime.now(UTC))
+    return tuple(checks.on_socket(identity) if here else checks.of(identity))

@@ -97,6 +97,11 @@ class Identity:
         return self.folder / PASSWORD
 
     @property
+    def users(self) -> Path:
+        """The dictionary of a robot's router, which it writes when it starts."""
+        return self.folder / USERS
+
+    @property
     def agents(self) -> tuple[str, ...]:
         """The agents of its process; empty if it is none of agents."""
         try:
@@ -232,7 +237,7 @@ class Store:
                 or (member.kind == ROBOT and member.namespace.rpartition("/")[0] == beside)
             )
         ]
-        path = self.identity(namespace, ROBOT).folder / USERS
+        path = self.identity(namespace, ROBOT).users
         _write(path, "\n".join(lines).encode())
         return path
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 DOORS: Final = "armadico.doors"
@@ -47,11 +47,14 @@ class Door(NamedTuple):
         settings: Zenoh's settings: TLS files, user and password; of a router also the users and
             the access control.
         folder: The folder of keys.
+        faults: What is wrong with its keys now, a sentence each, for a link on the robot's
+            computer (True) or from another one. It reads the files.
     """
 
     name: str
     settings: Mapping[str, Any]
     folder: str = ""
+    faults: Callable[[bool], Sequence[str]] = lambda _: ()
 
     def as_client(self) -> Door:
         """Return the same identity without what only a router has."""

@@ -43,13 +43,12 @@ from armadico.mesh.base import Monotonic, Reader, Receiver
 from armadico.mesh.door import Door
 from armadico.mesh.linger import release_links
 from armadico.mesh.presence import Changed, Presence
-from armadico.mesh.sockets import answers
+from armadico.mesh.refusals import Refusals
 from armadico.mesh.topology import MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0  # timeout of closing a session, which may block for 10 s
-POLL_S: Final = 0.1  # how often a client checks whether its router is there, s
 WARN_S: Final = 1.5  # after how long without a router a client logs that it waits, s
 PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
@@ -165,6 +164,7 @@ class ZenohMesh(Reader, Monotonic):
         self._joined = threading.Event()
         self._tried = threading.Event()  # after the first attempt to join
         self._joining = ""  # the router that is being joined, which may hang
+        self._refusals = Refusals(namespace, where)
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
@@ -198,6 +198,8 @@ class ZenohMesh(Reader, Monotonic):
     def missing(self) -> str:
         """Why the mesh has not been joined, and what to do: for people."""
         own = [str(self._socket())] if self._where.socket else []
+        if why := self._refusals.why(self.hung):
+            return why
         if self.hung:
             pid = sockets.owner(sockets.lock_of(self._socket())) if [self.hung] == own else None
             who = "the robot agent" if pid is None else f"the robot agent (process {pid})"
@@ -268,7 +270,7 @@ class ZenohMesh(Reader, Monotonic):
         warning.start()
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
-            self._left.wait(POLL_S)
+            self._left.wait(self._refusals.pause)
         self._tried.set()
         warning.cancel()
 
@@ -281,7 +283,8 @@ class ZenohMesh(Reader, Monotonic):
         path = self._socket() if self._where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
-        answering = [there for there in self._where.connect if answers(there, PROBE_S)]
+        connect = self._where.connect
+        answering = [there for there in connect if self._refusals.answers(there, PROBE_S)]
         if not answering:
             self._joining = ""
         return any(self._join(there, there) for there in answering)
@@ -293,8 +296,10 @@ class ZenohMesh(Reader, Monotonic):
             session = zenoh.open(self._config((), (there,)))
         except zenoh.ZError as error:
             logger.debug("%s: %s", there, error)
+            self._refusals.failed(there)
             return False
         self._joining = ""
+        self._refusals.joined()
         if len(self._where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
             return False
