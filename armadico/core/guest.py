@@ -7,12 +7,19 @@ package registers its guests by entry points in the group `armadico.identities`.
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Protocol
 
 from armadico.core.messages import Message
 
 IDENTITIES: Final = "armadico.identities"
 """The group of guests, by the kind of their identity."""
+
+
+class Part(Protocol):
+    """A part of a guest that publishes and queries."""
+
+    provides: ClassVar[tuple[type[Message], ...]]
+    queries: ClassVar[tuple[type[Message], ...]]
 
 
 class Guest:
@@ -27,6 +34,6 @@ class Guest:
     """It acts for a person: it sends every query, and publishes what guests may publish."""
 
     @classmethod
-    def parts(cls) -> tuple[type, ...]:
-        """Return further classes with such declarations, which act under its identity."""
+    def parts(cls) -> tuple[type[Part], ...]:
+        """Return classes with further declarations, which act under its identity."""
         return ()

@@ -12,7 +12,6 @@ from typing import Final
 
 import msgspec
 
-from armadico.agents.supervision.wakeup import Wakeup
 from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import AGENTS, agent_class, installed
 from armadico.core.errors import UnknownNameError
@@ -20,7 +19,7 @@ from armadico.core.guest import IDENTITIES, Guest
 from armadico.core.individual import Individual
 from armadico.keys import rights
 from armadico.keys.rights import Right, RightsError, Table
-from armadico.keys.store import Member, Store, write
+from armadico.keys.store import Member, Store, write_private
 from armadico.mesh.door import ROBOT
 from armadico.mesh.sockets import stem
 
@@ -51,7 +50,14 @@ def save(store: Store, namespace: str, table: Table) -> None:
     """Write a namespace's table."""
     path = file_of(store, namespace)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    write(path, msgspec.json.format(msgspec.json.encode(table), indent=1))
+    write_private(path, msgspec.json.format(msgspec.json.encode(table), indent=1))
+
+
+def renew(store: Store, namespace: str) -> Table:
+    """Derive a namespace's table from the members and the classes, and write it."""
+    table = derive(store.members().values(), namespace)
+    save(store, namespace, table)
+    return table
 
 
 def load(store: Store, namespace: str) -> Table:
@@ -60,7 +66,9 @@ def load(store: Store, namespace: str) -> Table:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Table)
     except OSError:
-        raise ConfigError(f"the rights of {namespace} are missing: {DERIVE} makes them", path) from None
+        raise ConfigError(
+            f"the rights of {namespace} are missing: {DERIVE} makes them", path
+        ) from None
     except msgspec.DecodeError as error:
         raise ConfigError(f"cannot be read: {error}; {DERIVE} writes it again", path) from None
 
@@ -118,6 +126,8 @@ def _by_identity(table: Table) -> dict[str, dict[tuple[str, str], Right]]:
 def _with_classes(member: Member) -> rights.Member:
     name = member.name.rpartition("/")[2]
     if member.kind == "launcher":
+        from armadico.agents.supervision.wakeup import Wakeup
+
         return rights.Member(name, {Wakeup.name: Wakeup})
     if member.kind in ("agent", ROBOT):
         return rights.Member(name, {agent: _agent(agent) for agent in member.agents})

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from armadico.keys.store import Identity, Store
-from armadico.mesh.door import TLS, USER, Door
+from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
@@ -38,10 +38,13 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         f"{USER}password": found.password.read_text(encoding="utf-8"),
     }
     if router:
+        from armadico.keys.derived import access_control  # only a router needs it
+
         settings |= {
             f"{TLS}listen_certificate": str(found.certificate),
             f"{TLS}listen_private_key": str(found.private),
             f"{USER}dictionary_file": str(store.users(where.namespace)),
+            ACCESS: access_control(store, where.namespace),
         }
     return Door(found.name, settings, str(store.folder), partial(_faults, store, found))
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import CLIENT_HOURS, ROUTER_DAYS, KeyFileError, Pair, issue
+from armadico.keys.derived import file_of, load, renew, save
 from armadico.keys.store import Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
@@ -48,8 +49,8 @@ class Issuer:
     def list_all(self, members: Mapping[str, Member]) -> None:
         """List identities, also those that are issued later, as the router admits listed ones."""
         listed = self.store.members()
-        if new := {name: member for name, member in members.items() if name not in listed}:
-            self.store.save_members(listed | new)
+        new = {name: member for name, member in members.items() if name not in listed}
+        self._list(listed, listed | new)
 
     def give(
         self,
@@ -86,12 +87,27 @@ class Issuer:
             except KeyFileError as error:
                 raise ConfigError(str(error)) from None
             pairs.append(pair)
-        self.store.save_members(listed | {member.name: member for member in given})
+        self._list(listed, listed | {member.name: member for member in given})
         for member, pair in zip(given, pairs, strict=True):
             into.save(member, pair.certificate, pair.private, self.store.password(member))
         if into.folder != self.store.folder:
-            into.copy(self.store, robots=any(member.kind == ROBOT for member in given))
+            robots = [member for member in given if member.kind == ROBOT]
+            into.copy(self.store, robots=bool(robots))
+            for robot in robots:
+                save(into, robot.namespace, load(self.store, robot.namespace))
         return given
+
+    def _list(self, before: Mapping[str, Member], now: Mapping[str, Member]) -> None:
+        """List the members, and derive the rights of namespaces with other agents."""
+        self.store.save_members(now)
+        for namespace in sorted({member.namespace for member in now.values()}):
+            other = _agents(before, namespace) != _agents(now, namespace)
+            if other or not file_of(self.store, namespace).exists():
+                renew(self.store, namespace)
+
+
+def _agents(members: Mapping[str, Member], namespace: str) -> dict[str, tuple[str, ...]]:
+    return {name: m.agents for name, m in members.items() if m.namespace == namespace}
 
 
 def _again(member: Member, before: Member | None) -> Member:

@@ -27,6 +27,7 @@ from msgspec import Struct
 from armadico.core import kernel, messages, services
 from armadico.core.guest import Guest
 from armadico.core.individual import Individual
+from armadico.core.installed import load_all
 from armadico.core.kernel import subscriptions
 from armadico.core.messages import OLDEST, Message, ParametersRequest
 from armadico.core.services import (
@@ -205,6 +206,7 @@ class Table(Struct, frozen=True):
             robots: The namespaces of the robots that share keys with it. Their routers are
                 clients of this one and may subscribe to those keys.
         """
+        load_all()  # what robots share
         told = _rule("told", Does, [EVERYTHING], flow="egress")
         shares = [rooted(namespace, f"{first}/**") for first in sorted(shared())]
         rules = [told, _rule("shared keys", [Does.SUBSCRIBE], shares)]
@@ -285,21 +287,22 @@ def table(members: Sequence[Member], robot: str = "") -> Table:
     Raises RightsError if two members cannot be told apart.
     """
     _check(members)
-    rights: dict[Right, None] = {}
+    found: dict[tuple[str, Does, str], Because] = {}
     critical: dict[Critical, None] = {}
     silent: dict[str, None] = {}
     for member in members:
         for name, cls in member.agents.items():
-            own = _of_agent(name, cls, robot)
-            rights |= dict.fromkeys(Right(member.name, *each) for each in own)
+            for does, key, because in _of_agent(name, cls, robot):
+                found.setdefault((member.name, does, key), because)
             critical |= dict.fromkeys(_critical(name, cls))
             if not _declares(cls):
                 silent[name] = None
         if member.guest is not None:
-            own = _of_guest(member.name, member.guest)
-            rights |= dict.fromkeys(Right(member.name, *each) for each in own)
+            for does, key, because in _of_guest(member.name, member.guest):
+                found.setdefault((member.name, does, key), because)
+    rights = tuple(Right(*each, because) for each, because in found.items())
     speakers = {member.name: member.speakers for member in members}
-    return Table(tuple(rights), speakers, tuple(critical), tuple(silent))
+    return Table(rights, speakers, tuple(critical), tuple(silent))
 
 
 def _check(members: Sequence[Member]) -> None:
@@ -381,22 +384,18 @@ def _watched() -> _Own:
 
 def _of_guest(name: str, cls: type[Guest]) -> _Own:
     """What a program does that is no agent; it publishes on keys with its identity."""
-    names = {"instance": instances(name)}
+    own = {"instance": instances(name)}
     for part in (cls, *cls.parts()):
-        for attribute, does in (("provides", Does.PUT), ("queries", Does.QUERY)):
-            for message in getattr(part, attribute):
-                for row in rows_of(message):
-                    yield does, expression(row.key, **names), declared_at(part, attribute)
-        for message in getattr(part, "receives", ()):
+        for message in part.provides:
             for row in rows_of(message):
-                yield Does.SUBSCRIBE, row.heard, declared_at(part, "receives")
+                yield Does.PUT, expression(row.key, **own), declared_at(part, "provides")
+        for message in part.queries:
+            yield Does.QUERY, service_of(message).pattern, declared_at(part, "queries")
+    for message in cls.receives:
+        for row in rows_of(message):
+            yield Does.SUBSCRIBE, row.heard, declared_at(cls, "receives")
     if cls.commands:
-        because = declared_at(cls, "commands")
-        for service in services.services():
-            if service.kind is Kind.QUERY:
-                yield Does.QUERY, service.pattern, because
-            elif service.guests:
-                yield Does.PUT, expression(service.key, **names), because
+        yield from _of_person(cls, own)
     if cls.reads:
         because = declared_at(cls, "reads")
         for key in (EVERYTHING, *(f"{first}/**" for first in sorted(shared()))):
@@ -404,6 +403,15 @@ def _of_guest(name: str, cls: type[Guest]) -> _Own:
         for service in (CARD, BIDS, service_of(messages.JournalRequest)):
             yield Does.QUERY, service.pattern, because
     yield from _watched()
+
+
+def _of_person(cls: type[Guest], own: Mapping[str, str]) -> _Own:
+    because = declared_at(cls, "commands")
+    for service in services.services():
+        if service.kind is Kind.QUERY:
+            yield Does.QUERY, service.pattern, because
+        elif service.guests:
+            yield Does.PUT, expression(service.key, **own), because
 
 
 def _critical(name: str, cls: type[Individual]) -> Iterator[Critical]:
@@ -565,4 +573,3 @@ def _meet(one: tuple[str, ...], other: tuple[str, ...]) -> bool:
         return _meet(one[1:], other) or _meet(one, other[1:])
     alike = _chunk(one[0]).fullmatch(other[0]) or _chunk(other[0]).fullmatch(one[0])
     return alike is not None and _meet(one[1:], other[1:])
-

@@ -153,7 +153,8 @@ class ZenohMesh(Reader, Monotonic):
         """
         super().__init__()
         self.namespace = namespace
-        self.guest = f"guest-{random.SystemRandom().getrandbits(64):016x}"
+        own = "guest" if where.door is None else where.door.name.rpartition("/")[2]
+        self.guest = f"{own}-{random.SystemRandom().getrandbits(64):016x}"
         self.router = ""  # the id of the router that it is linked to, or is; else empty
         self._level = logging.INFO if starts else logging.WARNING
         self._where = where

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armadico.core.guest import Guest
+from armadico.core.guest import Guest, Part
 from armadico.watch.page.model import capabilities
 from armadico.watch.page.own import Goals, Parameters, StopLatch
 
@@ -13,5 +13,5 @@ class Page(Guest):
     reads = True
 
     @classmethod
-    def parts(cls) -> tuple[type, ...]:
+    def parts(cls) -> tuple[type[Part], ...]:
         return (Goals, StopLatch, Parameters, *capabilities())
