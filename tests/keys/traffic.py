@@ -2,47 +2,55 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import pytest
 
-from armadico.core.messages import Message
+from armadico.core.messages import OLDEST, Message
+from armadico.core.services import parent, service_at
 from armadico.keys.rights import Does
-from armadico.launch.client import Client
+from armadico.mesh.topology import DEFAULT_NAMESPACE
 from armadico.mesh.virtual import VirtualMesh
 from armadico.mesh.virtual_node import Node
-from armadico.mesh.virtual_place import Place
+from armadico.mesh.virtual_place import CLIENT, Place
 from armadico.mesh.virtual_queries import Queries
+from armadico.mobile.messages import Truth
+from tests.keys.members import ANNA, LAB, everybody
 
 
 class Sent(NamedTuple):
-    """One kind of message of one process on a key of its namespace."""
+    """One kind of message of one identity on a key of its namespace."""
 
     namespace: str
-    process: str  # an agent's name, or "client"
+    identity: str
     does: Does
     key: str
 
+    @property
+    def is_allowed(self) -> bool:
+        rights = everybody(self.namespace)
+        return rights.why(self.identity, self.does, self.key) is not None
+
 
 class Traffic:
-    """The set of what was sent, without repetitions.
-
-    Attributes:
-        sent: Everything that the live mesh would send for it.
-        instances: Of the processes' agents.
-    """
+    """What clients of the robots' routers have sent, without repetitions."""
 
     def __init__(self) -> None:
         self.sent: set[Sent] = set()
         self.nodes: list[Node] = []
 
     def note(self, place: Place | None, namespace: str, does: Does, key: str) -> None:
-        if place is None:
-            self.sent.add(Sent(namespace, "client", does, key))
-        elif not place.is_router:
-            self.sent.add(Sent(place.namespace, place.name, does, key))
+        if place is not None and place.is_router:
+            return
+        space = namespace if place is None else place.namespace
+        name = CLIENT if place is None else place.name.partition("@")[0]
+        identity = {CLIENT: ANNA, "wakeup": LAB}.get(name, name)
+        # The virtual mesh's guests are all called alike.
+        key = re.sub(rf"/{CLIENT}$", f"/{ANNA}-1f", key)
+        self.sent.add(Sent(space, identity, does, key))
 
     def finish(self) -> None:
         """Add what each process declares when it joins."""
@@ -52,6 +60,25 @@ class Traffic:
             for key in node.driver.queries:
                 self.note(node, "", Does.ANSWER, key)
 
+    @property
+    def refused(self) -> list[str]:
+        """What the router would refuse."""
+        return sorted(
+            f"{sent.identity} {sent.does.value} {sent.key}"
+            for sent in self.sent
+            if not sent.is_allowed
+        )
+
+
+def _is_guest(publisher: Place | None) -> bool:
+    return publisher is None or publisher.name == CLIENT
+
+
+def _is_of_an_older_protocol(key: str) -> bool:
+    """Whether a guest publishes a copy on it that it leaves out in a society with keys."""
+    service = service_at(key)
+    return service is not None and service.since > OLDEST and key == parent(service.pattern)
+
 
 @contextmanager
 def recorded() -> Iterator[Traffic]:
@@ -60,7 +87,6 @@ def recorded() -> Iterator[Traffic]:
     with pytest.MonkeyPatch.context() as patch:
         spread, put, reply = VirtualMesh.spread, Queries.put, Queries.reply
         announce, add = Place.announce, VirtualMesh.add
-        listen = Client._listen
 
         def _spread(
             mesh: VirtualMesh,
@@ -68,14 +94,16 @@ def recorded() -> Iterator[Traffic]:
             key: str,
             message: Message,
             publisher: Place | None,
-            namespace: str = "robot1",
+            namespace: str = DEFAULT_NAMESPACE,
         ) -> str:
-            traffic.note(publisher, namespace, Does.PUT, key)
+            if type(message) is Truth:
+                traffic.sent.add(Sent(namespace, "simulator", Does.PUT, key))
+            elif not (_is_guest(publisher) and _is_of_an_older_protocol(key)):
+                traffic.note(publisher, namespace, Does.PUT, key)
             return spread(mesh, sender, key, message, publisher, namespace)
 
         def _put(queries: Queries, client: Place | None, key: str, *more: Any) -> None:
-            namespace = more[4] if len(more) > 4 else "robot1"
-            traffic.note(client, namespace, Does.QUERY, key)
+            traffic.note(client, more[4] if len(more) > 4 else DEFAULT_NAMESPACE, Does.QUERY, key)
             put(queries, client, key, *more)
 
         def _reply(queries: Queries, place: Place, number: int, key: str, message: Message) -> None:
@@ -98,4 +126,3 @@ def recorded() -> Iterator[Traffic]:
         patch.setattr(Place, "announce", _announce)
         yield traffic
         traffic.finish()
-        del listen
