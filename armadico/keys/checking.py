@@ -9,7 +9,7 @@ from typing import Final
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import Facts, KeyFileError, facts, is_issued_by, is_pair
-from armadico.keys.store import Identity, Store, check_private
+from armadico.keys.store import MEMBERS, Identity, Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
 SOON: Final = timedelta(hours=1)
@@ -34,11 +34,25 @@ class Checks:
                 check_private(self._store.authority_key)
         except ConfigError as error:
             yield str(error)
+        listed = self._store.members() if (self._store.folder / MEMBERS).exists() else {}
         for identity in self._store.identities():
             found = True
             yield from self.of(identity)
+            yield from self._revoked(identity, listed.get(identity.name))
         if not found:
             yield f"{self._store.folder} has no identity: {self._remedy()}"
+
+    def _revoked(self, identity: Identity, member: Member | None) -> Iterator[str]:
+        """Whether an identity of this computer is void, where the list of identities is."""
+        if member is None:
+            return
+        if member.revoked:
+            yield f"{identity.name} was revoked {member.revoked}: {self._remedy(anew=True)}"
+        elif self._store.password(member) != identity.password.read_text(encoding="utf-8"):
+            yield (
+                f"{identity.folder} has a key of {identity.name} from before it was revoked:"
+                f" {self._remedy(anew=True)}"
+            )
 
     def of(self, identity: Identity) -> Iterator[str]:
         """What is wrong with an identity, for a link from another computer."""
@@ -121,7 +135,9 @@ class Checks:
             doubt = f"; {clock}: set it, if it is wrong, or" if ago > CLOCK_OFF else ":"
             yield f"{file} expired {_shown(about.ends)}, {_span(ago)} ago{doubt} {todo}"
 
-    def _remedy(self) -> str:
+    def _remedy(self, *, anew: bool = False) -> str:
+        if self._store.issues and anew:
+            return "`armadico keys host`, `agent` or `person` makes a new key"
         if self._store.issues:
             return "`armadico keys renew` makes a new one"
         return (

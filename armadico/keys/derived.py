@@ -53,7 +53,7 @@ def save(store: Store, namespace: str, table: Table) -> None:
     write_private(path, msgspec.json.format(msgspec.json.encode(table), indent=1))
 
 
-def renew(store: Store, namespace: str) -> Table:
+def derive_again(store: Store, namespace: str) -> Table:
     """Derive a namespace's table from the members and the classes, and write it."""
     table = derive(store.members().values(), namespace)
     save(store, namespace, table)

@@ -12,6 +12,7 @@ from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
+    from armadico.keys.signing import Verifier
 
 
 def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
@@ -46,7 +47,36 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
             f"{USER}dictionary_file": str(store.users(where.namespace)),
             ACCESS: access_control(store, where.namespace),
         }
-    return Door(found.name, settings, str(store.folder), partial(_faults, store, found))
+    return Door(
+        found.name,
+        settings,
+        str(store.folder),
+        partial(_faults, store, found),
+        partial(_sign, found),
+        _Verify(found.namespace, store),
+    )
+
+
+def _sign(identity: Identity, data: bytes) -> bytes:
+    from armadico.keys.signing import sign  # slow, and few agents sign
+
+    return sign(identity, data)
+
+
+class _Verify:
+    """`Door.verify`, which reads the authority's certificate when it is first needed."""
+
+    def __init__(self, namespace: str, store: Store) -> None:
+        self._namespace, self._store = namespace, store
+        self._verifier: Verifier | None = None
+
+    def __call__(self, name: str, data: bytes, signed: bytes) -> bool:
+        if self._verifier is None:
+            from armadico.keys.signing import Verifier
+
+            now = partial(datetime.now, UTC)
+            self._verifier = Verifier(self._namespace, self._store.authority, now)
+        return self._verifier(name, data, signed)
 
 
 def _faults(store: Store, identity: Identity, here: bool) -> Sequence[str]:

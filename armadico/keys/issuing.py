@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import os
 import tarfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.authority import CLIENT_HOURS, ROUTER_DAYS, KeyFileError, Pair, issue
-from armadico.keys.derived import file_of, load, renew, save
-from armadico.keys.store import Member, Store, check_private
+from armadico.keys.authority import (
+    CLIENT_HOURS,
+    ROUTER_DAYS,
+    KeyFileError,
+    Pair,
+    issue,
+    public_of,
+)
+from armadico.keys.derived import derive_again, file_of, load, save
+from armadico.keys.store import Identity, Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
 HERE = ("localhost", "127.0.0.1", "::1")
@@ -49,8 +56,8 @@ class Issuer:
     def list_all(self, members: Mapping[str, Member]) -> None:
         """List identities, also those that are issued later, as the router admits listed ones."""
         listed = self.store.members()
-        new = {name: member for name, member in members.items() if name not in listed}
-        self._list(listed, listed | new)
+        now = {name: _listed(member, listed.get(name)) for name, member in members.items()}
+        self._list(listed, listed | now)
 
     def give(
         self,
@@ -73,27 +80,14 @@ class Issuer:
         """
         listed = self.store.members()
         given = tuple(_again(member, listed.get(member.name)) for member in members)
-        pairs = []
-        for member in given:
-            server = member.kind == ROBOT
-            try:
-                pair = issue(
-                    self.pair,
-                    member.name,
-                    now,
-                    hours=24.0 * ROUTER_DAYS if server else self.hours,
-                    addresses=tuple(dict.fromkeys((*addresses, *HERE))) if server else (),
-                )
-            except KeyFileError as error:
-                raise ConfigError(str(error)) from None
-            pairs.append(pair)
+        known = tuple(addresses)
+        pairs = [self._issue(member, now, known) for member in given]
         self._list(listed, listed | {member.name: member for member in given})
         for member, pair in zip(given, pairs, strict=True):
             into.save(member, pair.certificate, pair.private, self.store.password(member))
         if into.folder != self.store.folder:
-            robots = [member for member in given if member.kind == ROBOT]
-            into.copy(self.store, robots=bool(robots))
-            for robot in robots:
+            into.copy(self.store, robots=any(map(_server, given)))
+            for robot in filter(_server, given):
                 save(into, robot.namespace, load(self.store, robot.namespace))
         return given
 
@@ -103,7 +97,76 @@ class Issuer:
         for namespace in sorted({member.namespace for member in now.values()}):
             other = _agents(before, namespace) != _agents(now, namespace)
             if other or not file_of(self.store, namespace).exists():
-                renew(self.store, namespace)
+                derive_again(self.store, namespace)
+
+    def renew(
+        self, identities: Iterable[Identity], now: datetime, *, addresses: Iterable[str] = ()
+    ) -> tuple[list[str], list[str]]:
+        """Write new certificates for the private keys of a computer.
+
+        Returns the names, and a sentence for each that cannot be renewed.
+        """
+        listed, known = self.store.members(), tuple(addresses)
+        renewed: list[str] = []
+        refused: list[str] = []
+        for identity in identities:
+            member = listed.get(identity.name)
+            if member is None or member.revoked:
+                why = "is revoked" if member else "is not in the list of identities"
+                refused.append(
+                    f"{identity.name} {why}: `armadico keys agent`, say, makes a new one"
+                )
+                continue
+            try:
+                public = public_of(identity.private.read_bytes())
+            except KeyFileError as error:
+                refused.append(f"{identity.private} {error}: `armadico keys host` makes a new one")
+                continue
+            pair = self._issue(member, now, known, public)
+            self.store.save(member, pair.certificate, b"", self.store.password(member))
+            renewed.append(identity.name)
+        return renewed, refused
+
+    def revoke(self, names: Iterable[str], now: datetime) -> list[str]:
+        """Revoke identities in the list; returns those that were not revoked before."""
+        listed = self.store.members()
+        new = {
+            name: replace(listed[name], revoked=now.isoformat(timespec="seconds"))
+            for name in names
+            if not listed[name].revoked
+        }
+        self.store.save_members(listed | new)
+        return list(new)
+
+    def _issue(
+        self, member: Member, now: datetime, addresses: Sequence[str], public: bytes | None = None
+    ) -> Pair:
+        server = _server(member)
+        try:
+            return issue(
+                self.pair,
+                member.name,
+                now,
+                hours=24.0 * ROUTER_DAYS if server else self.hours,
+                addresses=tuple(dict.fromkeys((*addresses, *HERE))) if server else (),
+                public=public,
+            )
+        except KeyFileError as error:
+            raise ConfigError(str(error)) from None
+
+
+def _server(member: Member) -> bool:
+    """Whether a member's process listens."""
+    return member.kind == ROBOT
+
+
+def _listed(member: Member, before: Member | None) -> Member:
+    """An identity as it is listed, whether it has been issued or not."""
+    return member if before is None else replace(before, hosts=_both(before.hosts, member.hosts))
+
+
+def _both(one: Sequence[str], other: Sequence[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys((*one, *other)))
 
 
 def _agents(members: Mapping[str, Member], namespace: str) -> dict[str, tuple[str, ...]]:
@@ -115,7 +178,7 @@ def _again(member: Member, before: Member | None) -> Member:
     if before is None:
         return member
     issued = before.issue + 1 if before.revoked else before.issue
-    return replace(member, issue=issued, host=member.host or before.host)
+    return replace(member, issue=issued, hosts=_both(before.hosts, member.hosts))
 
 
 def archive(folder: Path, name: str, file: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from armadico.config.hosts import HostTable
 from armadico.config.slots import slot
@@ -39,26 +40,35 @@ def of_host(
     group_of = {agent: group for group in host.together for agent in group}
     labels = dict.fromkeys(group_of.get(agent, (agent,)) for agent in host.agents)
     labels |= dict.fromkeys((agent,) for agent in _spare(table, name))
-    found = [of_agents(namespace, label, name) for label in labels]
+    found = [of_agents(namespace, label) for label in labels]
     if name == table.robots_host:
-        found.append(Member(f"{namespace}/{SIMULATOR}", SIMULATOR, host=name))
-    found.append(Member(f"{namespace}/{launcher(name)}", "launcher", host=name))
-    found += [Member(f"{namespace}/{each}", each) for each in GATEWAYS]
+        found.append(Member(f"{namespace}/{SIMULATOR}", SIMULATOR))
+    found.append(Member(f"{namespace}/{launcher(name)}", "launcher"))
+    found += of_gateways(namespace)
     found += [of_person(namespace, user) for user in persons]
-    return tuple({member.name: member for member in found}.values())
+    return tuple({m.name: replace(m, hosts=(name,)) for m in found}.values())
 
 
 def of_table(table: HostTable, namespace: str, persons: Sequence[str]) -> dict[str, Member]:
     """The identities of all hosts by name."""
-    found = (of_host(table, name, namespace, persons) for name in table.hosts)
-    return {member.name: member for each in found for member in each}
+    found: dict[str, Member] = {}
+    for host in table.hosts:
+        for member in of_host(table, host, namespace, persons):
+            before = found.get(member.name, member)
+            hosts = dict.fromkeys((*before.hosts, *member.hosts))
+            found[member.name] = replace(member, hosts=tuple(hosts))
+    return found
 
 
-def of_agents(namespace: str, agents: Sequence[str], host: str = "") -> Member:
+def of_agents(namespace: str, agents: Sequence[str]) -> Member:
     """The identity of agents that share a process; with the robot agent it is the router's."""
     if any(owners(agents, WHEELS)):
-        return Member(f"{namespace}/{ROBOT}", ROBOT, tuple(agents), host)
-    return Member(f"{namespace}/{name_of(agents)}", "agent", tuple(agents), host)
+        return Member(f"{namespace}/{ROBOT}", ROBOT, tuple(agents))
+    return Member(f"{namespace}/{name_of(agents)}", "agent", tuple(agents))
+
+
+def of_gateways(namespace: str) -> list[Member]:
+    return [Member(f"{namespace}/{each}", each) for each in GATEWAYS]
 
 
 def of_person(namespace: str, user: str) -> Member:

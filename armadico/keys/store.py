@@ -24,7 +24,7 @@ import stat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import unquote
 
 from armadico.core.config_errors import ConfigError
@@ -50,7 +50,7 @@ class Member:
         name: `<namespace>/<name>`.
         kind: agent, robot, person, page, mcp, ros2, viewer, launcher or simulator.
         agents: The agents of its process.
-        host: Its host in the table; "" for any.
+        hosts: The hosts that have, or will have, its key; empty for none of the table.
         issue: How often it was issued anew after it was revoked. The password depends on it, so
             an older key gets no link.
         revoked: When it was revoked, as ISO 8601; "" if it is not.
@@ -59,7 +59,7 @@ class Member:
     name: str
     kind: str
     agents: tuple[str, ...] = ()
-    host: str = ""
+    hosts: tuple[str, ...] = ()
     issue: int = 0
     revoked: str = ""
 
@@ -204,7 +204,7 @@ class Store:
             )
         try:
             rows = json.loads(path.read_text(encoding="utf-8"))
-            found = [Member(**row | {"agents": tuple(row.get("agents", ()))}) for row in rows]
+            found = [_member(row) for row in rows]
         except (ValueError, TypeError) as error:
             raise ConfigError(f"cannot be read: {error}", path) from None
         return {member.name: member for member in found}
@@ -255,6 +255,11 @@ class Store:
         _write(self.folder / SECRET, secrets.token_bytes(32))
         _write(self.authority, certificate)
         self.save_members({})
+
+
+def _member(row: dict[str, Any]) -> Member:
+    lists = {key: tuple(row.get(key, ())) for key in ("agents", "hosts")}
+    return Member(**row | lists)
 
 
 def check_private(path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, flag, group, several
-from armadico.keys.commands.common import Society, addresses, hours_option, now
+from armadico.keys.commands.common import Society, given_out, hours_option, issuer_of, now
 
 EXAMPLES: Final = """\
   armadico keys init --hosts lab.toml
@@ -30,9 +30,7 @@ class Options:
 
 def run(args: Options) -> int:
     from armadico.keys.authority import create
-    from armadico.keys.issuing import Issuer
-    from armadico.keys.members import of_host, of_table
-    from armadico.mesh.door import PERSON, person
+    from armadico.keys.members import of_host
     from armadico.mesh.topology import checked_namespace
 
     table, store, where = args.society.table, args.society.store, args.society.where
@@ -50,14 +48,10 @@ def run(args: Options) -> int:
             f"{store.folder} has keys of an authority of another computer; `armadico keys host"
             f" {where.name}` there makes new ones, and --anew here another authority"
         )
-    users = args.person or (person().removeprefix(PERSON),)
-    issuer = Issuer.of(store, args.hours)
-    issuer.list_all(of_table(table, namespace, users))
-    members = of_host(table, where.name, namespace, users)
-    given = issuer.give(members, store, now(), addresses=addresses(table))
-    others = [name for name in table.hosts if name != where.name]
-    print(f"{store.folder}: the authority, and {len(given)} keys of {where.name}")
-    for name in others:
+    users = args.society.users(args.person)
+    issuer = issuer_of(args.society, args.hours, users)
+    given_out(issuer, of_host(table, where.name, namespace, users), None, args.society)
+    for name in (name for name in table.hosts if name != where.name):
         print(f"next: armadico keys host {name} --hosts {table.file}")
     return 0
 

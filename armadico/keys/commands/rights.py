@@ -45,7 +45,7 @@ def run(args: Options) -> int:
 
     store, namespace = args.society.store, args.society.where.namespace
     if args.write:
-        table = derived.renew(store, namespace)
+        table = derived.derive_again(store, namespace)
         print(f"{derived.file_of(store, namespace)}: {len(table.rights)} rights")
         return 0
     table = derived.load(store, namespace)
