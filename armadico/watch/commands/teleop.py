@@ -25,10 +25,10 @@ from armadico.runtime.errors import SocietyError
 from armadico.watch.beside import Helpers
 
 if TYPE_CHECKING:
-    from armadico.mesh.base import Mesh
     from armadico.core.messages import Cycle, RobotState
     from armadico.launch.client import Client
     from armadico.launch.processes import Process
+    from armadico.mesh.base import Mesh
     from armadico.watch.teleop.messages import Stick
 
 POLL_S: Final = 0.05  # the period of reading the keys
