@@ -88,6 +88,7 @@ class Lab:
             own: dict[str, object] = {
                 "mode": "client",
                 "connect/endpoints": [endpoint],
+                "transport/unicast/qos/enabled": False,  # one queue: nothing overtakes
                 f"{USER}user": f"{NAMESPACE}/{identity}",
                 f"{USER}password": "password",
             }
