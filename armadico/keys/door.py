@@ -12,6 +12,7 @@ from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
+    from armadico.keys.rights import Table
     from armadico.keys.signing import Verifier
 
 
@@ -54,6 +55,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         partial(_faults, store, found),
         partial(_sign, found),
         _Verify(found.namespace, store),
+        may_be_critical=_MayBeCritical(found.namespace, store),
     )
 
 
@@ -61,6 +63,24 @@ def _sign(identity: Identity, data: bytes) -> bytes:
     from armadico.keys.signing import sign  # slow, and few agents sign
 
     return sign(identity, data)
+
+
+class _MayBeCritical:
+    """`Door.may_be_critical`, which reads the table of rights when it is first needed.
+
+    The table is in each archive of keys. Without it no bid may be critical.
+    """
+
+    def __init__(self, namespace: str, store: Store) -> None:
+        self._namespace, self._store = namespace, store
+        self._table: Table | None = None
+
+    def __call__(self, instance: str, resource: str) -> bool:
+        if self._table is None:
+            from armadico.keys.derived import load  # slow, and few agents need it
+
+            self._table = load(self._store, self._namespace)
+        return self._table.may_be_critical(instance, resource)
 
 
 class _Verify:

@@ -191,9 +191,10 @@ class Table(Struct, frozen=True):
         every = {one for speakers in self.speakers.values() for one in speakers}
         return max((one for one in every if _begins(instance, one)), key=len, default="")
 
-    def may_be_critical(self, resource: str) -> frozenset[str]:
-        """Return the agents whose bids for a resource may be critical."""
-        return frozenset(each.agent for each in self.critical if each.resource == resource)
+    def may_be_critical(self, instance: str, resource: str) -> bool:
+        """Return whether an instance's bids for a resource may be critical."""
+        by = self.speaker(instance)
+        return any(each.agent == by and each.resource == resource for each in self.critical)
 
     def access_control(self, namespace: str, robots: Iterable[str] = ()) -> dict[str, object]:
         """Return Zenoh's `access_control` for the robot's router.
