@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
+from armadico.core.config_errors import ConfigError
 from armadico.keys.store import Identity, Store
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
@@ -66,7 +67,7 @@ def _sign(identity: Identity, data: bytes) -> bytes:
 
 
 class _MayBeCritical:
-    """`Door.may_be_critical`, which reads the table of rights when it is first needed.
+    """`Door.may_be_critical`, by the table of rights, which is read when it has changed.
 
     The table is in each archive of keys. Without it no bid may be critical.
     """
@@ -74,13 +75,18 @@ class _MayBeCritical:
     def __init__(self, namespace: str, store: Store) -> None:
         self._namespace, self._store = namespace, store
         self._table: Table | None = None
+        self._written = -1
 
     def __call__(self, instance: str, resource: str) -> bool:
-        if self._table is None:
-            from armadico.keys.derived import load  # slow, and few agents need it
+        from armadico.keys.derived import file_of, load  # slow, and few agents need it
 
-            self._table = load(self._store, self._namespace)
-        return self._table.may_be_critical(instance, resource)
+        try:
+            written = file_of(self._store, self._namespace).stat().st_mtime_ns
+            if written != self._written:
+                self._table, self._written = load(self._store, self._namespace), written
+        except (OSError, ConfigError):
+            return False
+        return self._table is not None and self._table.may_be_critical(instance, resource)
 
 
 class _Verify:
