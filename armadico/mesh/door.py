@@ -73,14 +73,7 @@ class Door(NamedTuple):
 
 def name_of(agents: Sequence[str]) -> str:
     """Return the name of the identity of agents that share a process; of one agent, its own."""
-    names = sorted({*agents})
-    name = "+".join(names)
-    if len(name) <= LONGEST_NAME:
-        return name
-    import hashlib  # slow, and seldom needed
-
-    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
-    return f"{names[0][:20]}+{len(names) - 1}-{digest}"
+    return _fitting("+".join(sorted({*agents})))
 
 
 def person(user: str | None = None) -> str:
@@ -92,9 +85,19 @@ def person(user: str | None = None) -> str:
             user = getpass.getuser()
         except (OSError, KeyError):  # a user without an entry in the list of users
             user = str(os.getuid())
-    return PERSON + re.sub(r"[^A-Za-z0-9_.-]", "_", user)[: LONGEST_NAME - len(PERSON)]
+    return _fitting(PERSON + re.sub(r"[^A-Za-z0-9_.-]", "_", user))
 
 
 def launcher(host: str) -> str:
     """Return the name of the identity of `armadico up` on a host of the table."""
-    return f"{LAUNCHER}{host}"[:LONGEST_NAME]
+    return _fitting(LAUNCHER + host)
+
+
+def _fitting(name: str) -> str:
+    """Return a name, cut if it is too long; different names stay different."""
+    if len(name) <= LONGEST_NAME:
+        return name
+    import hashlib  # slow, and seldom needed
+
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{name[: LONGEST_NAME - 9]}-{digest}"
