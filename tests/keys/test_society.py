@@ -80,5 +80,5 @@ def test_a_society_with_keys_needs_no_further_option(folder: Path) -> None:
         assert "told to stop" in does("stop", env=here, code=3).stderr
         for key in private.glob("person-*/private.key"):
             key.chmod(0o600)
-        assert "stopped by" in call("goto", "2.0", "0.0", env=here).stderr
+        assert "stopped by" in call("goto", "2.0", "0.0", "--timeout", "3", env=here).stdout
         does("down", env=here)

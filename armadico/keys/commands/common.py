@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import more_than, option
+from armadico.cli.parsing import between, option
 from armadico.keys.store import Member, Store
 from armadico.mesh.door import PERSON, person
 from armadico.mesh.topology import HOSTS_VARIABLE
@@ -69,7 +69,7 @@ class Society(options.Mesh):
 
 def hours_option() -> float:
     """The field of the validity of certificates, h."""
-    return option(HOURS_HELP, default=24.0, metavar="HOURS", must=more_than(0))
+    return option(HOURS_HELP, default=24.0, metavar="HOURS", must=between(0.01, 87_600))
 
 
 def now() -> datetime:
