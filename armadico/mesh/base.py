@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
 
 from armadico.core.messages import Message, MessageError, decode, line
-from armadico.core.services import service_of
+from armadico.core.services import keys_of
 
 logger = logging.getLogger("armadico.mesh")
 
@@ -129,7 +129,7 @@ def publish(mesh: Mesh, message: Message) -> None:
 
     Raises MessageError if it could not be decoded.
     """
-    for key in service_of(type(message)).keys_of(message, mesh.guest):
+    for key in keys_of(message, mesh.guest):
         mesh.publish(key, message)
 
 
