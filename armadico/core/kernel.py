@@ -65,6 +65,7 @@ def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Su
         kinds = [*(kind for kind in cycles if kind not in cls.provides), *kinds]
     # The robot agent's state tells the others that the stop is released.
     follows = bool(kinds) or m.RobotState in cls.provides
+    releases = m.Stop in kinds or m.RobotState in cls.provides
     kinds += [s.message for s in latched() if follows or s.message is not m.Stop]
     services = [service_of(kind) for kind in dict.fromkeys(kinds)]
     for service in services:
@@ -76,7 +77,7 @@ def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Su
     found += [Subscription(m.Claim, pattern, Kind.EVENT) for pattern in claimed]
     found += [Subscription(m.Ack, r.ack_key, Kind.STATE) for r in cls.competes_for]
     found += [Subscription(m.Command, r.command_pattern, Kind.EVENT) for r in cls.owns]
-    if m.RobotState in cls.provides:
+    if releases:
         found.append(Subscription(m.Stop, RELEASE.pattern, RELEASE.kind))
     return tuple(found)
 
@@ -491,7 +492,8 @@ class Kernel(Desk):
         memory, kind = self.memory, type(message)
         if isinstance(message, m.Stop) and not message.stopped:
             # The robot agent judges a release; its state shows the others whether the stop counts.
-            return m.RobotState in self.agent.provides and memory.release(message)
+            judges = m.RobotState in self.agent.provides
+            return memory.release(message) if judges else m.Stop in self.agent.receives
         refused = memory.refused
         news = memory.update(message, self.now)
         if memory.refused != refused:
