@@ -40,15 +40,15 @@ from armadico.core.services import TOKEN
 from armadico.core.shared import shared
 from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
+from armadico.mesh.door import Door
 from armadico.mesh.linger import release_links
 from armadico.mesh.presence import Changed, Presence
-from armadico.mesh.sockets import answers
+from armadico.mesh.refusals import Refusals
 from armadico.mesh.topology import MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0  # timeout of closing a session, which may block for 10 s
-POLL_S: Final = 0.1  # how often a client checks whether its router is there, s
 WARN_S: Final = 1.5  # after how long without a router a client logs that it waits, s
 PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
@@ -164,6 +164,7 @@ class ZenohMesh(Reader, Monotonic):
         self._joined = threading.Event()
         self._tried = threading.Event()  # after the first attempt to join
         self._joining = ""  # the router that is being joined, which may hang
+        self._refusals = Refusals(namespace, where)
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
@@ -197,6 +198,8 @@ class ZenohMesh(Reader, Monotonic):
     def missing(self) -> str:
         """Why the mesh has not been joined, and what to do: for people."""
         own = [str(self._socket())] if self._where.socket else []
+        if why := self._refusals.why(self.hung):
+            return why
         if self.hung:
             pid = sockets.owner(sockets.lock_of(self._socket())) if [self.hung] == own else None
             who = "the robot agent" if pid is None else f"the robot agent (process {pid})"
@@ -250,8 +253,10 @@ class ZenohMesh(Reader, Monotonic):
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
+        door = self._where.door
+        sockets.note_keys(self.namespace, "" if door is None else door.folder)
         self._begin(session)
-        self._peers = PeerLinks(self, self._where.peers)
+        self._peers = PeerLinks(self, self._where.peers, self._where.door)
 
     def _start_seeking(self) -> None:
         seeking = threading.Thread(target=self._seek, name="joining", daemon=True)
@@ -265,20 +270,22 @@ class ZenohMesh(Reader, Monotonic):
         warning.start()
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
-            self._left.wait(POLL_S)
+            self._left.wait(self._refusals.pause)
         self._tried.set()
         warning.cancel()
 
     def _log_missing(self) -> None:
         if not (self._joined.is_set() or self._left.is_set()):
-            logger.log(self._level, "%s; waiting for it", self.missing)
+            level = logging.WARNING if self._refusals.why(self.hung) else self._level
+            logger.log(level, "%s; waiting for it", self.missing)
 
     def _seek_once(self) -> bool:
         """Join a router that is there now; return whether there was one."""
         path = self._socket() if self._where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
-        answering = [there for there in self._where.connect if answers(there, PROBE_S)]
+        connect = self._where.connect
+        answering = [there for there in connect if self._refusals.answers(there, PROBE_S)]
         if not answering:
             self._joining = ""
         return any(self._join(there, there) for there in answering)
@@ -290,8 +297,10 @@ class ZenohMesh(Reader, Monotonic):
             session = zenoh.open(self._config((), (there,)))
         except zenoh.ZError as error:
             logger.debug("%s: %s", there, error)
+            self._refusals.failed(there)
             return False
         self._joining = ""
+        self._refusals.joined()
         if len(self._where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
             return False
@@ -630,7 +639,8 @@ class ZenohMesh(Reader, Monotonic):
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }
-        for key, value in (SETTINGS | own).items():
+        door = self._where.door
+        for key, value in (SETTINGS | own | dict(door.settings if door else {})).items():
             config.insert_json5(key, json.dumps(value))
         return config
 
@@ -643,14 +653,16 @@ class PeerLinks:
     Zenoh's routers (1.10.2) that returns after a hang stops forwarding for good.
     """
 
-    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str]) -> None:
+    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str], door: Door | None) -> None:
         """Begin.
 
         Args:
             mesh: The robot's own mesh.
             elsewhere: Endpoints of robots on other computers.
+            door: The robot's identity as their client.
         """
         self._mesh = mesh
+        self._door = None if door is None else door.as_client()
         self._elsewhere = tuple(elsewhere)
         self._links: dict[str, ZenohMesh] = {}
         self._over = threading.Event()
@@ -681,7 +693,8 @@ class PeerLinks:
                     self._links.pop(endpoint).close()
 
     def _link(self, endpoint: str) -> None:
-        link = ZenohMesh(self._mesh.namespace, topology(connect=endpoint), starts=True)
+        where = topology(connect=endpoint, door=self._door)
+        link = ZenohMesh(self._mesh.namespace, where, starts=True)
 
         def arrived(key: str, data: bytes) -> None:
             if self._is_needed(link):
