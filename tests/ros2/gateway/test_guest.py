@@ -1,0 +1,10 @@
+"""The gateway declares what it subscribes to, so that keys give it the rights to do so."""
+
+from __future__ import annotations
+
+from armadico.bridge.ros2.gateway.guest import Gateway
+from armadico.bridge.ros2.gateway.society import Society
+
+
+def test_the_gateway_declares_all_that_it_translates() -> None:
+    assert {*Society().kinds} <= {*Gateway.receives}
