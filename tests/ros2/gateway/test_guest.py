@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from armadico.bridge.ros2.gateway.guest import Gateway
+from armadico.bridge.ros2.guest import Gateway
 from armadico.bridge.ros2.gateway.society import Society
 
 
