@@ -19,6 +19,7 @@ from msgspec.structs import replace
 from armadico.core import messages as m
 from armadico.core import names
 from armadico.core.bidding import Bidding
+from armadico.core.coordination import Verdict
 from armadico.core.cycles import AHEAD, CycleClock
 from armadico.core.desk import Authored, Desk
 from armadico.core.individual import Individual
@@ -501,10 +502,16 @@ class Kernel(Desk):
     def _accept_claim(self, claim: m.Claim) -> bool:
         if claim.ballot.instance in self.foreign:
             return False
-        if (bidding := self._bidding.get(claim.resource)) is not None:
-            bidding.on_claim(claim, self.now)
         if (owning := self._owning.get(claim.resource)) is not None:
             owning.on_claim(claim)
+        may, ballot = self.agent.identity.may_be_critical, claim.ballot
+        critical = claim.critical or ballot.critical
+        if may is not None and critical and not may(ballot.instance, claim.resource):
+            key = self.key_of(m.Claim, resource=claim.resource, instance=ballot.instance)
+            self.outbox.append(Refused(key, Verdict.NOT_CRITICAL))
+            return False
+        if (bidding := self._bidding.get(claim.resource)) is not None:
+            bidding.on_claim(claim, self.now)
         return True
 
     def _accept_command(self, command: m.Command) -> bool:

@@ -7,11 +7,13 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
+from armadico.core.config_errors import ConfigError
 from armadico.keys.store import Identity, Store
-from armadico.mesh.door import TLS, USER, Door
+from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
+    from armadico.keys.rights import Table
     from armadico.keys.signing import Verifier
 
 
@@ -39,10 +41,13 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         f"{USER}password": found.password.read_text(encoding="utf-8"),
     }
     if router:
+        from armadico.keys.derived import access_control  # only a router needs it
+
         settings |= {
             f"{TLS}listen_certificate": str(found.certificate),
             f"{TLS}listen_private_key": str(found.private),
             f"{USER}dictionary_file": str(store.users(where.namespace)),
+            ACCESS: access_control(store, where.namespace),
         }
     return Door(
         found.name,
@@ -51,6 +56,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         partial(_faults, store, found),
         partial(_sign, found),
         _Verify(found.namespace, store),
+        may_be_critical=_MayBeCritical(found.namespace, store),
     )
 
 
@@ -58,6 +64,29 @@ def _sign(identity: Identity, data: bytes) -> bytes:
     from armadico.keys.signing import sign  # slow, and few agents sign
 
     return sign(identity, data)
+
+
+class _MayBeCritical:
+    """`Door.may_be_critical`, by the table of rights, which is read when it has changed.
+
+    The table is in each archive of keys. Without it no bid may be critical.
+    """
+
+    def __init__(self, namespace: str, store: Store) -> None:
+        self._namespace, self._store = namespace, store
+        self._table: Table | None = None
+        self._written = -1
+
+    def __call__(self, instance: str, resource: str) -> bool:
+        from armadico.keys.derived import file_of, load  # slow, and few agents need it
+
+        try:
+            written = file_of(self._store, self._namespace).stat().st_mtime_ns
+            if written != self._written:
+                self._table, self._written = load(self._store, self._namespace), written
+        except (OSError, ConfigError):
+            return False
+        return self._table is not None and self._table.may_be_critical(instance, resource)
 
 
 class _Verify:

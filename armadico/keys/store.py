@@ -16,10 +16,8 @@ This module imports nothing heavy, because each process that joins reads the fol
 
 from __future__ import annotations
 
-import hmac
 import json
 import os
-import secrets
 import stat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -215,6 +213,8 @@ class Store:
 
     def password(self, member: Member) -> str:
         """The password of an identity as it was last issued."""
+        import hmac  # slow, and only where passwords are made
+
         path = self.folder / SECRET
         if not path.exists():
             raise ConfigError(f"{path} is missing: it is in the archive for the robot's computer")
@@ -249,6 +249,8 @@ class Store:
 
     def begin(self, certificate: bytes, private: bytes) -> None:
         """Write a new authority and the secret of all passwords."""
+        import secrets
+
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         check_private(self.folder)
         _write(self.authority_key, private)
@@ -296,3 +298,6 @@ def _write(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
+
+
+write_private = _write

@@ -442,7 +442,9 @@ def test_an_implausible_counter_is_logged_with_its_publisher_and_the_consequence
     observed.receive(Trajectory(1, 1, ()), 0.5, "trajectory/interface-1")
     (sent,) = observed.receive(Stop(m.JUMP + 2, True, "forger", 2), 7.0, "robot/stop/guest-1")
     assert sent.level == WARNING
-    assert "1 x on robot/stop/*: stopped, with the next known counter: a Stop by forger" in sent.text
+    assert (
+        "1 x on robot/stop/*: stopped, with the next known counter: a Stop by forger" in sent.text
+    )
     assert observed.driver.agent.stopped is not None
     (sent,) = observed.receive(Trajectory(m.JUMP + 2, 1, ()), 14.0, "trajectory/interface-1")
     assert "on trajectory/*: rejected: a Trajectory" in sent.text

@@ -155,7 +155,9 @@ def test_a_joining_agent_gets_the_tokens_and_the_latched_states(
     crowd.client.publish(stop)
     assert crowd.until(lambda: has_stop(first))
     second = joined(crowd, Stopping)
-    assert crowd.until(lambda: ("stopping", first.agent.instance) in second.alive and has_stop(second))
+    assert crowd.until(
+        lambda: ("stopping", first.agent.instance) in second.alive and has_stop(second)
+    )
 
 
 def test_cards_and_queries_are_answered(crowd: Crowd) -> None:
