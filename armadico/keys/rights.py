@@ -365,12 +365,10 @@ def _answered(service: Service, names: Mapping[str, str], because: Because) -> _
 
 def _of_every_agent(names: Mapping[str, str]) -> _Own:
     """What the social intelligence does in every agent."""
-    for service in services.services():
-        if service.kind is Kind.LATCHED or service.message in COMMON:
-            what = (
-                "every agent keeps latched states" if service.kind is Kind.LATCHED else COMMON_WHY
-            )
-            yield Does.PUT, expression(service.key, **names), _registered(service, what)
+    for message in COMMON:
+        for service in _published(message, people=False):
+            because = _registered(service, "every agent publishes")
+            yield Does.PUT, expression(service.key, **names), because
     for service in (CARD, BIDS, *map(service_of, (ParametersRequest, messages.JournalRequest))):
         yield from _answered(service, names, _registered(service, "every agent answers"))
     yield Does.QUERY, CARD.pattern, _registered(CARD, "every agent queries cards")
@@ -378,8 +376,11 @@ def _of_every_agent(names: Mapping[str, str]) -> _Own:
     yield from _watched()
 
 
-COMMON: Final = (messages.Log, messages.ParameterChange, messages.JournalPiece)
-COMMON_WHY: Final = "every agent publishes"
+COMMON: Final = (
+    *(messages.Log, messages.ParameterChange, messages.JournalPiece),
+    *(messages.Stop, messages.Tuning, messages.Repeat),
+)
+"""What every agent publishes, whatever its class declares."""
 
 
 def _watched() -> _Own:
