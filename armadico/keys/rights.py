@@ -369,7 +369,7 @@ def _of_every_agent(names: Mapping[str, str]) -> _Own:
         for service in _published(message, people=False):
             because = _registered(service, "every agent publishes")
             yield Does.PUT, expression(service.key, **names), because
-    for service in (CARD, BIDS, *map(service_of, (ParametersRequest, messages.JournalRequest))):
+    for service in (CARD, BIDS, service_of(ParametersRequest), service_of(messages.JournalRequest)):
         yield from _answered(service, names, _registered(service, "every agent answers"))
     yield Does.QUERY, CARD.pattern, _registered(CARD, "every agent queries cards")
     yield Does.TOKEN, expression(TOKEN, **names), _core(services, "TOKEN", "every agent's token")
@@ -523,9 +523,11 @@ def _registered(service: Service, what: str) -> Because:
     first = service.key.partition("/{")[0] if service.since > OLDEST else service.key
     module = inspect.getmodule(service.message)
     for where in (services, module):
-        source = inspect.getsourcefile(where) if where is not None else None
+        source = None if where is None else inspect.getsourcefile(where)
         tree = None if source is None else _parsed(source)
-        for node in () if tree is None or source is None else ast.walk(tree):
+        if source is None or tree is None:
+            continue
+        for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and node.value in (service.key, first):
                 return Because(_shown(source), node.lineno, what)
     return _core(services, "services", what)
