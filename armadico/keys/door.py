@@ -57,6 +57,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         partial(_sign, found),
         _Verify(found.namespace, store),
         may_be_critical=_MayBeCritical(found.namespace, store),
+        doubts=partial(_doubts, store, found.namespace),
     )
 
 
@@ -64,6 +65,12 @@ def _sign(identity: Identity, data: bytes) -> bytes:
     from armadico.keys.signing import sign  # slow, and few agents sign
 
     return sign(identity, data)
+
+
+def _doubts(store: Store, namespace: str, labels: Sequence[Sequence[str]]) -> list[str]:
+    from armadico.keys.derived import doubts  # imports the agents
+
+    return [*doubts(store, namespace, labels)]
 
 
 class _MayBeCritical:

@@ -60,8 +60,9 @@ def run(args: Options) -> int:
         print("\n".join(_of_one(table, args.identity)))
     else:
         print("\n".join(_summary(table)))
-    for line in derived.contradictions(table, derived.derive(store.members().values(), namespace)):
-        options.report(f"the table contradicts the classes: {line}; write it with {derived.DERIVE}")
+    now = derived.derive(store.members().values(), namespace)
+    for line in derived.named(store, namespace, table, now):
+        options.report(line)
     return 0
 
 
