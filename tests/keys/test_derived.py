@@ -9,10 +9,13 @@ import pytest
 from msgspec.structs import replace
 
 from armadico.agents.driving.goto import Goto
+from armadico.config.endpoints import Endpoints
+from armadico.config.hosts import HostTable
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import create
 from armadico.keys.checking import Checks
 from armadico.keys.derived import access_control, derive_again, doubts, file_of, load, save
+from armadico.keys.door import open_door
 from armadico.keys.issuing import Issuer
 from armadico.keys.rights import Does
 from armadico.keys.store import Member, Store
@@ -93,3 +96,17 @@ def test_an_agent_that_is_not_installed_has_no_rights_and_is_named(store: Store)
     store.save_members(store.members() | {stranger.name: stranger})
     with pytest.raises(ConfigError, match="no rights for the agent stranger"):
         derive_again(store, NAMESPACE)
+
+
+def test_a_process_is_told_what_the_router_will_drop(store: Store) -> None:
+    where = Endpoints(namespace=NAMESPACE, table=HostTable({}, keys=str(store.folder)))
+    door = open_door(where, "avoid+goto")
+    assert door.forbidden("put", "robot/cmd/goto-1f") == ""
+    told = door.forbidden("put", "robot/cmd/encoder-1f")
+    assert "robot1/avoid+goto has no right to put robot/cmd/encoder-1f" in told
+    assert door.may_be_critical is not None
+    assert door.may_be_critical("avoid-1f", "wheels")
+    assert not door.may_be_critical("goto-1f", "wheels")
+    file_of(store, NAMESPACE).unlink()
+    assert door.forbidden("put", "robot/cmd/encoder-1f") == ""
+    assert not door.may_be_critical("avoid-1f", "wheels")

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from armadico.keys.rights import Does, Table, covers
+from armadico.keys.rights import Does, Table, covers, permits
 from armadico.mesh import sockets
 from armadico.mesh.door import ACCESS, MCP, PAGE, ROS2, SIMULATOR, USER, VIEWER, Door
 from armadico.mesh.topology import topology
@@ -117,12 +117,8 @@ class Lab:
         assert any(True for _ in found), "every identity may look for its router"
 
     def allowed(self, identity: str, does: Does) -> set[str]:
-        yes, no = self.rights.allowed(identity, does), self.rights.denied(identity, does)
-        return {
-            key
-            for key in self.expressions
-            if any(covers(rule, key) for rule in yes) and not any(covers(rule, key) for rule in no)
-        }
+        rules = self.rights.expressions(identity)[does]
+        return {key for key in self.expressions if permits(*rules, key)}
 
 
 def rooted(key: str) -> str:
