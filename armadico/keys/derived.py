@@ -180,7 +180,7 @@ def _agent(name: str) -> type[Individual]:
 
 
 def _guest(member: Member) -> type[Guest]:
-    guests = {point.name: found for point, found in loaded(IDENTITIES, Guest)}
+    guests: dict[str, type[Guest]] = {p.name: found for p, found in loaded(IDENTITIES, Guest)}
     return guests.get(member.kind, Guest)  # of a package that is not installed: no rights
 
 

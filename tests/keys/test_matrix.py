@@ -315,3 +315,17 @@ def test_a_process_without_a_name_gets_no_link(lab: Lab) -> None:
         with pytest.raises(zenoh.ZError):
             zenoh.open(config)
     assert lab.router
+
+
+@every_identity
+def test_nobody_reads_or_changes_zenohs_own_settings(lab: Lab, identity: str) -> None:
+    session = lab.session(identity)
+    own = f"@/{lab.router.info.zid()}"
+    read = [str(reply.ok.key_expr) for reply in session.get("@/**", timeout=ANSWER_S) if reply.ok]
+    assert not [key for key in read if key.startswith(own)]
+    key = f"{own}/router/config/access_control/enabled"
+    session.put(key, b"false", congestion_control=BLOCK)
+    session.put(rooted("robot/state"), b"x", congestion_control=BLOCK)
+    with lab.heard(lab.router.declare_subscriber) as (put, _):
+        lab.settle(session)
+        assert "robot/state" not in put

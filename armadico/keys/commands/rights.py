@@ -84,10 +84,10 @@ def explanation(table: Table, key: str, namespace: str) -> Iterator[str]:
     if service is None:
         yield f"nobody publishes or answers on {key}: no installed message has this key"
     else:
-        does = "answers" if service.kind is Kind.QUERY else "provides"
+        attribute = "answers" if service.kind is Kind.QUERY else "provides"
         yield (
             f"nobody publishes or answers on {key}: it is for {service.message.__name__}, and no"
-            f" class of a member has that in its `{does}`"
+            f" class of a member has that in its `{attribute}`"
         )
 
 
