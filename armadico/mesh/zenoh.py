@@ -154,7 +154,6 @@ class ZenohMesh(Reader, Monotonic):
         """
         super().__init__()
         self.namespace = namespace
-        self.door = where.door
         self.closed = where.door is not None
         own = "guest" if where.door is None else where.door.name.rpartition("/")[2]
         self.guest = f"{own}-{random.SystemRandom().getrandbits(64):016x}"
