@@ -153,7 +153,6 @@ class ZenohMesh(Reader, Monotonic):
         """
         super().__init__()
         self.namespace = namespace
-        self.door = where.door
         self.closed = where.door is not None
         own = "guest" if where.door is None else where.door.name.rpartition("/")[2]
         self.guest = f"{own}-{random.SystemRandom().getrandbits(64):016x}"
@@ -191,6 +190,11 @@ class ZenohMesh(Reader, Monotonic):
         self.close()
 
     # Joining and leaving -------------------------------------------------------------------------
+
+    @property
+    def door(self) -> Door | None:
+        """The identity by which it joins; None: the society is open."""
+        return self._where.door
 
     @property
     def door(self) -> Door | None:
