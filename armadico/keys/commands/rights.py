@@ -60,8 +60,9 @@ def run(args: Options) -> int:
         print("\n".join(_of_one(table, args.identity)))
     else:
         print("\n".join(_summary(table)))
-    for line in derived.contradictions(table, derived.derive(store.members().values(), namespace)):
-        options.report(f"the table contradicts the classes: {line}; write it with {derived.DERIVE}")
+    now = derived.derive(store.members().values(), namespace)
+    for line in derived.named(store, namespace, table, now):
+        options.report(line)
     return 0
 
 
@@ -83,10 +84,10 @@ def explanation(table: Table, key: str, namespace: str) -> Iterator[str]:
     if service is None:
         yield f"nobody publishes or answers on {key}: no installed message has this key"
     else:
-        does = "answers" if service.kind is Kind.QUERY else "provides"
+        attribute = "answers" if service.kind is Kind.QUERY else "provides"
         yield (
             f"nobody publishes or answers on {key}: it is for {service.message.__name__}, and no"
-            f" class of a member has that in its `{does}`"
+            f" class of a member has that in its `{attribute}`"
         )
 
 
@@ -128,8 +129,8 @@ def _summary(table: Table) -> Iterator[str]:
         if critical:
             yield f"  may bid critical for {', '.join(dict.fromkeys(critical))}"
     yield ""
-    yield "Every agent also has its token, card, bids, parameters, journal and log, and its own"
-    yield "key of each latched state. All rights: armadico keys rights IDENTITY"
+    yield "Every agent also has its token, card, bids, parameters, journal and log, may stop the"
+    yield "robot, and repeats latched states. All rights: armadico keys rights IDENTITY"
 
 
 def _common(table: Table) -> frozenset[object]:
