@@ -87,7 +87,9 @@ def test_a_stop_is_published_soon_without_a_state_and_until_it_is_done() -> None
     assert len(robot.published) == robot.number
     assert {stop.epoch for stop in robot.published[1:]} == {1}
     assert {stop.press for stop in robot.published} == {PRESS}
-    assert replace(robot.published[-1], epoch=0) == robot.stop, "once latched it is the same stop, and no new one"
+    assert replace(robot.published[-1], epoch=0) == robot.stop, (
+        "once latched it is the same stop, and no new one"
+    )
 
 
 def test_stopped_is_what_the_robot_agent_goes_on_saying_for_a_second() -> None:
