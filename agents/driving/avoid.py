@@ -87,6 +87,7 @@ class Avoid(Behaviour):
 
     name = "avoid"
     reacts_to = Obstacles
+    critical_for = (WHEELS,)
     parameters = Parameters
     launched_with = ("v_max", "safety.unmapped")
     changeable: ClassVar = {

@@ -21,6 +21,7 @@ from armadico.cli.parsing import (
     PORT,
     BadValueError,
     UsageError,
+    flag,
     option,
     parser,
     several,
@@ -139,6 +140,10 @@ class Mesh:
         " (default: the host table's, or this machine's)",
         metavar="ENDPOINT",
     )
+    open: bool = flag(
+        "let any program that reaches the robot's port drive it; without keys in the host table"
+        " agents that other machines could reach are refused otherwise"
+    )
 
     def endpoints(self, *, passing: bool = True) -> Endpoints:
         """The endpoints of the mesh, for a tool (`passing`) or for an agent. Raises ConfigError."""
@@ -150,11 +155,12 @@ class Mesh:
             host=self.host,
             connect=self.connect,
             passing=passing,
+            open=self.open,
         )
 
-    def join(self, *, passing: bool = True, starts: bool = False) -> ZenohMesh:
-        """The mesh, not open yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
-        return self.endpoints(passing=passing).mesh(starts=starts)
+    def join(self, name: str = "", *, passing: bool = True, starts: bool = False) -> ZenohMesh:
+        """The mesh, not open yet, by an identity as in `Endpoints.door`; see `Endpoints.mesh`."""
+        return self.endpoints(passing=passing).mesh(name, starts=starts)
 
     @contextmanager
     def joined(self) -> Iterator[ZenohMesh]:
@@ -200,15 +206,20 @@ class Mesh:
         from armadico.observe.findings import Demand
 
         named, hosts, digest = table_of(self.hosts, self.host, self.connect), {}, ""
+        port = ""
         if named is not None:
             from armadico.config.hosts import load_hosts
 
             table = load_hosts(named)
-            digest = table.digest
-            hosts = {name: host.agents for name, host in table.hosts.items()}
+            port = table.open_port
+            if len(self.connect) < 2:  # else it may be another robot of the fleet
+                digest = table.digest
+                hosts = {name: host.agents for name, host in table.hosts.items()}
         with suppress(TopologyError):  # no folder for sockets: nothing was started here
-            hosts |= {share.host: share.agents for share in shares(self.namespace)}
-        return Demand(hosts, digest, providers)
+            here = [*shares(self.namespace)]
+            hosts |= {share.host: share.agents for share in here}
+            port = port or next((share.open for share in here if share.open), "")
+        return Demand(hosts, digest, providers, port)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,10 +240,10 @@ class Meshes(Mesh):
         metavar="NS",
     )
 
-    def join_each(self, *, starts: bool = False) -> list[ZenohMesh]:
-        """A mesh for each robot, not open yet. Raises TopologyError for an invalid namespace."""
-        named = dict.fromkeys(self.namespaces or (default_namespace(),))
-        return [self.of(name).join(starts=starts) for name in named]
+    def join_each(self, name: str = "", *, starts: bool = False) -> list[ZenohMesh]:
+        """A mesh for each robot, not open yet; as `join`."""
+        spaces = dict.fromkeys(self.namespaces or (default_namespace(),))
+        return [self.of(space).join(name, starts=starts) for space in spaces]
 
 
 @contextmanager

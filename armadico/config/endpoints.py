@@ -13,6 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import installed
+from armadico.mesh.door import DOORS, Door, person
+from armadico.mesh.sockets import keys_here
 from armadico.mesh.topology import (
     HOSTS_VARIABLE,
     Topology,
@@ -38,12 +41,14 @@ class Endpoints:
         connect: Given endpoints of its router; only these are tried.
         table: The host table, if one is used; one without a file was created in memory.
         name: This machine's name in it, if it has one.
+        open: Whether a port without keys is wanted, although other machines reach it.
     """
 
     namespace: str
     connect: tuple[str, ...] = ()
     table: HostTable | None = None
     name: str | None = None
+    open: bool = False
 
     @property
     def host(self) -> Host:
@@ -56,21 +61,53 @@ class Endpoints:
         """The digest of the table's file; empty without one."""
         return self.table.digest if self.table is not None and self.table.file else ""
 
-    def topology(self, *, router: bool = False) -> Topology:
-        """Return how a process of this machine joins the mesh. Raises TopologyError."""
+    @property
+    def keys(self) -> Path | None:
+        """The folder of keys: the table's, else that of the society on this computer, else None."""
+        if self.table is not None:
+            return self.table.keys_folder
+        return None if self.connect else keys_here(self.namespace)
+
+    def door(self, name: str = "", *, router: bool = False) -> Door | None:
+        """Return the identity of a process; None if the society is open. Raises ConfigError.
+
+        Args:
+            name: As in `armadico.mesh.door`; by default the person's who runs this program.
+            router: Whether the process is the robot's router.
+        """
+        folder = self.keys
+        if folder is None:
+            return None
+        doors = installed(DOORS)
+        if not doors:
+            file = self.table.file if self.table is not None else None
+            raise ConfigError(
+                f"keys = {str(folder)!r}, and no package that reads keys is installed", file or None
+            )
+        opened: Door = next(iter(doors.values())).load()(self, name or person(), router=router)
+        return opened
+
+    def topology(self, name: str = "", *, router: bool = False) -> Topology:
+        """Return how a process of this machine joins the mesh, by its identity, as in `door`.
+
+        Raises TopologyError for an invalid endpoint, ConfigError if the identity is missing.
+        """
+        door = self.door(name, router=router)
         if self.table is None:
-            return topology(router=router, connect=self.connect)
+            return topology(router=router, connect=self.connect, door=door)
         return topology(
             router=router,
             connect=self.connect,
             robot=self.table.robots_router,
             here=self.name in (None, self.table.robots_host),
             peers=self.table.fleet,
+            door=door,
         )
 
-    def mesh(self, *, router: bool = False, starts: bool = False) -> ZenohMesh:
-        """Return the mesh, not opened yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
-        chosen, namespace = self.topology(router=router), checked_namespace(self.namespace)
+    def mesh(self, name: str = "", *, router: bool = False, starts: bool = False) -> ZenohMesh:
+        """Return the mesh, not opened yet; as `topology`, and `starts` as in `ZenohMesh`."""
+        namespace = checked_namespace(self.namespace)
+        chosen = self.topology(name, router=router)
         from armadico.mesh.zenoh import ZenohMesh  # heavy
 
         return ZenohMesh(namespace, chosen, starts=starts)
@@ -82,7 +119,7 @@ class Endpoints:
         if self.table is not None and self.table.file:
             words += ["--hosts", str(Path(self.table.file).resolve())]
             words += [] if self.name is None else ["--host", self.name]
-        return words
+        return [*words, "--open"] if self.open else words
 
 
 def endpoints(
@@ -92,6 +129,7 @@ def endpoints(
     host: str | None = None,
     connect: str | Sequence[str] = (),
     passing: bool = True,
+    open: bool = False,  # noqa: A002
 ) -> Endpoints:
     """Return where a robot's mesh is.
 
@@ -103,26 +141,36 @@ def endpoints(
         host: This machine's name in it; by default found by its addresses.
         connect: Endpoints of the robot's router; by default the table's, else this machine's.
         passing: True for a tool, which may be on a machine outside the table; False for agents.
+        open: Whether agents may use a port that is open to other machines.
     """
     namespace, connect = namespace or default_namespace(), several(connect)
     named = table_of(hosts, host, connect)
     if named is None:
         return Endpoints(namespace=namespace, connect=connect)
-    from armadico.config.hosts import load_hosts  # seldom needed
+    from armadico.config.hosts import load_hosts, over_tls  # seldom needed
 
     table = load_hosts(named)
+    if table.keys is not None:
+        connect = tuple(map(over_tls, connect))
     if host is None:
         host = _by_address(table, passing=passing)
     else:
         _check_here(host, entry(table, host), table)
+    if table.open_port and not (passing or open):
+        raise ConfigError(
+            f"any program that reaches {table.open_port} could drive the robot: write keys ="
+            ' "keys" above the first host and run `armadico keys init`, or add --open',
+            table.file,
+        )
     for endpoint in connect:
-        if endpoint != (known := table.robots_router):
+        known = table.robots_router
+        if endpoint != known and endpoint not in table.fleet:
             raise ConfigError(
                 f"--connect {endpoint} contradicts the host table, whose robot is at"
                 f" {known or 'no address'}; leave out --connect, or --host and --hosts",
                 table.file,
             )
-    return Endpoints(namespace=namespace, connect=connect, table=table, name=host)
+    return Endpoints(namespace=namespace, connect=connect, table=table, name=host, open=open)
 
 
 def table_of(

@@ -3,7 +3,7 @@
 A host table is a TOML file with one table per host. The host of the robot agent has a `router`, the
 endpoint at which other hosts reach that agent's process. Without it the robot agent listens to no
 network, which is enough on a single machine. Above the first host, `fleet` may list the routers of
-all robots of a fleet.
+all robots of a fleet, and `keys` names the folder of keys by which processes join.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from ipaddress import AddressValueError, IPv6Address
+from ipaddress import AddressValueError, IPv6Address, ip_address
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -19,6 +19,7 @@ from zlib import crc32
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from armadico.config.lines import line_of
 from armadico.config.loading import Document, document, parse_entries, read_text
@@ -38,7 +39,7 @@ ANYWHERE: Final = ("0.0.0.0", "::")
 _ENDPOINT = re.compile(r"^(?P<protocol>[a-z]+)/(?P<host>\[[^\]]*\]|[^/:\[\]\s#?]+):(?P<port>\d+)$")
 _HOST = re.compile(r"^[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?$")
 _TWICE = re.compile(r"^not TOML: Cannot declare \('(?P<name>[^']*)',\) twice")
-_SETTINGS = ("fleet",)
+_SETTINGS = ("fleet", "keys")
 
 
 class Host(Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,6 +66,8 @@ class Settings(Struct, frozen=True, forbid_unknown_fields=True):
     """The keys above the first host, which apply to all hosts."""
 
     fleet: tuple[str, ...] = ()
+    keys: str | None = None
+    """The folder of keys, relative to the table; None: the society is open."""
 
 
 class HostTable(Struct, frozen=True):
@@ -74,11 +77,19 @@ class HostTable(Struct, frozen=True):
     fleet: tuple[str, ...] = ()
     """The router endpoints of all robots of a fleet, including this one's, in any order."""
     file: str = ""
+    keys: str | None = None
+    """The folder of keys, as in the file; None: the society is open."""
+
+    @property
+    def keys_folder(self) -> Path | None:
+        """The folder of keys; None: the society is open."""
+        return None if self.keys is None else (Path(self.file).parent / self.keys).absolute()
 
     @property
     def digest(self) -> str:
         """Eight hexadecimal digits of its contents, in any order of hosts, without comments."""
-        found = msgspec.json.encode((sorted(self.hosts.items()), self.fleet))
+        closed = () if self.keys is None else ("keys",)
+        found = msgspec.json.encode((sorted(self.hosts.items()), self.fleet, *closed))
         return f"{crc32(found):08x}"
 
     def host(self, name: str) -> Host:
@@ -98,6 +109,14 @@ class HostTable(Struct, frozen=True):
         hosts = self.hosts.items()
         owning = (name for name, host in hosts if any(owners(host.agents, WHEELS)))
         return next(owning, next((name for name, host in hosts if host.router), None))
+
+    @property
+    def open_port(self) -> str:
+        """The robot's endpoint, if any program that reaches this machine can drive by it; or ""."""
+        endpoint = self.robots_router
+        if endpoint is None or self.keys is not None or _is_loopback(address_of(endpoint)):
+            return ""
+        return endpoint
 
     @property
     def robots_router(self) -> str | None:
@@ -139,10 +158,23 @@ def load_hosts(path: Path | str | None = None) -> HostTable:
     hosts = parse_entries(entries, Host, file, text)
     if not hosts:
         raise ConfigError("no hosts; expected a table [NAME] for each", file, 1)
-    table = HostTable(hosts, settings.fleet, str(file))
+    fleet = settings.fleet
+    if settings.keys is not None:
+        hosts = {name: _closed(host) for name, host in hosts.items()}
+        fleet = tuple(map(over_tls, fleet))
+    table = HostTable(hosts, fleet, str(file), settings.keys)
     for key, message in _faults(table):
         raise ConfigError(message, file, line_of(text, key))
     return table
+
+
+def over_tls(endpoint: str) -> str:
+    """An endpoint of a society with keys: over TLS instead of TCP."""
+    return re.sub("^tcp/", "tls/", endpoint)
+
+
+def _closed(host: Host) -> Host:
+    return host if host.router is None else replace(host, router=over_tls(host.router))
 
 
 def _entries(text: str, file: Path) -> Document:
@@ -167,9 +199,13 @@ def _faults(table: HostTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
     for name, host in table.hosts.items():
         for key, message in _faults_of(name, host, robots):
             yield (name, key), message
+        if fault := _fault_of_keys(host.router, table.keys):
+            yield (name, "router"), f"{name}.router = {fault}"
     for index, endpoint in enumerate(table.fleet):
-        if fault := _fault(endpoint):
+        if fault := _fault(endpoint) or _fault_of_keys(endpoint, table.keys):
             yield ("fleet", index), f"fleet[{index}] = {fault}"
+    if table.keys == "":
+        yield ("keys",), 'keys = "": expected a folder, such as keys = "keys"'
     yield from _faults_of_robots(table.hosts)
     if own is not None and table.fleet and own not in table.fleet:
         yield (
@@ -236,6 +272,16 @@ def _faults_of_robots(hosts: Mapping[str, Host]) -> Iterator[tuple[tuple[str | i
             yield (name, "robot"), f'{name}.robot = "{host.robot}": {fault}'
 
 
+def _fault_of_keys(endpoint: str | None, keys: str | None) -> str | None:
+    """The fault of an endpoint whose protocol does not fit a table with keys, or one without."""
+    protocol = None if endpoint is None else endpoint.partition("/")[0]
+    if keys is None and protocol in ("tls", "quic"):
+        return f'"{endpoint}": {protocol} needs keys; write keys = "keys" above the first host'
+    if keys is not None and protocol not in (None, "tls"):
+        return f'"{endpoint}": with keys expected tcp or tls, both of which are TLS then'
+    return None
+
+
 def _fault(endpoint: str) -> str | None:
     """The fault of an endpoint, or None."""
     found = _ENDPOINT.match(endpoint)
@@ -259,6 +305,14 @@ def address_of(endpoint: str) -> str:
 def _is_address(name: str) -> bool:
     """Whether this is a host name, an IPv4 or an IPv6 address."""
     return _is_host(f"[{name}]" if ":" in name else name)
+
+
+def _is_loopback(address: str) -> bool:
+    """Whether no other machine reaches an address."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
 
 
 def _is_host(host: str) -> bool:

@@ -40,20 +40,21 @@ from armadico.core.services import TOKEN
 from armadico.core.shared import shared
 from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
+from armadico.mesh.door import Door
 from armadico.mesh.linger import release_links
 from armadico.mesh.presence import Changed, Presence
-from armadico.mesh.sockets import answers
+from armadico.mesh.refusals import Refusals
 from armadico.mesh.topology import MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0  # timeout of closing a session, which may block for 10 s
-POLL_S: Final = 0.1  # how often a client checks whether its router is there, s
 WARN_S: Final = 1.5  # after how long without a router a client logs that it waits, s
 PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
 ANSWER_S: Final = 0.5  # timeout of querying whether an endpoint leads to the robot's router
 PEERS_S: Final = 1.0  # how often a router checks for robots that share keys on this computer, s
+NOTED: Final = 1000  # kinds of messages and keys whose rights are checked once
 PASSED_ON: Final = b"shared"  # marks another robot's publication, which is not passed on again
 ROUTER: Final = "router/{id}"  # the liveliness token of a robot's router
 
@@ -153,7 +154,9 @@ class ZenohMesh(Reader, Monotonic):
         """
         super().__init__()
         self.namespace = namespace
-        self.guest = f"guest-{random.SystemRandom().getrandbits(64):016x}"
+        self.closed = where.door is not None
+        own = "guest" if where.door is None else where.door.name.rpartition("/")[2]
+        self.guest = f"{own}-{random.SystemRandom().getrandbits(64):016x}"
         self.router = ""  # the id of the router that it is linked to, or is; else empty
         self._level = logging.INFO if starts else logging.WARNING
         self._where = where
@@ -164,10 +167,12 @@ class ZenohMesh(Reader, Monotonic):
         self._joined = threading.Event()
         self._tried = threading.Event()  # after the first attempt to join
         self._joining = ""  # the router that is being joined, which may hang
+        self._refusals = Refusals(namespace, where)
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
         self._declared = Declared()
+        self._noted: set[tuple[str, str]] = set()  # checked by the door
         self._watchers = Watchers()
         notify = self._watchers.notify_agent, self._watchers.notify_router
         self._presence = Presence(*notify, reachable=where.router)
@@ -189,6 +194,11 @@ class ZenohMesh(Reader, Monotonic):
     # Joining and leaving -------------------------------------------------------------------------
 
     @property
+    def door(self) -> Door | None:
+        """The identity by which it joins; None: the society is open."""
+        return self._where.door
+
+    @property
     def hung(self) -> str:
         """The router that accepted a connection and has not answered yet; "" if none."""
         return self._joining
@@ -197,6 +207,8 @@ class ZenohMesh(Reader, Monotonic):
     def missing(self) -> str:
         """Why the mesh has not been joined, and what to do: for people."""
         own = [str(self._socket())] if self._where.socket else []
+        if why := self._refusals.why(self.hung):
+            return why
         if self.hung:
             pid = sockets.owner(sockets.lock_of(self._socket())) if [self.hung] == own else None
             who = "the robot agent" if pid is None else f"the robot agent (process {pid})"
@@ -250,8 +262,10 @@ class ZenohMesh(Reader, Monotonic):
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
+        door = self._where.door
+        sockets.note_keys(self.namespace, "" if door is None else door.folder)
         self._begin(session)
-        self._peers = PeerLinks(self, self._where.peers)
+        self._peers = PeerLinks(self, self._where.peers, self._where.door)
 
     def _start_seeking(self) -> None:
         seeking = threading.Thread(target=self._seek, name="joining", daemon=True)
@@ -265,20 +279,22 @@ class ZenohMesh(Reader, Monotonic):
         warning.start()
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
-            self._left.wait(POLL_S)
+            self._left.wait(self._refusals.pause)
         self._tried.set()
         warning.cancel()
 
     def _log_missing(self) -> None:
         if not (self._joined.is_set() or self._left.is_set()):
-            logger.log(self._level, "%s; waiting for it", self.missing)
+            level = logging.WARNING if self._refusals.why(self.hung) else self._level
+            logger.log(level, "%s; waiting for it", self.missing)
 
     def _seek_once(self) -> bool:
         """Join a router that is there now; return whether there was one."""
         path = self._socket() if self._where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
-        answering = [there for there in self._where.connect if answers(there, PROBE_S)]
+        connect = self._where.connect
+        answering = [there for there in connect if self._refusals.answers(there, PROBE_S)]
         if not answering:
             self._joining = ""
         return any(self._join(there, there) for there in answering)
@@ -290,8 +306,10 @@ class ZenohMesh(Reader, Monotonic):
             session = zenoh.open(self._config((), (there,)))
         except zenoh.ZError as error:
             logger.debug("%s: %s", there, error)
+            self._refusals.failed(there)
             return False
         self._joining = ""
+        self._refusals.joined()
         if len(self._where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
             return False
@@ -424,6 +442,7 @@ class ZenohMesh(Reader, Monotonic):
         with self._lock:
             if self._waits:
                 return None
+            self._note_forbidden("put", key)
             # All have the default priority: otherwise a stop and a speed could change order.
             publisher = self._declared.publishers[key] = self._open.declare_publisher(
                 self._rooted(key),
@@ -438,6 +457,7 @@ class ZenohMesh(Reader, Monotonic):
     def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = True) -> None:
         """See `Mesh`; `passed_on`: include publications that other robots share."""
         where, root = self._placed(pattern)
+        self._note_forbidden("declare_subscriber", pattern)
 
         def declare(session: zenoh.Session) -> None:
             def arrived(sample: zenoh.Sample) -> None:
@@ -477,6 +497,7 @@ class ZenohMesh(Reader, Monotonic):
     ) -> None:
         """See `Mesh`; both are called on Zenoh's thread."""
         where, root = self._placed(key)
+        self._note_forbidden("query", key)
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -499,16 +520,28 @@ class ZenohMesh(Reader, Monotonic):
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         where, root = self._placed(key)
+        self._note_forbidden("declare_queryable", key)
 
         def on_query(query: zenoh.Query) -> None:
             receiver(Call(query, self.namespace, str(query.key_expr)[root:]))
 
         self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(on_query))))
 
+    def _note_forbidden(self, does: str, key: str) -> None:
+        """Log once that the router drops a kind of message: nothing else tells its sender."""
+        door = self._where.door
+        if door is None or self._where.router or (does, key) in self._noted:
+            return
+        if len(self._noted) < NOTED:
+            self._noted.add((does, key))
+        if why := door.forbidden(does, key):
+            logger.warning("%s", why)
+
     # Liveliness ----------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
         key = TOKEN.format(name=name, instance=instance)
+        self._note_forbidden("liveliness_token", key)
 
         def declare(session: zenoh.Session) -> None:
             self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))
@@ -630,7 +663,8 @@ class ZenohMesh(Reader, Monotonic):
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }
-        for key, value in (SETTINGS | own).items():
+        door = self._where.door
+        for key, value in (SETTINGS | own | dict(door.settings if door else {})).items():
             config.insert_json5(key, json.dumps(value))
         return config
 
@@ -643,14 +677,16 @@ class PeerLinks:
     Zenoh's routers (1.10.2) that returns after a hang stops forwarding for good.
     """
 
-    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str]) -> None:
+    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str], door: Door | None) -> None:
         """Begin.
 
         Args:
             mesh: The robot's own mesh.
             elsewhere: Endpoints of robots on other computers.
+            door: The robot's identity as their client.
         """
         self._mesh = mesh
+        self._door = None if door is None else door.as_client()
         self._elsewhere = tuple(elsewhere)
         self._links: dict[str, ZenohMesh] = {}
         self._over = threading.Event()
@@ -681,10 +717,15 @@ class PeerLinks:
                     self._links.pop(endpoint).close()
 
     def _link(self, endpoint: str) -> None:
-        link = ZenohMesh(self._mesh.namespace, topology(connect=endpoint), starts=True)
+        where = topology(connect=endpoint, door=self._door)
+        link = ZenohMesh(self._mesh.namespace, where, starts=True)
+
+        own = self._mesh.namespace.rpartition("/")[2]
 
         def arrived(key: str, data: bytes) -> None:
-            if self._is_needed(link):
+            if key.split("/")[1] == own:
+                self._mesh.refuse(key, "another robot published it as this one")
+            elif self._is_needed(link):
                 self._mesh.pass_on(key, data)
 
         for first in shared():

@@ -9,9 +9,8 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, group, option
+from armadico.mesh.door import MCP
 from armadico.watch.beside import Helpers
-
-ASSISTANT: Final = "assistant"  # the agent, as installed
 
 EXAMPLES: Final = """\
   armadico mcp --world house
@@ -29,13 +28,14 @@ class Options:
 def run(args: Options) -> int:
     """Serve until standard input ends."""
     world = options.world_of(args.world)
-    mesh = args.mesh.join()
+    mesh = args.mesh.join(MCP)
     from armadico.config.errands import load_mission
     from armadico.config.shipped import names
     from armadico.core.discovery import MISSIONS, installed
     from armadico.launch.client import Client
     from armadico.observe.watching import Watcher
     from armadico.watch.mcp.answers import Society
+    from armadico.watch.mcp.guest import ASSISTANT
     from armadico.watch.mcp.lines import Lines
     from armadico.watch.mcp.server import Server
 
