@@ -49,6 +49,8 @@ logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0  # timeout of closing a session, which may block for 10 s
 POLL_S: Final = 0.1  # how often a client checks whether its router is there, s
+QUICK: Final = 10  # so many first checks
+QUICK_S: Final = 0.02  # are at this period, s: a router that reopens is back within 0.03 s
 WARN_S: Final = 1.5  # after how long without a router a client logs that it waits, s
 PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
@@ -158,6 +160,7 @@ class ZenohMesh(Reader, Monotonic):
         self._level = logging.INFO if starts else logging.WARNING
         self._where = where
         self._lock = threading.RLock()
+        self._reopening = threading.Lock()
         self._session: zenoh.Session | None = None
         self._declarations: list[Declare] = []  # to be made in each session
         self._opened = False
@@ -242,7 +245,7 @@ class ZenohMesh(Reader, Monotonic):
             raise MeshError(f"{path} is a folder, and the socket would be there: remove it")
         listen = (sockets.endpoint(path), *self._where.listen)
         try:
-            session = zenoh.open(self._config(listen, ()))
+            session = zenoh.open(self._config(self._where, listen))
         except zenoh.ZError as error:
             if (there := sockets.holder(path)) is not None:
                 raise MeshError(
@@ -252,6 +255,50 @@ class ZenohMesh(Reader, Monotonic):
             raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
         self._begin(session)
         self._peers = PeerLinks(self, self._where.peers)
+
+    def reopen(self, where: Topology) -> None:
+        """Replace a router's session by one with other settings, within this process.
+
+        Zenoh reads rights, users and certificates only when a session opens. All clients lose their
+        links and join the new session; what is published in between is lost.
+
+        Raises:
+            MeshError: The new settings cannot be used. The session continues, or was opened again
+                with the old ones.
+        """
+        assert self._where.router and where.router, "clients rejoin"
+        listen = (sockets.endpoint(self._socket()), *where.listen)
+        with self._reopening:
+            try:
+                config = self._config(where, listen)
+            except zenoh.ZError as error:
+                raise MeshError(f"these settings cannot be used: {_reason(error)}") from None
+            with self._lock:
+                session, self._session = self._open, None
+                # The clients keep what they know of each other until they are linked again.
+                self._declared.tokens[ROUTER.format(id=self.router)].undeclare()  # type: ignore[no-untyped-call]
+                ending = self._ending(session)
+                self._presence.begin_again(self.now())
+                self._wait_for_due()
+            ending()
+            try:
+                new = zenoh.open(config)
+            except zenoh.ZError as error:
+                self._begin(self._opened_again())
+                raise MeshError(f"these settings cannot be used: {_reason(error)}") from None
+            self._where = where
+            self._begin(new)
+
+    def _opened_again(self) -> zenoh.Session:
+        """Return a session of the router with its present settings, which worked before."""
+        listen = (sockets.endpoint(self._socket()), *self._where.listen)
+        while True:
+            try:
+                return zenoh.open(self._config(self._where, listen))
+            except zenoh.ZError as error:  # a client's port may be the router's for a moment
+                logger.error("the router cannot listen: %s; trying again", _reason(error))
+                if self._left.wait(POLL_S):
+                    raise MeshError("the mesh has been left") from None
 
     def _start_seeking(self) -> None:
         seeking = threading.Thread(target=self._seek, name="joining", daemon=True)
@@ -263,9 +310,11 @@ class ZenohMesh(Reader, Monotonic):
         warning = threading.Timer(WARN_S, self._log_missing)
         warning.daemon = True
         warning.start()
+        tries = 0
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
-            self._left.wait(POLL_S)
+            tries += 1
+            self._left.wait(QUICK_S if tries <= QUICK else POLL_S)
         self._tried.set()
         warning.cancel()
 
@@ -287,7 +336,7 @@ class ZenohMesh(Reader, Monotonic):
         """Join by the router at an endpoint, `shown` for people; return whether it succeeded."""
         self._joining = shown
         try:
-            session = zenoh.open(self._config((), (there,)))
+            session = zenoh.open(self._config(self._where, connect=(there,)))
         except zenoh.ZError as error:
             logger.debug("%s: %s", there, error)
             return False
@@ -623,10 +672,13 @@ class ZenohMesh(Reader, Monotonic):
     def _keep(self, declaration: object) -> None:
         self._declared.kept.append(declaration)
 
-    def _config(self, listen: tuple[str, ...], connect: tuple[str, ...]) -> zenoh.Config:
+    @staticmethod
+    def _config(
+        where: Topology, listen: tuple[str, ...] = (), connect: tuple[str, ...] = ()
+    ) -> zenoh.Config:
         config = zenoh.Config()
         own: dict[str, object] = {
-            "mode": "router" if self._where.router else "client",
+            "mode": "router" if where.router else "client",
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }
