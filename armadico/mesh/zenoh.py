@@ -266,7 +266,7 @@ class ZenohMesh(Reader, Monotonic):
             MeshError: The new settings cannot be used. The session continues, or was opened again
                 with the old ones.
         """
-        assert self._where.router and where.router, "clients rejoin"
+        assert self._where.router, "a client joins anew by itself"
         listen = (sockets.endpoint(self._socket()), *where.listen)
         with self._reopening:
             try:
