@@ -37,6 +37,7 @@ FOLDERS: Final = {
     "ros2": "bridge/ros2",
     "watch": "armadico/watch",
     "contracts": "armadico/contracts",
+    "keys": "armadico/keys",
 }
 """The packages that may go, and their folders."""
 

@@ -110,6 +110,7 @@ def _serve(args: Options) -> int:
     from armadico.core.agent import DeviceAgent
     from armadico.core.messages import OLDEST, PROTOCOL
     from armadico.core.resources import WHEELS
+    from armadico.mesh.door import ROBOT, name_of
     from armadico.runtime.blame import attributed
     from armadico.runtime.port_reader import open_line, open_port
     from armadico.runtime.process import identity, serve
@@ -119,7 +120,8 @@ def _serve(args: Options) -> int:
         raise UsageError(f"--protocol must be from {OLDEST} to {PROTOCOL} (got {protocol})")
     parameters = [_parameters(kind, args) for kind in kinds]
     where = args.mesh.endpoints(passing=False)
-    mesh = where.mesh(router=any(owners(args.names, WHEELS)), starts=True)
+    router = any(owners(args.names, WHEELS))
+    mesh = where.mesh(ROBOT if router else name_of(args.names), router=router, starts=True)
     logging.basicConfig(
         level=logging.INFO,
         stream=sys.stderr,

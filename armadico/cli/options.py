@@ -152,9 +152,9 @@ class Mesh:
             passing=passing,
         )
 
-    def join(self, *, passing: bool = True, starts: bool = False) -> ZenohMesh:
-        """The mesh, not open yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
-        return self.endpoints(passing=passing).mesh(starts=starts)
+    def join(self, name: str = "", *, passing: bool = True, starts: bool = False) -> ZenohMesh:
+        """The mesh, not open yet, by an identity as in `Endpoints.door`; see `Endpoints.mesh`."""
+        return self.endpoints(passing=passing).mesh(name, starts=starts)
 
     @contextmanager
     def joined(self) -> Iterator[ZenohMesh]:
@@ -229,10 +229,10 @@ class Meshes(Mesh):
         metavar="NS",
     )
 
-    def join_each(self, *, starts: bool = False) -> list[ZenohMesh]:
-        """A mesh for each robot, not open yet. Raises TopologyError for an invalid namespace."""
-        named = dict.fromkeys(self.namespaces or (default_namespace(),))
-        return [self.of(name).join(starts=starts) for name in named]
+    def join_each(self, name: str = "", *, starts: bool = False) -> list[ZenohMesh]:
+        """A mesh for each robot, not open yet; as `join`."""
+        spaces = dict.fromkeys(self.namespaces or (default_namespace(),))
+        return [self.of(space).join(name, starts=starts) for space in spaces]
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from armadico.bridge.simulator.traps import KIND, UNKIND, Trap
 from armadico.cli import options
 from armadico.cli.parsing import PORT as LISTEN
 from armadico.cli.parsing import Command, Must, argument, group, option, several
+from armadico.mesh.door import SIMULATOR
 
 if TYPE_CHECKING:
     from armadico.bridge.kind import Network
@@ -132,7 +133,7 @@ class Options:
 
 def run(args: Options) -> int:
     args = _named(args)
-    mesh = args.mesh.join(passing=False, starts=True)
+    mesh = args.mesh.join(SIMULATOR, passing=False, starts=True)
     scenario = _scenario(args)
     robots = [_robot(scenario, args, k) for k in range(1 + len(scenario.others))]
     try:
@@ -148,7 +149,7 @@ def run(args: Options) -> int:
             line, where = _line(replace(args, port=0, ros2=ros2), other.name, stack)
             served.append((other, line))
             places.append(where)
-            _show(other, args.mesh.of(namespace).join(starts=True), stack)
+            _show(other, args.mesh.of(namespace).join(SIMULATOR, starts=True), stack)
         what = f"a simulated {args.robot}"
         if args.also:
             what = f"{len(robots)} simulated robots ({args.robot})"

@@ -30,6 +30,7 @@ from armadico.config.endpoints import Endpoints
 from armadico.core.errors import UnknownNameError
 from armadico.core.unseen import Rule
 from armadico.launch.options import X_Y_DEG, set_option, unseen_option
+from armadico.mesh.door import launcher
 from armadico.mobile.geometry import Pose2
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def _keep(
     from armadico.runtime.errors import RunFailedError
 
     has_robot = any(owners((member.name for member in plan.members), WHEELS))
-    mesh = where.mesh(starts=has_robot)
+    mesh = where.mesh(launcher(plan.host), starts=has_robot)
     names = ", ".join(member.name for member in plan.members)
     try:
         with (

@@ -13,6 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from armadico.core.config_errors import ConfigError
+from armadico.core.discovery import installed
+from armadico.mesh.door import DOORS, Door, person
+from armadico.mesh.sockets import keys_here
 from armadico.mesh.topology import (
     HOSTS_VARIABLE,
     Topology,
@@ -56,21 +59,53 @@ class Endpoints:
         """The digest of the table's file; empty without one."""
         return self.table.digest if self.table is not None and self.table.file else ""
 
-    def topology(self, *, router: bool = False) -> Topology:
-        """Return how a process of this machine joins the mesh. Raises TopologyError."""
+    @property
+    def keys(self) -> Path | None:
+        """The folder of keys: the table's, else that of the society on this computer, else None."""
+        if self.table is not None:
+            return self.table.keys_folder
+        return None if self.connect else keys_here(self.namespace)
+
+    def door(self, name: str = "", *, router: bool = False) -> Door | None:
+        """Return the identity of a process; None if the society is open. Raises ConfigError.
+
+        Args:
+            name: As in `armadico.mesh.door`; by default the person's who runs this program.
+            router: Whether the process is the robot's router.
+        """
+        folder = self.keys
+        if folder is None:
+            return None
+        doors = installed(DOORS)
+        if not doors:
+            file = self.table.file if self.table is not None else None
+            raise ConfigError(
+                f"keys = {str(folder)!r}, and no package that reads keys is installed", file or None
+            )
+        opened: Door = next(iter(doors.values())).load()(self, name or person(), router=router)
+        return opened
+
+    def topology(self, name: str = "", *, router: bool = False) -> Topology:
+        """Return how a process of this machine joins the mesh, by its identity, as in `door`.
+
+        Raises TopologyError for an invalid endpoint, ConfigError if the identity is missing.
+        """
+        door = self.door(name, router=router)
         if self.table is None:
-            return topology(router=router, connect=self.connect)
+            return topology(router=router, connect=self.connect, door=door)
         return topology(
             router=router,
             connect=self.connect,
             robot=self.table.robots_router,
             here=self.name in (None, self.table.robots_host),
             peers=self.table.fleet,
+            door=door,
         )
 
-    def mesh(self, *, router: bool = False, starts: bool = False) -> ZenohMesh:
-        """Return the mesh, not opened yet; `starts` as in `ZenohMesh`. Raises TopologyError."""
-        chosen, namespace = self.topology(router=router), checked_namespace(self.namespace)
+    def mesh(self, name: str = "", *, router: bool = False, starts: bool = False) -> ZenohMesh:
+        """Return the mesh, not opened yet; as `topology`, and `starts` as in `ZenohMesh`."""
+        namespace = checked_namespace(self.namespace)
+        chosen = self.topology(name, router=router)
         from armadico.mesh.zenoh import ZenohMesh  # heavy
 
         return ZenohMesh(namespace, chosen, starts=starts)

@@ -3,7 +3,7 @@
 A host table is a TOML file with one table per host. The host of the robot agent has a `router`, the
 endpoint at which other hosts reach that agent's process. Without it the robot agent listens to no
 network, which is enough on a single machine. Above the first host, `fleet` may list the routers of
-all robots of a fleet.
+all robots of a fleet, and `keys` names the folder of keys by which processes join.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from zlib import crc32
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from armadico.config.lines import line_of
 from armadico.config.loading import Document, document, parse_entries, read_text
@@ -38,7 +39,7 @@ ANYWHERE: Final = ("0.0.0.0", "::")
 _ENDPOINT = re.compile(r"^(?P<protocol>[a-z]+)/(?P<host>\[[^\]]*\]|[^/:\[\]\s#?]+):(?P<port>\d+)$")
 _HOST = re.compile(r"^[A-Za-z0-9_]([A-Za-z0-9_.-]*[A-Za-z0-9_])?$")
 _TWICE = re.compile(r"^not TOML: Cannot declare \('(?P<name>[^']*)',\) twice")
-_SETTINGS = ("fleet",)
+_SETTINGS = ("fleet", "keys")
 
 
 class Host(Struct, frozen=True, forbid_unknown_fields=True):
@@ -65,6 +66,8 @@ class Settings(Struct, frozen=True, forbid_unknown_fields=True):
     """The keys above the first host, which apply to all hosts."""
 
     fleet: tuple[str, ...] = ()
+    keys: str | None = None
+    """The folder of keys, relative to the table; None: the society is open."""
 
 
 class HostTable(Struct, frozen=True):
@@ -74,11 +77,19 @@ class HostTable(Struct, frozen=True):
     fleet: tuple[str, ...] = ()
     """The router endpoints of all robots of a fleet, including this one's, in any order."""
     file: str = ""
+    keys: str | None = None
+    """The folder of keys, as in the file; None: the society is open."""
+
+    @property
+    def keys_folder(self) -> Path | None:
+        """The folder of keys; None: the society is open."""
+        return None if self.keys is None else (Path(self.file).parent / self.keys).absolute()
 
     @property
     def digest(self) -> str:
         """Eight hexadecimal digits of its contents, in any order of hosts, without comments."""
-        found = msgspec.json.encode((sorted(self.hosts.items()), self.fleet))
+        closed = () if self.keys is None else ("keys",)
+        found = msgspec.json.encode((sorted(self.hosts.items()), self.fleet, *closed))
         return f"{crc32(found):08x}"
 
     def host(self, name: str) -> Host:
@@ -139,10 +150,23 @@ def load_hosts(path: Path | str | None = None) -> HostTable:
     hosts = parse_entries(entries, Host, file, text)
     if not hosts:
         raise ConfigError("no hosts; expected a table [NAME] for each", file, 1)
-    table = HostTable(hosts, settings.fleet, str(file))
+    fleet = settings.fleet
+    if settings.keys is not None:
+        hosts = {name: _closed(host) for name, host in hosts.items()}
+        fleet = tuple(map(over_tls, fleet))
+    table = HostTable(hosts, fleet, str(file), settings.keys)
     for key, message in _faults(table):
         raise ConfigError(message, file, line_of(text, key))
     return table
+
+
+def over_tls(endpoint: str) -> str:
+    """An endpoint of a society with keys: over TLS instead of TCP."""
+    return re.sub("^tcp/", "tls/", endpoint)
+
+
+def _closed(host: Host) -> Host:
+    return host if host.router is None else replace(host, router=over_tls(host.router))
 
 
 def _entries(text: str, file: Path) -> Document:

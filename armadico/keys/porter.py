@@ -12,7 +12,7 @@ once, knows no revocation, and does not report a failed handshake. The porter
 - reads its own certificate and the list of members again when their files change;
 - closes a link when its certificate expires or its name is revoked. A link lives as long as the
   newest certificate that its name has shown from the same address, so a renewed one needs no new
-  link (`armadico.keys.renewing.show`).
+  link: its process connects anew, introduces itself, and leaves.
 
 It ends when its standard input is closed, which happens when the robot agent ends.
 """
@@ -67,12 +67,6 @@ LINKS_OF_A_NAME: Final = 32
 
 REPORT_S: Final = 5.0
 """Shortest time between two reports of connections that were turned away, s."""
-
-SHOWING: Final = "armadico-shown"
-"""The application protocol (ALPN) of a client that only shows its certificate."""
-
-SHOWN: Final = b"\x01"
-"""The answer to such a client."""
 
 KINDS: Final = 20
 """Most lines of one report; each is an address and a reason."""
@@ -267,9 +261,6 @@ class Porter:
             if (other.name, other.peer) == (name, link.peer):
                 other.ends = max(other.ends, link.ends)
         self._links.add(link)
-        if outer.selected_alpn_protocol() == SHOWING:
-            link.outward += SHOWN
-            self._end(link)
         self._guarded(link, self._pass_inward)
 
     def _crowd(self, name: str) -> str:
@@ -472,7 +463,6 @@ class Files:
         context.minimum_version = ssl.TLSVersion.TLSv1_3
         context.verify_mode = ssl.CERT_REQUIRED
         context.num_tickets = 0  # a resumed session would not show its certificate
-        context.set_alpn_protocols([SHOWING])
         for path, load in (
             (self._store.authority, lambda: context.load_verify_locations(self._store.authority)),
             (

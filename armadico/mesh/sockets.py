@@ -35,6 +35,9 @@ IDENTITY: Final = ".guard-pid"
 HELD: Final = ".guard-stop"
 """Suffix of the file that tells the next guard of a stop that no robot agent has latched."""
 
+KEYS: Final = ".keys"
+"""Suffix of the file with the folder of keys of a robot's router, beside its socket."""
+
 LATCHES_S: Final = 0.3
 """How long `stop` waits for the robot agent."""
 
@@ -106,6 +109,27 @@ def guard_of(namespace: str) -> Path:
     Raises TopologyError if it is too long.
     """
     return socket_of(namespace).with_suffix(".guard")
+
+
+def keys_here(namespace: str) -> Path | None:
+    """Return the folder of keys of the robot whose router is on this computer; None: it is open.
+
+    The router writes it (`note_keys`), for commands that read no host table.
+    """
+    try:
+        path = socket_of(namespace)
+        text = path.with_suffix(KEYS).read_text(encoding="utf-8")
+    except (OSError, TopologyError):
+        return None
+    return Path(text)
+
+
+def note_keys(namespace: str, folder: str) -> None:
+    """Write the folder of keys beside a router's socket, for `keys_here`; "": it is open."""
+    path = socket_of(namespace).with_suffix(KEYS)
+    path.unlink(missing_ok=True)
+    if folder:
+        path.write_text(folder, encoding="utf-8")
 
 
 class Guard(NamedTuple):
@@ -279,6 +303,7 @@ def clear(namespace: str) -> None:
     if not (is_held(lock_of(path)) or holder(path)):
         path.unlink(missing_ok=True)
         lock_of(path).unlink(missing_ok=True)
+        path.with_suffix(KEYS).unlink(missing_ok=True)
     with _guard_line(namespace) as line:
         if line is None:
             for each in (guard, guard.with_suffix(IDENTITY), guard.with_suffix(HELD)):

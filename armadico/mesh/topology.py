@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from armadico.core.shared import is_shared, shared
+from armadico.mesh.door import Door
 
 NAMESPACE_VARIABLE = "ARMADICO_NAMESPACE"  # the default namespace
 DEFAULT_NAMESPACE = "robot1"  # without that variable
@@ -42,6 +43,7 @@ class Topology(NamedTuple):  # importing `dataclasses` is slow, and `armadico st
         connect: Endpoints that a client tries besides the socket, in order.
         socket: Whether the namespace's socket on this computer is the robot's.
         peers: Endpoints of the routers of robots on other computers with which it shares keys.
+        door: Its identity; None: the society is open.
     """
 
     router: bool = False
@@ -49,6 +51,7 @@ class Topology(NamedTuple):  # importing `dataclasses` is slow, and `armadico st
     connect: tuple[str, ...] = ()
     socket: bool = True
     peers: tuple[str, ...] = ()
+    door: Door | None = None
 
 
 def several(names: str | Sequence[str]) -> tuple[str, ...]:
@@ -63,6 +66,7 @@ def topology(
     robot: str | None = None,
     here: bool = True,
     peers: Sequence[str] = (),
+    door: Door | None = None,
 ) -> Topology:
     """Return how a process joins. Raises TopologyError for an invalid endpoint.
 
@@ -72,13 +76,14 @@ def topology(
         robot: The endpoint of the robot's router, from the host table.
         here: Whether the robot may be on this computer.
         peers: The endpoints of the routers of all robots that share keys, from the host table.
+        door: The process's identity.
     """
     known = checked_endpoints(() if robot is None else (robot,))
     if router:
         others = checked_endpoints([endpoint for endpoint in peers if endpoint != robot])
-        return Topology(router=True, listen=known, peers=others)
+        return Topology(router=True, listen=known, peers=others, door=door)
     requested = checked_endpoints(several(connect))
-    return Topology(connect=requested or known, socket=here and not requested)
+    return Topology(connect=requested or known, socket=here and not requested, door=door)
 
 
 def default_namespace(environ: Mapping[str, str] = os.environ) -> str:

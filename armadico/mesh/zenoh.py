@@ -40,17 +40,18 @@ from armadico.core.services import TOKEN
 from armadico.core.shared import shared
 from armadico.mesh import sockets
 from armadico.mesh.base import Monotonic, Reader, Receiver
+from armadico.mesh.door import Door
 from armadico.mesh.linger import release_links
 from armadico.mesh.presence import Changed, Presence
-from armadico.mesh.sockets import answers
+from armadico.mesh.refusals import Refusals
 from armadico.mesh.topology import MeshError, Topology, rooted, topology
 
 logger = logging.getLogger("armadico.mesh")
 
 CLOSE_S: Final = 1.0  # timeout of closing a session, which may block for 10 s
-POLL_S: Final = 0.1  # how often a client checks whether its router is there, s
-QUICK: Final = 10  # so many first checks
-QUICK_S: Final = 0.02  # are at this period, s: a router that reopens is back within 0.03 s
+AGAIN_S: Final = 0.1  # between two attempts of a router to listen, s
+QUICK: Final = 10  # so many first checks for a router on this computer
+QUICK_S: Final = 0.02  # are at this period, s: one that reopens is back within 0.03 s
 WARN_S: Final = 1.5  # after how long without a router a client logs that it waits, s
 PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
@@ -167,6 +168,7 @@ class ZenohMesh(Reader, Monotonic):
         self._joined = threading.Event()
         self._tried = threading.Event()  # after the first attempt to join
         self._joining = ""  # the router that is being joined, which may hang
+        self._refusals = Refusals(namespace, where)
         self._left = threading.Event()
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
@@ -200,6 +202,8 @@ class ZenohMesh(Reader, Monotonic):
     def missing(self) -> str:
         """Why the mesh has not been joined, and what to do: for people."""
         own = [str(self._socket())] if self._where.socket else []
+        if why := self._refusals.why(self.hung):
+            return why
         if self.hung:
             pid = sockets.owner(sockets.lock_of(self._socket())) if [self.hung] == own else None
             who = "the robot agent" if pid is None else f"the robot agent (process {pid})"
@@ -253,8 +257,10 @@ class ZenohMesh(Reader, Monotonic):
                     f" already ({path}): `armadico down` ends it, --namespace names another"
                 ) from None
             raise MeshError(f"cannot listen on {', '.join(listen)}: {_reason(error)}") from None
+        door = self._where.door
+        sockets.note_keys(self.namespace, "" if door is None else door.folder)
         self._begin(session)
-        self._peers = PeerLinks(self, self._where.peers)
+        self._peers = PeerLinks(self, self._where.peers, self._where.door)
 
     def reopen(self, where: Topology) -> None:
         """Replace a router's session by one with other settings, within this process.
@@ -297,7 +303,7 @@ class ZenohMesh(Reader, Monotonic):
                 return zenoh.open(self._config(self._where, listen))
             except zenoh.ZError as error:  # a client's port may be the router's for a moment
                 logger.error("the router cannot listen: %s; trying again", _reason(error))
-                if self._left.wait(POLL_S):
+                if self._left.wait(AGAIN_S):
                     raise MeshError("the mesh has been left") from None
 
     def _start_seeking(self) -> None:
@@ -314,7 +320,8 @@ class ZenohMesh(Reader, Monotonic):
         while not (self._left.is_set() or self._seek_once()):
             self._tried.set()
             tries += 1
-            self._left.wait(QUICK_S if tries <= QUICK else POLL_S)
+            is_quick = self._where.socket and tries <= QUICK
+            self._left.wait(QUICK_S if is_quick else self._refusals.pause)
         self._tried.set()
         warning.cancel()
 
@@ -327,7 +334,8 @@ class ZenohMesh(Reader, Monotonic):
         path = self._socket() if self._where.socket else None
         if path is not None and sockets.holder(path) is not None:
             return self._join(sockets.endpoint(path), str(path))
-        answering = [there for there in self._where.connect if answers(there, PROBE_S)]
+        connect = self._where.connect
+        answering = [there for there in connect if self._refusals.answers(there, PROBE_S)]
         if not answering:
             self._joining = ""
         return any(self._join(there, there) for there in answering)
@@ -339,8 +347,10 @@ class ZenohMesh(Reader, Monotonic):
             session = zenoh.open(self._config(self._where, connect=(there,)))
         except zenoh.ZError as error:
             logger.debug("%s: %s", there, error)
+            self._refusals.failed(there)
             return False
         self._joining = ""
+        self._refusals.joined()
         if len(self._where.connect) > 1 and not self._leads_to_robot(session):
             _close(session)
             return False
@@ -682,7 +692,8 @@ class ZenohMesh(Reader, Monotonic):
             "listen/endpoints": list(listen),
             "connect/endpoints": list(connect),
         }
-        for key, value in (SETTINGS | own).items():
+        door = where.door
+        for key, value in (SETTINGS | own | dict(door.settings if door else {})).items():
             config.insert_json5(key, json.dumps(value))
         return config
 
@@ -695,14 +706,16 @@ class PeerLinks:
     Zenoh's routers (1.10.2) that returns after a hang stops forwarding for good.
     """
 
-    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str]) -> None:
+    def __init__(self, mesh: ZenohMesh, elsewhere: Sequence[str], door: Door | None) -> None:
         """Begin.
 
         Args:
             mesh: The robot's own mesh.
             elsewhere: Endpoints of robots on other computers.
+            door: The robot's identity as their client.
         """
         self._mesh = mesh
+        self._door = None if door is None else door.as_client()
         self._elsewhere = tuple(elsewhere)
         self._links: dict[str, ZenohMesh] = {}
         self._over = threading.Event()
@@ -733,7 +746,8 @@ class PeerLinks:
                     self._links.pop(endpoint).close()
 
     def _link(self, endpoint: str) -> None:
-        link = ZenohMesh(self._mesh.namespace, topology(connect=endpoint), starts=True)
+        where = topology(connect=endpoint, door=self._door)
+        link = ZenohMesh(self._mesh.namespace, where, starts=True)
 
         def arrived(key: str, data: bytes) -> None:
             if self._is_needed(link):

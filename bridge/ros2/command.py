@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, argument, flag, group, option
+from armadico.mesh.door import ROS2
 
 if TYPE_CHECKING:
     from armadico.bridge.ros2.gateway.gateway import Gateway
@@ -55,7 +56,7 @@ def run(args: Options) -> int:
         address = read_address(args.address)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    meshes = args.mesh.join_each()
+    meshes = args.mesh.join_each(ROS2)
     namespaces = [mesh.namespace for mesh in meshes]
     societies = _societies(args, namespaces, address.namespace)
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -9,6 +9,7 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.parsing import Command, group, option
+from armadico.mesh.door import MCP
 from armadico.watch.beside import Helpers
 
 ASSISTANT: Final = "assistant"  # the agent, as installed
@@ -29,7 +30,7 @@ class Options:
 def run(args: Options) -> int:
     """Serve until standard input ends."""
     world = options.world_of(args.world)
-    mesh = args.mesh.join()
+    mesh = args.mesh.join(MCP)
     from armadico.config.errands import load_mission
     from armadico.config.shipped import names
     from armadico.core.discovery import MISSIONS, installed

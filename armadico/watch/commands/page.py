@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
 from armadico.cli.parsing import Command, flag, group, option
+from armadico.mesh.door import PAGE
 from armadico.watch.beside import STARTING, Helpers
 from armadico.watch.screen import has_screen
 
@@ -56,7 +57,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    meshes = args.mesh.join_each(starts=args.starting)
+    meshes = args.mesh.join_each(PAGE, starts=args.starting)
     world = options.world_of(args.world)
     guard = _guard(args)
     options.end_as_by_ctrl_c()

@@ -1,0 +1,1 @@
+"""Keys: identities of a society's processes, and what each of them may do."""

@@ -1,0 +1,159 @@
+"""What is wrong with the keys of a computer: which file, since when, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+from armadico.core.config_errors import ConfigError
+from armadico.keys.authority import Facts, KeyFileError, facts, is_issued_by, is_pair
+from armadico.keys.store import MEMBERS, Identity, Member, Store, check_private
+from armadico.mesh.door import ROBOT
+
+SOON: Final = timedelta(hours=1)
+"""A certificate that expires within so long is announced."""
+
+CLOCK_OFF: Final = timedelta(days=30)
+"""By so much no certificate of a client is late: then the clock is a likely cause, too."""
+
+
+class Checks:
+    """The checks of one folder of keys, at one time."""
+
+    def __init__(self, store: Store, now: datetime) -> None:
+        self._store, self._now = store, now
+
+    def everything(self) -> Iterator[str]:
+        """What is wrong with the folder and each identity in it."""
+        found = False
+        try:
+            self._store.check()
+            if self._store.issues:
+                check_private(self._store.authority_key)
+        except ConfigError as error:
+            yield str(error)
+        listed = self._store.members() if (self._store.folder / MEMBERS).exists() else {}
+        for identity in self._store.identities():
+            found = True
+            yield from self.of(identity)
+            yield from self._revoked(identity, listed.get(identity.name))
+        if not found:
+            yield f"{self._store.folder} has no identity: {self._remedy()}"
+
+    def _revoked(self, identity: Identity, member: Member | None) -> Iterator[str]:
+        """Whether an identity of this computer is void, where the list of identities is."""
+        if member is None:
+            return
+        if member.revoked:
+            yield f"{identity.name} was revoked {member.revoked}: {self._remedy(anew=True)}"
+        elif self._store.password(member) != identity.password.read_text(encoding="utf-8"):
+            yield (
+                f"{identity.folder} has a key of {identity.name} from before it was revoked:"
+                f" {self._remedy(anew=True)}"
+            )
+
+    def of(self, identity: Identity) -> Iterator[str]:
+        """What is wrong with an identity, for a link from another computer."""
+        yield from self._private(identity)
+        try:
+            authority = self._store.authority.read_bytes()
+            certificate, private = identity.certificate.read_bytes(), identity.private.read_bytes()
+        except OSError as error:
+            yield f"{error.filename} cannot be read: {error.strerror}"
+            return
+        try:
+            about = facts(authority)
+        except KeyFileError as error:
+            yield f"{self._store.authority} {error}: {self._remedy()}"
+            return
+        yield from self._times(self._store.authority, about, "`armadico keys init --anew`")
+        try:
+            about = facts(certificate)
+        except KeyFileError as error:
+            yield f"{identity.certificate} {error}: {self._remedy()}"
+            return
+        yield from self._times(identity.certificate, about, self._remedy())
+        if about.name != identity.name:
+            named = about.name or "without a name"
+            yield f"{identity.certificate} is {named}, not {identity.name}: {self._remedy()}"
+        if not is_issued_by(certificate, authority):
+            yield (
+                f"{identity.certificate} is not of the authority in {self._store.authority}:"
+                f" {self._remedy()}"
+            )
+        try:
+            if not is_pair(certificate, private):
+                yield f"{identity.private} is not the key of its certificate: {self._remedy()}"
+        except KeyFileError as error:
+            yield f"{identity.private} {error}: {self._remedy()}"
+
+    def on_socket(self, identity: Identity) -> Iterator[str]:
+        """What is wrong with an identity, for a link by the socket on the robot's computer."""
+        yield from self._private(identity)
+        users = self._store.identity(identity.namespace, ROBOT).users
+        try:
+            known = users.read_text(encoding="utf-8").splitlines()
+            line = f"{identity.name}:{identity.password.read_text(encoding='utf-8')}"
+        except OSError:
+            return
+        if line not in known:
+            yield (
+                "the robot agent does not know this key: it was revoked, or issued after the robot"
+                " agent started (`armadico keys list`)"
+            )
+
+    def expiring(self, identity: Identity) -> str:
+        """When a certificate expires, if that is soon; "" otherwise."""
+        try:
+            about = facts(identity.certificate.read_bytes())
+        except (OSError, KeyFileError):
+            return ""
+        if not timedelta() < about.ends - self._now <= SOON:
+            return ""
+        left = _span(about.ends - self._now)
+        return f"{identity.certificate} expires in {left}: {self._remedy()}"
+
+    def _private(self, identity: Identity) -> Iterator[str]:
+        for file in (identity.private, identity.password):
+            try:
+                check_private(file)
+            except ConfigError as error:
+                yield str(error)
+
+    def _times(self, file: Path, about: Facts, todo: str) -> Iterator[str]:
+        clock = f"this computer's clock says {_shown(self._now)}"
+        if self._now < about.begins:
+            ahead = _span(about.begins - self._now)
+            yield (
+                f"{file} is not valid before {_shown(about.begins)}, in {ahead}; {clock}: set the"
+                f" clock, or {todo}"
+            )
+        if self._now > about.ends:
+            ago = self._now - about.ends
+            doubt = f"; {clock}: set it, if it is wrong, or" if ago > CLOCK_OFF else ":"
+            yield f"{file} expired {_shown(about.ends)}, {_span(ago)} ago{doubt} {todo}"
+
+    def _remedy(self, *, anew: bool = False) -> str:
+        if self._store.issues and anew:
+            return "`armadico keys host`, `agent` or `person` makes a new key"
+        if self._store.issues:
+            return "`armadico keys renew` makes a new one"
+        return (
+            "`armadico keys host` on the computer that has the authority's key writes new ones for"
+            " this computer"
+        )
+
+
+def _shown(time: datetime) -> str:
+    return f"{time:%Y-%m-%d %H:%M} UTC"
+
+
+def _span(span: timedelta) -> str:
+    """A time span for people."""
+    seconds = span.total_seconds()
+    for unit, size in (("days", 86_400), ("h", 3600), ("min", 60)):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"

@@ -1,0 +1,129 @@
+"""What the verbs of `armadico keys` share: the folder of keys, the host table, and issuing."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import more_than, option
+from armadico.keys.store import Member, Store
+from armadico.mesh.door import PERSON, person
+
+if TYPE_CHECKING:
+    from armadico.config.endpoints import Endpoints
+    from armadico.config.hosts import HostTable
+    from armadico.keys.issuing import Issuer
+
+HOURS_HELP: Final = "a client's certificate is valid for so many hours (default: %(default)g)"
+OUT_HELP: Final = (
+    "write an archive for another computer, or a folder if the name does not end in .tar (default:"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Society(options.Mesh):
+    """The society whose keys are meant; no connection to it is made."""
+
+    connect: tuple[str, ...] = ()
+
+    @property
+    def where(self) -> Endpoints:
+        return self.endpoints()
+
+    @property
+    def table(self) -> HostTable:
+        """The host table. Raises UsageError without one, or if it has no keys."""
+        table = self.where.table
+        if table is None:
+            raise UsageError(
+                f"which host table? Add --hosts lab.toml, or set {options.HOSTS_VARIABLE}"
+            )
+        if table.keys is None:
+            raise UsageError(
+                f'{table.file} has no keys: write keys = "keys", say, above its first host; that is'
+                " the folder of keys, beside the table"
+            )
+        return table
+
+    @property
+    def store(self) -> Store:
+        """The folder of keys: the table's, or that of the society on this computer."""
+        where = self.where
+        folder = where.keys if where.table is None else self.table.keys_folder
+        if folder is None:
+            folder = self.table.keys_folder  # raises
+        assert folder is not None, "a table with keys has a folder"
+        return Store(folder)
+
+    def users(self, named: Sequence[str]) -> Sequence[str]:
+        """The users for whom keys are made; by default the one of this process."""
+        return named or (person().removeprefix(PERSON),)
+
+
+def hours_option() -> float:
+    """The field of the validity of certificates, h."""
+    return option(HOURS_HELP, default=24.0, metavar="HOURS", must=more_than(0))
+
+
+def now() -> datetime:
+    return datetime.now(UTC)
+
+
+def addresses(table: HostTable) -> tuple[str, ...]:
+    """The addresses of the robot's router."""
+    name = table.robots_host
+    return () if name is None else table.host(name).addresses
+
+
+def issuer_of(society: Society, hours: float, users: Sequence[str] = ()) -> Issuer:
+    """The authority, with the identities of the table in its list. Raises ConfigError."""
+    from armadico.keys.issuing import Issuer
+    from armadico.keys.members import of_table
+
+    issuer = Issuer.of(society.store, hours)
+    table = society.where.table
+    if table is not None:
+        issuer.list_all(of_table(table, society.where.namespace, society.users(users)))
+    return issuer
+
+
+def given_out(
+    issuer: Issuer, members: Iterable[Member], file: Path | None, society: Society
+) -> tuple[Member, ...]:
+    """Issue identities into an archive or a folder, by default this computer's; say so.
+
+    Raises FailedError if the folder exists.
+    """
+    from armadico.keys.issuing import archive
+
+    table = society.where.table
+    known = () if table is None else addresses(table)
+    if file is None:
+        given = issuer.give(members, issuer.store, now(), addresses=known)
+        print(f"{issuer.store.folder}: {_counted(given)}")
+        return given
+    if file.suffix != ".tar":
+        if file.exists() and any(file.iterdir()):
+            raise FailedError(f"{file} is not empty; name another folder, or an archive")
+        given = issuer.give(members, Store(file), now(), addresses=known)
+        print(f"{file}: {_counted(given)}")
+        return given
+    name = issuer.store.folder.name
+    with tempfile.TemporaryDirectory(prefix="armadico-keys-") as folder:
+        into = Store(Path(folder, name))
+        given = issuer.give(members, into, now(), addresses=known)
+        archive(into.folder, name, file)
+        shutil.rmtree(into.folder)
+    print(f"{file}: {_counted(given)}; unpack it beside the host table: tar -xf {file.name}")
+    return given
+
+
+def _counted(given: Sequence[Member]) -> str:
+    return f"{len(given)} key{'s' if len(given) != 1 else ''}"

@@ -1,0 +1,50 @@
+"""Make the key of a person."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from armadico.cli.parsing import Command, argument, group, option
+from armadico.keys.commands.common import (
+    OUT_HELP,
+    Path,
+    Society,
+    given_out,
+    hours_option,
+    issuer_of,
+)
+
+EXAMPLES: Final = """\
+  armadico keys person anna                        on this computer
+  armadico keys person anna --out anna-keys.tar    for a computer of hers
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    user: str = argument("the name with which the person logs in", metavar="USER")
+    out: Path | None = option(f"{OUT_HELP} this computer's folder)", metavar="FILE")
+    hours: float = hours_option()
+    society: Society = group(Society, "the society")
+
+
+def run(args: Options) -> int:
+    from armadico.config.slots import slot
+    from armadico.keys.members import of_agents, of_gateways, of_person
+
+    issuer, namespace = issuer_of(args.society, args.hours), args.society.where.namespace
+    members = [of_person(namespace, args.user), *of_gateways(namespace)]
+    members += [of_agents(namespace, (name,)) for name in slot("by-hand").besides]
+    given_out(issuer, members, args.out, args.society)
+    return 0
+
+
+COMMAND: Final = Command(
+    "armadico keys person",
+    Options,
+    run,
+    "Make the key of a person, who may look, drive, stop and release, and the keys of what runs"
+    " beside a command: the page, the gateways and the agent for driving by hand.",
+    EXAMPLES,
+)

@@ -1,0 +1,94 @@
+"""The identities that a society needs, by its host table: values in, values out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from armadico.config.hosts import HostTable
+from armadico.config.slots import slot
+from armadico.core.agent import DeviceAgent
+from armadico.core.discovery import AGENTS, agent_class, installed, owners
+from armadico.core.resources import WHEELS
+from armadico.keys.store import Member
+from armadico.mesh.door import (
+    LAUNCHER,
+    MCP,
+    PAGE,
+    PERSON,
+    ROBOT,
+    ROS2,
+    SIMULATOR,
+    VIEWER,
+    launcher,
+    name_of,
+    person,
+)
+
+GATEWAYS = (PAGE, MCP, ROS2, VIEWER)
+"""Identities that each host of a table gets, besides those of its agents."""
+
+
+def of_host(
+    table: HostTable, name: str, namespace: str, persons: Sequence[str]
+) -> tuple[Member, ...]:
+    """The identities of one host: its processes, what it may take over, gateways and persons.
+
+    Raises ConfigNameError for an unknown host.
+    """
+    host = table.host(name)
+    group_of = {agent: group for group in host.together for agent in group}
+    labels = dict.fromkeys(group_of.get(agent, (agent,)) for agent in host.agents)
+    labels |= dict.fromkeys((agent,) for agent in _spare(table, name))
+    found = [of_agents(namespace, label) for label in labels]
+    if name == table.robots_host:
+        found.append(Member(f"{namespace}/{SIMULATOR}", SIMULATOR))
+    found.append(Member(f"{namespace}/{launcher(name)}", "launcher"))
+    found += of_gateways(namespace)
+    found += [of_person(namespace, user) for user in persons]
+    return tuple({m.name: replace(m, hosts=(name,)) for m in found}.values())
+
+
+def of_table(table: HostTable, namespace: str, persons: Sequence[str]) -> dict[str, Member]:
+    """The identities of all hosts by name."""
+    found: dict[str, Member] = {}
+    for host in table.hosts:
+        for member in of_host(table, host, namespace, persons):
+            before = found.get(member.name, member)
+            hosts = dict.fromkeys((*before.hosts, *member.hosts))
+            found[member.name] = replace(member, hosts=tuple(hosts))
+    return found
+
+
+def of_agents(namespace: str, agents: Sequence[str]) -> Member:
+    """The identity of agents that share a process; with the robot agent it is the router's."""
+    if any(owners(agents, WHEELS)):
+        return Member(f"{namespace}/{ROBOT}", ROBOT, tuple(agents))
+    return Member(f"{namespace}/{name_of(agents)}", "agent", tuple(agents))
+
+
+def of_gateways(namespace: str) -> list[Member]:
+    return [Member(f"{namespace}/{each}", each) for each in GATEWAYS]
+
+
+def of_person(namespace: str, user: str) -> Member:
+    return Member(f"{namespace}/{person(user)}", "person")
+
+
+def kind_of(name: str) -> str:
+    """The kind of an identity by its name, which an agent's name cannot have."""
+    last = name.rpartition("/")[2]
+    for prefix, kind in ((PERSON, "person"), (LAUNCHER, "launcher")):
+        if last.startswith(prefix):
+            return kind
+    return last if last in (*GATEWAYS, ROBOT, SIMULATOR) else "agent"
+
+
+def _spare(table: HostTable, name: str) -> Iterator[str]:
+    """The agents that a host may start in place of a failed host, or for driving by hand."""
+    host, here = table.host(name), installed(AGENTS)
+    placed = dict.fromkeys(agent for other in table.hosts.values() for agent in other.agents)
+    takes = [agent for agent in placed if host.takes is None or agent in host.takes]
+    for agent in dict.fromkeys((*takes, *slot("by-hand").besides)):
+        if agent in here and not issubclass(agent_class(agent), DeviceAgent):
+            yield agent

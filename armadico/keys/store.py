@@ -1,0 +1,298 @@
+"""The folder of keys of one computer: its files, and the modes that they must have.
+
+    FOLDER/                              0700
+      authority.pem                      the authority's certificate: on every computer
+      authority.key                0600  its private key: only where certificates are issued
+      passwords.key                0600  the secret of all passwords: there, and on the robot's
+      members.json                       every identity: there, and on the robot's
+      <namespace>/<name>/                one identity of this computer
+        certificate.pem
+        agents                             the agents of its process, if it is one of agents
+        private.key                0600  Ed25519, for TLS and for signatures
+        password                   0600  for the robot's socket, and asked for on TLS, too
+
+This module imports nothing heavy, because each process that joins reads the folder.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+import os
+import secrets
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import unquote
+
+from armadico.core.config_errors import ConfigError
+from armadico.mesh.door import LAUNCHER, PERSON, ROBOT, name_of
+from armadico.mesh.sockets import stem
+
+AUTHORITY: Final = "authority.pem"
+AUTHORITY_KEY: Final = "authority.key"
+SECRET: Final = "passwords.key"
+MEMBERS: Final = "members.json"
+AGENTS: Final = "agents"
+CERTIFICATE: Final = "certificate.pem"
+PRIVATE: Final = "private.key"
+PASSWORD: Final = "password"
+USERS: Final = "users"  # a router's dictionary, written when it starts
+
+
+@dataclass(frozen=True)
+class Member:
+    """An identity, as the authority and the robot's computer list it.
+
+    Attributes:
+        name: `<namespace>/<name>`.
+        kind: agent, robot, person, page, mcp, ros2, viewer, launcher or simulator.
+        agents: The agents of its process.
+        hosts: The hosts that have, or will have, its key; empty for none of the table.
+        issue: How often it was issued anew after it was revoked. The password depends on it, so
+            an older key gets no link.
+        revoked: When it was revoked, as ISO 8601; "" if it is not.
+    """
+
+    name: str
+    kind: str
+    agents: tuple[str, ...] = ()
+    hosts: tuple[str, ...] = ()
+    issue: int = 0
+    revoked: str = ""
+
+    @property
+    def namespace(self) -> str:
+        return self.name.rpartition("/")[0]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """The files of one identity of this computer."""
+
+    name: str
+    folder: Path
+
+    @property
+    def namespace(self) -> str:
+        return self.name.rpartition("/")[0]
+
+    @property
+    def last(self) -> str:
+        """Its name without the namespace."""
+        return self.name.rpartition("/")[2]
+
+    @property
+    def certificate(self) -> Path:
+        return self.folder / CERTIFICATE
+
+    @property
+    def private(self) -> Path:
+        return self.folder / PRIVATE
+
+    @property
+    def password(self) -> Path:
+        return self.folder / PASSWORD
+
+    @property
+    def users(self) -> Path:
+        """The dictionary of a robot's router, which it writes when it starts."""
+        return self.folder / USERS
+
+    @property
+    def agents(self) -> tuple[str, ...]:
+        """The agents of its process; empty if it is none of agents."""
+        try:
+            return tuple((self.folder / AGENTS).read_text(encoding="utf-8").split())
+        except OSError:
+            return ()
+
+
+@dataclass(frozen=True)
+class Store:
+    """The keys of one computer. Methods raise ConfigError with the file and what to do."""
+
+    folder: Path
+
+    @property
+    def authority(self) -> Path:
+        return self.folder / AUTHORITY
+
+    @property
+    def authority_key(self) -> Path:
+        return self.folder / AUTHORITY_KEY
+
+    @property
+    def issues(self) -> bool:
+        """Whether certificates are issued here."""
+        return self.authority_key.exists()
+
+    # Identities ----------------------------------------------------------------------------------
+
+    def identity(self, namespace: str, name: str) -> Identity:
+        """An identity's files, which need not exist."""
+        return Identity(f"{namespace}/{name}", self.folder / stem(namespace) / stem(name))
+
+    def of(self, name: str) -> Identity:
+        """The same, of `<namespace>/<name>`."""
+        namespace, _, last = name.rpartition("/")
+        return self.identity(namespace, last)
+
+    def identities(self) -> Iterator[Identity]:
+        """The identities whose keys are here."""
+        for path in sorted(self.folder.glob(f"*/*/{CERTIFICATE}")):
+            yield Identity("/".join(map(unquote, path.parts[-3:-1])), path.parent)
+
+    def of_agents(self, namespace: str, agents: Sequence[str]) -> str:
+        """The name of the identity of a process: its agents', or that of a group with them."""
+        name = name_of(agents)
+        if not self.identity(namespace, name).certificate.is_file():
+            groups = [i for i in self.identities() if i.namespace == namespace]
+            groups = [group for group in groups if {*agents} <= {*group.agents}]
+            if groups:
+                return min(groups, key=lambda group: len(group.agents)).last
+        return name
+
+    def checked(self, namespace: str, name: str) -> Identity:
+        """An identity whose files exist, and cannot be read by other users."""
+        self.check()
+        found = self.identity(namespace, name)
+        for file in (found.certificate, found.private, found.password):
+            if not file.is_file():
+                known = ", ".join(identity.name for identity in self.identities()) or "none"
+                raise ConfigError(
+                    f"{self.folder} has no key of {found.name} (known: {known});"
+                    f" {_how(name)} makes one on the computer that has the authority's key"
+                )
+        check_private(found.private)
+        check_private(found.password)
+        return found
+
+    def check(self) -> None:
+        """Raise ConfigError if there are no keys, or other users can read the folder."""
+        if not self.authority.is_file():
+            raise ConfigError(
+                f"no keys in {self.folder}: `armadico keys init` makes them on one computer, and"
+                " `armadico keys host` there an archive for each other one"
+            )
+        check_private(self.folder)
+
+    def save(self, member: Member, certificate: bytes, private: bytes, password: str) -> Identity:
+        """Write an identity; without a private key that of before stays."""
+        found = self.of(member.name)
+        for folder in (self.folder, found.folder.parent, found.folder):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if private:
+            _write(found.private, private)
+        if member.agents:
+            _write(found.folder / AGENTS, "\n".join(member.agents).encode())
+        _write(found.password, password.encode())
+        _write(found.certificate, certificate)
+        return found
+
+    # What the authority's computer and the robot's have ------------------------------------------
+
+    def members(self) -> dict[str, Member]:
+        """Every identity by name."""
+        path = self.folder / MEMBERS
+        if not path.exists():
+            raise ConfigError(
+                f"{path} is missing: it has every identity, and is where the authority's key is,"
+                " and in the archive for the robot's computer"
+            )
+        try:
+            rows = json.loads(path.read_text(encoding="utf-8"))
+            found = [_member(row) for row in rows]
+        except (ValueError, TypeError) as error:
+            raise ConfigError(f"cannot be read: {error}", path) from None
+        return {member.name: member for member in found}
+
+    def save_members(self, members: Mapping[str, Member]) -> None:
+        rows = [asdict(member) for _, member in sorted(members.items())]
+        _write(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
+
+    def password(self, member: Member) -> str:
+        """The password of an identity as it was last issued."""
+        path = self.folder / SECRET
+        if not path.exists():
+            raise ConfigError(f"{path} is missing: it is in the archive for the robot's computer")
+        check_private(path)
+        text = f"{member.name}\n{member.issue}".encode()
+        return hmac.new(path.read_bytes(), text, "sha256").hexdigest()
+
+    def users(self, namespace: str) -> Path:
+        """Write the dictionary of a robot's router, and return its path.
+
+        It has all identities of the namespace and the robots beside it, without revoked ones.
+        """
+        beside = namespace.rpartition("/")[0]
+        lines = [
+            f"{member.name}:{self.password(member)}"
+            for member in self.members().values()
+            if not member.revoked
+            and (
+                member.namespace == namespace
+                or (member.kind == ROBOT and member.namespace.rpartition("/")[0] == beside)
+            )
+        ]
+        path = self.identity(namespace, ROBOT).users
+        _write(path, "\n".join(lines).encode())
+        return path
+
+    def copy(self, other: Store, *, robots: bool) -> None:
+        """Write what every computer needs, and the robot's; never the authority's key."""
+        names = (AUTHORITY, SECRET, MEMBERS) if robots else (AUTHORITY,)
+        for name in names:
+            _write(self.folder / name, (other.folder / name).read_bytes())
+
+    def begin(self, certificate: bytes, private: bytes) -> None:
+        """Write a new authority and the secret of all passwords."""
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        check_private(self.folder)
+        _write(self.authority_key, private)
+        _write(self.folder / SECRET, secrets.token_bytes(32))
+        _write(self.authority, certificate)
+        self.save_members({})
+
+
+def _member(row: dict[str, Any]) -> Member:
+    lists = {key: tuple(row.get(key, ())) for key in ("agents", "hosts")}
+    return Member(**row | lists)
+
+
+def check_private(path: Path) -> None:
+    """Raise ConfigError if other users can read a file, or it belongs to another one."""
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror}", path) from None
+    mode = 0o700 if stat.S_ISDIR(found.st_mode) else 0o600
+    if stat.S_IMODE(found.st_mode) & 0o077:
+        raise ConfigError(
+            f"other users can read it (mode {stat.S_IMODE(found.st_mode):04o}); expected"
+            f" {mode:04o}: chmod {mode:o} {path}",
+            path,
+        )
+
+
+def _how(name: str) -> str:
+    """The command that makes the key of an identity."""
+    for kind in (PERSON, LAUNCHER):
+        if name.startswith(kind):
+            verb = "person" if kind == PERSON else "host"
+            return f"`armadico keys {verb} {name.removeprefix(kind)}`"
+    return f"`armadico keys agent {name.replace('+', ' ')}`"
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Replace a file, which only its user can read from the first byte on."""
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    new.unlink(missing_ok=True)
+    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with open(descriptor, "wb") as file:  # noqa: PTH123 - a path has no mode
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)

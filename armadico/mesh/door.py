@@ -1,0 +1,91 @@
+"""The identity by which a process joins a society whose host table has `keys`.
+
+The core knows no more of keys than this. A package that makes them provides `door`, by an entry
+point of the group `armadico.doors`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+DOORS: Final = "armadico.doors"
+"""The group of the function that opens a door: `armadico.config.endpoints.Endpoints.door`."""
+
+ROBOT: Final = "robot"  # the robot agent's process, which is the router
+PAGE: Final = "page"
+MCP: Final = "mcp"
+ROS2: Final = "ros2"
+VIEWER: Final = "viewer"  # reads only
+SIMULATOR: Final = "simulator"
+PERSON: Final = "person-"
+LAUNCHER: Final = "launcher-"
+
+LONGEST_NAME: Final = 40
+"""Characters of a name. With its namespace it is a common name, of which X.509 allows 64."""
+
+TLS: Final = "transport/link/tls/"
+USER: Final = "transport/auth/usrpwd/"
+ACCESS: Final = "access_control"
+ROUTERS: Final = (
+    f"{TLS}listen_certificate",
+    f"{TLS}listen_private_key",
+    f"{USER}dictionary_file",
+    ACCESS,
+)
+"""The settings of a router alone."""
+
+
+class Door(NamedTuple):
+    """The identity of one process.
+
+    Attributes:
+        name: `<namespace>/<name>`: the common name of its certificate, and its user name on the
+            socket.
+        settings: Zenoh's settings: TLS files, user and password; of a router also the users and
+            the access control.
+        folder: The folder of keys.
+        faults: What is wrong with its keys now, a sentence each, for a link on the robot's
+            computer (True) or from another one. It reads the files.
+    """
+
+    name: str
+    settings: Mapping[str, Any]
+    folder: str = ""
+    faults: Callable[[bool], Sequence[str]] = lambda _: ()
+
+    def as_client(self) -> Door:
+        """Return the same identity without what only a router has."""
+        own = {k: v for k, v in self.settings.items() if k not in ROUTERS}
+        return self._replace(settings=own)
+
+
+def name_of(agents: Sequence[str]) -> str:
+    """Return the name of the identity of agents that share a process; of one agent, its own."""
+    names = sorted({*agents})
+    name = "+".join(names)
+    if len(name) <= LONGEST_NAME:
+        return name
+    import hashlib  # slow, and seldom needed
+
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{names[0][:20]}+{len(names) - 1}-{digest}"
+
+
+def person(user: str | None = None) -> str:
+    """Return the name of a person's identity, by default of the user of this process."""
+    if user is None:
+        import getpass
+
+        try:
+            user = getpass.getuser()
+        except (OSError, KeyError):  # a user without an entry in the list of users
+            user = str(os.getuid())
+    return PERSON + re.sub(r"[^A-Za-z0-9_.-]", "_", user)[: LONGEST_NAME - len(PERSON)]
+
+
+def launcher(host: str) -> str:
+    """Return the name of the identity of `armadico up` on a host of the table."""
+    return f"{LAUNCHER}{host}"[:LONGEST_NAME]

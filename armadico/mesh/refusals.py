@@ -1,0 +1,85 @@
+"""Why a router does not let a process in, as far as the process can find out."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from armadico.mesh import sockets
+from armadico.mesh.sockets import answers
+from armadico.mesh.topology import Topology
+
+AGAIN_S: Final = 0.1  # how often a client checks whether its router is there, s
+LATER_S: Final = 2.0  # the longest pause after refusals, s: each one delays the router's listener
+
+
+class Refusals:
+    """The refusals of a client's routers.
+
+    Attributes:
+        pause: How long to wait before the next attempt, s.
+    """
+
+    def __init__(self, namespace: str, where: Topology) -> None:
+        self.pause = AGAIN_S
+        self._namespace, self._where = namespace, where
+        self._why: dict[str, str] = {}  # by endpoint; "": it accepted the handshake alone
+
+    def answers(self, endpoint: str, within: float) -> bool:
+        """Return whether a router's port can be joined now, with a timeout in s."""
+        door = self._where.door
+        if door is None or not endpoint.startswith("tls/"):
+            return answers(endpoint, within)
+        from armadico.mesh.handshake import refusal  # slow, and seldom needed
+
+        # Only after a failure, as a router's objection takes a while.
+        why = refusal(endpoint, door, within, waits=endpoint in self._why)
+        if why is None:
+            self._why.pop(endpoint, None)
+        elif why:
+            self.failed(endpoint, why)
+        return why == ""
+
+    def failed(self, endpoint: str, why: str = "") -> None:
+        """Note a failed attempt; the next one is made later."""
+        self._why[endpoint] = why or self._why.get(endpoint, "")
+        if endpoint.startswith("tls/"):
+            self.pause = min(2 * self.pause, LATER_S)
+
+    def joined(self) -> None:
+        self.pause = AGAIN_S
+        self._why.clear()
+
+    def why(self, joining: str = "") -> str:
+        """Return why a router that is there lets this process not in; "" if that is not known.
+
+        Args:
+            joining: The router that is being joined, as people read it.
+        """
+        path = sockets.socket_of(self._namespace) if self._where.socket else None
+        here = path is not None and sockets.holder(path) is not None
+        door, folder = self._where.door, sockets.keys_here(self._namespace) if here else None
+        if door is None:
+            return self._of_closed(folder)
+        if here and folder is None:
+            return (
+                f"the society at {path} is open, and this process has keys: end it (`armadico"
+                " down`) and start it again with the host table that names the keys"
+            )
+        if not (here or joining or self._why):
+            return ""
+        known = [*door.faults(here), *filter(None, self._why.values())]
+        place = str(path) if here else joining or " or ".join(self._why)
+        return f"{place} does not let {door.name} in: {'; '.join(known)}" if known else ""
+
+    def _of_closed(self, folder: object) -> str:
+        """Return why a process without keys gets no link; "" if the society may be open."""
+        todo = 'this process has no keys: use a host table with keys = "FOLDER" (`armadico keys`)'
+        if folder is not None:
+            return f"the society here is closed, with the keys in {folder}, and {todo}"
+        for endpoint in self._where.connect:
+            if endpoint.startswith("tcp/") and answers(endpoint, AGAIN_S):
+                from armadico.mesh.handshake import speaks_tls
+
+                if speaks_tls(endpoint, AGAIN_S):
+                    return f"the society at {endpoint} is closed, and {todo}"
+        return ""
