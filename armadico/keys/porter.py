@@ -62,6 +62,9 @@ FLUSH_S: Final = 1.0
 SILENT_S: Final = 3.0
 """A client that was admitted and sends nothing for so long is turned away, s."""
 
+ROUTER_S: Final = 0.02
+"""Period of looking for the router while clients wait for it, s: it is away while it reopens."""
+
 LINKS_OF_A_NAME: Final = 32
 """Links of one identity. A process has one; a person may have several commands open."""
 
@@ -138,6 +141,7 @@ class Porter:
         self._lobby = Lobby[Link](frozenset(map(source_of, named)))
         self._links: set[Link] = set()
         self._again: set[Link] = set()  # they may have more to read, without an event
+        self._unserved: set[Link] = set()  # they wait for the router
         self._files = Files(namespace, store)
         self._turned_away = Counter[tuple[str, str]]()
         self._reported_at = time.monotonic()
@@ -156,12 +160,13 @@ class Porter:
                 self._look(now)
             wait, due = look_at - now, self._lobby.due(now)
             wait = wait if due is None else min(wait, due)
+            wait = min(wait, ROUTER_S) if self._unserved else wait
             events = self._selector.select(0.0 if self._again else wait)
             if any(key.fd == over for key, _ in events):
                 return
             # What robots and their clients send comes before newcomers.
             again, self._again = self._again, set()
-            for link in again:
+            for link in again | self._unserved:
                 self._guarded(link, self._pass_inward)
             news: list[tuple[selectors.SelectorKey, int]] = []
             for key, mask in events:
@@ -297,7 +302,7 @@ class Porter:
         if link.closing is not None and not (link.inward or link.outward):
             self._drop(link)
             return
-        is_open = link.closing is None
+        is_open = link.closing is None and link not in self._unserved
         plain = is_open and link.inner is not None and not (link.inward or link.outward)
         if plain and link.is_plain:
             return
@@ -310,6 +315,8 @@ class Porter:
         """Pass on what a client has sent."""
         outer = link.outer
         assert isinstance(outer, ssl.SSLSocket), "it was admitted"
+        if link in self._unserved and not self._serve(link):
+            return
         for _ in range(TURNS):
             if link.closing is not None or len(link.inward) >= LARGEST:
                 return
@@ -320,9 +327,12 @@ class Porter:
             if not data:
                 self._end(link)
                 return
-            if link.inner is None:
-                link.inner = self._connect()
-            _send(link.inner, link.inward, data)
+            if link.inner is not None:
+                _send(link.inner, link.inward, data)
+            else:
+                link.inward += data
+                if not self._serve(link):
+                    return
             if not outer.pending():  # else no event may come for the rest
                 return
         self._again.add(link)
@@ -345,16 +355,20 @@ class Porter:
         if link.inner is not None:
             _send(link.inner, link.inward)
 
-    def _connect(self) -> socket.socket:
-        """Return a connection to the router. Raises OSError while there is none."""
+    def _serve(self, link: Link) -> bool:
+        """Connect a link to the router, and pass on what waits; return whether there is one."""
         inner = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         inner.setblocking(False)
         try:
             inner.connect(str(self._router))
         except OSError:
             inner.close()
-            raise
-        return inner
+            self._unserved.add(link)
+            return False
+        self._unserved.discard(link)
+        link.inner = inner
+        _send(inner, link.inward)
+        return True
 
     def _end(self, link: Link) -> None:
         """Let a link only send what waits."""
@@ -365,6 +379,7 @@ class Porter:
         self._lobby.leave(link)
         self._links.discard(link)
         self._again.discard(link)
+        self._unserved.discard(link)
         for end in link.ends_of_it:
             self._watch(end, 0, link)
             end.close()

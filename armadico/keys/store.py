@@ -227,15 +227,10 @@ class Store:
 
         It has all identities of the namespace and the robots beside it, without revoked ones.
         """
-        beside = namespace.rpartition("/")[0]
         lines = [
             f"{member.name}:{self.password(member)}"
             for member in self.members().values()
-            if not member.revoked
-            and (
-                member.namespace == namespace
-                or (member.kind == ROBOT and member.namespace.rpartition("/")[0] == beside)
-            )
+            if not member.revoked and admits(member, namespace)
         ]
         path = self.identity(namespace, ROBOT).users
         _write(path, "\n".join(lines).encode())
@@ -255,6 +250,12 @@ class Store:
         _write(self.folder / SECRET, secrets.token_bytes(32))
         _write(self.authority, certificate)
         self.save_members({})
+
+
+def admits(member: Member, namespace: str) -> bool:
+    """Return whether an identity is of a robot's society, or a robot beside it."""
+    beside, its = namespace.rpartition("/")[0], member.namespace
+    return its == namespace or (member.kind == ROBOT and its.rpartition("/")[0] == beside)
 
 
 def _member(row: dict[str, Any]) -> Member:
