@@ -21,6 +21,7 @@ from armadico.cli.parsing import (
     PORT,
     BadValueError,
     UsageError,
+    flag,
     option,
     parser,
     several,
@@ -139,6 +140,10 @@ class Mesh:
         " (default: the host table's, or this machine's)",
         metavar="ENDPOINT",
     )
+    open: bool = flag(
+        "let any program that reaches the robot's port drive it; without keys in the host table"
+        " agents that other machines could reach are refused otherwise"
+    )
 
     def endpoints(self, *, passing: bool = True) -> Endpoints:
         """The endpoints of the mesh, for a tool (`passing`) or for an agent. Raises ConfigError."""
@@ -150,6 +155,7 @@ class Mesh:
             host=self.host,
             connect=self.connect,
             passing=passing,
+            open=self.open,
         )
 
     def join(self, name: str = "", *, passing: bool = True, starts: bool = False) -> ZenohMesh:
@@ -200,15 +206,18 @@ class Mesh:
         from armadico.observe.findings import Demand
 
         named, hosts, digest = table_of(self.hosts, self.host, self.connect), {}, ""
+        port = ""
         if named is not None:
             from armadico.config.hosts import load_hosts
 
             table = load_hosts(named)
-            digest = table.digest
+            digest, port = table.digest, table.open_port
             hosts = {name: host.agents for name, host in table.hosts.items()}
         with suppress(TopologyError):  # no folder for sockets: nothing was started here
-            hosts |= {share.host: share.agents for share in shares(self.namespace)}
-        return Demand(hosts, digest, providers)
+            here = [*shares(self.namespace)]
+            hosts |= {share.host: share.agents for share in here}
+            port = port or next((share.open for share in here if share.open), "")
+        return Demand(hosts, digest, providers, port)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -40,7 +40,9 @@ class AnyHost(options.Mesh):
     def endpoints(self, *, passing: bool = True) -> Endpoints:
         """The endpoints of the mesh, independent of the listed host. Raises ConfigError."""
         hosts = table_of(self.hosts, self.host, self.connect)
-        found = endpoints(self.namespace, hosts=hosts, connect=self.connect, passing=passing)
+        found = endpoints(
+            self.namespace, hosts=hosts, connect=self.connect, passing=passing, open=self.open
+        )
         if self.host is not None and found.table is not None:
             entry(found.table, self.host)
         return found

@@ -105,6 +105,7 @@ def run(args: Options) -> int:
     checked(args.additions, start)
     with _signals() as received:
         plan = _plan(args, where, scenario)
+        _check_keys(plan, where)
         budget = Budget(args.restarts, args.within)
         try:
             _keep(plan, where, budget, beside(args.additions, start))
@@ -219,7 +220,14 @@ def _keep(
         ):
             running = tuple(member.name for member in plan.members)
             pid_file.write(
-                Share(os.getpid(), plan.host, where.namespace, running, str(upkeep.table.logs))
+                Share(
+                    os.getpid(),
+                    plan.host,
+                    where.namespace,
+                    running,
+                    str(upkeep.table.logs),
+                    "" if where.table is None else where.table.open_port,
+                )
             )
             _log(f"{plan.host}: starting {names}; logs are in {upkeep.table.logs}")
             upkeep.start()
@@ -295,6 +303,26 @@ def _plan(args: Options, where: Endpoints, scenario: Scenario | None) -> Plan:
         args.journal,
         where.digest,
     )
+
+
+def _check_keys(plan: Plan, where: Endpoints) -> None:
+    """Raises ConfigError if a key is missing, FailedError if the robot would refuse one."""
+    from armadico.core.discovery import owners
+    from armadico.core.resources import WHEELS
+    from armadico.launch.society import processes
+    from armadico.mesh.door import ROBOT, name_of
+
+    if where.keys is None:
+        return
+    labels = [[m.name for m in group] for group in processes(plan.members, plan.together).values()]
+    has_robot = any(owners((name for label in labels for name in label), WHEELS))
+    for label in labels:
+        robot = any(owners(label, WHEELS))
+        door = where.door(ROBOT if robot else name_of(label))
+        # On the robot's computer all others join by its socket, which asks for no certificate.
+        faults = door.faults(False) if door is not None and (robot or not has_robot) else ()
+        if faults:
+            raise FailedError(f"{plan.host}: {'; '.join(faults)}")
 
 
 def _check_names(args: Options, where: Endpoints, host: Host) -> None:

@@ -41,12 +41,14 @@ class Endpoints:
         connect: Given endpoints of its router; only these are tried.
         table: The host table, if one is used; one without a file was created in memory.
         name: This machine's name in it, if it has one.
+        open: Whether a port without keys is wanted, although other machines reach it.
     """
 
     namespace: str
     connect: tuple[str, ...] = ()
     table: HostTable | None = None
     name: str | None = None
+    open: bool = False
 
     @property
     def host(self) -> Host:
@@ -117,7 +119,7 @@ class Endpoints:
         if self.table is not None and self.table.file:
             words += ["--hosts", str(Path(self.table.file).resolve())]
             words += [] if self.name is None else ["--host", self.name]
-        return words
+        return [*words, "--open"] if self.open else words
 
 
 def endpoints(
@@ -127,6 +129,7 @@ def endpoints(
     host: str | None = None,
     connect: str | Sequence[str] = (),
     passing: bool = True,
+    open: bool = False,  # noqa: A002
 ) -> Endpoints:
     """Return where a robot's mesh is.
 
@@ -138,6 +141,7 @@ def endpoints(
         host: This machine's name in it; by default found by its addresses.
         connect: Endpoints of the robot's router; by default the table's, else this machine's.
         passing: True for a tool, which may be on a machine outside the table; False for agents.
+        open: Whether agents may use a port that is open to other machines.
     """
     namespace, connect = namespace or default_namespace(), several(connect)
     named = table_of(hosts, host, connect)
@@ -150,6 +154,12 @@ def endpoints(
         host = _by_address(table, passing=passing)
     else:
         _check_here(host, entry(table, host), table)
+    if table.open_port and not (passing or open):
+        raise ConfigError(
+            f"any program that reaches {table.open_port} could drive the robot: write keys ="
+            ' "keys" above the first host and run `armadico keys init`, or add --open',
+            table.file,
+        )
     for endpoint in connect:
         if endpoint != (known := table.robots_router):
             raise ConfigError(
@@ -157,7 +167,7 @@ def endpoints(
                 f" {known or 'no address'}; leave out --connect, or --host and --hosts",
                 table.file,
             )
-    return Endpoints(namespace=namespace, connect=connect, table=table, name=host)
+    return Endpoints(namespace=namespace, connect=connect, table=table, name=host, open=open)
 
 
 def table_of(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from ipaddress import AddressValueError, IPv6Address
+from ipaddress import AddressValueError, IPv6Address, ip_address
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
@@ -109,6 +109,14 @@ class HostTable(Struct, frozen=True):
         hosts = self.hosts.items()
         owning = (name for name, host in hosts if any(owners(host.agents, WHEELS)))
         return next(owning, next((name for name, host in hosts if host.router), None))
+
+    @property
+    def open_port(self) -> str:
+        """The robot's endpoint, if any program that reaches this machine can drive by it; or ""."""
+        endpoint = self.robots_router
+        if endpoint is None or self.keys is not None or _is_loopback(address_of(endpoint)):
+            return ""
+        return endpoint
 
     @property
     def robots_router(self) -> str | None:
@@ -283,6 +291,14 @@ def address_of(endpoint: str) -> str:
 def _is_address(name: str) -> bool:
     """Whether this is a host name, an IPv4 or an IPv6 address."""
     return _is_host(f"[{name}]" if ":" in name else name)
+
+
+def _is_loopback(address: str) -> bool:
+    """Whether no other machine reaches an address."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
 
 
 def _is_host(host: str) -> bool:

@@ -19,13 +19,14 @@ from armadico.mesh.sockets import identity, is_held, share_of, shares_of
 
 @dataclass(frozen=True)
 class Share:
-    """A running share: process, host, namespace, agents and log folder."""
+    """A running share: process, host, namespace, agents, log folder, and the open port, if any."""
 
     pid: int
     host: str
     namespace: str
     agents: tuple[str, ...]
     logs: str
+    open: str = ""
 
 
 class TakenError(RuntimeError):

@@ -67,9 +67,17 @@ class Refusals:
             )
         if not (here or joining or self._why):
             return ""
-        known = [*door.faults(here), *filter(None, self._why.values())]
+        # The files tell more than the handshake.
+        known = door.faults(here) or [*filter(None, self._why.values())]
         place = str(path) if here else joining or " or ".join(self._why)
-        return f"{place} does not let {door.name} in: {'; '.join(known)}" if known else ""
+        if known:
+            return f"{place} does not let {door.name} in: {'; '.join(known)}"
+        if joining in self._why:  # it makes the handshake, and refuses the password or hangs
+            return (
+                f"{place} does not let {door.name} in: the key was revoked or made anew (`armadico"
+                " keys list` on the robot's computer), or the robot agent hangs"
+            )
+        return ""
 
     def _of_closed(self, folder: object) -> str:
         """Return why a process without keys gets no link; "" if the society may be open."""

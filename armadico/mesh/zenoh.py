@@ -327,7 +327,8 @@ class ZenohMesh(Reader, Monotonic):
 
     def _log_missing(self) -> None:
         if not (self._joined.is_set() or self._left.is_set()):
-            logger.log(self._level, "%s; waiting for it", self.missing)
+            level = logging.WARNING if self._refusals.why(self.hung) else self._level
+            logger.log(level, "%s; waiting for it", self.missing)
 
     def _seek_once(self) -> bool:
         """Join a router that is there now; return whether there was one."""

@@ -67,7 +67,7 @@ def diagnose(view: View, demand: Demand = NOTHING, now: float = 0.0) -> tuple[Fi
         for each in check(case):
             found.setdefault((each.sort, each.who), each)
     # Behind a root the other checks would only name consequences.
-    for check in (_simulators,) if found else CHECKS:
+    for check in (_simulators, _open) if found else CHECKS:
         for each in check(case):
             found.setdefault((each.sort, each.who), each)
     return tuple(found.values())
@@ -325,6 +325,12 @@ def _simulators(case: _Case) -> Iterator[Finding]:
         yield Finding(Sort.TWICE, "sim/truth", what, "end it, or give it its own --namespace")
 
 
+def _open(case: _Case) -> Iterator[Finding]:
+    if case.demand.open:
+        what = f"Any program that reaches {case.demand.open} can drive the robot."
+        yield fine(Sort.OPEN, case.demand.open, what, "`armadico keys init --help` closes it")
+
+
 def _faults(case: _Case) -> Iterator[Finding]:
     """What agents report of themselves."""
     for card in case.cards:
@@ -485,8 +491,8 @@ Check = Callable[[_Case], Iterator[Finding]]
 ROOTS: Final[tuple[Check, ...]] = (_router, _nobody, _deaf)
 
 CHECKS: Final[tuple[Check, ...]] = (
-    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _faults, _standing, _late),
-    *(_by_hand, _robot, _pose, _rates, _promises, _monitors, _clocks),
+    *(_hosts, _agents, _versions, _tables, _twice, _simulators, _open, _faults),
+    *(_standing, _late, _by_hand, _robot, _pose, _rates, _promises, _monitors, _clocks),
 )
 
 

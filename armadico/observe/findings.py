@@ -64,6 +64,7 @@ class Sort(StrEnum):
     MONITOR = "monitor"
     ACTION = "action"  # the last action of the active monitor, or of a host, with the evidence
     PROMISE = "promise"  # a monitor found that the society did not do what it promises
+    OPEN = "open"  # the robot's port is open to every program that reaches it
     MACHINE = "machine"  # this machine: packages, ports, memory, disk
 
 
@@ -128,6 +129,8 @@ class Demand:
     Attributes:
         hosts: By host, the agents that it should run; empty: not known.
         table: The digest of the host table (`HostTable.digest`); empty: none.
+        open: The endpoint of the robot's router, if any program that reaches it may drive; empty:
+            none, or not known.
         installed: Candidates for missing agents. A new observer has no cards of agents that ended
             before it started.
     """
@@ -135,6 +138,7 @@ class Demand:
     hosts: Hosts = field(default_factory=dict)
     table: str = ""
     installed: Installed = lambda _: ()
+    open: str = ""
 
     def host_of(self, agent: str) -> str:
         """The first host that should run an agent; empty if none."""
@@ -205,13 +209,14 @@ def summary(findings: Sequence[Finding]) -> str:
 
 
 def short(findings: Sequence[Finding], without: Container[tuple[Sort, str]] = ()) -> list[str]:
-    """What is wrong, a line for each, and where to read more; nothing if all is well.
+    """What is open or wrong, a line for each, and where to read more; nothing if all is well.
 
     For commands that show something else. What is unknown is only counted there, and findings
     `without`, by code and subject, were shown already.
     """
     wrong = [each for each in those(findings, Answer.NO) if (each.sort, each.who) not in without]
-    lines = [f"wrong: {each}" for each in wrong]
+    lines = [f"open: {each}" for each in findings if each.sort is Sort.OPEN]
+    lines += [f"wrong: {each}" for each in wrong]
     if judgement(findings).answer is not Answer.YES and findings:
         lines.append(f"{summary(findings)}: see `armadico doctor`")
     return lines

@@ -32,6 +32,7 @@ class Society(options.Mesh):
     """The society whose keys are meant; no connection to it is made."""
 
     connect: tuple[str, ...] = ()
+    open: bool = False
 
     @property
     def where(self) -> Endpoints:
