@@ -18,8 +18,8 @@ MOST_OF_A_SOURCE: Final = 64  # connections that wait; a host with 30 agents sta
 MOST: Final = 512
 INTRODUCTION_S: Final = 2.0  # from the connection to the end of the handshake, s
 
-RATE_HZ: Final = 50.0  # handshakes of one source that do not succeed
-BURST: Final = 100.0
+RATE_HZ: Final = 100.0  # handshakes of one source that do not succeed
+BURST: Final = 200.0
 RATE_OF_STRANGERS_HZ: Final = 200.0  # together; a fifth of a core
 MOST_SOURCES: Final = 4096  # whose rations are remembered
 
@@ -95,7 +95,7 @@ class Lobby(Generic[C]):
             for each in rations:
                 each.left -= 1.0
             queue = self._ready[source]
-            connection, _ = queue.popitem(last=False)
+            connection, _ = queue.popitem()  # the newest: it is the last to give up
             self._ready.move_to_end(source)
             if not queue:
                 del self._ready[source]

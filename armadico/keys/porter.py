@@ -22,6 +22,7 @@ from __future__ import annotations
 import errno
 import gc
 import logging
+import re
 import resource
 import selectors
 import signal
@@ -73,6 +74,9 @@ REPORT_S: Final = 5.0
 
 KINDS: Final = 20
 """Most lines of one report; each is an address and a reason."""
+
+HELLO: Final = re.compile(rb"\x16\x03[\x00-\x04]..\x01", re.DOTALL)
+"""How a TLS client begins: a record of the handshake, with a `ClientHello` (RFC 8446, 5.1)."""
 
 ACCEPTS: Final = 32
 """Most connections that are accepted in one turn."""
@@ -200,8 +204,11 @@ class Porter:
             self._shake_hands(link)
         elif link in self._lobby.waiting:
             self._watch(link.outer, 0, link)  # until it is its turn
-            if _has_ended(link.outer):  # it only tried whether something listens
+            begin = _begin_of(link.outer)
+            if not begin:  # it only tried whether something listens
                 self._drop(link)
+            elif not HELLO.match(begin):  # refused before it costs a handshake
+                self._turn_away(link, REASONS["WRONG_VERSION_NUMBER"])
             else:
                 self._lobby.ready(link)
 
@@ -467,6 +474,98 @@ class Files:
         return f"{name} is no member of {self._namespace}"
 
     def _stamp(self) -> list[object]:
+        store, own = self._store, self._own
+        files = (store.authority, store.folder / MEMBERS, own.certificate, own.private)
+        return [_stamp(file) for file in files]
+
+    def _read(self) -> None:
+        self._seen = self._stamp()
+        members = self._store.members().values()
+        context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+        context.minimum_version = ssl.TLSVersion.TLSv1_3
+        context.verify_mode = ssl.CERT_REQUIRED
+        context.num_tickets = 0  # a resumed session would not show its certificate
+        for path, load in (
+            (self._store.authority, lambda: context.load_verify_locations(self._store.authority)),
+            (
+                self._own.certificate,
+                lambda: context.load_cert_chain(self._own.certificate, self._own.private),
+            ),
+        ):
+            try:
+                load()
+            except OSError as error:
+                why = getattr(error, "reason", None) or error.strerror
+                raise ConfigError(f"cannot be used for TLS: {why}", path) from None
+        self.context = context
+        self._revoked = frozenset(each.name for each in members if each.revoked)
+        self._names = frozenset(
+            each.name for each in members if admits(each, self._namespace) and not each.revoked
+        )
+
+
+def failure(error: OSError) -> str:
+    """Return why a handshake failed, for people."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return CERTIFICATES.get(error.verify_code, error.verify_message)
+    if isinstance(error, ssl.SSLError):
+        reason = str(error.reason)
+        return REASONS.get(reason, reason.lower().replace("_", " "))
+    return "ended its connection within the handshake"
+
+
+CERTIFICATES: Final = {
+    9: "its certificate is not valid yet: one of the two clocks is wrong",
+    10: "its certificate has expired, or one of the two clocks is wrong",
+    18: "its certificate was not issued by this lab's authority",
+    19: "its certificate was not issued by this lab's authority",
+    20: "its certificate was not issued by this lab's authority",
+    21: "its certificate was not issued by this lab's authority",
+    7: "its certificate was not issued by this lab's authority",
+}
+"""By OpenSSL's codes (x509_vfy.h)."""
+
+REASONS: Final = {
+    "PEER_DID_NOT_RETURN_A_CERTIFICATE": "has no certificate",
+    "WRONG_VERSION_NUMBER": "does not use TLS",
+    "HTTP_REQUEST": "does not use TLS",
+    "UNEXPECTED_EOF_WHILE_READING": "ended its connection within the handshake",
+    "TLSV1_ALERT_UNKNOWN_CA": "does not know this lab's authority",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "takes the robot's certificate for expired",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "does not accept the robot's certificate",
+    "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "does not accept the robot's certificate",
+}
+
+
+def _interest(is_open: bool, unsent: bytearray, waiting: bytearray) -> int:
+    """The events of one end: to read unless too much is `unsent`, to write what is `waiting`."""
+    reads = selectors.EVENT_READ if is_open and len(unsent) < LARGEST else 0
+    return reads | (selectors.EVENT_WRITE if waiting else 0)
+
+
+def _send(end: socket.socket, waiting: bytearray, data: bytes = b"") -> None:
+    """Send what is waiting, and then `data`; what does not fit waits."""
+    if waiting:
+        waiting += data
+        data = bytes(waiting)
+        waiting.clear()
+    sent = 0
+    if data:
+        with suppress(BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
+            sent = end.send(data)
+    if sent < len(data):
+        waiting += data[sent:]
+
+
+def _begin_of(end: socket.socket) -> bytes:
+    """Return the first bytes that a connection brings, and leave them there; b"" if it is over."""
+    try:
+        return end.recv(6, socket.MSG_PEEK)
+    except OSError:
+        return b""
+
+
+def _stamp(self) -> list[object]:
         store, own = self._store, self._own
         files = (store.authority, store.folder / MEMBERS, own.certificate, own.private)
         return [_stamp(file) for file in files]
