@@ -26,20 +26,10 @@ def served(lobby: Lobby[str], now: float, most: int = 10_000) -> list[str]:
 
 def test_of_a_source_with_too_many_silent_connections_the_oldest_goes() -> None:
     lobby = Lobby[str]()
-    gone = [lobby.enter(f"x{n}", "x", 0.01 * n) for n in range(MOST_OF_A_SOURCE + 3)]
-    assert [each for each in gone if each] == ["x0", "x1", "x2"]
-
-
-def test_a_crowd_of_strangers_makes_room_for_the_next_one() -> None:
-    lobby = Lobby[str](frozenset(["robot"]))
-    for n in range(20):
-        lobby.enter(f"member{n}", "robot", 0.0)
-    gone = [
-        lobby.enter(f"{n}-{source}", f"s{source}", 1.0) for source in range(50) for n in range(12)
-    ]
+    for n in range(600):
+        lobby.enter(f"{n}", f"s{n % 50}", 1.0)
     assert len(lobby.waiting) == MOST
     assert all(f"member{n}" in lobby.waiting for n in range(20))
-    assert any(gone)
 
 
 def test_sources_take_turns() -> None:
