@@ -316,7 +316,8 @@ def test_failed_handshakes_keep_no_member_out(door: Door, kind: str) -> None:
                 if kind == "noise":
                     line.sendall(b"this is no handshake")
                 else:
-                    context.wrap_socket(line, server_hostname=LOOPBACK).recv(1)
+                    with context.wrap_socket(line, server_hostname=LOOPBACK) as link:
+                        link.recv(1)
 
     def gets_in() -> bool:
         with suppress(OSError):
