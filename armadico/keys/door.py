@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
@@ -12,6 +12,15 @@ from armadico.mesh.door import TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
+    from armadico.mesh.zenoh import ZenohMesh
+
+
+_opened: str = ""
+
+
+def opened() -> str:
+    """The folder of the keys by which this process has joined its society; "" if it is open."""
+    return _opened
 
 
 def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
@@ -27,11 +36,11 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     if "+" in name:
         name = store.of_agents(where.namespace, name.split("+"))
     found = store.checked(where.namespace, name)
+    global _opened  # noqa: PLW0603 - a process has one society
+    _opened = str(store.folder)
     settings: dict[str, object] = {
         f"{TLS}root_ca_certificate": str(store.authority),
         f"{TLS}enable_mtls": True,
-        # Otherwise a link outlives its certificate for as long as it lasts.
-        f"{TLS}close_link_on_expiration": True,
         f"{TLS}connect_certificate": str(found.certificate),
         f"{TLS}connect_private_key": str(found.private),
         f"{USER}user": found.name,
@@ -39,11 +48,32 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     }
     if router:
         settings |= {
-            f"{TLS}listen_certificate": str(found.certificate),
-            f"{TLS}listen_private_key": str(found.private),
             f"{USER}dictionary_file": str(store.users(where.namespace)),
         }
-    return Door(found.name, settings, str(store.folder), partial(_faults, store, found))
+    return Door(
+        found.name,
+        settings,
+        str(store.folder),
+        partial(_faults, store, found),
+        keep=_keeper(where, name, router=router),
+    )
+
+
+def _keeper(
+    where: Endpoints, name: str, *, router: bool
+) -> Callable[[ZenohMesh], Callable[[], None]]:
+    """`Door.keep`."""
+
+    def keep(mesh: ZenohMesh) -> Callable[[], None]:
+        from armadico.keys.renewing import Listening, Renewing  # after `zenoh`, which is heavy
+
+        if not router:
+            return Renewing(mesh).close
+        hosts = where.table.hosts.values() if where.table is not None else ()
+        named = [address for host in hosts for address in host.addresses]
+        return Listening(mesh, lambda: open_door(where, name, router=True), named).close
+
+    return keep
 
 
 def _faults(store: Store, identity: Identity, here: bool) -> Sequence[str]:

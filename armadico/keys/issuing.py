@@ -15,6 +15,9 @@ from armadico.keys.authority import (
     ROUTER_DAYS,
     KeyFileError,
     Pair,
+    certificate_key,
+    facts,
+    is_issued_by,
     issue,
     public_of,
 )
@@ -115,6 +118,23 @@ class Issuer:
             self.store.save(member, pair.certificate, b"", self.store.password(member))
             renewed.append(identity.name)
         return renewed, refused
+
+    def again(self, certificate: bytes, now: datetime) -> bytes:
+        """Return a new certificate, PEM, of the same name and key as a client's present one.
+
+        The present one may have expired. Raises ConfigError or KeyFileError if there is none.
+        """
+        about = facts(certificate)
+        if not is_issued_by(certificate, self.pair.certificate):
+            raise ConfigError(f"the certificate of {about.name} is of another authority")
+        member = self.store.members().get(about.name)
+        if member is None:
+            raise ConfigError(f"{about.name} is not in the list of identities")
+        if member.revoked:
+            raise ConfigError(f"{about.name} was revoked {member.revoked}")
+        if _server(member):
+            raise ConfigError(f"{about.name} is the robot's: `armadico keys renew` renews it")
+        return self._issue(member, now, (), certificate_key(certificate)).certificate
 
     def revoke(self, names: Iterable[str], now: datetime) -> list[str]:
         """Revoke identities in the list; returns those that were not revoked before."""

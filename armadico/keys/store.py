@@ -185,11 +185,11 @@ class Store:
         for folder in (self.folder, found.folder.parent, found.folder):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if private:
-            _write(found.private, private)
+            replace_file(found.private, private)
         if member.agents:
-            _write(found.folder / AGENTS, "\n".join(member.agents).encode())
-        _write(found.password, password.encode())
-        _write(found.certificate, certificate)
+            replace_file(found.folder / AGENTS, "\n".join(member.agents).encode())
+        replace_file(found.password, password.encode())
+        replace_file(found.certificate, certificate)
         return found
 
     # What the authority's computer and the robot's have ------------------------------------------
@@ -211,7 +211,7 @@ class Store:
 
     def save_members(self, members: Mapping[str, Member]) -> None:
         rows = [asdict(member) for _, member in sorted(members.items())]
-        _write(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
+        replace_file(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
 
     def password(self, member: Member) -> str:
         """The password of an identity as it was last issued."""
@@ -233,22 +233,22 @@ class Store:
             if not member.revoked and admits(member, namespace)
         ]
         path = self.identity(namespace, ROBOT).users
-        _write(path, "\n".join(lines).encode())
+        replace_file(path, "\n".join(lines).encode())
         return path
 
     def copy(self, other: Store, *, robots: bool) -> None:
         """Write what every computer needs, and the robot's; never the authority's key."""
         names = (AUTHORITY, SECRET, MEMBERS) if robots else (AUTHORITY,)
         for name in names:
-            _write(self.folder / name, (other.folder / name).read_bytes())
+            replace_file(self.folder / name, (other.folder / name).read_bytes())
 
     def begin(self, certificate: bytes, private: bytes) -> None:
         """Write a new authority and the secret of all passwords."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         check_private(self.folder)
-        _write(self.authority_key, private)
-        _write(self.folder / SECRET, secrets.token_bytes(32))
-        _write(self.authority, certificate)
+        replace_file(self.authority_key, private)
+        replace_file(self.folder / SECRET, secrets.token_bytes(32))
+        replace_file(self.authority, certificate)
         self.save_members({})
 
 
@@ -287,7 +287,7 @@ def _how(name: str) -> str:
     return f"`armadico keys agent {name.replace('+', ' ')}`"
 
 
-def _write(path: Path, data: bytes) -> None:
+def replace_file(path: Path, data: bytes) -> None:
     """Replace a file, which only its user can read from the first byte on."""
     new = path.with_name(f".{path.name}.{os.getpid()}")
     new.unlink(missing_ok=True)

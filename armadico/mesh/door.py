@@ -49,17 +49,23 @@ class Door(NamedTuple):
         folder: The folder of keys.
         faults: What is wrong with its keys now, a sentence each, for a link on the robot's
             computer (True) or from another one. It reads the files.
+        sign: Returns a signature of data by this identity, of some hundred bytes.
+        verify: Whether an identity, without its namespace, has signed data.
+        keep: Called with the open mesh; returns what is called before it closes.
     """
 
     name: str
     settings: Mapping[str, Any]
     folder: str = ""
     faults: Callable[[bool], Sequence[str]] = lambda _: ()
+    sign: Callable[[bytes], bytes] = lambda _: b""
+    verify: Callable[[str, bytes, bytes], bool] = lambda *_: False
+    keep: Callable[[Any], Callable[[], None]] | None = None
 
     def as_client(self) -> Door:
         """Return the same identity without what only a router has."""
         own = {k: v for k, v in self.settings.items() if k not in ROUTERS}
-        return self._replace(settings=own)
+        return self._replace(settings=own, keep=None)
 
 
 def name_of(agents: Sequence[str]) -> str:
