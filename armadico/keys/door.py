@@ -12,6 +12,7 @@ from armadico.mesh.door import TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
+    from armadico.keys.signing import Verifier
     from armadico.mesh.zenoh import ZenohMesh
 
 
@@ -47,16 +48,38 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         f"{USER}password": found.password.read_text(encoding="utf-8"),
     }
     if router:
-        settings |= {
-            f"{USER}dictionary_file": str(store.users(where.namespace)),
-        }
+        settings[f"{USER}dictionary_file"] = str(store.users(where.namespace))
     return Door(
         found.name,
         settings,
         str(store.folder),
         partial(_faults, store, found),
-        keep=_keeper(where, name, router=router),
+        partial(_sign, found),
+        _Verify(found.namespace, store),
+        _keeper(where, name, router=router),
     )
+
+
+def _sign(identity: Identity, data: bytes) -> bytes:
+    from armadico.keys.signing import sign  # slow, and few agents sign
+
+    return sign(identity, data)
+
+
+class _Verify:
+    """`Door.verify`, which reads the authority's certificate when it is first needed."""
+
+    def __init__(self, namespace: str, store: Store) -> None:
+        self._namespace, self._store = namespace, store
+        self._verifier: Verifier | None = None
+
+    def __call__(self, name: str, data: bytes, signed: bytes) -> bool:
+        if self._verifier is None:
+            from armadico.keys.signing import Verifier
+
+            now = partial(datetime.now, UTC)
+            self._verifier = Verifier(self._namespace, self._store.authority, now)
+        return self._verifier(name, data, signed)
 
 
 def _keeper(
@@ -65,10 +88,12 @@ def _keeper(
     """`Door.keep`."""
 
     def keep(mesh: ZenohMesh) -> Callable[[], None]:
-        from armadico.keys.renewing import Listening, Renewing  # after `zenoh`, which is heavy
-
         if not router:
+            from armadico.keys.renewing import Renewing  # after `zenoh`, which is heavy
+
             return Renewing(mesh).close
+        from armadico.keys.listening import Listening
+
         hosts = where.table.hosts.values() if where.table is not None else ()
         named = [address for host in hosts for address in host.addresses]
         return Listening(mesh, lambda: open_door(where, name, router=True), named).close

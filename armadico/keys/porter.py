@@ -12,7 +12,9 @@ once, knows no revocation, and does not report a failed handshake. The porter
 - reads its own certificate and the list of members again when their files change;
 - closes a link when its certificate expires or its name is revoked. A link lives as long as the
   newest certificate that its name has shown from the same address, so a renewed one needs no new
-  link: its process connects anew, introduces itself, and leaves.
+  link: its process connects anew, introduces itself, and leaves;
+- issues a new certificate for the key of a present or expired one (`armadico.keys.asking`), if the
+  authority's key is on this computer.
 
 It ends when its standard input is closed, which happens when the robot agent ends.
 """
@@ -34,11 +36,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
 from typing import Final
 
 from armadico.core.config_errors import ConfigError
+from armadico.keys.asking import RENEWAL
 from armadico.keys.lobby import Lobby, source_of
 from armadico.keys.store import MEMBERS, Store, admits
 from armadico.mesh.door import ROBOT
@@ -63,6 +67,12 @@ FLUSH_S: Final = 1.0
 SILENT_S: Final = 3.0
 """A client that was admitted and sends nothing for so long is turned away, s."""
 
+EXPIRED_S: Final = 30 * 86_400.0
+"""A certificate that expired longer ago is not renewed, s."""
+
+NO_CHECK_TIME: Final = 0x200000
+"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME, which `ssl` does not name."""
+
 ROUTER_S: Final = 0.02
 """Period of looking for the router while clients wait for it, s: it is away while it reopens."""
 
@@ -77,6 +87,9 @@ KINDS: Final = 20
 
 HELLO: Final = re.compile(rb"\x16\x03[\x00-\x04]..\x01", re.DOTALL)
 """How a TLS client begins: a record of the handshake, with a `ClientHello` (RFC 8446, 5.1)."""
+
+HELLO_SIZE: Final = 4096
+"""Bytes of it in which a wish for a new certificate is looked for."""
 
 ACCEPTS: Final = 32
 """Most connections that are accepted in one turn."""
@@ -233,8 +246,10 @@ class Porter:
 
     def _begin(self, link: Link) -> None:
         """Begin a connection's handshake."""
+        hello = _begin_of(link.outer, HELLO_SIZE)
+        files, asks = self._files, RENEWAL.encode() in hello
         try:
-            link.outer = self._files.context.wrap_socket(
+            link.outer = (files.lenient if asks else files.context).wrap_socket(
                 link.outer, server_side=True, do_handshake_on_connect=False
             )
         except OSError:  # the client has gone
@@ -262,17 +277,22 @@ class Porter:
         found = outer.getpeercert() or {}
         subject = dict(pair for part in found.get("subject", ()) for pair in part)
         name = str(subject.get("commonName", ""))
+        asks = outer.context is self._files.lenient
         if why := self._files.refusal(name) or self._crowd(name):
             self._turn_away(link, why)
             return
         link.name, link.since = name, time.monotonic()
         # By the monotonic clock from here on: a step of the wall clock ends no link.
-        valid = ssl.cert_time_to_seconds(str(found["notAfter"])) - time.time()
-        link.ends = link.since + valid
+        link.ends = link.since + ssl.cert_time_to_seconds(str(found["notAfter"])) - time.time()
+        self._links.add(link)
+        if asks:
+            link.outward += self._files.renewed(outer, link.since - link.ends)
+            self._end(link)
+            self._guarded(link, self._flush)
+            return
         for other in self._links:
             if (other.name, other.peer) == (name, link.peer):
                 other.ends = max(other.ends, link.ends)
-        self._links.add(link)
         self._guarded(link, self._pass_inward)
 
     def _crowd(self, name: str) -> str:
@@ -441,6 +461,7 @@ class Files:
 
     Attributes:
         context: What a handshake is made with.
+        lenient: The same for a client that asks for a new certificate: also with an expired one.
     """
 
     def __init__(self, namespace: str, store: Store) -> None:
@@ -481,6 +502,15 @@ class Files:
     def _read(self) -> None:
         self._seen = self._stamp()
         members = self._store.members().values()
+        self.context, self.lenient = self._context(), self._context()
+        self.lenient.verify_flags |= NO_CHECK_TIME
+        self.lenient.set_alpn_protocols([RENEWAL])
+        self._revoked = frozenset(each.name for each in members if each.revoked)
+        self._names = frozenset(
+            each.name for each in members if admits(each, self._namespace) and not each.revoked
+        )
+
+    def _context(self) -> ssl.SSLContext:
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         context.minimum_version = ssl.TLSVersion.TLSv1_3
         context.verify_mode = ssl.CERT_REQUIRED
@@ -497,11 +527,31 @@ class Files:
             except OSError as error:
                 why = getattr(error, "reason", None) or error.strerror
                 raise ConfigError(f"cannot be used for TLS: {why}", path) from None
-        self.context = context
-        self._revoked = frozenset(each.name for each in members if each.revoked)
-        self._names = frozenset(
-            each.name for each in members if admits(each, self._namespace) and not each.revoked
-        )
+        return context
+
+    def renewed(self, outer: ssl.SSLSocket, expired: float) -> bytes:
+        """Return a new certificate for the key of a client's, PEM, or why there is none.
+
+        `expired` is how long ago the client's one has expired, s; below 0, if it has not.
+        """
+        der = outer.getpeercert(binary_form=True)
+        if outer.selected_alpn_protocol() != RENEWAL or der is None:
+            return b""
+        if expired > EXPIRED_S:
+            return b"it expired more than 30 days ago: `armadico keys host` makes new keys"
+        if not self._store.issues:
+            return (
+                b"the authority's key is not on the robot's computer: run `armadico-agent keys` on"
+                b" the one that has it, or `armadico keys host` there"
+            )
+        from armadico.keys.authority import KeyFileError
+        from armadico.keys.issuing import Issuer
+
+        present = ssl.DER_cert_to_PEM_cert(der).encode()
+        try:
+            return Issuer.of(self._store).again(present, datetime.now(UTC))
+        except (ConfigError, KeyFileError) as error:
+            return str(error).encode()
 
 
 def failure(error: OSError) -> str:
@@ -557,10 +607,10 @@ def _send(end: socket.socket, waiting: bytearray, data: bytes = b"") -> None:
         waiting += data[sent:]
 
 
-def _begin_of(end: socket.socket) -> bytes:
+def _begin_of(end: socket.socket, size: int = 6) -> bytes:
     """Return the first bytes that a connection brings, and leave them there; b"" if it is over."""
     try:
-        return end.recv(6, socket.MSG_PEEK)
+        return end.recv(size, socket.MSG_PEEK)
     except OSError:
         return b""
 

@@ -22,6 +22,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from armadico.keys.authority import Pair, create
+from armadico.keys.asking import RENEWAL
 from armadico.keys.porter import LARGEST, LINKS_OF_A_NAME, Porter
 from armadico.mesh.ports import LOOPBACK
 
@@ -84,9 +85,16 @@ class Door:
         self.stack.callback(router.close)
         return router
 
-    def connect(self, pair: Pair | None = None, name: str = "goto") -> ssl.SSLSocket:
-        """Connect with a certificate, by default the one of an identity in the lab's folder."""
+    def connect(
+        self, pair: Pair | None = None, name: str = "goto", *, asks: bool = False
+    ) -> ssl.SSLSocket:
+        """Connect with a certificate, by default the one of an identity in the lab's folder.
+
+        `asks`: as a client that asks for a new certificate.
+        """
         context = ssl.create_default_context(cafile=str(self.lab.store.authority))
+        if asks:
+            context.set_alpn_protocols([RENEWAL])
         if pair is not None:
             file = self.folder / "pair.pem"
             file.write_bytes(pair.private + pair.certificate)

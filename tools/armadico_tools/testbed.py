@@ -196,8 +196,8 @@ class Namespaces(Place):
         return self.network.hosts[host].inside(function, *args)
 
     def joining(self, host: str) -> tuple[str, ...]:
-        """The host's name and the table."""
-        return ("--host", host, "--hosts", self._table.file)
+        """The host's name and the table; only these namespaces reach its open port."""
+        return ("--host", host, "--hosts", self._table.file, "--open")
 
     def mesh(self, *, router: bool = False) -> ZenohMesh:
         """A session on the watcher's host.

@@ -43,7 +43,7 @@ def table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def found(*, passing: bool = False, **given: Any) -> Endpoints:
     """Where an agent is with these options, or a tool."""
-    return Mesh(**{"namespace": "places", **given}).endpoints(passing=passing)
+    return Mesh(**{"namespace": "places", "open": True, **given}).endpoints(passing=passing)
 
 
 def test_a_host_alone_is_the_shipped_tables_which_opens_no_port() -> None:

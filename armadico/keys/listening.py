@@ -1,0 +1,151 @@
+"""Keeps the TLS port and the users of a robot's router: `armadico.mesh.door.Door.keep` of a router.
+
+It starts the porter, and has the session opened anew when the list of identities changes: Zenoh
+reads users and rights only when a session opens.
+"""
+
+from __future__ import annotations
+
+import logging
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from armadico.core.config_errors import ConfigError
+from armadico.keys import porter
+from armadico.keys.store import MEMBERS, Store
+from armadico.mesh import handshake, sockets
+from armadico.mesh.door import USER, Door
+from armadico.mesh.topology import MeshError
+from armadico.mesh.zenoh import ZenohMesh, reason
+
+logger = logging.getLogger("armadico.keys")
+
+LOOK_S: Final = 0.5
+"""Period of looking for a changed list of identities, and after the porter, s."""
+
+ENDS_S: Final = 1.0
+"""A porter that has not ended by then, once told, is killed."""
+
+BACKLOG: Final = 1024
+
+
+class Listening:
+    """Keeps a router's porter, and its session's users.
+
+    The listening sockets belong to the router's process: clients wait in them while the porter is
+    started again.
+    """
+
+    def __init__(self, mesh: ZenohMesh, remake: Callable[[], Door], named: Sequence[str]) -> None:
+        """Begin. Raises MeshError if an endpoint cannot be listened on.
+
+        Args:
+            mesh: The router's mesh, which is open.
+            remake: Returns the router's door by the present files. Raises ConfigError.
+            named: The addresses of the host table.
+        """
+        self._mesh, self._remake, self._named = mesh, remake, named
+        door = mesh.where.door
+        assert door is not None, "an open router has no porter"
+        self._store = Store(Path(door.folder))
+        self._users = self._read_users(door)
+        self._stamp = self._stamped()
+        self._ends = [listen(e) for e in mesh.where.listen if e.startswith("tls/")]
+        self._porter = self._start() if self._ends else None
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="door", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join(ENDS_S)
+        if self._porter is not None:
+            _end(self._porter)
+        for end in self._ends:
+            end.close()
+
+    def _run(self) -> None:
+        while not self._over.wait(LOOK_S):
+            if self._porter is not None and (code := self._porter.poll()) is not None:
+                logger.error("the porter of the TLS port has ended (%d); it is started again", code)
+                _end(self._porter)
+                self._porter = self._start()
+            stamp = self._stamped()
+            if stamp != self._stamp:
+                self._stamp = stamp
+                self._renew()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        store, mesh = self._store, self._mesh
+        fds = [end.fileno() for end in self._ends]
+        words = [str(store.folder), mesh.namespace, str(sockets.socket_of(mesh.namespace))]
+        words += [" ".join(self._named), *map(str, fds)]
+        return subprocess.Popen(
+            [sys.executable, "-m", porter.__name__, *words], stdin=subprocess.PIPE, pass_fds=fds
+        )
+
+    def _renew(self) -> None:
+        """Open the session anew if the list of identities has changed what it admits."""
+        before = self._mesh.where
+        try:
+            door = self._remake()
+            users = self._read_users(door)
+            if before.door is not None and (users, door.settings) == (
+                self._users,
+                before.door.settings,
+            ):
+                return
+            self._mesh.reopen(before._replace(door=door))
+        except (ConfigError, MeshError) as error:
+            logger.error("the list of identities has changed, and is not used: %s", error)
+            return
+        left, came = _names(self._users) - _names(users), _names(users) - _names(self._users)
+        self._users = users
+        changes = [f"{name} is out" for name in sorted(left)] + [f"{n} is in" for n in sorted(came)]
+        logger.warning("identities have changed: %s", ", ".join(changes) or "new keys or rights")
+
+    def _read_users(self, door: Door) -> bytes:
+        try:
+            return Path(door.settings[f"{USER}dictionary_file"]).read_bytes()
+        except (OSError, KeyError):
+            return b""
+
+    def _stamped(self) -> object:
+        try:
+            found = (self._store.folder / MEMBERS).stat()
+        except OSError:
+            return None
+        return found.st_ino, found.st_mtime_ns
+
+
+def listen(endpoint: str) -> socket.socket:
+    """Return a socket that listens on an endpoint over TLS. Raises MeshError."""
+    place = handshake.tls_place(endpoint)
+    assert place is not None, "only TLS has a porter"
+    try:
+        found = socket.getaddrinfo(*place, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        family, _, _, _, address = found[0]
+        return socket.create_server(
+            address[:2], family=family, backlog=BACKLOG, dualstack_ipv6=address[0] == "::"
+        )
+    except OSError as error:
+        raise MeshError(f"cannot listen on {endpoint}: {reason(error)}") from None
+
+
+def _names(users: bytes) -> set[str]:
+    return {line.partition(":")[0] for line in users.decode().splitlines()}
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    assert process.stdin is not None, "it has a pipe"
+    process.stdin.close()
+    try:
+        process.wait(ENDS_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

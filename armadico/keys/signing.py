@@ -1,0 +1,92 @@
+"""Signatures under what others repeat: its author is known, whichever process repeats it.
+
+A signature carries its author's certificate, so a receiver needs the authority's alone. It counts
+as long as that certificate is valid, which is a day: also of an author that was revoked meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import Final
+
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
+from cryptography.x509 import Certificate, load_der_x509_certificate, load_pem_x509_certificate
+from cryptography.x509.oid import NameOID
+
+from armadico.keys.store import Identity
+
+LENGTH: Final = 64
+"""Bytes of an Ed25519 signature (RFC 8032)."""
+
+LONGEST: Final = 2048
+"""Bytes of a certificate (DER); those that `authority.issue` makes have about 320."""
+
+CONTEXT: Final = b"armadico signed\0"
+"""Before what is signed, as TLS signs with the same keys: its messages begin otherwise."""
+
+AUTHORS: Final = 256
+"""Certificates that a verifier remembers."""
+
+
+def sign(identity: Identity, data: bytes) -> bytes:
+    """Return the author's certificate (DER), and its signature, 64 bytes.
+
+    It reads the files, as the certificate is renewed. Raises OSError or ValueError.
+    """
+    certificate = load_pem_x509_certificate(identity.certificate.read_bytes())
+    key = load_pem_private_key(identity.private.read_bytes(), None)
+    if not isinstance(key, Ed25519PrivateKey):
+        raise ValueError(f"{identity.private} is not an Ed25519 key")
+    return certificate.public_bytes(Encoding.DER) + key.sign(CONTEXT + data)
+
+
+class Verifier:
+    """Checks the signatures of a namespace's identities."""
+
+    def __init__(self, namespace: str, authority: Path, now: Callable[[], datetime]) -> None:
+        """Read the authority's certificate; `now` returns the time. Raises OSError, ValueError."""
+        self._namespace, self._now = namespace, now
+        self._authority = load_pem_x509_certificate(authority.read_bytes())
+        self._authors: dict[bytes, Certificate] = {}  # of this authority, by DER
+
+    def __call__(self, name: str, data: bytes, signed: bytes) -> bool:
+        """Return whether an identity, without its namespace, has signed data (`sign`)."""
+        der, signature = signed[:-LENGTH], signed[-LENGTH:]
+        author = self._authors.get(der) or self._author(der)
+        if author is None or _name(author) != f"{self._namespace}/{name}":
+            return False
+        if not author.not_valid_before_utc <= self._now() <= author.not_valid_after_utc:
+            return False
+        key = author.public_key()
+        try:
+            assert isinstance(key, Ed25519PublicKey), "`_author` has checked it"
+            key.verify(signature, CONTEXT + data)
+        except InvalidSignature:
+            return False
+        return True
+
+    def _author(self, der: bytes) -> Certificate | None:
+        """Return a certificate of this authority; None for another one."""
+        if len(der) > LONGEST:
+            return None
+        try:
+            found = load_der_x509_certificate(der)
+            found.verify_directly_issued_by(self._authority)
+            usable = isinstance(found.public_key(), Ed25519PublicKey)
+        except (ValueError, TypeError, InvalidSignature):
+            return None
+        if not usable:
+            return None
+        if len(self._authors) >= AUTHORS:
+            self._authors.clear()
+        self._authors[der] = found
+        return found
+
+
+def _name(certificate: Certificate) -> str:
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    return str(names[0].value) if len(names) == 1 else ""
