@@ -13,12 +13,13 @@ import socket
 import ssl
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Final, NamedTuple
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.store import Identity, Store, replace_file
-from armadico.mesh.handshake import tls_place
+from armadico.mesh.handshake import FOREIGN, UNVERIFIED, tls_place
 
 RENEWAL: Final = "armadico-renewal"
 """The application protocol (ALPN) of a client that asks for a new certificate and sends nothing."""
@@ -78,6 +79,11 @@ def validity(certificate: bytes) -> Validity:
 _VALIDITY: Final = re.compile(rb"\x30\x1e\x17\x0d(\d{12}Z)\x17\x0d(\d{12}Z)")
 
 
+def shown(t: float) -> str:
+    """Return a time, s since 1970, for people."""
+    return f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M} UTC"
+
+
 def ask(
     store: Store,
     identity: Identity,
@@ -104,8 +110,10 @@ def ask(
         ):
             while len(answer) < LARGEST and (part := link.recv(LARGEST)):
                 answer += part
+    except ssl.SSLCertVerificationError as error:
+        raise ConfigError(UNVERIFIED.get(error.verify_code, FOREIGN)) from None
     except OSError as error:
-        why = getattr(error, "verify_message", None) or error.strerror or str(error)
+        why = error.strerror or str(error)
         raise ConfigError(f"{endpoint} cannot be asked for it: {why}") from None
     if not answer.startswith(PEM):
         raise ConfigError(answer.decode(errors="replace") or f"{endpoint} gave no answer")
@@ -121,8 +129,8 @@ def check(identity: Identity, certificate: bytes, source: str, now: float) -> No
         raise ConfigError(f"{source} returned no certificate") from None
     if not valid.begins <= now < valid.ends:
         raise ConfigError(
-            f"{source} returned a certificate for {_shown(valid.begins)} to {_shown(valid.ends)},"
-            f" and this computer's clock says {_shown(now)}: compare the clocks of both (`date`)"
+            f"{source} returned a certificate for {shown(valid.begins)} to {shown(valid.ends)},"
+            f" and this computer's clock says {shown(now)}: compare the clocks of both (`date`)"
         )
     new = identity.certificate.with_suffix(".new")
     replace_file(new, certificate)
@@ -165,9 +173,12 @@ def renewed(
 
 
 NOBODY: Final = (
-    "the authority's key is not on this computer, and no port of the robot is in the host table"
+    "the authority's key is not on this computer, and the host table has no port of the robot"
 )
 
 
-def _shown(t: float) -> str:
-    return f"{datetime.fromtimestamp(t, UTC):%Y-%m-%d %H:%M} UTC"
+def refresh(store: Store, identity: Identity, endpoints: Sequence[str]) -> None:
+    """Renew a certificate that has expired; where that fails, joining names what is wrong."""
+    with suppress(ConfigError, ValueError, OSError):
+        if validity(identity.certificate.read_bytes()).ends <= time.time():
+            renewed(store, identity, [end for end in endpoints if end.startswith("tls/")])

@@ -16,14 +16,6 @@ if TYPE_CHECKING:
     from armadico.mesh.zenoh import ZenohMesh
 
 
-_opened: str = ""
-
-
-def opened() -> str:
-    """The folder of the keys by which this process has joined its society; "" if it is open."""
-    return _opened
-
-
 def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     """Return the door of an identity of this computer. Raises ConfigError.
 
@@ -37,8 +29,8 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     if "+" in name:
         name = store.of_agents(where.namespace, name.split("+"))
     found = store.checked(where.namespace, name)
-    global _opened  # noqa: PLW0603 - a process has one society
-    _opened = str(store.folder)
+    if not router:
+        _refresh(store, found, where)
     settings: dict[str, object] = {
         f"{TLS}root_ca_certificate": str(store.authority),
         f"{TLS}enable_mtls": True,
@@ -58,6 +50,14 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         _Verify(found.namespace, store),
         _keeper(where, name, router=router),
     )
+
+
+def _refresh(store: Store, identity: Identity, where: Endpoints) -> None:
+    """Renew a certificate that has expired: its computer may have been off."""
+    from armadico.keys.asking import refresh
+
+    known = where.table.robots_router if where.table is not None else None
+    refresh(store, identity, where.connect or tuple(filter(None, [known])))
 
 
 def _sign(identity: Identity, data: bytes) -> bytes:

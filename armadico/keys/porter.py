@@ -541,8 +541,8 @@ class Files:
             return b"it expired more than 30 days ago: `armadico keys host` makes new keys"
         if not self._store.issues:
             return (
-                b"the authority's key is not on the robot's computer: run `armadico-agent keys` on"
-                b" the one that has it, or `armadico keys host` there"
+                b"the authority's key is not on the robot's computer: run `armadico keys host` on"
+                b" the one that has it"
             )
         from armadico.keys.authority import KeyFileError
         from armadico.keys.issuing import Issuer

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Final
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import Validity, check, renewed, validity
-from armadico.keys.messages import Renewal, Renewed
-from armadico.keys.store import Store, replace_file
+from armadico.keys.asking import WITHIN_S, Validity, renewed, shown, validity
+from armadico.keys.store import Store
 from armadico.mesh import handshake
 from armadico.mesh.zenoh import ZenohMesh
 
@@ -30,8 +29,6 @@ PARTS: Final = 30
 """Attempts in the last third of a certificate, at least `SHORTEST_S` apart."""
 
 SHORTEST_S: Final = 1.0
-
-REPLY_S: Final = 2.0
 
 REPEAT_S: Final = 600.0
 """Period of announcing an expiry, s."""
@@ -74,7 +71,12 @@ class Renewing:
             self._note(f"{self._file} cannot be read: {error}")
             return LONGEST_WAIT_S
         now = self._wall()
-        if self._mtime() != self._shown:  # another process of this identity, or a person
+        if now < valid.begins:
+            self._note(
+                f"it is not valid before {shown(valid.begins)}, and this computer's clock says"
+                f" {shown(now)}: set the clock"
+            )
+        elif self._mtime() != self._shown:  # another process of this identity, or a person
             self._show()
         elif now >= valid.renew_at:
             self._renew()
@@ -87,41 +89,14 @@ class Renewing:
         return min(pause, LONGEST_WAIT_S)
 
     def _renew(self) -> None:
-        """Renew the certificate: by the authority's key here, the porter, or the agent `keys`."""
         endpoints = [end for end in self._mesh.where.connect if end.startswith("tls/")]
         try:
             renewed(self._store, self._identity, endpoints, self._wall)
         except (ConfigError, ValueError, OSError) as error:
-            try:
-                self._request()
-            except ConfigError as other:
-                self._note(f"{error}; {other}")
-                return
+            self._note(f"it is not renewed: {error}")
+            return
         self._note("")
         self._show()
-
-    def _request(self) -> None:
-        """Renew it by the agent `keys`. Raises ConfigError."""
-        replies: list[Renewed] = []
-        over = threading.Event()
-
-        def each(key: str, data: bytes) -> None:
-            reply = self._mesh.read(Renewed, key, data)
-            if reply is not None:
-                replies.append(reply)
-
-        request = Renewal(self._file.read_bytes())
-        self._mesh.query("keys/renew", request, REPLY_S, each, over.set)
-        over.wait(2 * REPLY_S)
-        if not replies:
-            raise ConfigError(
-                "no agent `keys` answers; `armadico-agent keys` runs it where the authority's key is"
-            )
-        given = next((reply for reply in replies if reply.certificate), replies[0])
-        if given.refusal:
-            raise ConfigError(f"the agent `keys`: {given.refusal}")
-        check(self._identity, given.certificate, "the agent `keys`", self._wall())
-        replace_file(self._file, given.certificate)
 
     def _show(self) -> None:
         """Show the certificate to the porter that the link goes by."""
@@ -129,7 +104,7 @@ class Renewing:
         endpoint = self._mesh.joined_at
         if not endpoint.startswith("tls/"):
             return
-        why = handshake.refusal(endpoint, self._door, REPLY_S, waits=True)
+        why = handshake.refusal(endpoint, self._door, WITHIN_S, waits=True)
         if why != "":
             self._shown = 0  # again
             self._note(f"{endpoint} does not accept the new certificate: {why or 'no answer'}")
@@ -137,7 +112,7 @@ class Renewing:
     def _note(self, fault: str) -> None:
         """Log why the certificate cannot be renewed, or that it was, unless it is known."""
         if fault and fault != self.fault:
-            logger.warning("the certificate of %s is not renewed: %s", self._door.name, fault)
+            logger.warning("the certificate of %s: %s", self._door.name, fault)
         elif not fault:
             self._announced_at = float("-inf")
             logger.info("the certificate of %s is renewed", self._door.name)

@@ -93,7 +93,7 @@ def test_what_is_not_renewed_is_named(door: Door, tmp_path: Path) -> None:
 
     with pytest.raises(ConfigError, match="cannot be asked"):
         ask(store, identity, "tls/127.0.0.1:1")
-    with pytest.raises(ConfigError, match="no port of the robot"):
+    with pytest.raises(ConfigError, match="has no port of the robot"):
         renewed(store, identity, [])
 
     key = lab.store.authority_key.read_bytes()

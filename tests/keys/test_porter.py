@@ -21,8 +21,8 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_private_key,
 )
 
-from armadico.keys.authority import Pair, create
 from armadico.keys.asking import RENEWAL
+from armadico.keys.authority import Pair, create
 from armadico.keys.porter import LARGEST, LINKS_OF_A_NAME, Porter
 from armadico.mesh.ports import LOOPBACK
 
