@@ -1,0 +1,124 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from armadico.keys.authority import Pair, create, issue
+from armadico.keys.checking import Checks
+from armadico.keys.issuing import Issuer
+from armadico.keys.store import Identity
+from tests.keys.labs import NOW, lab_in
+
+HOUR = timedelta(hours=1)
+
+
+@pytest.fixture
+def issuer(tmp_path: Path) -> Issuer:
+    return lab_in(tmp_path)[1]
+
+
+@pytest.fixture
+def goto(issuer: Issuer) -> Identity:
+    return issuer.store.of("robot1/goto")
+
+
+def faults(issuer: Issuer, goto: Identity, after: timedelta = timedelta()) -> list[str]:
+    return list(Checks(issuer.store, NOW + after).of(goto))
+
+
+def test_fresh_keys_have_no_fault(issuer: Issuer) -> None:
+    assert list(Checks(issuer.store, NOW).everything()) == []
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [
+        (25 * HOUR, ["expired 2030-01-03 03:04 UTC, 60 min ago", "armadico keys renew"]),
+        (400 * 24 * HOUR, ["days ago", "this computer's clock says 2031-02-06", "set it, if"]),
+        (-2 * HOUR, ["not valid before 2030-01-02 02:04 UTC, in 60 min", "set the clock"]),
+        (-365 * 24 * HOUR, ["in 365 days", "this computer's clock says 2029-01-02"]),
+    ],
+)
+def test_a_wrong_time_is_named_with_the_file_and_since_when(
+    issuer: Issuer, goto: Identity, after: timedelta, words: list[str]
+) -> None:
+    found = [line for line in faults(issuer, goto, after) if str(goto.certificate) in line]
+    assert len(found) == 1
+    assert all(word in found[0] for word in words), found
+
+
+def test_the_last_hour_of_a_certificate_is_announced(issuer: Issuer, goto: Identity) -> None:
+    def at(hours: float) -> str:
+        return Checks(issuer.store, NOW + hours * HOUR).expiring(goto)
+
+    assert at(22.9) == ""
+    assert "expires in 30 min" in at(23.5)
+    assert at(24.1) == ""  # then it is a fault
+
+
+def _swap(issuer: Issuer, goto: Identity) -> None:
+    other = issuer.store.of("robot1/person-anna")
+    goto.private.write_bytes(other.private.read_bytes())
+
+
+def _foreign(issuer: Issuer, goto: Identity) -> None:
+    pair = issue(create("lab", NOW), goto.name, NOW)
+    goto.certificate.write_bytes(pair.certificate)
+    goto.private.write_bytes(pair.private)
+
+
+def _another_name(issuer: Issuer, goto: Identity) -> None:
+    pair: Pair = issue(issuer.pair, "robot2/goto", NOW)
+    goto.certificate.write_bytes(pair.certificate)
+    goto.private.write_bytes(pair.private)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_swap, "private.key is not the key of its certificate"),
+        (_foreign, "certificate.pem is not of the authority in"),
+        (_another_name, "certificate.pem is robot2/goto, not robot1/goto"),
+        (lambda _, goto: goto.certificate.write_text("x"), "certificate.pem is not a certificate"),
+        (lambda _, goto: goto.private.write_text("x"), "private.key is not a private key in PEM"),
+        (lambda _, goto: goto.private.unlink(), "private.key: cannot be read"),
+        (lambda _, goto: goto.private.chmod(0o604), "chmod 600"),
+        (lambda issuer, _: issuer.store.authority.write_text("x"), "authority.pem is not a cert"),
+    ],
+)
+def test_a_spoilt_key_is_named(
+    issuer: Issuer, goto: Identity, spoil: Callable[[Issuer, Identity], None], words: str
+) -> None:
+    spoil(issuer, goto)
+    assert any(words in line for line in faults(issuer, goto)), faults(issuer, goto)
+    assert any(words in line for line in Checks(issuer.store, NOW).everything())
+
+
+def test_a_revoked_key_and_one_from_before_it_was_issued_again_are_named(issuer: Issuer) -> None:
+    def everything() -> str:
+        return "\n".join(Checks(issuer.store, NOW).everything())
+
+    goto = issuer.store.members()["robot1/goto"]
+    old = issuer.store.of(goto.name).password.read_text()
+    issuer.revoke([goto.name], NOW)
+    assert "robot1/goto was revoked 2030-01-02" in everything()
+    issuer.give([goto], issuer.store, NOW)
+    assert everything() == ""
+    issuer.store.of(goto.name).password.write_text(old)
+    assert "has a key of robot1/goto from before it was revoked" in everything()
+
+
+def test_on_the_robots_computer_a_key_that_the_router_does_not_know_is_named(
+    issuer: Issuer, goto: Identity
+) -> None:
+    assert list(Checks(issuer.store, NOW).on_socket(goto)) == []  # it has not started yet
+    issuer.store.users("robot1")
+    late = NOW + 1000 * HOUR
+    assert list(Checks(issuer.store, late).on_socket(goto)) == []  # the socket asks for no date
+    issuer.revoke([goto.name], NOW)
+    issuer.store.users("robot1")
+    (line,) = Checks(issuer.store, NOW).on_socket(goto)
+    assert "does not know this key" in line

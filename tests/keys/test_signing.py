@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armadico.keys.authority import create, issue
+from armadico.keys.issuing import Issuer
+from armadico.keys.signing import Verifier, sign
+from tests.keys.labs import NOW, lab_in
+
+DATA = b"robot/stop 7"
+
+
+@pytest.fixture(scope="module")
+def issuer(tmp_path_factory: pytest.TempPathFactory) -> Issuer:
+    return lab_in(tmp_path_factory.mktemp("lab"))[1]
+
+
+def verifier(issuer: Issuer, now: datetime = NOW) -> Verifier:
+    return Verifier("robot1", issuer.store.authority, lambda: now)
+
+
+def test_a_signature_is_its_authors_alone(issuer: Issuer) -> None:
+    signed = sign(issuer.store.of("robot1/goto"), DATA)
+    verify = verifier(issuer)
+    assert verify("goto", DATA, signed)
+    assert not verify("avoid", DATA, signed)
+    assert not verify("goto", DATA + b"1", signed)
+    assert not Verifier("robot2", issuer.store.authority, lambda: NOW)("goto", DATA, signed)
+
+
+@given(st.integers(0, 2000), st.integers(1, 255))
+def test_a_changed_signature_does_not_count(issuer: Issuer, at: int, by: int) -> None:
+    signed = bytearray(sign(issuer.store.of("robot1/goto"), DATA))
+    signed[at % len(signed)] ^= by
+    assert not verifier(issuer)("goto", DATA, bytes(signed))
+
+
+@given(st.binary(max_size=500))
+def test_what_is_no_signature_does_not_count(issuer: Issuer, signed: bytes) -> None:
+    assert not verifier(issuer)("goto", DATA, signed)
+
+
+def test_a_signature_counts_as_long_as_its_certificate(issuer: Issuer) -> None:
+    signed = sign(issuer.store.of("robot1/goto"), DATA)
+    for hours, counts in ((-2, False), (0, True), (23, True), (25, False)):
+        assert verifier(issuer, NOW + timedelta(hours=hours))("goto", DATA, signed) is counts
+
+
+def test_another_authoritys_signature_does_not_count(issuer: Issuer, tmp_path: Path) -> None:
+    goto = issuer.store.of("robot1/goto")
+    pair = issue(create("lab", NOW), goto.name, NOW)
+    forged = type(goto)(goto.name, tmp_path)
+    forged.certificate.write_bytes(pair.certificate)
+    forged.private.write_bytes(pair.private)
+    assert not verifier(issuer)("goto", DATA, sign(forged, DATA))
