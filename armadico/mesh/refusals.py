@@ -9,6 +9,7 @@ from armadico.mesh.sockets import answers
 from armadico.mesh.topology import Topology
 
 AGAIN_S: Final = 0.1  # how often a client checks whether its router is there, s
+PROBE_S: Final = 1.0  # timeout of finding out whether a port is closed
 LATER_S: Final = 2.0  # the longest pause after refusals, s: each one delays the router's listener
 
 
@@ -85,9 +86,9 @@ class Refusals:
         if folder is not None:
             return f"the society here is closed, with the keys in {folder}, and {todo}"
         for endpoint in self._where.connect:
-            if endpoint.startswith("tcp/") and answers(endpoint, AGAIN_S):
+            if endpoint.startswith("tcp/") and answers(endpoint, PROBE_S):
                 from armadico.mesh.handshake import speaks_tls
 
-                if speaks_tls(endpoint, AGAIN_S):
+                if speaks_tls(endpoint, PROBE_S):
                     return f"the society at {endpoint} is closed, and {todo}"
         return ""

@@ -112,12 +112,15 @@ def guard_of(namespace: str) -> Path:
 
 
 def keys_here(namespace: str) -> Path | None:
-    """Return the folder of keys of the robot whose router is on this computer; None: it is open.
+    """Return the folder of keys of the robot whose router is on this computer.
 
-    The router writes it (`note_keys`), for commands that read no host table.
+    None: there is none now, or it is open. The router writes it (`note_keys`), for commands that
+    read no host table.
     """
     try:
         path = socket_of(namespace)
+        if not is_held(lock_of(path)):
+            return None  # the file is left over
         text = path.with_suffix(KEYS).read_text(encoding="utf-8")
     except (OSError, TopologyError):
         return None
