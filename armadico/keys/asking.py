@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import re
 import socket
-import ssl
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -19,7 +18,6 @@ from typing import Final, NamedTuple
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.store import Identity, Store, replace_file
-from armadico.mesh.handshake import FOREIGN, UNVERIFIED, tls_place
 
 RENEWAL: Final = "armadico-renewal"
 """The application protocol (ALPN) of a client that asks for a new certificate and sends nothing."""
@@ -95,6 +93,10 @@ def ask(
 
     Raises ConfigError with the reason why there is none.
     """
+    import ssl  # slow, and seldom needed
+
+    from armadico.mesh.handshake import FOREIGN, UNVERIFIED, tls_place
+
     place = tls_place(endpoint)
     if place is None:
         raise ConfigError(f"{endpoint} is not over TLS")
@@ -123,6 +125,8 @@ def ask(
 
 def check(identity: Identity, certificate: bytes, source: str, now: float) -> None:
     """Raise ConfigError if a new certificate cannot be used by an identity."""
+    import ssl  # slow, and seldom needed
+
     try:
         valid = validity(certificate)
     except ValueError:
@@ -162,7 +166,7 @@ def renewed(
         replace_file(identity.certificate, certificate)
         return
     reasons = []
-    for endpoint in endpoints:
+    for endpoint in [end for end in endpoints if end.startswith("tls/")]:
         try:
             replace_file(identity.certificate, ask(store, identity, endpoint, wall=wall))
         except ConfigError as error:
@@ -181,4 +185,4 @@ def refresh(store: Store, identity: Identity, endpoints: Sequence[str]) -> None:
     """Renew a certificate that has expired; where that fails, joining names what is wrong."""
     with suppress(ConfigError, ValueError, OSError):
         if validity(identity.certificate.read_bytes()).ends <= time.time():
-            renewed(store, identity, [end for end in endpoints if end.startswith("tls/")])
+            renewed(store, identity, endpoints)

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
+from armadico.keys.asking import refresh
 from armadico.keys.store import Identity, Store
 from armadico.mesh.door import TLS, USER, Door
 
@@ -30,7 +31,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         name = store.of_agents(where.namespace, name.split("+"))
     found = store.checked(where.namespace, name)
     if not router:
-        _refresh(store, found, where)
+        refresh(store, found, where.known)
     settings: dict[str, object] = {
         f"{TLS}root_ca_certificate": str(store.authority),
         f"{TLS}enable_mtls": True,
@@ -50,14 +51,6 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         _Verify(found.namespace, store),
         _keeper(where, name, router=router),
     )
-
-
-def _refresh(store: Store, identity: Identity, where: Endpoints) -> None:
-    """Renew a certificate that has expired: its computer may have been off."""
-    from armadico.keys.asking import refresh
-
-    known = where.table.robots_router if where.table is not None else None
-    refresh(store, identity, where.connect or tuple(filter(None, [known])))
 
 
 def _sign(identity: Identity, data: bytes) -> bytes:

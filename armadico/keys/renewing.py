@@ -89,9 +89,8 @@ class Renewing:
         return min(pause, LONGEST_WAIT_S)
 
     def _renew(self) -> None:
-        endpoints = [end for end in self._mesh.where.connect if end.startswith("tls/")]
         try:
-            renewed(self._store, self._identity, endpoints, self._wall)
+            renewed(self._store, self._identity, self._mesh.where.connect, self._wall)
         except (ConfigError, ValueError, OSError) as error:
             self._note(f"it is not renewed: {error}")
             return
