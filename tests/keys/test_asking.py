@@ -58,7 +58,7 @@ def test_the_porter_renews_a_present_certificate(door: Door, tmp_path: Path) -> 
     new = ask(store, identity, endpoint(door))
     assert authority.is_pair(new, identity.private.read_bytes())
     assert authority.facts(new).name == identity.name
-    assert validity(new).ends > validity(identity.certificate.read_bytes()).ends + 3600.0
+    assert validity(new).ends > validity(identity.certificate.read_bytes()).ends + 3000.0
 
 
 def test_a_computer_that_was_off_overnight_gets_new_certificates(
