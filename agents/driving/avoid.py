@@ -83,6 +83,7 @@ class Avoid(Behaviour):
 
     name = "avoid"
     reacts_to = Obstacles
+    critical_for = (WHEELS,)
     parameters = Parameters
     launched_with = ("v_max", "safety.unmapped")
     changeable: ClassVar = {

@@ -44,6 +44,8 @@ class Individual:
     answers: ClassVar[tuple[type[Message], ...]] = ()  # queries it answers
     queries: ClassVar[tuple[type[Message], ...]] = ()  # queries it sends
     competes_for: ClassVar[tuple[Resource, ...]] = ()
+    critical_for: ClassVar[tuple[Resource, ...]] = ()
+    """Of the resources in `competes_for`, those for which its bids may be critical."""
     owns: ClassVar[tuple[Resource, ...]] = ()
     alone: ClassVar[bool] = False  # a second instance in the namespace may not join
     parameters: ClassVar[type[Parameters]] = Parameters

@@ -73,6 +73,8 @@ class Service:
     since: int = m.OLDEST
     """The protocol from which the last part of the key names the publisher. In older ones all
     publishers share the key without that part."""
+    guests: bool = False
+    """Whether programs that act for a person publish it, too."""
 
     @property
     def pattern(self) -> str:
@@ -141,18 +143,23 @@ def _spoken(
     rate_hz: float | None = None,
     fresh_cycles: int | None = None,
     sender: str = "",
+    *,
+    guests: bool = False,
 ) -> Service:
     """Return a row of several publishers, each with its own last part of the key."""
     whole = f"{key}/{{instance}}"
     return Service(
-        message, whole, kind, rate_hz, fresh_cycles, meaning, sender=sender, since=SPOKEN
+        *(message, whole, kind, rate_hz, fresh_cycles, meaning),
+        sender=sender,
+        since=SPOKEN,
+        guests=guests,
     )
 
 
 _rows: list[Service] = [
     Service(m.RobotState, "robot/state", _S, 10, 3, "odometry, speeds, battery; moves the cycle"),
     Service(m.Description, "robot/description", _S, 1, None, "the robot's body and limits"),
-    _spoken(m.Stop, "robot/stop", _L, "latch or release the stop; any process may"),
+    _spoken(m.Stop, "robot/stop", _L, "latch or release the stop; any process may", guests=True),
     _spoken(
         m.Claim, "resource/{resource}/utility", _E, "the holder's bid", 10, 3, "ballot.instance"
     ),
@@ -289,14 +296,20 @@ def event(
     fresh_cycles: int | None = None,
     several: bool = False,
     sender: str = "",
+    guests: bool = False,
 ) -> Service:
     """Add a row of an event.
 
     With `several` publishers each has a key of its own, with its id as the last part; `sender` is
-    the message's field that repeats it, if there is one.
+    the message's field that repeats it, if there is one. `guests`: programs that act for a person
+    publish it, too.
     """
     if several:
-        return register(_spoken(message, key, Kind.EVENT, meaning, rate_hz, fresh_cycles, sender))
+        return register(
+            _spoken(
+                *(message, key, Kind.EVENT, meaning, rate_hz, fresh_cycles, sender), guests=guests
+            )
+        )
     return register(Service(message, key, Kind.EVENT, rate_hz, fresh_cycles, meaning))
 
 

@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from typing import Final, NamedTuple
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.store import Identity, Store, replace_file
+from armadico.keys.store import Identity, Store, write_private
 
 RENEWAL: Final = "armadico-renewal"
 """The application protocol (ALPN) of a client that asks for a new certificate and sends nothing."""
@@ -137,7 +137,7 @@ def check(identity: Identity, certificate: bytes, source: str, now: float) -> No
             f" and this computer's clock says {shown(now)}: compare the clocks of both (`date`)"
         )
     new = identity.certificate.with_suffix(".new")
-    replace_file(new, certificate)
+    write_private(new, certificate)
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_cert_chain(new, identity.private)
     except OSError:
@@ -163,12 +163,12 @@ def renewed(
         certificate = issuer.again(
             identity.certificate.read_bytes(), datetime.fromtimestamp(wall(), UTC)
         )
-        replace_file(identity.certificate, certificate)
+        write_private(identity.certificate, certificate)
         return
     reasons = []
     for endpoint in [end for end in endpoints if end.startswith("tls/")]:
         try:
-            replace_file(identity.certificate, ask(store, identity, endpoint, wall=wall))
+            write_private(identity.certificate, ask(store, identity, endpoint, wall=wall))
         except ConfigError as error:
             reasons.append(str(error))
         else:

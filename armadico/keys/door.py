@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from armadico.keys.asking import refresh
 from armadico.keys.store import Identity, Store
-from armadico.mesh.door import TLS, USER, Door
+from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
@@ -41,7 +41,12 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         f"{USER}password": found.password.read_text(encoding="utf-8"),
     }
     if router:
-        settings[f"{USER}dictionary_file"] = str(store.users(where.namespace))
+        from armadico.keys.derived import access_control  # only a router needs it
+
+        settings |= {
+            f"{USER}dictionary_file": str(store.users(where.namespace)),
+            ACCESS: access_control(store, where.namespace),
+        }
     return Door(
         found.name,
         settings,

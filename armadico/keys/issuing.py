@@ -22,6 +22,7 @@ from armadico.keys.authority import (
     issue,
     public_of,
 )
+from armadico.keys.derived import derive_again, file_of, load, save
 from armadico.keys.store import Identity, Member, Store, check_private
 from armadico.mesh.door import ROBOT
 
@@ -60,7 +61,7 @@ class Issuer:
         """List identities, also those that are issued later, as the router admits listed ones."""
         listed = self.store.members()
         now = {name: _listed(member, listed.get(name)) for name, member in members.items()}
-        self.store.save_members(listed | now)
+        self._list(listed, listed | now)
 
     def give(
         self,
@@ -85,12 +86,22 @@ class Issuer:
         given = tuple(_again(member, listed.get(member.name)) for member in members)
         known = tuple(addresses)
         pairs = [self._issue(member, now, known) for member in given]
-        self.store.save_members(listed | {member.name: member for member in given})
+        self._list(listed, listed | {member.name: member for member in given})
         for member, pair in zip(given, pairs, strict=True):
             into.save(member, pair.certificate, pair.private, self.store.password(member))
         if into.folder != self.store.folder:
             into.copy(self.store, robots=any(map(_server, given)))
+            for robot in filter(_server, given):
+                save(into, robot.namespace, load(self.store, robot.namespace))
         return given
+
+    def _list(self, before: Mapping[str, Member], now: Mapping[str, Member]) -> None:
+        """List the members, and derive the rights of namespaces with other agents."""
+        self.store.save_members(now)
+        for namespace in sorted({member.namespace for member in now.values()}):
+            other = _agents(before, namespace) != _agents(now, namespace)
+            if other or not file_of(self.store, namespace).exists():
+                derive_again(self.store, namespace)
 
     def renew(
         self, identities: Iterable[Identity], now: datetime, *, addresses: Iterable[str] = ()
@@ -180,6 +191,10 @@ def _listed(member: Member, before: Member | None) -> Member:
 
 def _both(one: Sequence[str], other: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*one, *other)))
+
+
+def _agents(members: Mapping[str, Member], namespace: str) -> dict[str, tuple[str, ...]]:
+    return {name: m.agents for name, m in members.items() if m.namespace == namespace}
 
 
 def _again(member: Member, before: Member | None) -> Member:

@@ -17,7 +17,8 @@ from typing import Final
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys import porter
-from armadico.keys.store import MEMBERS, Store
+from armadico.keys.derived import file_of
+from armadico.keys.store import MEMBERS, Store, stamp
 from armadico.mesh import handshake, sockets
 from armadico.mesh.door import USER, Door
 from armadico.mesh.topology import MeshError
@@ -115,12 +116,10 @@ class Listening:
         except (OSError, KeyError):
             return b""
 
-    def _stamped(self) -> object:
-        try:
-            found = (self._store.folder / MEMBERS).stat()
-        except OSError:
-            return None
-        return found.st_ino, found.st_mtime_ns
+    def _stamped(self) -> list[object]:
+        """What changes with the list of identities and the table of rights."""
+        files = (self._store.folder / MEMBERS, file_of(self._store, self._mesh.namespace))
+        return [stamp(file) for file in files]
 
 
 def listen(endpoint: str) -> socket.socket:

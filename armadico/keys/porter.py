@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import errno
 import gc
+import importlib
 import logging
 import re
 import resource
@@ -44,7 +45,7 @@ from typing import Final
 from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import RENEWAL
 from armadico.keys.lobby import Lobby, source_of
-from armadico.keys.store import MEMBERS, Store, admits
+from armadico.keys.store import MEMBERS, Store, admits, stamp
 from armadico.mesh.door import ROBOT
 
 logger = logging.getLogger("armadico.keys")
@@ -497,7 +498,7 @@ class Files:
     def _stamp(self) -> list[object]:
         store, own = self._store, self._own
         files = (store.authority, store.folder / MEMBERS, own.certificate, own.private)
-        return [_stamp(file) for file in files]
+        return [stamp(file) for file in files]
 
     def _read(self) -> None:
         self._seen = self._stamp()
@@ -615,14 +616,6 @@ def _begin_of(end: socket.socket, size: int = 6) -> bytes:
         return b""
 
 
-def _stamp(path: Path) -> tuple[int, int, int] | None:
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_ino, found.st_mtime_ns, found.st_size
-
-
 def main(folder: str, namespace: str, router: str, named: str, *listening: str) -> int:
     """Serve on listening sockets, by their descriptors, until standard input is closed.
 
@@ -639,8 +632,11 @@ def main(folder: str, namespace: str, router: str, named: str, *listening: str) 
     with suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     ends = [socket.socket(fileno=int(each)) for each in listening]
+    store = Store(Path(folder))
+    if store.issues:  # importing it later would hold up the links
+        importlib.import_module("armadico.keys.issuing")
     try:
-        porter = Porter(ends, namespace, Store(Path(folder)), Path(router), named.split())
+        porter = Porter(ends, namespace, store, Path(router), named.split())
     except ConfigError as error:
         logger.error("%s", error)
         return 2

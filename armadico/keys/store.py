@@ -185,11 +185,11 @@ class Store:
         for folder in (self.folder, found.folder.parent, found.folder):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if private:
-            replace_file(found.private, private)
+            write_private(found.private, private)
         if member.agents:
-            replace_file(found.folder / AGENTS, "\n".join(member.agents).encode())
-        replace_file(found.password, password.encode())
-        replace_file(found.certificate, certificate)
+            write_private(found.folder / AGENTS, "\n".join(member.agents).encode())
+        write_private(found.password, password.encode())
+        write_private(found.certificate, certificate)
         return found
 
     # What the authority's computer and the robot's have ------------------------------------------
@@ -211,7 +211,7 @@ class Store:
 
     def save_members(self, members: Mapping[str, Member]) -> None:
         rows = [asdict(member) for _, member in sorted(members.items())]
-        replace_file(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
+        write_private(self.folder / MEMBERS, json.dumps(rows, indent=1).encode())
 
     def password(self, member: Member) -> str:
         """The password of an identity as it was last issued."""
@@ -233,22 +233,22 @@ class Store:
             if not member.revoked and admits(member, namespace)
         ]
         path = self.identity(namespace, ROBOT).users
-        replace_file(path, "\n".join(lines).encode())
+        write_private(path, "\n".join(lines).encode())
         return path
 
     def copy(self, other: Store, *, robots: bool) -> None:
         """Write what every computer needs, and the robot's; never the authority's key."""
         names = (AUTHORITY, SECRET, MEMBERS) if robots else (AUTHORITY,)
         for name in names:
-            replace_file(self.folder / name, (other.folder / name).read_bytes())
+            write_private(self.folder / name, (other.folder / name).read_bytes())
 
     def begin(self, certificate: bytes, private: bytes) -> None:
         """Write a new authority and the secret of all passwords."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         check_private(self.folder)
-        replace_file(self.authority_key, private)
-        replace_file(self.folder / SECRET, secrets.token_bytes(32))
-        replace_file(self.authority, certificate)
+        write_private(self.authority_key, private)
+        write_private(self.folder / SECRET, secrets.token_bytes(32))
+        write_private(self.authority, certificate)
         self.save_members({})
 
 
@@ -287,7 +287,7 @@ def _how(name: str) -> str:
     return f"`armadico keys agent {name.replace('+', ' ')}`"
 
 
-def replace_file(path: Path, data: bytes) -> None:
+def write_private(path: Path, data: bytes) -> None:
     """Replace a file, which only its user can read from the first byte on."""
     new = path.with_name(f".{path.name}.{os.getpid()}")
     new.unlink(missing_ok=True)
@@ -297,3 +297,12 @@ def replace_file(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
     new.replace(path)
+
+
+def stamp(path: Path) -> tuple[int, int, int] | None:
+    """Return what differs once a file is replaced or written to; None without a file."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size

@@ -25,6 +25,7 @@ class VirtualSession(Place):
         """Join; the name identifies its links."""
         super().__init__(mesh, namespace, name)
         self.guest = name
+        self.closed = False
         self._reader = Reader()
         self.refused: Counter[str] = self._reader.refused
         self._listeners: list[tuple[str, Step, object]] = []

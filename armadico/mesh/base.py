@@ -61,6 +61,9 @@ class Mesh(Time, Protocol):
     guest: str
     """The id of a program that publishes here and is no agent: the last part of shared keys."""
 
+    closed: bool
+    """Whether only processes with an identity join. Then none has an older protocol."""
+
     refused: Counter[str]
     """Payloads that were no message or were published by a wildcard, counted by key."""
 
@@ -129,7 +132,8 @@ def publish(mesh: Mesh, message: Message) -> None:
 
     Raises MessageError if it could not be decoded.
     """
-    for key in service_of(type(message)).keys_of(message, mesh.guest):
+    own, *older = service_of(type(message)).keys_of(message, mesh.guest)
+    for key in (own,) if mesh.closed else (own, *older):
         mesh.publish(key, message)
 
 

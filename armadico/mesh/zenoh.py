@@ -156,8 +156,10 @@ class ZenohMesh(Reader, Monotonic):
         """
         super().__init__()
         self.namespace = namespace
+        self.closed = where.door is not None
         # Its identity may publish as such a guest alone: by the last part of keys.
-        self.guest = f"{_label(where)}-{random.SystemRandom().getrandbits(64):016x}"
+        own = "guest" if where.door is None else where.door.name.rpartition("/")[2]
+        self.guest = f"{own}-{random.SystemRandom().getrandbits(64):016x}"
         self.router = ""  # the id of the router that it is linked to, or is; else empty
         self.joined_at = ""  # the endpoint of the router that it was last linked to
         self._level = logging.INFO if starts else logging.WARNING
@@ -801,11 +803,6 @@ class PeerLinks:
                 break
             routers.append(other.router)
         return link.router not in routers
-
-
-def _label(where: Topology) -> str:
-    """The name of a process that is no agent: its identity's, without the namespace."""
-    return "guest" if where.door is None else where.door.name.rpartition("/")[2]
 
 
 def _close(session: zenoh.Session) -> None:

@@ -136,6 +136,8 @@ class Part:
     """One part of a robot's page; subclasses override methods as needed."""
 
     requests: ClassVar[tuple[type[Asked], ...]] = ()  # the requests that it handles
+    provides: ClassVar[tuple[type[Message], ...]] = ()  # messages that it publishes
+    queries: ClassVar[tuple[type[Message], ...]] = ()  # queries that it sends
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk

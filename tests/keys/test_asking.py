@@ -10,7 +10,7 @@ import pytest
 from armadico.core.config_errors import ConfigError
 from armadico.keys import authority
 from armadico.keys.asking import BACKDATED_S, ask, renewed, validity
-from armadico.keys.store import Identity, Store, replace_file
+from armadico.keys.store import Identity, Store, write_private
 
 from .conftest import NAMESPACE, Lab
 from .test_porter import Door, open_door  # noqa: F401 - a fixture
@@ -26,7 +26,7 @@ def elsewhere(lab: Lab, folder: Path, name: str = "goto") -> tuple[Store, Identi
     member = lab.store.members()[found.name]
     certificate, private = found.certificate.read_bytes(), found.private.read_bytes()
     identity = store.save(member, certificate, private, found.password.read_text())
-    replace_file(store.authority, lab.store.authority.read_bytes())
+    write_private(store.authority, lab.store.authority.read_bytes())
     return store, identity
 
 
@@ -39,7 +39,7 @@ def expired(lab: Lab, identity: Identity, ago: float) -> None:
     public = authority.public_of(identity.private.read_bytes())
     at = datetime.fromtimestamp(datetime.now(UTC).timestamp() - ago - 3600.0, UTC)
     pair = authority.issue(lab.pair, identity.name, at, hours=1.0, public=public)
-    replace_file(identity.certificate, pair.certificate)
+    write_private(identity.certificate, pair.certificate)
 
 
 def test_the_validity_that_is_read_without_the_library_is_the_certificates(lab: Lab) -> None:
@@ -86,7 +86,7 @@ def test_what_is_not_renewed_is_named(door: Door, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="more than 30 days ago"):
         ask(store, identity, endpoint(door))
 
-    replace_file(identity.certificate, before)
+    write_private(identity.certificate, before)
     year = 365 * DAY
     with pytest.raises(ConfigError, match="compare the clocks"):
         ask(store, identity, endpoint(door), wall=lambda: datetime.now(UTC).timestamp() - year)
@@ -101,7 +101,7 @@ def test_what_is_not_renewed_is_named(door: Door, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not on the robot's computer"):
         ask(store, identity, endpoint(door))
 
-    replace_file(lab.store.authority_key, key)
+    write_private(lab.store.authority_key, key)
     lab.revoke("goto")
     with pytest.raises(ConfigError):
         ask(store, identity, endpoint(door))

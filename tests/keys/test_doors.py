@@ -20,7 +20,7 @@ from armadico.keys import authority
 from armadico.keys.asking import validity
 from armadico.keys.listening import Listening
 from armadico.keys.renewing import Renewing
-from armadico.keys.store import replace_file
+from armadico.keys.store import write_private
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
@@ -162,7 +162,7 @@ def short(lab: Lab, name: str, lives_s: float) -> None:
     public = authority.public_of(identity.private.read_bytes())
     now = datetime.now(UTC)
     pair = authority.issue(lab.pair, identity.name, now, hours=lives_s / 3600.0, public=public)
-    replace_file(identity.certificate, pair.certificate)
+    write_private(identity.certificate, pair.certificate)
 
 
 def test_a_certificate_is_renewed_under_way_and_the_link_stays(society: Society) -> None:

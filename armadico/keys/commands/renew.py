@@ -72,7 +72,7 @@ COMMAND: Final = Command(
     Options,
     run,
     "Make new certificates for the keys of this computer, by the authority's key if it is here,"
-    " else by the robot's port. Private keys, passwords and links stay. A running process renews its"
-    " own certificate; the robot's is renewed by this command, once a year.",
+    " else by the robot's port. Private keys, passwords and links stay. A running process renews"
+    " its own certificate; the robot's is renewed by this command, once a year.",
     EXAMPLES,
 )

@@ -30,6 +30,7 @@ class Goals(Part):
     """Sends the robot to a place, as a mission."""
 
     requests = (Goto,)
+    queries = (MissionRequest,)
 
     def request(self, browser: str, request: Goto, t: float) -> None:  # noqa: ARG002
         theta = request.theta
@@ -60,6 +61,7 @@ class StopLatch(Part):
     """Stops the robot and releases the stop; both are repeated until the robot acknowledges."""
 
     requests = (Halt, Resume)
+    provides = (Stop,)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)
@@ -198,6 +200,7 @@ class Parameters(Part):
     """Shows the agents' parameters and sets them; the agent checks the range."""
 
     requests = (Tune,)
+    queries = (ParametersRequest,)
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(desk)

@@ -199,7 +199,7 @@ class Server:
     async def _serve(self, connection: ServerConnection) -> None:
         peer = connection.remote_address
         # Unique across pages and restarts, so that no browser takes over another one's stick.
-        name = f"page {next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
+        name = f"page-{next(self._numbers)}-{self._own} at {peer[0] if peer else 'nowhere'}"
         browser = self._browsers[name] = _Browser(connection)
         writing = asyncio.create_task(self._write(browser))
         self._session.on_connect(name)
