@@ -40,7 +40,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, cast
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import RENEWAL
@@ -104,6 +104,7 @@ class Link:
         outer: The connection; from the begin of the handshake on with TLS.
         peer: Its address.
         source: What its ration is counted by.
+        asks: It asks for a new certificate, and gets nothing else.
         name: Its identity, once it is admitted.
         since: When it was accepted or admitted, s.
         ends: When its certificate expires, s.
@@ -117,6 +118,7 @@ class Link:
     peer: str
     source: str
     since: float
+    asks: bool = False
     name: str = ""
     ends: float = inf
     inner: socket.socket | None = None
@@ -247,10 +249,10 @@ class Porter:
 
     def _begin(self, link: Link) -> None:
         """Begin a connection's handshake."""
-        hello = _begin_of(link.outer, HELLO_SIZE)
-        files, asks = self._files, RENEWAL.encode() in hello
+        link.asks = RENEWAL.encode() in _begin_of(link.outer, HELLO_SIZE)
+        context = self._files.lenient if link.asks else self._files.context
         try:
-            link.outer = (files.lenient if asks else files.context).wrap_socket(
+            link.outer = context.wrap_socket(
                 link.outer, server_side=True, do_handshake_on_connect=False
             )
         except OSError:  # the client has gone
@@ -275,10 +277,9 @@ class Porter:
             self._admit(link, outer)
 
     def _admit(self, link: Link, outer: ssl.SSLSocket) -> None:
-        found = outer.getpeercert() or {}
-        subject = dict(pair for part in found.get("subject", ()) for pair in part)
+        found = cast("dict[str, Any]", outer.getpeercert())
+        subject = dict(pair for part in found["subject"] for pair in part)
         name = str(subject.get("commonName", ""))
-        asks = outer.context is self._files.lenient
         if why := self._files.refusal(name) or self._crowd(name):
             self._turn_away(link, why)
             return
@@ -286,7 +287,7 @@ class Porter:
         # By the monotonic clock from here on: a step of the wall clock ends no link.
         link.ends = link.since + ssl.cert_time_to_seconds(str(found["notAfter"])) - time.time()
         self._links.add(link)
-        if asks:
+        if link.asks:
             link.outward += self._files.renewed(outer, link.since - link.ends)
             self._end(link)
             self._guarded(link, self._flush)
@@ -302,7 +303,7 @@ class Porter:
 
     def _turn_away(self, link: Link, why: str) -> None:
         """Close a connection that was not admitted, and count it."""
-        kind = link.peer, why
+        kind: tuple[str, str] = link.peer, why
         if kind not in self._turned_away and len(self._turned_away) >= KINDS:
             kind = "others", "several reasons"
         self._turned_away[kind] += 1
@@ -516,18 +517,14 @@ class Files:
         context.minimum_version = ssl.TLSVersion.TLSv1_3
         context.verify_mode = ssl.CERT_REQUIRED
         context.num_tickets = 0  # a resumed session would not show its certificate
-        for path, load in (
-            (self._store.authority, lambda: context.load_verify_locations(self._store.authority)),
-            (
-                self._own.certificate,
-                lambda: context.load_cert_chain(self._own.certificate, self._own.private),
-            ),
-        ):
-            try:
-                load()
-            except OSError as error:
-                why = getattr(error, "reason", None) or error.strerror
-                raise ConfigError(f"cannot be used for TLS: {why}", path) from None
+        path = self._store.authority
+        try:
+            context.load_verify_locations(path)
+            path = self._own.certificate
+            context.load_cert_chain(path, self._own.private)
+        except OSError as error:
+            why = getattr(error, "reason", None) or error.strerror
+            raise ConfigError(f"cannot be used for TLS: {why}", path) from None
         return context
 
     def renewed(self, outer: ssl.SSLSocket, expired: float) -> bytes:

@@ -31,7 +31,7 @@ class Lab:
 
     def give(self, name: str, *, kind: str = "agent", namespace: str = NAMESPACE) -> Identity:
         """Issue an identity."""
-        member = Member(f"{namespace}/{name}", kind)
+        member = Member(f"{namespace}/{name}", kind, (name,))
         self.issuer.give([member], self.store, datetime.now(UTC))
         return self.store.of(member.name)
 

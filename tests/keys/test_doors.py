@@ -15,7 +15,7 @@ from queue import Empty, SimpleQueue
 import pytest
 
 from armadico.config.endpoints import Endpoints, endpoints
-from armadico.core.messages import Cycle
+from armadico.core.messages import Log
 from armadico.keys import authority
 from armadico.keys.asking import validity
 from armadico.keys.listening import Listening
@@ -24,14 +24,13 @@ from armadico.keys.store import write_private
 from armadico.mesh.ports import LOOPBACK, free_port
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
-from armadico.mobile.messages import Pose
 
 from .conftest import NAMESPACE, Lab
 
 pytestmark = pytest.mark.live
 
 SOON = 20.0  # s; a deadline, not an expectation
-POSE = Pose(Cycle(1, 2), 1.0, -2.0, 0.5)
+LINE = Log(20, "here I am")
 
 
 class Society:
@@ -73,14 +72,16 @@ class Heard:
 
     def __init__(self, mesh: ZenohMesh) -> None:
         self._arrived = SimpleQueue[str]()
-        mesh.subscribe("encoder/pose", lambda key, _: self._arrived.put(key))
+        mesh.subscribe("log/*", lambda key, _: self._arrived.put(key))
 
     def from_(self, mesh: ZenohMesh) -> bool:
         """Whether anything arrives of what is published again and again."""
         while not self._arrived.empty():
             self._arrived.get()
+        assert mesh.where.door is not None
+        key = f"log/{mesh.where.door.name.rpartition('/')[2]}-1"
         for _ in range(int(SOON / 0.05)):
-            mesh.publish("encoder/pose", POSE)
+            mesh.publish(key, LINE)
             try:
                 return bool(self._arrived.get(timeout=0.05))
             except Empty:
