@@ -7,6 +7,7 @@ from typing import Final
 
 from armadico.cli import options
 from armadico.cli.parsing import group
+from armadico.core.config_errors import ConfigError
 
 REPAIR: Final = "Look at the robot; `armadico why --live` tells more"
 
@@ -34,7 +35,15 @@ def latch(args: Options, *, stopped: bool, code: str | None = None) -> int:
     guard = told.guard if told is not None and not told.latched else None
     if guard is not None:
         options.report(f"{guard.did}; the robot agent (process {guard.agent}) does not answer")
-    mesh = args.mesh.join()
+    try:
+        mesh = args.mesh.join()
+    except ConfigError as error:  # no usable key or table: the processes here were told
+        if told is None or (told.pid is None and told.guard is None):
+            raise
+        raise options.UnknownError(
+            f"the society on this computer was told to stop, and nothing confirms it: {error}."
+            f" {REPAIR}"
+        ) from None
     from armadico.launch.client import Client
     from armadico.runtime.errors import AbsentError
 

@@ -199,9 +199,13 @@ def _faults(table: HostTable) -> Iterator[tuple[tuple[str | int, ...], str]]:
     for name, host in table.hosts.items():
         for key, message in _faults_of(name, host, robots):
             yield (name, key), message
+        if fault := _fault_of_keys(host.router, table.keys):
+            yield (name, "router"), f"{name}.router = {fault}"
     for index, endpoint in enumerate(table.fleet):
-        if fault := _fault(endpoint):
+        if fault := _fault(endpoint) or _fault_of_keys(endpoint, table.keys):
             yield ("fleet", index), f"fleet[{index}] = {fault}"
+    if table.keys == "":
+        yield ("keys",), 'keys = "": expected a folder, such as keys = "keys"'
     yield from _faults_of_robots(table.hosts)
     if own is not None and table.fleet and own not in table.fleet:
         yield (
@@ -266,6 +270,16 @@ def _faults_of_robots(hosts: Mapping[str, Host]) -> Iterator[tuple[tuple[str | i
             fault = f"no robot agent on {name}; expected {society().robot!r} among its agents"
         if fault is not None:
             yield (name, "robot"), f'{name}.robot = "{host.robot}": {fault}'
+
+
+def _fault_of_keys(endpoint: str | None, keys: str | None) -> str | None:
+    """The fault of an endpoint whose protocol does not fit a table with keys, or one without."""
+    protocol = None if endpoint is None else endpoint.partition("/")[0]
+    if keys is None and protocol in ("tls", "quic"):
+        return f'"{endpoint}": {protocol} needs keys; write keys = "keys" above the first host'
+    if keys is not None and protocol not in (None, "tls"):
+        return f'"{endpoint}": with keys expected tcp or tls, both of which are TLS then'
+    return None
 
 
 def _fault(endpoint: str) -> str | None:

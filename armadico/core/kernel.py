@@ -17,6 +17,7 @@ from typing import Any, Final, cast
 from armadico.core import messages as m
 from armadico.core import names
 from armadico.core.bidding import Bidding
+from armadico.core.coordination import Verdict
 from armadico.core.cycles import AHEAD, CycleClock
 from armadico.core.desk import Desk
 from armadico.core.individual import Individual
@@ -32,7 +33,7 @@ from armadico.core.outgoing import (
 )
 from armadico.core.owning import Owning
 from armadico.core.resources import Resource, declare, differently
-from armadico.core.services import Gathering, Kind, Service, derived, latched, service_of
+from armadico.core.services import RELEASE, Gathering, Kind, Service, derived, latched, service_of
 from armadico.core.settings import Settings
 
 
@@ -63,7 +64,10 @@ def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Su
     if kinds or cls.provides or cls.competes_for or cls.owns:  # needs the robot's cycles
         cycles = (m.RobotState, m.Description)
         kinds = [*(kind for kind in cycles if kind not in cls.provides), *kinds]
-    kinds += [service.message for service in latched()]
+    # The robot agent's state tells the others that the stop is released.
+    follows = bool(kinds) or m.RobotState in cls.provides
+    releases = m.Stop in kinds or m.RobotState in cls.provides
+    kinds += [s.message for s in latched() if follows or s.message is not m.Stop]
     services = [service_of(kind) for kind in dict.fromkeys(kinds)]
     for service in services:
         if service.watchers_only:
@@ -74,6 +78,8 @@ def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Su
     found += [Subscription(m.Claim, pattern, Kind.EVENT) for pattern in claimed]
     found += [Subscription(m.Ack, r.ack_key, Kind.STATE) for r in cls.competes_for]
     found += [Subscription(m.Command, r.command_pattern, Kind.EVENT) for r in cls.owns]
+    if releases:
+        found.append(Subscription(m.Stop, RELEASE.pattern, RELEASE.kind))
     return tuple(found)
 
 
@@ -178,7 +184,9 @@ class Kernel(Desk):
     def latch(self, by: str) -> None:
         known = self.memory.newest(m.Stop) or m.Stop()
         press = self.agent.rng.getrandbits(63)
-        self.publish(m.Stop(m.next_count(known.counter), stopped=True, by=by, press=press))
+        counter, newest = m.next_count(known.counter), self.cycles.newest
+        epoch = 0 if newest is None else newest.epoch
+        self.publish(m.Stop(counter, stopped=True, by=by, press=press, epoch=epoch))
         self._stop_changed()
 
     def acknowledge(self) -> None:
@@ -238,8 +246,8 @@ class Kernel(Desk):
     def remember(self, message: m.Latched, now: float) -> None:
         """Store a latched state that is received before the start."""
         self.now = now
-        self.newest[type(message)] = message
-        self._note_latched(message)
+        if self._note_latched(message):
+            self.newest[type(message)] = message
 
     def on_query(self, request: Message, question: Question, now: float) -> None:
         """Process a received query; the `Answer` enters the outbox now or later."""
@@ -433,7 +441,7 @@ class Kernel(Desk):
     def _accept_state(self, state: m.RobotState) -> bool:
         if not self._advance(self.cycles, state.cycle, _STATE_KEY):
             return False
-        if state.stop != self.memory.newest(m.Stop) and self._note_latched(state.stop):
+        if self.memory.follow(state.stop, self.now):
             self._stop_changed()
         self.acknowledge()
         return True
@@ -447,10 +455,16 @@ class Kernel(Desk):
     def _accept_claim(self, claim: m.Claim) -> bool:
         if claim.ballot.instance in self.foreign:
             return False
-        if (bidding := self._bidding.get(claim.resource)) is not None:
-            bidding.on_claim(claim, self.now)
         if (owning := self._owning.get(claim.resource)) is not None:
             owning.on_claim(claim)
+        may, ballot = self.agent.identity.may_be_critical, claim.ballot
+        critical = claim.critical or ballot.critical
+        if may is not None and critical and not may(ballot.instance, claim.resource):
+            key = self.key_of(m.Claim, resource=claim.resource, instance=ballot.instance)
+            self.outbox.append(Refused(key, Verdict.NOT_CRITICAL))
+            return False
+        if (bidding := self._bidding.get(claim.resource)) is not None:
+            bidding.on_claim(claim, self.now)
         return True
 
     def _accept_command(self, command: m.Command) -> bool:
@@ -483,6 +497,10 @@ class Kernel(Desk):
     def _note_latched(self, message: m.Latched) -> bool:
         """Store a latched state, report an implausible counter; return whether it is new."""
         memory, kind = self.memory, type(message)
+        if isinstance(message, m.Stop) and not message.stopped:
+            # The robot agent judges a release; its state shows the others whether the stop counts.
+            judges = m.RobotState in self.agent.provides
+            return memory.release(message) if judges else m.Stop in self.agent.receives
         refused = memory.refused
         news = memory.update(message, self.now)
         if memory.refused != refused:

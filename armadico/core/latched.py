@@ -81,7 +81,10 @@ class Memory:
         return list(self._known.values())
 
     def update(self, message: Latched, now: float) -> bool:
-        """Process a message received at a time, s; return whether to act upon it."""
+        """Process a message received at a time, s; return whether to act upon it.
+
+        Releases are not for this: see `release` and `follow`.
+        """
         if type(message) is Stop:
             return self._update_stop(message, now)
         if self._place(message, now) is not _Place.NEWS:
@@ -91,40 +94,60 @@ class Memory:
         return True
 
     def _update_stop(self, stop: Stop, now: float) -> bool:
-        known = self.newest(Stop)
-        if stop == NO_STOP:
-            if known is not None:
-                self._restore(Stop, now)
-            return False
-        seen = stop.press in self._presses
-        place = self._place(stop, now)
-        was = known or NO_STOP
-        newer = place is _Place.NEWS and (known is None or stop.counter != known.counter)
-        if not seen and (stop.stopped or newer):
-            self._presses.append(stop.press)
-        if place is _Place.NEWS and not stop.stopped and self._pressed_since(stop, was):
-            # Two sides counted separately. A release does not end a stop that was pressed after
-            # the released one.
-            self._known[Stop] = replace(was, counter=next_count(stop.counter))
+        was = self.newest(Stop) or NO_STOP
+        latched = was.stopped and stop.press == was.press
+        seen = self._saw(stop)
+        if seen and not latched:  # it was released, or another one followed
             self._restore(Stop, now)
             return False
+        place = self._place(stop, now)
         if place is _Place.NEWS:
             self._store(stop)
-            return stop.stopped != was.stopped
-        if seen or not stop.stopped:  # a stop that was released already, or a late release
+        elif latched:
             self._restore(Stop, now)
-            return False
-        # A new stop always stops, even if its publisher did not know the current counter: the robot
-        # agent's state then has it. A publisher far beyond may have it stored: answer it.
-        if place is _Place.FAR:
-            self._restore(Stop, now)
-        self._known[Stop] = replace(stop, counter=next_count(was.counter))
+        else:  # A new stop always stops, even if its publisher did not know the current counter.
+            self._known[Stop] = replace(stop, counter=next_count(was.counter))
+            if place is _Place.FAR:  # the publisher may have it stored: answer it
+                self._restore(Stop, now)
         return not was.stopped
 
-    def _pressed_since(self, release: Stop, known: Stop) -> bool:
-        """Return whether the known stop was first received after the released one."""
-        presses = [each for each in self._presses if each in (release.press, known.press)]
-        return known.stopped and presses == [release.press, known.press]
+    def release(self, stop: Stop) -> bool:
+        """End the stop that a release names, in the robot agent; return whether it was latched.
+
+        The counter of a release is not compared: a press is drawn at random and released once, so
+        neither a forged nor an old release ends a later stop.
+        """
+        was = self.newest(Stop)
+        if was is None or not was.stopped or was.press != stop.press:
+            return False
+        self._store(replace(stop, counter=next_count(was.counter)))
+        return True
+
+    def follow(self, stop: Stop, now: float) -> bool:
+        """Process the stop in the robot agent's state; return whether to act upon it.
+
+        That decides whether the robot is stopped. A stop that the robot agent does not know yet, or
+        has lost by a restart, is given to it instead.
+        """
+        was = self.newest(Stop) or NO_STOP
+        if stop == was:
+            return False
+        ours = was.stopped and stop.press != was.press
+        if ours and not counts_beyond(stop.counter, was.counter):
+            self._restore(Stop, now)
+            return False
+        if stop == NO_STOP:
+            return False
+        self._saw(stop)
+        self._store(stop)
+        return stop.stopped != was.stopped
+
+    def _saw(self, stop: Stop) -> bool:
+        """Note the press of a stop; return whether it was known."""
+        seen = stop.press in self._presses
+        if not seen:
+            self._presses.append(stop.press)
+        return seen
 
     def _place(self, message: Latched, now: float) -> _Place:
         """Return how a message compares with the known state."""
@@ -140,8 +163,7 @@ class Memory:
             if counts_beyond(counter, at) or (counter == at and rank >= other):
                 return _Place.NEWS
             return _Place.OLD
-        releases = isinstance(known, Stop) and known.stopped and rank == 0
-        if now < self._doubt.get(kind, now) and not releases:
+        if now < self._doubt.get(kind, now):
             self._doubt.pop(kind)
             self._note_doubt(kind, counter, now)
             return _Place.NEWS
@@ -181,8 +203,8 @@ class Memory:
         """Store a state that this process publishes."""
         self._store(message)
         self._doubt.pop(type(message), None)
-        if isinstance(message, Stop) and message.press not in self._presses:
-            self._presses.append(message.press)
+        if isinstance(message, Stop):
+            self._saw(message)
 
     def met(self, now: float) -> None:
         """Restore all states, because another agent appeared at this time, s."""
@@ -192,6 +214,9 @@ class Memory:
             self._again = deque(now + later for later in AGAIN_S)
 
     def _restore(self, kind: type[Latched], now: float) -> None:
+        known = self._known[kind]
+        if isinstance(known, Stop) and not known.stopped:
+            return  # a release is given out by the robot agent's state alone
         at = max(now, self._doubt.get(kind, now))
         self._restore_at.setdefault(kind, at + self._rng.uniform(0.0, RESTORE_S))
 

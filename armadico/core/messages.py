@@ -305,16 +305,20 @@ _SPELT: Final = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"  # Crockford's digits: none a
 
 
 class Stop(Latched, frozen=True):
-    """The latch that stops the robot. A stop always latches; a release needs a larger counter.
+    """The latch that stops the robot. A new stop always latches; a release names its press.
 
     `press` is drawn at random for each stop; a release has that of the stop that it releases. This
-    distinguishes a late or restored stop from a new one.
+    distinguishes a late or restored stop from a new one. `epoch` is that of the robot's cycles, as
+    its publisher knows it, so that a stop from an old recording does not count.
     """
 
     counter: Counter = 0
     stopped: bool = False
     by: Label = ""
     press: Bits64 = 0
+    epoch: Bits64 = 0  # 0: not known
+
+    appended: ClassVar[int] = 1
 
     @property
     def order(self) -> tuple[int, int]:

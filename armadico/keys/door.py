@@ -7,12 +7,14 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
+from armadico.core.config_errors import ConfigError
 from armadico.keys.asking import refresh
 from armadico.keys.store import Identity, Store
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
+    from armadico.keys.rights import Table
     from armadico.keys.signing import Verifier
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -55,6 +57,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         partial(_sign, found),
         _Verify(found.namespace, store),
         _keeper(where, name, router=router),
+        may_be_critical=_MayBeCritical(found.namespace, store),
     )
 
 
@@ -62,6 +65,29 @@ def _sign(identity: Identity, data: bytes) -> bytes:
     from armadico.keys.signing import sign  # slow, and few agents sign
 
     return sign(identity, data)
+
+
+class _MayBeCritical:
+    """`Door.may_be_critical`, by the table of rights, which is read when it has changed.
+
+    The table is in each archive of keys. Without it no bid may be critical.
+    """
+
+    def __init__(self, namespace: str, store: Store) -> None:
+        self._namespace, self._store = namespace, store
+        self._table: Table | None = None
+        self._written = -1
+
+    def __call__(self, instance: str, resource: str) -> bool:
+        from armadico.keys.derived import file_of, load  # slow, and few agents need it
+
+        try:
+            written = file_of(self._store, self._namespace).stat().st_mtime_ns
+            if written != self._written:
+                self._table, self._written = load(self._store, self._namespace), written
+        except (OSError, ConfigError):
+            return False
+        return self._table is not None and self._table.may_be_critical(instance, resource)
 
 
 class _Verify:

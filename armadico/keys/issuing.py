@@ -91,8 +91,8 @@ class Issuer:
             into.save(member, pair.certificate, pair.private, self.store.password(member))
         if into.folder != self.store.folder:
             into.copy(self.store, robots=any(map(_server, given)))
-            for robot in filter(_server, given):
-                save(into, robot.namespace, load(self.store, robot.namespace))
+            for namespace in {member.namespace for member in given}:
+                save(into, namespace, load(self.store, namespace))
         return given
 
     def _list(self, before: Mapping[str, Member], now: Mapping[str, Member]) -> None:

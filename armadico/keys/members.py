@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from armadico.config.hosts import HostTable
 from armadico.config.slots import slot
 from armadico.core.agent import DeviceAgent
+from armadico.core.config_errors import ConfigError
 from armadico.core.discovery import AGENTS, agent_class, installed, owners
-from armadico.core.resources import WHEELS
+from armadico.core.resources import WHEELS, Resource
 from armadico.keys.store import Member
 from armadico.mesh.door import (
     LAUNCHER,
@@ -27,6 +28,9 @@ from armadico.mesh.door import (
 
 GATEWAYS = (PAGE, MCP, ROS2, VIEWER)
 """Identities that each host of a table gets, besides those of its agents."""
+
+PEOPLE = ("person", "page", "guest")
+"""How the ids of programs begin by which people release a stop."""
 
 
 def of_host(
@@ -61,10 +65,24 @@ def of_table(table: HostTable, namespace: str, persons: Sequence[str]) -> dict[s
 
 
 def of_agents(namespace: str, agents: Sequence[str]) -> Member:
-    """The identity of agents that share a process; with the robot agent it is the router's."""
+    """The identity of agents that share a process; with the robot agent it is the router's.
+
+    Raises ConfigError for an agent with a name of another kind of identity.
+    """
+    for name in agents:
+        taken = kind_of(name) != "agent" or name.partition("-")[0] in PEOPLE
+        if taken and WHEELS not in _owns(name):
+            raise ConfigError(
+                f"an agent called {name!r} could be taken for another process, as with keys the"
+                f" name tells what it is; expected a name without {name.partition('-')[0]!r}"
+            )
     if any(owners(agents, WHEELS)):
         return Member(f"{namespace}/{ROBOT}", ROBOT, tuple(agents))
     return Member(f"{namespace}/{name_of(agents)}", "agent", tuple(agents))
+
+
+def _owns(name: str) -> Collection[Resource]:
+    return agent_class(name).owns if name in installed(AGENTS) else ()
 
 
 def of_gateways(namespace: str) -> list[Member]:
@@ -76,7 +94,7 @@ def of_person(namespace: str, user: str) -> Member:
 
 
 def kind_of(name: str) -> str:
-    """The kind of an identity by its name, which an agent's name cannot have."""
+    """The kind of an identity by its name, which no agent may have."""
     last = name.rpartition("/")[2]
     for prefix, kind in ((PERSON, "person"), (LAUNCHER, "launcher")):
         if last.startswith(prefix):

@@ -36,6 +36,7 @@ from armadico.core.services import (
     TOKEN,
     Kind,
     Service,
+    by_people,
     expression,
     parent,
     rows_of,
@@ -191,9 +192,10 @@ class Table(Struct, frozen=True):
         every = {one for speakers in self.speakers.values() for one in speakers}
         return max((one for one in every if _begins(instance, one)), key=len, default="")
 
-    def may_be_critical(self, resource: str) -> frozenset[str]:
-        """Return the agents whose bids for a resource may be critical."""
-        return frozenset(each.agent for each in self.critical if each.resource == resource)
+    def may_be_critical(self, instance: str, resource: str) -> bool:
+        """Return whether an instance's bids for a resource may be critical."""
+        by = self.speaker(instance)
+        return any(each.agent == by and each.resource == resource for each in self.critical)
 
     def access_control(self, namespace: str, robots: Iterable[str] = ()) -> dict[str, object]:
         """Return Zenoh's `access_control` for the robot's router.
@@ -326,7 +328,7 @@ def _of_agent(name: str, cls: type[Individual], robot: str) -> _Own:
     names = {"name": name, "instance": instance, "robot": robot}
 
     def keys(message: type[Message]) -> Iterator[str]:
-        for row in rows_of(message):
+        for row in _published(message, people=False):
             key = expression(row.key, **names)
             yield key
             if row.since > OLDEST and is_shared(key):
@@ -348,6 +350,11 @@ def _of_agent(name: str, cls: type[Individual], robot: str) -> _Own:
     for subscription in subscriptions(cls):
         yield Does.SUBSCRIBE, subscription.pattern, _subscribed(cls, subscription.message)
     yield from _of_every_agent(names)
+
+
+def _published(message: type[Message], people: bool) -> Iterator[Service]:
+    """The rows of a message that an agent, or with `people` a person's program, publishes."""
+    return (row for row in rows_of(message) if people or not row.people)
 
 
 def _answered(service: Service, names: Mapping[str, str], because: Because) -> _Own:
@@ -387,7 +394,7 @@ def _of_guest(name: str, cls: type[Guest]) -> _Own:
     own = {"instance": instances(name)}
     for part in (cls, *cls.parts()):
         for message in part.provides:
-            for row in rows_of(message):
+            for row in _published(message, by_people(f"{name}-")):
                 yield Does.PUT, expression(row.key, **own), declared_at(part, "provides")
         for message in part.queries:
             yield Does.QUERY, service_of(message).pattern, declared_at(part, "queries")
@@ -410,7 +417,7 @@ def _of_person(cls: type[Guest], own: Mapping[str, str]) -> _Own:
     for service in services.services():
         if service.kind is Kind.QUERY:
             yield Does.QUERY, service.pattern, because
-        elif service.guests:
+        elif service.guests or service.people:
             yield Does.PUT, expression(service.key, **own), because
 
 

@@ -16,10 +16,8 @@ This module imports nothing heavy, because each process that joins reads the fol
 
 from __future__ import annotations
 
-import hmac
 import json
 import os
-import secrets
 import stat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -215,6 +213,8 @@ class Store:
 
     def password(self, member: Member) -> str:
         """The password of an identity as it was last issued."""
+        import hmac  # slow, and only where passwords are made
+
         path = self.folder / SECRET
         if not path.exists():
             raise ConfigError(f"{path} is missing: it is in the archive for the robot's computer")
@@ -244,6 +244,8 @@ class Store:
 
     def begin(self, certificate: bytes, private: bytes) -> None:
         """Write a new authority and the secret of all passwords."""
+        import secrets
+
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         check_private(self.folder)
         write_private(self.authority_key, private)

@@ -77,7 +77,11 @@ class Latching:
         known = self.known or Stop()
         ours = known.stopped and known.press == self._press
         counter = known.counter if ours else next_count(known.counter)
-        return Stop(counter, True, self._by, self._press)
+        return Stop(counter, True, self._by, self._press, self._epoch)
+
+    @property
+    def _epoch(self) -> int:
+        return 0 if self._cycle is None else self._cycle.epoch
 
     @property
     def rolling(self) -> str:

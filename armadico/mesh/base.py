@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Final, Protocol, TypeVar
 
 from armadico.core.messages import Message, MessageError, decode, line
-from armadico.core.services import service_of
+from armadico.core.services import keys_of
 
 logger = logging.getLogger("armadico.mesh")
 
@@ -132,7 +132,7 @@ def publish(mesh: Mesh, message: Message) -> None:
 
     Raises MessageError if it could not be decoded.
     """
-    own, *older = service_of(type(message)).keys_of(message, mesh.guest)
+    own, *older = keys_of(message, mesh.guest)
     for key in (own,) if mesh.closed else (own, *older):
         mesh.publish(key, message)
 

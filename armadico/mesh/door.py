@@ -52,6 +52,8 @@ class Door(NamedTuple):
         sign: Returns a signature of data by this identity, of some hundred bytes.
         verify: Whether an identity, without its namespace, has signed data.
         keep: Called with the open mesh; returns what is called before it closes.
+        may_be_critical: Whether an instance's bids for a resource may be critical
+            (`armadico.core.individual.Identity`).
     """
 
     name: str
@@ -61,6 +63,7 @@ class Door(NamedTuple):
     sign: Callable[[bytes], bytes] = lambda _: b""
     verify: Callable[[str, bytes, bytes], bool] = lambda *_: False
     keep: Callable[[Any], Callable[[], None]] | None = None
+    may_be_critical: Callable[[str, str], bool] | None = None
 
     def as_client(self) -> Door:
         """Return the same identity without what only a router has."""
@@ -70,14 +73,7 @@ class Door(NamedTuple):
 
 def name_of(agents: Sequence[str]) -> str:
     """Return the name of the identity of agents that share a process; of one agent, its own."""
-    names = sorted({*agents})
-    name = "+".join(names)
-    if len(name) <= LONGEST_NAME:
-        return name
-    import hashlib  # slow, and seldom needed
-
-    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
-    return f"{names[0][:20]}+{len(names) - 1}-{digest}"
+    return _fitting("+".join(sorted({*agents})))
 
 
 def person(user: str | None = None) -> str:
@@ -89,9 +85,19 @@ def person(user: str | None = None) -> str:
             user = getpass.getuser()
         except (OSError, KeyError):  # a user without an entry in the list of users
             user = str(os.getuid())
-    return PERSON + re.sub(r"[^A-Za-z0-9_.-]", "_", user)[: LONGEST_NAME - len(PERSON)]
+    return _fitting(PERSON + re.sub(r"[^A-Za-z0-9_.-]", "_", user))
 
 
 def launcher(host: str) -> str:
     """Return the name of the identity of `armadico up` on a host of the table."""
-    return f"{LAUNCHER}{host}"[:LONGEST_NAME]
+    return _fitting(LAUNCHER + host)
+
+
+def _fitting(name: str) -> str:
+    """Return a name, cut if it is too long; different names stay different."""
+    if len(name) <= LONGEST_NAME:
+        return name
+    import hashlib  # slow, and seldom needed
+
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{name[: LONGEST_NAME - 9]}-{digest}"

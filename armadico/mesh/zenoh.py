@@ -199,6 +199,11 @@ class ZenohMesh(Reader, Monotonic):
     # Joining and leaving -------------------------------------------------------------------------
 
     @property
+    def door(self) -> Door | None:
+        """The identity by which it joins; None: the society is open."""
+        return self._where.door
+
+    @property
     def hung(self) -> str:
         """The router that accepted a connection and has not answered yet; "" if none."""
         return self._joining

@@ -469,11 +469,16 @@ def _urgent(item: Output) -> bool:
 
 
 def identity(
-    name: str, host: str | None = None, table: str = "", protocol: int = PROTOCOL
+    name: str,
+    host: str | None = None,
+    table: str = "",
+    protocol: int = PROTOCOL,
+    may_be_critical: Callable[[str, str], bool] | None = None,
 ) -> Identity:
     """Return a new instance's identity; its id is the name and 64 random bits.
 
-    `table` is the digest of the host table that the process was launched with.
+    `table` is the digest of the host table that the process was launched with, and
+    `may_be_critical` as in `Identity`.
     """
     rng = random.SystemRandom()
     return Identity(
@@ -484,6 +489,7 @@ def identity(
         rng=random.Random(rng.getrandbits(64)),
         table=table,
         protocol=protocol,
+        may_be_critical=may_be_critical,
     )
 
 

@@ -25,7 +25,7 @@ from armadico.agents.fleet.messages import (
 from armadico.agents.fleet.task_sharing import TaskSharing
 from armadico.core import agent
 from armadico.core.agent import Agent, Identity, Question
-from armadico.core.cycles import CycleCounter
+from armadico.core.cycles import CycleCounter, epoch_of
 from armadico.core.messages import Description, Message, RobotState, Stop
 from armadico.core.resources import WHEELS
 from armadico.mesh.virtual import Node, VirtualMesh
@@ -71,7 +71,7 @@ class Puppet(Agent):
     def __init__(self, identity: Identity, parameters: Any = None) -> None:
         super().__init__(identity, parameters)
         self.x, self.y = self.p.x, self.p.y
-        self._counter = CycleCounter(self.rng.getrandbits(63), CYCLE_S)
+        self._counter = CycleCounter(epoch_of(self.instance) or 1, CYCLE_S)
         self._mission, self._state = 0, MissionState.NONE
         self._goal: Waypoint | None = None
         self._to_go = self._turning = 0.0

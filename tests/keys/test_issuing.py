@@ -99,3 +99,11 @@ def test_an_archive_is_private_and_so_is_what_it_unpacks(tmp_path: Path) -> None
     there.mkdir()
     subprocess.run(["tar", "-xf", str(file), "-C", str(there)], check=True)
     Store(there / "keys").checked("robot1", "goto")
+
+
+@pytest.mark.parametrize(
+    "name", ["person-follower", "guest-book", "launcher-lab1", "page", "viewer"]
+)
+def test_no_agent_gets_the_identity_of_another_kind_of_process(name: str) -> None:
+    with pytest.raises(ConfigError, match=f"an agent called '{name}' could be taken for another"):
+        of_agents("robot1", (name,))

@@ -30,10 +30,11 @@ ANSWER_S = 5.0
 BLOCK = zenoh.CongestionControl.BLOCK  # as so much at once is otherwise dropped
 
 
-TRIED = (
+KINDS = (
     *("goto", "avoid", "encoder", "interface", "path-planning", "planner-onward", "monitor"),
     *("fleet", "teleop", LAB, ANNA, PAGE, MCP, ROS2, VIEWER, SIMULATOR),
 )
+TRIED = tuple(name for name in KINDS if name in everybody(NAMESPACE).speakers)
 """One identity of each kind, and agents of each kind; the rights of others differ by names only."""
 
 

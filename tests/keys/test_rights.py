@@ -63,7 +63,9 @@ def test_an_instance_belongs_to_the_longest_name() -> None:
     assert rights.speaker("goto-1f") == "goto"
     assert rights.speaker("goto-fast-1f") == "goto-fast"
     assert rights.speaker("gotofast-1f") == ""
-    assert rights.may_be_critical("wheels") == {"goto-fast"}
+    assert rights.may_be_critical("goto-fast-1f", "wheels")
+    assert not rights.may_be_critical("goto-1f", "wheels")
+    assert not rights.may_be_critical("goto-fast-1f", "gripper")
 
 
 def test_a_right_names_the_file_and_line_of_its_declaration() -> None:

@@ -17,7 +17,7 @@ from armadico.keys.store import (
     Member,
     Store,
 )
-from armadico.mesh.door import LONGEST_NAME, name_of
+from armadico.mesh.door import LONGEST_NAME, launcher, name_of, person
 from tests.keys.labs import NOW, authority_in, lab_in
 
 
@@ -155,3 +155,11 @@ def test_the_robots_folder_has_what_its_router_needs(tmp_path: Path) -> None:
     goto = issuer.store.members()["robot1/goto"]
     assert f"robot1/goto:{issuer.store.password(goto)}" in known
     assert json.loads((lab1.folder / MEMBERS).read_text())
+
+
+def test_long_names_of_hosts_and_users_stay_different() -> None:
+    long = "the-computer-of-the-second-floor-of-the-house-"
+    for named in (launcher, person):
+        names = {named(long + str(number)) for number in range(10)}
+        assert len(names) == 10
+        assert all(len(name) <= LONGEST_NAME for name in names)

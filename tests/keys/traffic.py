@@ -49,7 +49,7 @@ class Traffic:
         name = CLIENT if place is None else place.name.partition("@")[0]
         identity = {CLIENT: ANNA, "wakeup": LAB}.get(name, name)
         # The virtual mesh's guests are all called alike.
-        key = re.sub(rf"/{CLIENT}$", f"/{ANNA}-1f", key)
+        key = re.sub(rf"/(guest-)?{CLIENT}$", f"/{ANNA}-1f", key)
         self.sent.add(Sent(space, identity, does, key))
 
     def finish(self) -> None:

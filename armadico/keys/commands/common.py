@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 from armadico.cli import options
 from armadico.cli.options import FailedError, UsageError
-from armadico.cli.parsing import more_than, option
+from armadico.cli.parsing import between, option
 from armadico.keys.store import Member, Store
 from armadico.mesh.door import PERSON, person
+from armadico.mesh.topology import HOSTS_VARIABLE
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
@@ -43,9 +44,7 @@ class Society(options.Mesh):
         """The host table. Raises UsageError without one, or if it has no keys."""
         table = self.where.table
         if table is None:
-            raise UsageError(
-                f"which host table? Add --hosts lab.toml, or set {options.HOSTS_VARIABLE}"
-            )
+            raise UsageError(f"which host table? Add --hosts lab.toml, or set {HOSTS_VARIABLE}")
         if table.keys is None:
             raise UsageError(
                 f'{table.file} has no keys: write keys = "keys", say, above its first host; that is'
@@ -70,7 +69,7 @@ class Society(options.Mesh):
 
 def hours_option() -> float:
     """The field of the validity of certificates, h."""
-    return option(HOURS_HELP, default=24.0, metavar="HOURS", must=more_than(0))
+    return option(HOURS_HELP, default=24.0, metavar="HOURS", must=between(0.01, 87_600))
 
 
 def now() -> datetime:

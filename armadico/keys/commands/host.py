@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from armadico.cli.parsing import Command, argument, group, option, several
 from armadico.keys.commands.common import (
     OUT_HELP,
-    Path,
     Society,
     given_out,
     hours_option,

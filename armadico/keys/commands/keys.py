@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from armadico.cli.parsing import ArgumentParser, Command, parser
+from armadico.cli import parsing
+from armadico.cli.parsing import ArgumentParser, UsageError
 from armadico.core.errors import UnknownNameError
 
 EXAMPLES: Final = """\
@@ -30,10 +31,10 @@ class Verb:
     module: str
     summary: str
 
-    def load(self) -> Command:
+    def load(self) -> Callable[[Sequence[str]], int]:
         from importlib import import_module
 
-        found: Command = import_module(self.module).COMMAND
+        found: Callable[[Sequence[str]], int] = import_module(self.module).COMMAND
         return found
 
 
@@ -58,21 +59,20 @@ def main(argv: Sequence[str]) -> int:
     """Run a verb. Raises UnknownNameError for another one."""
     words = list(argv)
     if not words or words[0].startswith("-"):
-        parsed = parser_().parse_args(words or ["--help"])
-        assert parsed is not None
-        return 0
+        parser().parse_args(words)
+        raise UsageError(f"name a verb, of {', '.join(VERBS)}; `armadico keys --help` has more")
     verb = VERBS.get(words[0])
     if verb is None:
         raise UnknownNameError("verb of `armadico keys`", words[0], VERBS)
     return verb.load()(words[1:])
 
 
-def parser_() -> ArgumentParser:
+def parser() -> ArgumentParser:
     lines = [f"  {name:<8} {verb.summary}\n" for name, verb in VERBS.items()]
     text = (
         "Make, list, check, renew and revoke keys: the identities by which processes join a society"
         ' whose host table has keys = "FOLDER".\n\nverbs:\n' + "".join(lines)
     )
-    made = parser("armadico keys", text, EXAMPLES)
+    made = parsing.parser("armadico keys", text, EXAMPLES)
     made.add_argument("verb", choices=tuple(VERBS), metavar="VERB", help="see above", nargs="?")
     return made

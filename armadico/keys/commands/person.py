@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
+from armadico.cli.options import UsageError
 from armadico.cli.parsing import Command, argument, group, option
 from armadico.keys.commands.common import (
     OUT_HELP,
-    Path,
     Society,
     given_out,
     hours_option,
     issuer_of,
 )
+from armadico.mesh.door import LONGEST_NAME, PERSON, person
 
 EXAMPLES: Final = """\
   armadico keys person anna                        on this computer
@@ -33,6 +35,11 @@ def run(args: Options) -> int:
     from armadico.config.slots import slot
     from armadico.keys.members import of_agents, of_gateways, of_person
 
+    if person(args.user) != f"{PERSON}{args.user}":
+        raise UsageError(
+            f"{args.user!r}: expected a user's name of letters, digits, '.', '_' and '-', at most"
+            f" {LONGEST_NAME - len(PERSON)}"
+        )
     issuer, namespace = issuer_of(args.society, args.hours), args.society.where.namespace
     members = [of_person(namespace, args.user), *of_gateways(namespace)]
     members += [of_agents(namespace, (name,)) for name in slot("by-hand").besides]

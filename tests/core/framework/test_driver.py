@@ -52,9 +52,9 @@ def card(instance: str, tenure: int = 0) -> Card:
     return Card(name, instance, "lab3", 42, "1", PROTOCOL, (), (), (), tenure=tenure)
 
 
-def deliver(driver: Driver, message: Message, now: float) -> None:
+def deliver(driver: Driver, message: Message, now: float, key: str = "") -> None:
     (to,) = [to for to in driver.agent.kernel.subscriptions if to.message is type(message)]
-    driver.deliver(to, to.pattern, encode(message), now)
+    driver.deliver(to, key or to.pattern, encode(message), now)
 
 
 # Latched states -----------------------------------------------------------------------------------
@@ -65,8 +65,9 @@ def test_what_is_latched_is_remembered_however_far_it_has_come(stage: Stage) -> 
     """A stop that is published once, during the admission, is not lost."""
     agent, driver, now = begun(stage)
     assert driver.stage is stage
+    driver.token("interface", "interface-1", True, now)
     deliver(driver, STOP, now)
-    deliver(driver, MISSION, now)
+    deliver(driver, MISSION, now, "trajectory/interface-1")
     assert agent.memory.newest(Stop) == STOP
     assert agent.memory.newest(Trajectory) == MISSION
 

@@ -148,3 +148,22 @@ def test_the_shares_of_one_table_are_ended(
     assert ended == ["lab1"]
     assert main(["down", "--namespace", "places", "--hosts", str(table), "--host", "lab9"]) == 2
     assert "no host 'lab9'" in capsys.readouterr().err
+
+
+def test_agents_do_not_use_a_port_that_is_open_to_other_machines_unasked(table: Path) -> None:
+    words = r"lab.toml: any program that reaches tcp/203\.0\.113\.1:7447 could drive the robot"
+    with pytest.raises(ConfigError, match=words):
+        found(hosts=table, open=False)
+    assert found(hosts=table, open=False, passing=True).name == "lab1", "a stop goes out anyway"
+    where = found(hosts=table, open=True)
+    assert where.words[-1] == "--open", "its processes are asked, too"
+    assert found(hosts=table).table == where.table
+
+
+def test_every_command_knows_the_open_port_by_the_table_or_by_what_runs_here(table: Path) -> None:
+    mesh = Mesh(namespace="places", hosts=str(table))
+    assert mesh.demand().open == "tcp/203.0.113.1:7447"
+    assert Mesh(namespace="places").demand().open == ""
+    with PidFile("places", "lab1") as file:
+        file.write(Share(1, "lab1", "places", ("goto",), "", "tcp/203.0.113.1:7447"))
+        assert Mesh(namespace="places").demand().open == "tcp/203.0.113.1:7447"

@@ -76,6 +76,39 @@ def test_settings_stand_above_the_hosts_and_a_host_may_have_their_names(tmp_path
     assert table.fleet == ()
 
 
+def test_keys_turn_every_port_of_the_table_into_tls(tmp_path: Path) -> None:
+    above = "keys = 'lab-keys'\nfleet = ['tcp/10.0.0.2:7447', 'tls/10.0.0.9:7447']\n"
+    table = load_hosts(lab(tmp_path, above + LAB))
+    assert table.robots_router == "tls/10.0.0.2:7447"
+    assert table.fleet == ("tls/10.0.0.2:7447", "tls/10.0.0.9:7447")
+    assert table.keys_folder == tmp_path / "lab-keys"
+    assert table.open_port == ""
+
+
+@pytest.mark.parametrize(
+    ("above", "router", "words"),
+    [
+        ("", "tls/10.0.0.2:7447", r'lab.toml:2: robot.router = "tls/.*": tls needs keys; write'),
+        ("", "quic/10.0.0.2:7447", r"quic needs keys"),
+        ("keys = 'keys'\n", "udp/10.0.0.2:7447", r"lab.toml:3: .*with keys expected tcp or tls"),
+        ("keys = ''\n", "tcp/10.0.0.2:7447", r"lab.toml:1: keys = .*expected a folder"),
+        ("keys = 3\n", "tcp/10.0.0.2:7447", r"lab.toml:1: .*keys"),
+    ],
+)
+def test_a_port_that_does_not_fit_the_keys_is_refused(
+    tmp_path: Path, above: str, router: str, words: str
+) -> None:
+    text = LAB.replace("tcp/10.0.0.2:7447", router).lstrip()
+    with pytest.raises(ConfigError, match=words):
+        load_hosts(lab(tmp_path, above + text))
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "127.1.2.3", "localhost", "[::1]"])
+def test_a_port_that_no_other_machine_reaches_needs_no_keys(tmp_path: Path, address: str) -> None:
+    assert load_hosts(lab(tmp_path)).open_port == "tcp/10.0.0.2:7447"
+    assert load_hosts(lab(tmp_path, LAB.replace("10.0.0.2", address))).open_port == ""
+
+
 def test_several_hosts_need_a_router_that_they_can_reach(tmp_path: Path) -> None:
     alone = "[robot]\nagents = ['robot']\n"
     assert load_hosts(lab(tmp_path, alone)).robots_router is None

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from armadico.core.judgement import Answer
 from armadico.core.messages import PROTOCOL, Card
-from armadico.observe.diagnosis import HostState, hosts_of
-from armadico.observe.findings import Demand, Hosts
+from armadico.observe.diagnosis import HostState, diagnose, hosts_of
+from armadico.observe.findings import Demand, Hosts, Sort, short
 from armadico.observe.view import View
 
 
@@ -55,3 +56,12 @@ def test_the_skew_is_the_median_offset(offsets: tuple[float | None, ...], named:
     (host,) = census(view, {})
     assert named in host.skew
     assert bool(host.skew) == bool(named)
+
+
+def test_an_open_port_is_shown_with_all_other_findings_and_is_not_wrong() -> None:
+    for view in (View(), seen(card("goto", "lab2"))):
+        findings = diagnose(view, Demand(open="tcp/10.0.0.2:7447"))
+        (found,) = (each for each in findings if each.sort is Sort.OPEN)
+        assert (found.who, found.answer) == ("tcp/10.0.0.2:7447", Answer.YES)
+        assert f"open: {found}" in short(findings)
+        assert not any(each.sort is Sort.OPEN for each in diagnose(view, Demand()))

@@ -58,6 +58,7 @@ FILES = {
     "bytes.toml": b"\xff\xff",
     "lab.toml": '[robot]\nrouter = "tcp/203.0.113.1:7447"\nagents = ["robot"]\n\n'
     '[lab1]\naddress = "127.0.0.21"\nagents = ["goto"]\n',
+    "keys.toml": 'keys = "keys"\n[lab1]\nrouter = "tcp/127.0.0.1:1"\nagents = ["robot"]\n',
     "lab-gotoo.toml": '[lab1]\naddress = "127.0.0.21"\nagents = ["gotoo"]\n',
     "no-hosts.toml": "# empty\n",
     "number.toml": "lab1 = 3\n",
@@ -196,6 +197,17 @@ armadico-agent encoder sonar --config missing.toml
 armadico-agent encoder sonar --set x=1
 armadico-agent encoder --host lab1
 armadico-agent goto --hosts lab.toml --host robot
+armadico-agent goto --hosts lab.toml --host lab1
+armadico keys
+armadico keys inti
+armadico keys init
+armadico keys init --hosts lab.toml
+armadico keys host lab9 --hosts keys.toml
+armadico keys agent gotoo --hosts keys.toml
+armadico keys person a/b --hosts keys.toml
+armadico keys revoke goto --hosts keys.toml
+armadico keys list --hosts keys.toml
+armadico ps --hosts keys.toml
 armadico goto 1 2 nan
 armadico goto 1 2e9
 armadico goto 1 2 3 --timeout 0
@@ -224,14 +236,14 @@ armadico localize missing.npz
 armadico localize home.map --world sc4 --map-from first
 armadico up sc44
 armadico up rouns
-armadico up --hosts lab.toml --host lab1 --restarts -1
-armadico up --hosts lab.toml --host lab1 --set goto=1
-armadico up --hosts lab.toml --host lab1 --set goto.nope=1
-armadico up --hosts lab.toml --host lab1 --set goto.v_max=fast
-armadico up --hosts lab.toml --host lab1 --set avoid.v_max=1
-armadico up --hosts lab.toml --host lab1 --with gotoo
-armadico up --hosts lab.toml --host lab1 --without goto
-armadico up --hosts lab.toml --host lab1 --robot tcp://127.0.0.1:8101
+armadico up --hosts lab.toml --open --host lab1 --restarts -1
+armadico up --hosts lab.toml --open --host lab1 --set goto=1
+armadico up --hosts lab.toml --open --host lab1 --set goto.nope=1
+armadico up --hosts lab.toml --open --host lab1 --set goto.v_max=fast
+armadico up --hosts lab.toml --open --host lab1 --set avoid.v_max=1
+armadico up --hosts lab.toml --open --host lab1 --with gotoo
+armadico up --hosts lab.toml --open --host lab1 --without goto
+armadico up --hosts lab.toml --open --host lab1 --robot tcp://127.0.0.1:8101
 armadico up --hosts lab-gotoo.toml --host lab1
 armadico mission run surveilance --virtual
 armadico mission run surveillance house --virtual

@@ -1,0 +1,84 @@
+"""A society of real processes with keys, and commands that need no further option."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from armadico.mesh.ports import free_port
+from armadico.mesh.sockets import RUNTIME_VARIABLE
+from armadico.mesh.topology import HOSTS_VARIABLE, NAMESPACE_VARIABLE
+from tests.programs import Done, call, starter
+
+pytestmark = pytest.mark.live
+
+TABLE = """\
+keys = "keys"
+[lab1]
+router = "tcp/127.0.0.1:{port}"
+agents = ["robot", "encoder", "sonar", "path-planning", "interface", "goto"]
+[lab2]
+address = "127.0.0.2"
+agents = ["avoid"]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(NAMESPACE_VARIABLE, "closed")
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.delenv(HOSTS_VARIABLE, raising=False)
+    table = tmp_path / "lab.toml"
+    table.write_text(TABLE.format(port=free_port("127.0.0.1")))
+    made = call("keys", "init", "--hosts", str(table), "--host", "lab1")
+    assert made.returncode == 0, made.stderr
+    archive = call(
+        "keys", "host", "lab2", "--hosts", str(table), "--out", str(tmp_path / "lab2" / "keys")
+    )
+    assert archive.returncode == 0, archive.stderr
+    (tmp_path / "lab2" / "lab.toml").write_text(table.read_text())
+    return tmp_path
+
+
+def test_a_society_with_keys_needs_no_further_option(folder: Path) -> None:
+    here = dict(os.environ)
+    elsewhere = here | {RUNTIME_VARIABLE: str(folder / "run2")}
+    Path(elsewhere[RUNTIME_VARIABLE]).mkdir(mode=0o700)
+    of_lab2 = ("--hosts", str(folder / "lab2" / "lab.toml"))
+
+    def does(*words: str, env: dict[str, str], code: int = 0) -> Done:
+        done = call(*words, env=env)
+        assert done.returncode == code, (words, done.stdout, done.stderr)
+        return done
+
+    with starter(env=here) as start, starter(env=elsewhere) as start_elsewhere:
+        first = start("up", "sc1", "--hosts", str(folder / "lab.toml"), "--host", "lab1")
+        assert first.stdout is not None
+        assert "lab1 is up" in first.stdout.readline(), first.communicate()
+        second = start_elsewhere("up", "sc1", *of_lab2, "--host", "lab2")
+        assert second.stdout is not None
+        assert "lab2 is up" in second.stdout.readline(), second.communicate()
+
+        # On the robot's computer by its socket, without the table; elsewhere by TLS.
+        for words, env in (((), here), (of_lab2, elsewhere)):
+            found = json.loads(call("ps", "--json", *words, env=env).stdout)
+            names = {agent["name"] for agent in found["agents"]}
+            assert {"robot", "encoder", "interface", "goto", "avoid"} <= names
+            assert "stopped" in does("stop", *words, env=env).stdout
+            assert "free to move" in does("resume", *words, env=env).stdout
+            assert "v_max" in does("get", "goto", *words, env=env).stdout
+        assert "goal is reached" in does("goto", "1.0", "0.0", env=here).stdout
+
+        # Without a usable key nothing is read, and a stop still reaches the robot agent.
+        private = folder / "keys" / "closed"
+        for key in private.glob("person-*/private.key"):
+            key.chmod(0o644)
+        assert "chmod 600" in does("ps", env=here, code=2).stderr
+        assert "told to stop" in does("stop", env=here, code=3).stderr
+        for key in private.glob("person-*/private.key"):
+            key.chmod(0o600)
+        assert "stopped by" in call("goto", "2.0", "0.0", "--timeout", "3", env=here).stdout
+        does("down", env=here)
