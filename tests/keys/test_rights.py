@@ -14,6 +14,7 @@ from armadico.core.messages import Log, Message, Stop
 from armadico.core.resources import WHEELS
 from armadico.keys.derived import contradictions
 from armadico.keys.rights import Does, Member, RightsError, Table, covers, instances, table
+from armadico.mesh.door import PAGE
 from armadico.observe.guests import Person, Viewer
 from tests.keys.members import ANNA, LAB, everybody
 
@@ -101,6 +102,9 @@ def test_names_that_cannot_be_told_apart_are_refused() -> None:
 def test_a_person_releases_and_a_viewer_only_reads() -> None:
     rights = everybody()
     assert rights.why(ANNA, Does.PUT, f"robot/stop/{ANNA}-1f")
+    for identity in rights.speakers:
+        releases = rights.why(identity, Does.PUT, f"robot/release/{identity}-1f") is not None
+        assert releases == (identity in (ANNA, PAGE)), identity
     assert not rights.why(ANNA, Does.PUT, "robot/stop/goto-1f")
     assert {right.does for right in rights.of("viewer")} == {
         *(Does.SUBSCRIBE, Does.QUERY, Does.WATCH, Does.LOOK)
