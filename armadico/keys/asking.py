@@ -8,6 +8,7 @@ because a computer may have been off for long.
 from __future__ import annotations
 
 import base64
+import json
 import re
 import socket
 import time
@@ -18,9 +19,15 @@ from typing import Final, NamedTuple
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.store import Identity, Store, write_private
+from armadico.mesh import sockets
+from armadico.mesh.door import ROBOT
 
 RENEWAL: Final = "armadico-renewal"
 """The application protocol (ALPN) of a client that asks for a new certificate and sends nothing."""
+
+LINKS: Final = ".links"
+"""Suffix of the file of the porter's links, beside the router's socket: for each the name, when its
+certificate expires, and from when on that is announced, s since 1970."""
 
 PEM: Final = b"-----BEGIN CERTIFICATE-----"
 """How the answer begins; another one says why there is none."""
@@ -35,6 +42,9 @@ BACKDATED_S: Final = 3600.0
 
 ANNOUNCED_S: Final = 3600.0
 """From so long before its end an expiry is announced, s; of a short life, from its last sixth."""
+
+ROBOTS_S: Final = 14 * 86_400.0
+"""The same of the robot's, which a person renews."""
 
 
 class Validity(NamedTuple):
@@ -186,3 +196,27 @@ def refresh(store: Store, identity: Identity, endpoints: Sequence[str]) -> None:
     with suppress(ConfigError, ValueError, OSError):
         if validity(identity.certificate.read_bytes()).ends <= time.time():
             renewed(store, identity, endpoints)
+
+
+def ending(store: Store, namespace: str, now: float) -> dict[str, float]:
+    """Return the certificates that soon end a link, and in how many seconds (`Door.ending`).
+
+    On the robot's computer those of the porter's links, and the robot's own one.
+    """
+    robot = store.identity(namespace, ROBOT)
+    links = sockets.socket_of(namespace).with_suffix(LINKS)
+    found: dict[str, float] = {}
+    if robot.certificate.exists():
+        with suppress(OSError, ValueError):
+            if (left := validity(robot.certificate.read_bytes()).ends - now) < ROBOTS_S:
+                found[robot.name] = left
+        with suppress(OSError, ValueError):
+            rows = json.loads(links.read_text(encoding="utf-8"))
+            found |= {name: ends - now for name, ends, announced in rows if now >= announced}
+        return found
+    for identity in store.identities():
+        with suppress(OSError, ValueError):
+            valid = validity(identity.certificate.read_bytes())
+            if identity.namespace == namespace and now >= valid.announce_at:
+                found[identity.name] = valid.ends - now
+    return found

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import refresh
+from armadico.keys.asking import ending, refresh
 from armadico.keys.store import Identity, Store
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
@@ -58,6 +59,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         _Verify(found.namespace, store),
         _keeper(where, name, router=router),
         may_be_critical=_MayBeCritical(found.namespace, store),
+        ending=lambda: ending(store, where.namespace, time.time()),
     )
 
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 import errno
 import gc
 import importlib
+import json
 import logging
 import re
 import resource
@@ -43,7 +44,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from armadico.core.config_errors import ConfigError
-from armadico.keys.asking import RENEWAL
+from armadico.keys.asking import LINKS, RENEWAL, Validity
 from armadico.keys.lobby import Lobby, source_of
 from armadico.keys.store import MEMBERS, Store, admits, stamp
 from armadico.mesh.door import ROBOT
@@ -108,6 +109,7 @@ class Link:
         name: Its identity, once it is admitted.
         since: When it was accepted or admitted, s.
         ends: When its certificate expires, s.
+        announced: How long before that it is announced, s.
         inner: The connection to the router, once the client has sent something.
         inward, outward: Bytes that wait for the router, and for the client.
         closing: Since when it only sends what waits, s; None: it is open.
@@ -121,6 +123,7 @@ class Link:
     asks: bool = False
     name: str = ""
     ends: float = inf
+    announced: float = 0.0
     inner: socket.socket | None = None
     inward: bytearray = field(default_factory=bytearray)
     outward: bytearray = field(default_factory=bytearray)
@@ -157,6 +160,8 @@ class Porter:
         Raises ConfigError if the keys cannot be used.
         """
         self._router = router
+        self._links_file = router.with_suffix(LINKS)
+        self._listed: set[tuple[str, float, float]] = set()
         self._selector = selectors.DefaultSelector()
         self._lobby = Lobby[Link](frozenset(map(source_of, named)))
         self._links: set[Link] = set()
@@ -208,6 +213,7 @@ class Porter:
         for link in (*self._links, *self._lobby.waiting):
             self._drop(link)
         self._selector.close()
+        self._links_file.unlink(missing_ok=True)
 
     # Newcomers -----------------------------------------------------------------------------------
 
@@ -285,7 +291,9 @@ class Porter:
             return
         link.name, link.since = name, time.monotonic()
         # By the monotonic clock from here on: a step of the wall clock ends no link.
-        link.ends = link.since + ssl.cert_time_to_seconds(str(found["notAfter"])) - time.time()
+        valid = Validity(*(ssl.cert_time_to_seconds(found[e]) for e in ("notBefore", "notAfter")))
+        link.ends = link.since + valid.ends - time.time()
+        link.announced = valid.ends - valid.announce_at
         self._links.add(link)
         if link.asks:
             link.outward += self._files.renewed(outer, link.since - link.ends)
@@ -295,6 +303,7 @@ class Porter:
         for other in self._links:
             if (other.name, other.peer) == (name, link.peer):
                 other.ends = max(other.ends, link.ends)
+                other.announced = min(other.announced, link.announced)
         self._guarded(link, self._pass_inward)
 
     def _crowd(self, name: str) -> str:
@@ -449,6 +458,7 @@ class Porter:
                 self._guarded(link, self._flush)
             elif link.inner is None and now - link.since >= SILENT_S:
                 self._drop(link)
+        self._list(now)
         if now - self._reported_at >= REPORT_S:
             for (peer, why), count in sorted(self._turned_away.items()):
                 took = now - self._reported_at
@@ -456,6 +466,19 @@ class Porter:
                 logger.warning(text, count, peer, took, why)
             self._turned_away.clear()
             self._reported_at = now
+
+    def _list(self, now: float) -> None:
+        """Write when the links end, if that has changed, for the diagnosis (`LINKS`)."""
+        ends = {(link.name, link.ends, link.announced) for link in self._links}
+        if ends == self._listed:
+            return
+        self._listed = ends
+        wall = time.time() - now
+        rows = [(name, at + wall, at + wall - before) for name, at, before in sorted(ends)]
+        new = self._links_file.with_suffix(f"{LINKS}-new")
+        with suppress(OSError):  # a full disk
+            new.write_text(json.dumps(rows), encoding="utf-8")
+            new.replace(self._links_file)
 
 
 class Files:

@@ -9,11 +9,11 @@ import pytest
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys import authority
-from armadico.keys.asking import BACKDATED_S, ask, renewed, validity
+from armadico.keys.asking import BACKDATED_S, LINKS, ask, ending, renewed, validity
 from armadico.keys.store import Identity, Store, write_private
 
 from .conftest import NAMESPACE, Lab
-from .test_porter import Door, open_door  # noqa: F401 - a fixture
+from .test_porter import Door, open_door, works  # noqa: F401 - a fixture
 from .test_porter import door as door  # noqa: PLC0414 - a fixture
 
 DAY = 86_400.0
@@ -119,3 +119,34 @@ def test_an_expired_certificate_gets_a_new_one_and_no_link(door: Door, tmp_path:
     link.sendall(b"forward")
     assert link.recv(10).startswith(b"-----BEGIN"[:10])
     assert not router.received
+
+
+def test_elsewhere_the_computers_own_certificates_are_announced(lab: Lab, tmp_path: Path) -> None:
+    store, identity = elsewhere(lab, tmp_path)
+    now = datetime.now(UTC).timestamp()
+    assert ending(store, NAMESPACE, now) == {}
+    assert ending(store, NAMESPACE, now + DAY - 3500.0) == {
+        identity.name: pytest.approx(3500, abs=2)
+    }
+
+
+def test_on_the_robots_computer_links_are_announced_and_its_own_certificate_weeks_before(
+    door: Door, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    lab = door.lab
+    monkeypatch.setattr("armadico.mesh.sockets.socket_of", lambda _: door.path)
+    door.start_router()
+    now = datetime.now(UTC).timestamp()
+    links = door.path.with_suffix(LINKS)
+    _, identity = elsewhere(lab, tmp_path)
+    expired(lab, identity, -500.0)
+    link = door.connect(
+        authority.Pair(identity.certificate.read_bytes(), identity.private.read_bytes())
+    )
+    assert works(link)
+    while identity.name not in (links.read_text() if links.exists() else ""):
+        assert works(link)
+    assert ending(lab.store, NAMESPACE, now) == {identity.name: pytest.approx(500, abs=2)}
+    robots = lab.store.identity(NAMESPACE, "robot")
+    later = now + 360 * DAY
+    assert robots.name in ending(lab.store, NAMESPACE, later)

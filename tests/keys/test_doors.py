@@ -197,6 +197,9 @@ def test_without_a_renewal_a_client_is_heard_until_its_certificate_ends(
 
     assert soon(lambda: "not on the robot's computer" in caplog.text)
     assert heard.from_(client)
+    door = router.where.door
+    assert door is not None
+    assert soon(lambda: "robot1/goto" in door.ending())
     assert soon(lambda: not client.wait_joined(0.0))
     assert "expires in" in caplog.text
     assert soon(lambda: "expired" in client.missing)
