@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from msgspec.structs import replace
 
@@ -30,8 +30,10 @@ from armadico.core.messages import (
     Message,
     MessageError,
     ParametersRequest,
+    Repeat,
     RobotState,
     Stop,
+    Tuning,
     decode,
 )
 from armadico.core.outgoing import Answer, Publish, Refused, SendQuery, Write
@@ -41,10 +43,12 @@ from armadico.core.services import (
     RELEASE,
     SPOKEN,
     STOP,
+    Kind,
     addressed,
     by_people,
     matches,
     parent,
+    service_at,
     service_of,
     shared_key,
 )
@@ -258,6 +262,12 @@ class Driver:
         if not self._is_current(to, key, message):
             self._refuse(key, NOT_CURRENT, now)
             return
+        record: Repeat | None = None
+        if type(message) is Repeat:
+            record = message
+            message = self._repeated(key, record, now)
+            if message is None:
+                return
         if to.shared and not self._counts(to.shared, key, message, now):
             return
         if self.refused or self._slow:
@@ -266,6 +276,11 @@ class Driver:
             self.kernel.receive(message, own)
         elif isinstance(message, Latched) and self.stage is not Stage.REFUSED:
             self.kernel.remember(message, own)
+        if record is not None:
+            self.kernel.author(message, record.publisher, record if record.signature else None)
+        elif to.kind is Kind.LATCHED:
+            publisher = "" if key == to.shared else key.rpartition("/")[2]
+            self.kernel.author(message, publisher, None)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
         """Process that a liveliness token appeared (`alive`) or disappeared."""
@@ -274,6 +289,7 @@ class Driver:
         if instance == self.agent.instance or alive == (other in self.alive):
             return
         (self.alive.add if alive else self.alive.discard)(other)
+        (self.kernel.living.add if alive else self.kernel.living.discard)(instance)
         if name == ROBOT:
             self._note_epochs()
         if self._admission is not None:
@@ -470,8 +486,8 @@ class Driver:
         else:
             fault = misaddressed(key, message)
             if not fault and type(message) is Stop and matches(RELEASE.pattern, key):
-                publisher = key.rpartition("/")[2]
-                fault = NOT_PEOPLE if any(publisher == other for _, other in self.alive) else ""
+                alive = key.rpartition("/")[2] in self.kernel.living
+                fault = NOT_PEOPLE if alive else ""
             if not fault:
                 return message
         self._refuse(key, fault, now)
@@ -493,15 +509,26 @@ class Driver:
         """
         if type(message) is RobotState:
             return self._epochs is None or message.cycle.epoch in self._epochs
-        if not (to.shared and isinstance(message, Latched)):
+        if to.message is Repeat:
+            return key.rpartition("/")[2] in self.kernel.living
+        if to.kind is not Kind.LATCHED:
             return True
         publisher = key.rpartition("/")[2] if key != to.shared else ""
-        if any(publisher == instance for _, instance in self.alive):
+        if publisher in self.kernel.living:
             return True
         if type(message) is not Stop:
             return not publisher  # of protocol 2
         newest = self.kernel.cycles.newest
         return not message.epoch or (newest is not None and message.epoch == newest.epoch)
+
+    def _repeated(self, key: str, repeat: Repeat, now: float) -> Latched | None:
+        """Return the latched state that an agent repeats; None if it is refused."""
+        service, message = service_at(repeat.key), None
+        if service is None or service.kind is not Kind.LATCHED or service.message is Stop:
+            self._refuse(key, f"it repeats {repeat.key}", now)
+        else:
+            message = self._read(service.message, repeat.key, repeat.payload, now)
+        return cast("Latched | None", message)
 
     def _copy(self, item: Publish) -> None:
         """Publish also on the key of older protocols, while an agent is alive that uses one.
@@ -557,6 +584,9 @@ def misaddressed(key: str, message: Message) -> str:
     publisher = key.rpartition("/")[2]
     if type(message) is Stop:
         return _stop_misaddressed(key, publisher, message)
+    if type(message) is Tuning and key != "tuning":
+        ours = message.topic == (publisher.rpartition("-")[0] or publisher)
+        return "" if ours else f"it is about {message.topic or 'several agents'}"
     if (type(message) is Claim or type(message) is Ack) and key.split("/")[1] != message.resource:
         return f"it is about {message.resource}"
     sender = service.sender_of(message)

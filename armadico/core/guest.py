@@ -33,6 +33,9 @@ class Guest:
     commands: ClassVar[bool] = False
     """It acts for a person: it sends every query, and publishes what guests may publish."""
 
+    starts: ClassVar[tuple[str, ...]] = ()
+    """Agents that it starts beside itself, if the society has none: they need keys, too."""
+
     @classmethod
     def parts(cls) -> tuple[type[Part], ...]:
         """Return classes with further declarations, which act under its identity."""

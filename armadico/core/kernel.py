@@ -14,26 +14,39 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Final, cast
 
+from msgspec.structs import replace
+
 from armadico.core import messages as m
 from armadico.core import names
 from armadico.core.bidding import Bidding
 from armadico.core.coordination import Verdict
 from armadico.core.cycles import AHEAD, CycleClock
-from armadico.core.desk import Desk
+from armadico.core.desk import Authored, Desk
 from armadico.core.individual import Individual
+from armadico.core.latched import what_of
 from armadico.core.messages import Message
 from armadico.core.outgoing import (
     ERROR,
     INFO,
     WARNING,
     Answer,
+    Publish,
     Question,
     Refused,
     SendQuery,
 )
 from armadico.core.owning import Owning
 from armadico.core.resources import Resource, declare, differently
-from armadico.core.services import RELEASE, Gathering, Kind, Service, derived, latched, service_of
+from armadico.core.services import (
+    RELEASE,
+    SPOKEN,
+    Gathering,
+    Kind,
+    Service,
+    derived,
+    latched,
+    service_of,
+)
 from armadico.core.settings import Settings
 
 
@@ -78,6 +91,8 @@ def subscriptions(cls: type[Individual], protocol: int = m.PROTOCOL) -> tuple[Su
     found += [Subscription(m.Claim, pattern, Kind.EVENT) for pattern in claimed]
     found += [Subscription(m.Ack, r.ack_key, Kind.STATE) for r in cls.competes_for]
     found += [Subscription(m.Command, r.command_pattern, Kind.EVENT) for r in cls.owns]
+    if protocol >= SPOKEN:
+        found.append(Subscription(m.Repeat, service_of(m.Repeat).pattern, Kind.EVENT))
     if releases:
         found.append(Subscription(m.Stop, RELEASE.pattern, RELEASE.kind))
     return tuple(found)
@@ -184,9 +199,8 @@ class Kernel(Desk):
     def latch(self, by: str) -> None:
         known = self.memory.newest(m.Stop) or m.Stop()
         press = self.agent.rng.getrandbits(63)
-        counter, newest = m.next_count(known.counter), self.cycles.newest
-        epoch = 0 if newest is None else newest.epoch
-        self.publish(m.Stop(counter, stopped=True, by=by, press=press, epoch=epoch))
+        counter = m.next_count(known.counter)
+        self.publish(m.Stop(counter, stopped=True, by=by, press=press, epoch=self._epoch))
         self._stop_changed()
 
     def acknowledge(self) -> None:
@@ -321,6 +335,8 @@ class Kernel(Desk):
         self._count_elders()
         for bidding in self._bidding.values():
             bidding.gone(instance, now)
+        if any(known.instance == instance for known in self.authors.values()):
+            self.memory.met(now)  # another instance may have waited for its states
         self.agent.on_disappeared(name, instance)
 
     def _count_elders(self) -> None:
@@ -343,10 +359,41 @@ class Kernel(Desk):
         for bidding in self._bidding.values():
             bidding.wake(now)
         for message in self.memory.due(now):
-            self.publish(message)
+            self._give(message)
         if self.alarm is not None and now >= self.alarm:
             self.alarm = None
             self.agent.on_wakeup()
+
+    def _give(self, message: m.Latched) -> None:
+        """Publish a latched state again: as its own, or as that of its author, which is gone."""
+        if isinstance(message, m.Stop):
+            message = replace(message, epoch=self._epoch)
+        known, service = self.authors.get(what_of(message)), service_of(type(message))
+        author = self.agent.instance if known is None else known.instance
+        if author == self.agent.instance or isinstance(message, m.Stop) or self.protocol < SPOKEN:
+            self.publish(message)
+            return
+        key = service.key_for(instance=author) if author else service.key_in(m.OLDEST)
+        record = known.record if known is not None else None
+        self.publish(record or m.Repeat(key, m.encode(message)))
+        if self.elders:
+            self.outbox.append(Publish(service.key_in(m.OLDEST), message))
+
+    def author(self, message: m.Latched, instance: str, record: m.Repeat | None) -> None:
+        """Note who published a latched state, if that is the one that is stored."""
+        what = what_of(message)
+        if self.memory.newest(*what) != message:
+            return
+        before = self.authors.get(what)
+        if record is None and before is not None and before.instance == instance:
+            record = before.record
+            kept = record is not None and m.decode(record.payload, type(message)) == message
+            record = record if kept else None
+        self.authors[what] = Authored(instance, record)
+
+    @property
+    def _epoch(self) -> int:
+        return 0 if self.cycles.newest is None else self.cycles.newest.epoch
 
     @property
     def wakeup(self) -> float | None:
@@ -407,7 +454,7 @@ class Kernel(Desk):
 
     def _requests(self, to: Subscription) -> bool:
         """Return whether this agent needs a subscription that not every agent has."""
-        common = to.kind is Kind.LATCHED or to.message is m.Description
+        common = to.kind is Kind.LATCHED or to.message in (m.Description, m.Repeat)
         return not common or to.message in (*self.agent.receives, *self.agent.needs)
 
     def _signatures(self) -> list[str]:
@@ -499,8 +546,7 @@ class Kernel(Desk):
         memory, kind = self.memory, type(message)
         if isinstance(message, m.Stop) and not message.stopped:
             # The robot agent judges a release; its state shows the others whether the stop counts.
-            judges = m.RobotState in self.agent.provides
-            return memory.release(message) if judges else m.Stop in self.agent.receives
+            return memory.release(message) if memory.judges else m.Stop in self.agent.receives
         refused = memory.refused
         news = memory.update(message, self.now)
         if memory.refused != refused:

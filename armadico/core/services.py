@@ -197,7 +197,10 @@ _rows: list[Service] = [
         reply=m.ParametersReply,
     ),
     Service(m.ParameterChange, "agent/{name}/{instance}/changed", _E, None, None, "a changed one"),
-    _spoken(m.Tuning, "tuning", _L, "all parameters that were changed live"),
+    _spoken(m.Tuning, "tuning", _L, "an agent's parameters that were changed live"),
+    Service(
+        m.Repeat, "repeat/{instance}", _E, None, None, "a latched state of an agent that is gone"
+    ),
     Service(
         m.MonitorReport,
         "monitor/{instance}",

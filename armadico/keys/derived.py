@@ -13,10 +13,11 @@ from typing import Final
 import msgspec
 
 from armadico.core.config_errors import ConfigError
-from armadico.core.discovery import AGENTS, agent_class, installed
+from armadico.core.discovery import AGENTS, agent_class
 from armadico.core.errors import UnknownNameError
 from armadico.core.guest import IDENTITIES, Guest
 from armadico.core.individual import Individual
+from armadico.core.installed import loaded
 from armadico.keys import rights
 from armadico.keys.rights import Right, RightsError, Table
 from armadico.keys.store import Member, Store, write_private
@@ -145,11 +146,8 @@ def _agent(name: str) -> type[Individual]:
 
 
 def _guest(member: Member) -> type[Guest]:
-    found = installed(IDENTITIES).get(member.kind)
-    if found is None:
-        return Guest  # of a package that is not installed: it has the rights of a name alone
-    loaded: type[Guest] = found.load()
-    return loaded
+    guests = {point.name: found for point, found in loaded(IDENTITIES, Guest)}
+    return guests.get(member.kind, Guest)  # of a package that is not installed: no rights
 
 
 def _last(namespace: str) -> str:

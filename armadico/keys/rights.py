@@ -365,21 +365,22 @@ def _answered(service: Service, names: Mapping[str, str], because: Because) -> _
 
 def _of_every_agent(names: Mapping[str, str]) -> _Own:
     """What the social intelligence does in every agent."""
-    for service in services.services():
-        if service.kind is Kind.LATCHED or service.message in COMMON:
-            what = (
-                "every agent keeps latched states" if service.kind is Kind.LATCHED else COMMON_WHY
-            )
-            yield Does.PUT, expression(service.key, **names), _registered(service, what)
-    for service in (CARD, BIDS, *map(service_of, (ParametersRequest, messages.JournalRequest))):
+    for message in COMMON:
+        for service in _published(message, people=False):
+            because = _registered(service, "every agent publishes")
+            yield Does.PUT, expression(service.key, **names), because
+    for service in (CARD, BIDS, service_of(ParametersRequest), service_of(messages.JournalRequest)):
         yield from _answered(service, names, _registered(service, "every agent answers"))
     yield Does.QUERY, CARD.pattern, _registered(CARD, "every agent queries cards")
     yield Does.TOKEN, expression(TOKEN, **names), _core(services, "TOKEN", "every agent's token")
     yield from _watched()
 
 
-COMMON: Final = (messages.Log, messages.ParameterChange, messages.JournalPiece)
-COMMON_WHY: Final = "every agent publishes"
+COMMON: Final = (
+    *(messages.Log, messages.ParameterChange, messages.JournalPiece),
+    *(messages.Stop, messages.Tuning, messages.Repeat),
+)
+"""What every agent publishes, whatever its class declares."""
 
 
 def _watched() -> _Own:
@@ -522,9 +523,11 @@ def _registered(service: Service, what: str) -> Because:
     first = service.key.partition("/{")[0] if service.since > OLDEST else service.key
     module = inspect.getmodule(service.message)
     for where in (services, module):
-        source = inspect.getsourcefile(where) if where is not None else None
+        source = None if where is None else inspect.getsourcefile(where)
         tree = None if source is None else _parsed(source)
-        for node in () if tree is None or source is None else ast.walk(tree):
+        if source is None or tree is None:
+            continue
+        for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and node.value in (service.key, first):
                 return Because(_shown(source), node.lineno, what)
     return _core(services, "services", what)

@@ -791,8 +791,12 @@ class PeerLinks:
         where = topology(connect=endpoint, door=self._door)
         link = ZenohMesh(self._mesh.namespace, where, starts=True)
 
+        own = self._mesh.namespace.rpartition("/")[2]
+
         def arrived(key: str, data: bytes) -> None:
-            if self._is_needed(link):
+            if key.split("/")[1] == own:
+                self._mesh.refuse(key, "another robot published it as this one")
+            elif self._is_needed(link):
                 self._mesh.pass_on(key, data)
 
         for first in shared():

@@ -419,6 +419,7 @@ class Society(RuleBasedStateMachine):
         self.now = 0.0
         self.rng = random.Random(7)
         self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
+        self.peers[ROBOT].judges = True
         self.wire: list[tuple[int, Latched]] = []  # under way, with the receiver
         self.old: list[Latched] = []  # all messages so far
         self.press = 0
@@ -493,6 +494,7 @@ class Society(RuleBasedStateMachine):
     def restart(self, peer: int) -> None:
         """All but one may be started anew: that one remembers."""
         self.peers[peer] = Memory(random.Random(self.rng.random()))
+        self.peers[peer].judges = peer == ROBOT
         self.wire = [(to, message) for to, message in self.wire if to != peer]
         for memory in self.peers:
             memory.met(self.now)
@@ -542,6 +544,7 @@ class Strays(RuleBasedStateMachine):
         self.now = 0.0
         self.rng = random.Random(7)
         self.peers = [Memory(random.Random(n)) for n in range(PEERS)]
+        self.peers[ROBOT].judges = True
         self.count = 0
 
     def send(self, message: Latched, source: int | None = None) -> None:
@@ -583,6 +586,7 @@ class Strays(RuleBasedStateMachine):
     @rule(peer=st.integers(0, PEERS - 1))
     def restart(self, peer: int) -> None:
         self.peers[peer] = Memory(random.Random(self.rng.random()))
+        self.peers[peer].judges = peer == ROBOT
         for memory in self.peers:
             memory.met(self.now)
         self.pass_time(0.3)

@@ -25,6 +25,7 @@ from armadico.mesh.zenoh import SETTINGS, ZenohMesh
 from tests.keys.members import ANNA, LAB, everybody
 
 NAMESPACE = "matrix"
+BESIDE = "other/robot"  # the router of a robot that shares keys with this one
 BARRIER = f"{NAMESPACE}/router/*"
 ANSWER_S = 5.0
 BLOCK = zenoh.CongestionControl.BLOCK  # as so much at once is otherwise dropped
@@ -49,7 +50,7 @@ class Lab:
     def __init__(self, rights: Table, folder: Path) -> None:
         self.rights = rights
         users = folder / "users"
-        names = [f"{NAMESPACE}/{name}" for name in rights.speakers]
+        names = [BESIDE, *(f"{NAMESPACE}/{name}" for name in rights.speakers)]
         users.write_text("\n".join(f"{name}:password" for name in names))
         door = Door(
             f"{NAMESPACE}/robot",
@@ -57,7 +58,7 @@ class Lab:
                 f"{USER}user": f"{NAMESPACE}/robot",
                 f"{USER}password": "password",
                 f"{USER}dictionary_file": str(users),
-                ACCESS: rights.access_control(NAMESPACE),
+                ACCESS: rights.access_control(NAMESPACE, [BESIDE.partition("/")[0]]),
             },
         )
         self.mesh = ZenohMesh(NAMESPACE, topology(router=True, door=door))
@@ -90,7 +91,7 @@ class Lab:
                 "mode": "client",
                 "connect/endpoints": [endpoint],
                 "transport/unicast/qos/enabled": False,  # one queue: nothing overtakes
-                f"{USER}user": f"{NAMESPACE}/{identity}",
+                f"{USER}user": identity if "/" in identity else f"{NAMESPACE}/{identity}",
                 f"{USER}password": "password",
             }
             for key, value in (SETTINGS | own).items():
@@ -281,6 +282,26 @@ def test_replies_arrive_from_allowed_keys_only(lab: Lab, identity: str) -> None:
         undeclare([answers])
         assert got == lab.allowed(identity, Does.REPLY) & {*lab.keys}
     assert bool(own) == bool(lab.rights.allowed(identity, Does.REPLY))
+
+
+def test_the_router_of_another_robot_may_only_read_what_robots_share(lab: Lab) -> None:
+    session, got = lab.session(BESIDE), set[str]()
+    hear = direct(lambda sample: got.add(str(sample.key_expr)))
+    patterns = [*map(rooted, lab.expressions), "fleet/**"]
+    with lab.heard(lab.router.declare_subscriber) as (put, deleted):
+        for key in lab.expressions:
+            session.put(rooted(key), b"x", congestion_control=BLOCK)
+        # Its own token, by which a client knows that it has reached a router, is allowed.
+        assert [*session.liveliness().get("other/router/*", timeout=ANSWER_S)] == []
+        assert not put | deleted
+    own = [session.declare_subscriber(pattern, hear) for pattern in patterns]
+    assert [*session.liveliness().get("other/router/*", timeout=ANSWER_S)] == []
+    shared = {rooted(key) for key in lab.keys if rooted(key).startswith("fleet/")}
+    for key in lab.keys:
+        lab.router.put(rooted(key), b"x", congestion_control=BLOCK)
+    assert [*session.liveliness().get("other/router/*", timeout=ANSWER_S)] == []
+    undeclare(own)
+    assert got == shared
 
 
 def test_a_process_without_a_name_gets_no_link(lab: Lab) -> None:

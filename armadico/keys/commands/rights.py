@@ -128,8 +128,8 @@ def _summary(table: Table) -> Iterator[str]:
         if critical:
             yield f"  may bid critical for {', '.join(dict.fromkeys(critical))}"
     yield ""
-    yield "Every agent also has its token, card, bids, parameters, journal and log, and its own"
-    yield "key of each latched state. All rights: armadico keys rights IDENTITY"
+    yield "Every agent also has its token, card, bids, parameters, journal and log, may stop the"
+    yield "robot, and repeats latched states. All rights: armadico keys rights IDENTITY"
 
 
 def _common(table: Table) -> frozenset[object]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Final
 
 from armadico.core.guest import Guest
 from armadico.core.messages import Message, Stop
 from armadico.watch.assistant.messages import AssistantRequest
+
+ASSISTANT: Final = "assistant"  # the agent, as installed
 
 
 class MCP(Guest):
@@ -15,3 +17,4 @@ class MCP(Guest):
     reads = True
     provides: ClassVar[tuple[type[Message], ...]] = (Stop,)
     queries: ClassVar[tuple[type[Message], ...]] = (AssistantRequest,)
+    starts = (ASSISTANT,)

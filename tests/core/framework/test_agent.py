@@ -6,6 +6,7 @@ from math import inf, nan
 from typing import Any, ClassVar
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.core import messages as m
 from armadico.core import services
@@ -305,7 +306,7 @@ def test_a_new_epoch_that_has_forgotten_the_stop_is_given_it_back(stage: Alone) 
     stage.epoch, stage.number, stage.now = 2, 0, stage.now + 1.0
     stage.cycle(Stop())
     stage.agent.kernel.wake(stage.now + RESTORE_S)
-    assert stage.collect() == [STOPPED]
+    assert stage.collect() == [replace(STOPPED, epoch=2)]
     assert stage.cycle(STOPPED) == []
 
 
