@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -27,10 +28,13 @@ from armadico.mesh.zenoh import ZenohMesh, reason
 logger = logging.getLogger("armadico.keys")
 
 LOOK_S: Final = 0.5
-"""Period of looking for a changed list of identities, and after the porter, s."""
+"""Period of looking for a changed list of identities or table of rights, s."""
 
 ENDS_S: Final = 1.0
 """A porter that has not ended by then, once told, is killed."""
+
+SHORT_S: Final = 1.0
+"""After a porter that ended within this time the next one is started so much later, s."""
 
 BACKLOG: Final = 1024
 
@@ -57,29 +61,44 @@ class Listening:
         self._users = self._read_users(door)
         self._stamp = self._stamped()
         self._ends = [listen(e) for e in mesh.where.listen if e.startswith("tls/")]
-        self._porter = self._start() if self._ends else None
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="door", daemon=True)
-        self._thread.start()
+        self._porter = self._start() if self._ends else None
+        threads = [self._look] if self._porter is None else [self._look, self._guard]
+        self._threads = [threading.Thread(target=each, daemon=True) for each in threads]
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
         self._over.set()
-        self._thread.join(ENDS_S)
         if self._porter is not None:
             _end(self._porter)
+        for thread in self._threads:
+            thread.join(ENDS_S)
         for end in self._ends:
             end.close()
 
-    def _run(self) -> None:
+    def _look(self) -> None:
+        """Have the session opened anew when the files change."""
         while not self._over.wait(LOOK_S):
-            if self._porter is not None and (code := self._porter.poll()) is not None:
-                logger.error("the porter of the TLS port has ended (%d); it is started again", code)
-                _end(self._porter)
-                self._porter = self._start()
             stamp = self._stamped()
             if stamp != self._stamp:
                 self._stamp = stamp
                 self._renew()
+
+    def _guard(self) -> None:
+        """Start the porter again when it has ended."""
+        while self._porter is not None:
+            began = time.monotonic()
+            code = self._porter.wait()
+            if self._over.is_set():
+                return
+            logger.error("the porter of the TLS port has ended (%d); it is started again", code)
+            _end(self._porter)
+            if time.monotonic() - began < SHORT_S and self._over.wait(SHORT_S):
+                return  # it cannot start
+            self._porter = self._start()
+            if self._over.is_set():  # it was closed meanwhile
+                _end(self._porter)
 
     def _start(self) -> subprocess.Popen[bytes]:
         store, mesh = self._store, self._mesh

@@ -51,7 +51,7 @@ class Renewing:
         self._identity = self._store.of(door.name)
         self._file = self._identity.certificate
         self._announced_at = float("-inf")
-        self._shown = self._mtime()
+        self._shown: tuple[int, str] | None = None  # the file, and by which link
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="renewing", daemon=True)
         self._thread.start()
@@ -76,12 +76,12 @@ class Renewing:
                 f"it is not valid before {shown(valid.begins)}, and this computer's clock says"
                 f" {shown(now)}: set the clock"
             )
-        elif self._mtime() != self._shown:  # another process of this identity, or a person
-            self._show()
         elif now >= valid.renew_at:
             self._renew()
             with suppress(OSError, ValueError):
                 valid = validity(self._file.read_bytes())
+        if not self._show():
+            return SHORTEST_S
         self._announce(valid, now)
         pause = max(valid.life / 3 / PARTS, SHORTEST_S)
         if now < valid.renew_at:
@@ -93,20 +93,26 @@ class Renewing:
             renewed(self._store, self._identity, self._mesh.where.connect, self._wall)
         except (ConfigError, ValueError, OSError) as error:
             self._note(f"it is not renewed: {error}")
-            return
-        self._note("")
-        self._show()
+        else:
+            self._note("")
 
-    def _show(self) -> None:
-        """Show the certificate to the porter that the link goes by."""
-        self._shown = self._mtime()
-        endpoint = self._mesh.joined_at
-        if not endpoint.startswith("tls/"):
-            return
-        why = handshake.refusal(endpoint, self._door, WITHIN_S, waits=True)
-        if why != "":
-            self._shown = 0  # again
-            self._note(f"{endpoint} does not accept the new certificate: {why or 'no answer'}")
+    def _show(self) -> bool:
+        """Show a new certificate to the porter that the link goes by; False: not yet.
+
+        It may also be new by another process of this identity, or by a person.
+        """
+        file, endpoint = self._mtime(), self._mesh.joined_at
+        if (file, endpoint) == self._shown:
+            return True
+        if not self._mesh.wait_joined(0.0):  # a link that is being made may have the old one
+            return False
+        if endpoint.startswith("tls/"):
+            why = handshake.refusal(endpoint, self._door, WITHIN_S, waits=True)
+            if why != "":
+                self._note(f"{endpoint} does not accept it: {why or 'no answer'}")
+                return False
+        self._shown = file, endpoint
+        return True
 
     def _note(self, fault: str) -> None:
         """Log why the certificate cannot be renewed, or that it was, unless it is known."""
