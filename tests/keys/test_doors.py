@@ -190,7 +190,7 @@ def test_without_a_renewal_a_client_is_heard_until_its_certificate_ends(
 ) -> None:
     router = society.router()
     heard = Heard(router)
-    short(society.lab, "goto", 4.0)
+    short(society.lab, "goto", 10.0)
     society.lab.store.authority_key.unlink()
     client = society.client("goto", elsewhere=True)
     assert heard.from_(client)
