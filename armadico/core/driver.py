@@ -279,7 +279,7 @@ class Driver:
         if record is not None:
             self.kernel.author(message, record.publisher, record if record.signature else None)
         elif to.kind is Kind.LATCHED:
-            publisher = "" if key == to.shared else key.rpartition("/")[2]
+            publisher = key.rpartition("/")[2] if to.shared not in ("", key) else ""
             self.kernel.author(message, publisher, None)
 
     def token(self, name: str, instance: str, alive: bool, now: float) -> None:
@@ -511,7 +511,7 @@ class Driver:
             return self._epochs is None or message.cycle.epoch in self._epochs
         if to.message is Repeat:
             return key.rpartition("/")[2] in self.kernel.living
-        if to.kind is not Kind.LATCHED:
+        if to.kind is not Kind.LATCHED or not to.shared:
             return True
         publisher = key.rpartition("/")[2] if key != to.shared else ""
         if publisher in self.kernel.living:

@@ -7,7 +7,7 @@ package registers its guests by entry points in the group `armadico.identities`.
 
 from __future__ import annotations
 
-from typing import ClassVar, Final, Protocol
+from typing import ClassVar, Final
 
 from armadico.core.messages import Message
 
@@ -15,19 +15,17 @@ IDENTITIES: Final = "armadico.identities"
 """The group of guests, by the kind of their identity."""
 
 
-class Part(Protocol):
-    """A part of a guest that publishes and queries."""
-
-    provides: ClassVar[tuple[type[Message], ...]]
-    queries: ClassVar[tuple[type[Message], ...]]
-
-
-class Guest:
-    """The declarations of one kind of guest."""
+class Part:
+    """The declarations of a part of a guest."""
 
     provides: ClassVar[tuple[type[Message], ...]] = ()  # messages that it publishes
-    receives: ClassVar[tuple[type[Message], ...]] = ()  # subscriptions, unless it `reads` all
     queries: ClassVar[tuple[type[Message], ...]] = ()  # queries that it sends
+
+
+class Guest(Part):
+    """The declarations of one kind of guest."""
+
+    receives: ClassVar[tuple[type[Message], ...]] = ()  # subscriptions, unless it `reads` all
     reads: ClassVar[bool] = False
     """It subscribes to everything, and queries cards, bids and pieces of journals."""
     commands: ClassVar[bool] = False

@@ -60,7 +60,7 @@ class Facts:
     """What a certificate says of itself.
 
     Attributes:
-        name: Its common name; "" without one.
+        name: Its common name; "" without one, or with several, which could be taken for any.
         begins, ends: When it is valid, UTC.
         serial: Its serial number.
         server: Whether it is a router's.
@@ -141,7 +141,7 @@ def facts(certificate: bytes) -> Facts:
     except (x509.ExtensionNotFound, ValueError):
         server = False
     return Facts(
-        str(names[0].value) if names else "",
+        str(names[0].value) if len(names) == 1 else "",
         found.not_valid_before_utc,
         found.not_valid_after_utc,
         found.serial_number,

@@ -48,15 +48,13 @@ class Checks:
         from armadico.keys import derived  # imports all agents
 
         for namespace in sorted({member.namespace for member in listed.values()}):
-            path = derived.file_of(self._store, namespace)
             try:
                 stored = derived.load(self._store, namespace)
                 now = derived.derive(listed.values(), namespace)
             except ConfigError as error:
                 yield str(error)
                 continue
-            for line in derived.contradictions(stored, now):
-                yield f"{path} contradicts the classes: {line}; {derived.DERIVE} writes it again"
+            yield from derived.named(self._store, namespace, stored, now)
             for agent in now.silent:
                 yield (
                     f"the class of agent {agent} declares nothing, so it may do only what every"

@@ -6,7 +6,7 @@ packages need not be installed on the robot's computer.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -109,6 +109,40 @@ def contradictions(stored: Table, derived: Table) -> Iterator[str]:
         yield "the agents that may bid critical differ"
 
 
+def doubts(store: Store, namespace: str, labels: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield how the stored rights of processes differ from the classes of their agents."""
+    try:
+        stored = load(store, namespace)
+        names = dict.fromkeys(store.of_agents(namespace, label) for label in labels)
+        members = [
+            Member(f"{namespace}/{name}", "agent", stored.speakers[name])
+            for name in names
+            if name in stored.speakers
+        ]
+        now = derive(members, namespace)
+    except ConfigError as error:
+        yield str(error)
+        return
+    here = Table(
+        tuple(right for right in stored.rights if right.identity in now.speakers),
+        {name: speakers for name, speakers in stored.speakers.items() if name in now.speakers},
+        tuple(each for each in stored.critical if each.agent in _agents(now)),
+    )
+    yield from named(store, namespace, here, now)
+
+
+def named(store: Store, namespace: str, stored: Table, now: Table) -> Iterator[str]:
+    """Yield the contradictions of a stored table, each with the file and what to do."""
+    for line in contradictions(stored, now):
+        yield (
+            f"{file_of(store, namespace)} contradicts the classes: {line}; {DERIVE} writes it again"
+        )
+
+
+def _agents(table: Table) -> set[str]:
+    return {speaker for speakers in table.speakers.values() for speaker in speakers}
+
+
 def shown(right: Right) -> str:
     return f"{rights.WORDS[right.does]} {right.key} ({right.because})"
 
@@ -146,7 +180,7 @@ def _agent(name: str) -> type[Individual]:
 
 
 def _guest(member: Member) -> type[Guest]:
-    guests = {point.name: found for point, found in loaded(IDENTITIES, Guest)}
+    guests: dict[str, type[Guest]] = {p.name: found for p, found in loaded(IDENTITIES, Guest)}
     return guests.get(member.kind, Guest)  # of a package that is not installed: no rights
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,7 +15,7 @@ from armadico.mesh.door import ACCESS, TLS, USER, Door
 
 if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
-    from armadico.keys.rights import Table
+    from armadico.keys.rights import Does, Table
     from armadico.keys.signing import Verifier
     from armadico.mesh.zenoh import ZenohMesh
 
@@ -50,6 +50,7 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
             f"{USER}dictionary_file": str(store.users(where.namespace)),
             ACCESS: access_control(store, where.namespace),
         }
+    rights = _Rights(found, store)
     return Door(
         found.name,
         settings,
@@ -58,7 +59,9 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         partial(_sign, found),
         _Verify(found.namespace, store),
         _keeper(where, name, router=router),
-        may_be_critical=_MayBeCritical(found.namespace, store),
+        may_be_critical=rights.may_be_critical,
+        doubts=partial(_doubts, store, found.namespace),
+        forbidden=rights.forbidden,
         ending=lambda: ending(store, where.namespace, time.time()),
     )
 
@@ -69,27 +72,50 @@ def _sign(identity: Identity, data: bytes) -> bytes:
     return sign(identity, data)
 
 
-class _MayBeCritical:
-    """`Door.may_be_critical`, by the table of rights, which is read when it has changed.
+def _doubts(store: Store, namespace: str, labels: Sequence[Sequence[str]]) -> list[str]:
+    from armadico.keys.derived import doubts  # imports the agents
 
-    The table is in each archive of keys. Without it no bid may be critical.
-    """
+    return [*doubts(store, namespace, labels)]
 
-    def __init__(self, namespace: str, store: Store) -> None:
-        self._namespace, self._store = namespace, store
+
+class _Rights:
+    """The table of rights, which is in each archive of keys, read when it has changed."""
+
+    def __init__(self, identity: Identity, store: Store) -> None:
+        self._identity, self._store = identity, store
         self._table: Table | None = None
+        self._own: Mapping[Does, tuple[set[str], set[str]]] = {}
         self._written = -1
 
-    def __call__(self, instance: str, resource: str) -> bool:
-        from armadico.keys.derived import file_of, load  # slow, and few agents need it
+    def _read(self) -> Table | None:
+        from armadico.keys.derived import file_of, load  # slow
 
+        identity = self._identity
         try:
-            written = file_of(self._store, self._namespace).stat().st_mtime_ns
+            written = file_of(self._store, identity.namespace).stat().st_mtime_ns
             if written != self._written:
-                self._table, self._written = load(self._store, self._namespace), written
+                self._table, self._written = load(self._store, identity.namespace), written
+                known = identity.last in self._table.speakers
+                self._own = self._table.expressions(identity.last) if known else {}
         except (OSError, ConfigError):
-            return False
-        return self._table is not None and self._table.may_be_critical(instance, resource)
+            return None
+        return self._table
+
+    def may_be_critical(self, instance: str, resource: str) -> bool:
+        """`Door.may_be_critical`: without a table no bid may be."""
+        table = self._read()
+        return table is not None and table.may_be_critical(instance, resource)
+
+    def forbidden(self, does: str, key: str) -> str:
+        """`Door.forbidden`: without a table nothing is known to be."""
+        from armadico.keys.rights import Does, permits
+
+        if self._read() is None or not self._own or permits(*self._own[Does(does)], key):
+            return ""
+        return (
+            f"{self._identity.name} has no right to {does} {key}, so the robot's router drops it;"
+            f" `armadico keys rights --explain {key}` prints who has, and by which declaration"
+        )
 
 
 class _Verify:

@@ -95,6 +95,12 @@ def of_person(namespace: str, user: str) -> Member:
     return Member(f"{namespace}/{person(user)}", "person")
 
 
+def for_person(namespace: str, user: str) -> tuple[Member, ...]:
+    """The identity of a person, and those of what runs beside a person's commands."""
+    by_hand = (of_agents(namespace, (name,)) for name in slot("by-hand").besides)
+    return (of_person(namespace, user), *of_gateways(namespace), *by_hand)
+
+
 def kind_of(name: str) -> str:
     """The kind of an identity by its name, which no agent may have."""
     last = name.rpartition("/")[2]

@@ -176,6 +176,10 @@ class Table(Struct, frozen=True):
             if instances(own) in chunks
         }
 
+    def expressions(self, identity: str) -> dict[Does, tuple[set[str], set[str]]]:
+        """Return `allowed` and `denied` of each kind of message, for `permits`."""
+        return {does: (self.allowed(identity, does), self.denied(identity, does)) for does in Does}
+
     def why(self, identity: str, does: Does, key: str) -> Right | None:
         """Return the right that allows a message; None if it is forbidden."""
         if any(covers(denied, key) for denied in self.denied(identity, does)):
@@ -248,6 +252,12 @@ class Table(Struct, frozen=True):
             if deny:
                 keys_of = [rooted(namespace, key) for key in deny]
                 yield _rule(f"{rule} not", kinds, keys_of, permission="deny")
+
+
+def permits(allowed: Iterable[str], denied: Iterable[str], key: str) -> bool:
+    """Return whether key expressions allow a key, or an expression, as Zenoh decides it."""
+    covered = any(covers(rule, key) for rule in allowed)
+    return covered and not any(covers(rule, key) for rule in denied)
 
 
 def instances(speaker: str) -> str:

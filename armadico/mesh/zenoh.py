@@ -57,6 +57,7 @@ PROBE_S: Final = 1.0  # timeout of connecting to a router on another computer
 TRY_S: Final = 1.0  # how long opening waits for a router, if there is one
 ANSWER_S: Final = 0.5  # timeout of querying whether an endpoint leads to the robot's router
 PEERS_S: Final = 1.0  # how often a router checks for robots that share keys on this computer, s
+NOTED: Final = 1000  # kinds of messages and keys whose rights are checked once
 PASSED_ON: Final = b"shared"  # marks another robot's publication, which is not passed on again
 ROUTER: Final = "router/{id}"  # the liveliness token of a robot's router
 
@@ -177,6 +178,7 @@ class ZenohMesh(Reader, Monotonic):
         self._seeking: threading.Thread | None = None
         self._closing: threading.Thread | None = None  # closes a session whose link is lost
         self._declared = Declared()
+        self._noted: set[tuple[str, str]] = set()  # checked by the door
         self._watchers = Watchers()
         notify = self._watchers.notify_agent, self._watchers.notify_router
         self._presence = Presence(*notify, reachable=where.router)
@@ -524,6 +526,7 @@ class ZenohMesh(Reader, Monotonic):
         with self._lock:
             if self._waits:
                 return None
+            self._note_forbidden("put", key)
             # All have the default priority: otherwise a stop and a speed could change order.
             publisher = self._declared.publishers[key] = self._open.declare_publisher(
                 self._rooted(key),
@@ -538,6 +541,7 @@ class ZenohMesh(Reader, Monotonic):
     def subscribe(self, pattern: str, receiver: Receiver, *, passed_on: bool = True) -> None:
         """See `Mesh`; `passed_on`: include publications that other robots share."""
         where, root = self._placed(pattern)
+        self._note_forbidden("declare_subscriber", pattern)
 
         def declare(session: zenoh.Session) -> None:
             def arrived(sample: zenoh.Sample) -> None:
@@ -577,6 +581,7 @@ class ZenohMesh(Reader, Monotonic):
     ) -> None:
         """See `Mesh`; both are called on Zenoh's thread."""
         where, root = self._placed(key)
+        self._note_forbidden("query", key)
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
@@ -599,16 +604,28 @@ class ZenohMesh(Reader, Monotonic):
 
     def answer(self, key: str, receiver: Callable[[Call], None]) -> None:
         where, root = self._placed(key)
+        self._note_forbidden("declare_queryable", key)
 
         def on_query(query: zenoh.Query) -> None:
             receiver(Call(query, self.namespace, str(query.key_expr)[root:]))
 
         self._declare(lambda s: self._keep(s.declare_queryable(where, _direct(on_query))))
 
+    def _note_forbidden(self, does: str, key: str) -> None:
+        """Log once that the router drops a kind of message: nothing else tells its sender."""
+        door = self._where.door
+        if door is None or self._where.router or (does, key) in self._noted:
+            return
+        if len(self._noted) < NOTED:
+            self._noted.add((does, key))
+        if why := door.forbidden(does, key):
+            logger.warning("%s", why)
+
     # Liveliness ----------------------------------------------------------------------------------
 
     def declare_alive(self, name: str, instance: str) -> None:
         key = TOKEN.format(name=name, instance=instance)
+        self._note_forbidden("liveliness_token", key)
 
         def declare(session: zenoh.Session) -> None:
             self._declared.tokens[key] = session.liveliness().declare_token(self._rooted(key))

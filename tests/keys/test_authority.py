@@ -5,6 +5,9 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import NameOID
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -91,3 +94,16 @@ def test_what_is_no_certificate_or_key_is_named(what: bytes) -> None:
         facts(what)
     with pytest.raises(KeyFileError, match="is not an Ed25519 public key in PEM"):
         issue(AUTHORITY, "robot1/goto", NOW, public=what)
+
+
+def test_a_certificate_with_several_names_has_none() -> None:
+    """Zenoh and the porter could each take another one."""
+    key = Ed25519PrivateKey.generate()
+    names = [x509.NameAttribute(NameOID.COMMON_NAME, name) for name in ("r/goto", "r/robot")]
+    certificate = (
+        x509.CertificateBuilder(x509.Name(names), x509.Name(names), key.public_key(), 1)
+        .not_valid_before(NOW)
+        .not_valid_after(NOW + timedelta(hours=1))
+        .sign(key, None)
+    )
+    assert facts(certificate.public_bytes(Encoding.PEM)).name == ""

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from armadico.keys.rights import Does, Table, covers
+from armadico.keys.rights import Does, Table, covers, permits
 from armadico.mesh import sockets
 from armadico.mesh.door import ACCESS, MCP, PAGE, ROS2, SIMULATOR, USER, VIEWER, Door
 from armadico.mesh.topology import topology
@@ -117,12 +117,8 @@ class Lab:
         assert any(True for _ in found), "every identity may look for its router"
 
     def allowed(self, identity: str, does: Does) -> set[str]:
-        yes, no = self.rights.allowed(identity, does), self.rights.denied(identity, does)
-        return {
-            key
-            for key in self.expressions
-            if any(covers(rule, key) for rule in yes) and not any(covers(rule, key) for rule in no)
-        }
+        rules = self.rights.expressions(identity)[does]
+        return {key for key in self.expressions if permits(*rules, key)}
 
 
 def rooted(key: str) -> str:
@@ -319,3 +315,17 @@ def test_a_process_without_a_name_gets_no_link(lab: Lab) -> None:
         with pytest.raises(zenoh.ZError):
             zenoh.open(config)
     assert lab.router
+
+
+@every_identity
+def test_nobody_reads_or_changes_zenohs_own_settings(lab: Lab, identity: str) -> None:
+    session = lab.session(identity)
+    own = f"@/{lab.router.info.zid()}"
+    read = [str(reply.ok.key_expr) for reply in session.get("@/**", timeout=ANSWER_S) if reply.ok]
+    assert not [key for key in read if key.startswith(own)]
+    key = f"{own}/router/config/access_control/enabled"
+    session.put(key, b"false", congestion_control=BLOCK)
+    session.put(rooted("robot/state"), b"x", congestion_control=BLOCK)
+    with lab.heard(lab.router.declare_subscriber) as (put, _):
+        lab.settle(session)
+        assert "robot/state" not in put

@@ -56,6 +56,6 @@ COMMAND: Final = Command(
     "Write the keys of one host of the table: of its agents, of those that it may take over, of"
     " `armadico up`, the page and its persons. Unpack the archive beside the host table on that"
     " computer. It has no key of the authority, and of another host's agents only those that this"
-    " host may take over (`takes`). Its certificates are valid for a day: unpack it soon.",
+    " host may take over (`takes`). Unpack it soon: its certificates expire as all others.",
     EXAMPLES,
 )

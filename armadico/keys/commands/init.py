@@ -6,7 +6,7 @@ import socket
 from dataclasses import dataclass
 from typing import Final
 
-from armadico.cli.options import FailedError, UsageError
+from armadico.cli.options import FailedError
 from armadico.cli.parsing import Command, flag, group, several
 from armadico.keys.commands.common import Society, given_out, hours_option, issuer_of, now
 
@@ -30,27 +30,28 @@ class Options:
 
 def run(args: Options) -> int:
     from armadico.keys.authority import create
-    from armadico.keys.members import of_host
+    from armadico.keys.members import for_person, of_host
     from armadico.mesh.topology import checked_namespace
 
     table, store, where = args.society.table, args.society.store, args.society.where
     namespace = checked_namespace(args.society.namespace)
-    if where.name is None:
-        raise UsageError(
-            f"none of the hosts of {table.file} is this computer: expected --host, one of"
-            f" {', '.join(table.hosts)}"
-        )
     if args.anew or not store.authority.exists():
         pair = create(socket.gethostname(), now())
         store.begin(pair.certificate, pair.private)
     elif not store.issues:
         raise FailedError(
-            f"{store.folder} has keys of an authority of another computer; `armadico keys host"
-            f" {where.name}` there makes new ones, and --anew here another authority"
+            f"{store.folder} has keys of an authority of another computer; `armadico keys host`"
+            " there makes new ones, and --anew here another authority"
         )
     users = args.society.users(args.person)
     issuer = issuer_of(args.society, args.hours, users)
-    given_out(issuer, of_host(table, where.name, namespace, users), None, args.society)
+    if where.name is None:  # it only issues, and its users command
+        members = tuple(member for user in users for member in for_person(namespace, user))
+    else:
+        members = of_host(table, where.name, namespace, users)
+    given_out(issuer, members, None, args.society)
+    here = "no host" if where.name is None else f"the host {where.name}"
+    print(f"this computer is {here} of {table.file}")
     for name in (name for name in table.hosts if name != where.name):
         print(f"next: armadico keys host {name} --hosts {table.file}")
     return 0
@@ -62,6 +63,6 @@ COMMAND: Final = Command(
     run,
     "Make the authority of a lab, and the keys of this computer. The folder is the one that the"
     ' host table names by keys = "FOLDER". Only the computer with the authority\'s key can make'
-    " keys for others: make it on the robot's, or on one that is always there.",
+    " keys for others, and if it is the robot's, certificates are renewed without a person.",
     EXAMPLES,
 )

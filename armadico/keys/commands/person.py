@@ -32,8 +32,7 @@ class Options:
 
 
 def run(args: Options) -> int:
-    from armadico.config.slots import slot
-    from armadico.keys.members import of_agents, of_gateways, of_person
+    from armadico.keys.members import for_person
 
     if person(args.user) != f"{PERSON}{args.user}":
         raise UsageError(
@@ -41,9 +40,7 @@ def run(args: Options) -> int:
             f" {LONGEST_NAME - len(PERSON)}"
         )
     issuer, namespace = issuer_of(args.society, args.hours), args.society.where.namespace
-    members = [of_person(namespace, args.user), *of_gateways(namespace)]
-    members += [of_agents(namespace, (name,)) for name in slot("by-hand").besides]
-    given_out(issuer, members, args.out, args.society)
+    given_out(issuer, for_person(namespace, args.user), args.out, args.society)
     return 0
 
 

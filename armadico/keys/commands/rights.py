@@ -60,8 +60,9 @@ def run(args: Options) -> int:
         print("\n".join(_of_one(table, args.identity)))
     else:
         print("\n".join(_summary(table)))
-    for line in derived.contradictions(table, derived.derive(store.members().values(), namespace)):
-        options.report(f"the table contradicts the classes: {line}; write it with {derived.DERIVE}")
+    now = derived.derive(store.members().values(), namespace)
+    for line in derived.named(store, namespace, table, now):
+        options.report(line)
     return 0
 
 
@@ -83,10 +84,10 @@ def explanation(table: Table, key: str, namespace: str) -> Iterator[str]:
     if service is None:
         yield f"nobody publishes or answers on {key}: no installed message has this key"
     else:
-        does = "answers" if service.kind is Kind.QUERY else "provides"
+        attribute = "answers" if service.kind is Kind.QUERY else "provides"
         yield (
             f"nobody publishes or answers on {key}: it is for {service.message.__name__}, and no"
-            f" class of a member has that in its `{does}`"
+            f" class of a member has that in its `{attribute}`"
         )
 
 
