@@ -169,7 +169,7 @@ def short(lab: Lab, name: str, lives_s: float) -> None:
 def test_a_certificate_is_renewed_under_way_and_the_link_stays(society: Society) -> None:
     router = society.router()
     heard = Heard(router)
-    short(society.lab, "goto", 3.0)
+    short(society.lab, "goto", 6.0)
     file = society.lab.store.identity(NAMESPACE, "goto").certificate
     first = validity(file.read_bytes())
     links = SimpleQueue[bool]()
