@@ -7,6 +7,8 @@ reads users and rights only when a session opens.
 from __future__ import annotations
 
 import logging
+import os
+import select
 import socket
 import subprocess
 import sys
@@ -32,6 +34,10 @@ LOOK_S: Final = 0.5
 
 ENDS_S: Final = 1.0
 """A porter that has not ended by then, once told, is killed."""
+
+STARTS_S: Final = 20.0
+HUNG_S: Final = 4.0
+"""A porter that shows nothing for so long hangs, and is killed; `STARTS_S`: at first, s."""
 
 SHORT_S: Final = 1.0
 """After a porter that ended within this time the next one is started so much later, s."""
@@ -74,6 +80,8 @@ class Listening:
             _end(self._porter)
         for thread in self._threads:
             thread.join(ENDS_S)
+        if self._porter is not None:
+            _forget(self._porter)
         for end in self._ends:
             end.close()
 
@@ -89,16 +97,28 @@ class Listening:
         """Start the porter again when it has ended."""
         while self._porter is not None:
             began = time.monotonic()
-            code = self._porter.wait()
+            why = self._await_end(self._porter)
             if self._over.is_set():
                 return
-            logger.error("the porter of the TLS port has ended (%d); it is started again", code)
+            logger.error("the porter of the TLS port %s; it is started again", why)
             _end(self._porter)
+            _forget(self._porter)
             if time.monotonic() - began < SHORT_S and self._over.wait(SHORT_S):
                 return  # it cannot start
             self._porter = self._start()
             if self._over.is_set():  # it was closed meanwhile
                 _end(self._porter)
+
+    def _await_end(self, process: subprocess.Popen[bytes]) -> str:
+        """Return how a porter has ended, once it has; one that hangs is killed."""
+        assert process.stdout is not None, "it has a pipe"
+        timeout = STARTS_S
+        while select.select([process.stdout], [], [], timeout)[0]:
+            if not os.read(process.stdout.fileno(), 4096):
+                return f"has ended ({process.wait()})"
+            timeout = HUNG_S
+        process.kill()
+        return "hangs"
 
     def _start(self) -> subprocess.Popen[bytes]:
         store, mesh = self._store, self._mesh
@@ -106,7 +126,10 @@ class Listening:
         words = [str(store.folder), mesh.namespace, str(sockets.socket_of(mesh.namespace))]
         words += [" ".join(self._named), *map(str, fds)]
         return subprocess.Popen(
-            [sys.executable, "-m", porter.__name__, *words], stdin=subprocess.PIPE, pass_fds=fds
+            [sys.executable, "-m", porter.__name__, *words],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            pass_fds=fds,
         )
 
     def _renew(self) -> None:
@@ -167,3 +190,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def _forget(process: subprocess.Popen[bytes]) -> None:
+    """Close the output of a process that has ended, which nothing reads any more."""
+    assert process.stdout is not None, "it has a pipe"
+    process.stdout.close()

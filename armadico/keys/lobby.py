@@ -20,6 +20,7 @@ INTRODUCTION_S: Final = 2.0  # from the connection to the end of the handshake, 
 
 RATE_HZ: Final = 100.0  # handshakes of one source that do not succeed
 BURST: Final = 200.0
+REFUND: Final = 0.5  # of a handshake that succeeds: a member may flood the port, too
 RATE_OF_STRANGERS_HZ: Final = 200.0  # together; a fifth of a core
 MOST_SOURCES: Final = 4096  # whose rations are remembered
 
@@ -115,12 +116,12 @@ class Lobby(Generic[C]):
         return min(waits, default=None)
 
     def introduced(self, connection: C) -> None:
-        """Remove a connection whose handshake succeeded, which costs its source nothing."""
+        """Remove a connection whose handshake succeeded, which costs its source less."""
         source, _ = self.waiting[connection]
         self.leave(connection)
         for ration in (self._rations.get(source), self._strangers):
             if ration is not None and (ration is not self._strangers or self._is_stranger(source)):
-                ration.left = min(ration.left + 1.0, ration.burst)
+                ration.left = min(ration.left + REFUND, ration.burst)
 
     def leave(self, connection: C) -> None:
         """Remove a connection; one that is not here is ignored."""

@@ -16,7 +16,8 @@ once, knows no revocation, and does not report a failed handshake. The porter
 - issues a new certificate for the key of a present or expired one (`armadico.keys.asking`), if the
   authority's key is on this computer.
 
-It ends when its standard input is closed, which happens when the robot agent ends.
+It ends when its standard input is closed, which happens when the robot agent ends. To show that it
+does not hang it writes to its standard output.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import gc
 import importlib
 import json
 import logging
+import os
 import re
 import resource
 import selectors
@@ -174,8 +176,8 @@ class Porter:
             each.setblocking(False)
             self._selector.register(each, selectors.EVENT_READ)
 
-    def run(self, over: int) -> None:
-        """Serve until the other end of a descriptor is closed."""
+    def run(self, over: int, alive: Callable[[], object] = lambda: None) -> None:
+        """Serve until the other end of a descriptor is closed; `alive` is called each `LOOK_S`."""
         self._selector.register(over, selectors.EVENT_READ)
         look_at = 0.0
         while True:
@@ -183,6 +185,7 @@ class Porter:
             if now >= look_at:
                 look_at = now + LOOK_S
                 self._look(now)
+                alive()
             wait, due = look_at - now, self._lobby.due(now)
             wait = wait if due is None else min(wait, due)
             wait = min(wait, ROUTER_S) if self._unserved else wait
@@ -662,7 +665,14 @@ def main(folder: str, namespace: str, router: str, named: str, *listening: str) 
         return 2
     gc.collect()
     gc.freeze()
-    porter.run(sys.stdin.fileno())
+    beat = sys.stdout.fileno()
+    os.set_blocking(beat, False)
+
+    def alive() -> None:
+        with suppress(BlockingIOError):  # the robot agent is paused
+            os.write(beat, b".")
+
+    porter.run(sys.stdin.fileno(), alive)
     porter.close()
     return 0
 

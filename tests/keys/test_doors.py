@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import os
 import shutil
+import signal
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
@@ -17,11 +21,12 @@ import pytest
 from armadico.config.endpoints import Endpoints, endpoints
 from armadico.core.messages import Log
 from armadico.keys import authority
-from armadico.keys.asking import validity
+from armadico.keys.asking import LINKS, validity
 from armadico.keys.listening import Listening
 from armadico.keys.renewing import Renewing
 from armadico.keys.store import write_private
 from armadico.mesh.ports import LOOPBACK, free_port
+from armadico.mesh.sockets import socket_of
 from armadico.mesh.topology import MeshError, topology
 from armadico.mesh.zenoh import ZenohMesh
 
@@ -117,6 +122,21 @@ def test_clients_join_by_socket_and_by_port_and_lose_no_link_when_the_porter_is_
     assert "is started again" in caplog.text
 
 
+def test_a_porter_that_hangs_is_replaced(
+    society: Society, caplog: pytest.LogCaptureFixture
+) -> None:
+    router = society.router()
+    heard = Heard(router)
+    client = society.client("avoid", elsewhere=True)
+    assert heard.from_(client)
+    porter = router._stop_keeping.__self__._porter  # type: ignore[union-attr]
+
+    porter.send_signal(signal.SIGSTOP)
+
+    assert soon(lambda: "hangs; it is started again" in caplog.text)
+    assert heard.from_(client)
+
+
 def test_a_router_names_a_port_that_is_taken(society: Society) -> None:
     society.router()
     with pytest.raises(MeshError, match="is the router of the namespace"):
@@ -157,11 +177,11 @@ def test_a_new_identity_gets_in_without_a_restart(society: Society) -> None:
     assert heard.from_(society.client("gothrough", elsewhere=True))
 
 
-def short(lab: Lab, name: str, lives_s: float) -> None:
-    """Give an identity a certificate that ends soon."""
+def short(lab: Lab, name: str, lives_s: float, ago_s: float = 0.0) -> None:
+    """Give an identity a certificate that ends soon, issued some time ago."""
     identity = lab.store.identity(NAMESPACE, name)
     public = authority.public_of(identity.private.read_bytes())
-    now = datetime.now(UTC)
+    now = datetime.now(UTC) - timedelta(seconds=ago_s)
     pair = authority.issue(lab.pair, identity.name, now, hours=lives_s / 3600.0, public=public)
     write_private(identity.certificate, pair.certificate)
 
@@ -183,6 +203,58 @@ def test_a_certificate_is_renewed_under_way_and_the_link_stays(society: Society)
 
     assert heard.from_(client)
     assert links.empty()
+
+
+def test_a_certificate_that_is_renewed_while_the_link_is_made_keeps_the_link(
+    society: Society,
+) -> None:
+    heard = Heard(society.router())
+    short(society.lab, "goto", 8.0, ago_s=5.0)
+    file = society.lab.store.identity(NAMESPACE, "goto").certificate
+    first = validity(file.read_bytes())
+    client, links = society.client("goto", elsewhere=True), SimpleQueue[bool]()
+    assert heard.from_(client)
+    client.watch_router(links.put)
+    assert links.get()
+
+    assert soon(lambda: datetime.now(UTC).timestamp() > first.ends + 1.0)
+
+    assert heard.from_(client)
+    assert links.empty()
+
+
+def test_renewals_and_kills_of_the_porter_leave_all_links_and_no_descriptor(
+    society: Society,
+) -> None:
+    router = society.router()
+    heard = Heard(router)
+    for name in ("goto", "avoid"):
+        short(society.lab, name, 6.0)
+    clients = [society.client(name, elsewhere=True) for name in ("goto", "avoid", "goto")]
+    keeper = router._stop_keeping.__self__  # type: ignore[union-attr]
+    counts: list[int] = []
+    for _ in range(3):
+        for client in clients:
+            assert heard.from_(client)
+        assert soon(lambda: len(keeper_links(router)) == len(clients))
+        counts.append(len(os.listdir("/dev/fd")))  # noqa: PTH208 - names
+        porter = keeper._porter
+        porter.kill()
+        assert soon(partial(_replaced, keeper, porter))
+    assert counts[-1] <= counts[1], counts
+
+
+def _replaced(keeper: Listening, porter: object) -> bool:
+    return keeper._porter is not porter
+
+
+def keeper_links(router: ZenohMesh) -> list[object]:
+    """The links that the porter lists."""
+    file = socket_of(router.namespace).with_suffix(LINKS)
+    with suppress(OSError, ValueError):
+        found: list[object] = json.loads(file.read_text())
+        return found
+    return []
 
 
 def test_without_a_renewal_a_client_is_heard_until_its_certificate_ends(

@@ -60,8 +60,8 @@ def test_an_address_of_the_host_table_comes_first() -> None:
     assert served(lobby, 0.0, most=1) == ["host's"]
 
 
-def test_failed_handshakes_of_a_source_are_rationed_and_those_that_succeed_are_free() -> None:
-    lobby = Lobby[str]()
+def test_handshakes_of_a_source_are_rationed_and_those_that_succeed_cost_half() -> None:
+    lobby = Lobby[str](frozenset(["honest"]))
     count = 0
     for n in range(1000):  # in a second
         lobby.enter(f"bad{n}", "flood", n * 1e-3)
@@ -70,11 +70,14 @@ def test_failed_handshakes_of_a_source_are_rationed_and_those_that_succeed_are_f
     assert count <= BURST + RATE_HZ + 1
     assert not served(lobby, 1.0)
 
-    for n in range(300):
+    for n in range(2 * int(BURST) - 1):
         lobby.enter(f"good{n}", "honest", 1.0)
         lobby.ready(f"good{n}")
         assert lobby.next(1.0) == f"good{n}"
         lobby.introduced(f"good{n}")
+    lobby.enter("one more", "honest", 1.0)
+    lobby.ready("one more")
+    assert lobby.next(1.0) is None
 
 
 def test_the_next_turn_comes_as_soon_as_it_can_do_something() -> None:
