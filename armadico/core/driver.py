@@ -511,11 +511,13 @@ class Driver:
             return self._epochs is None or message.cycle.epoch in self._epochs
         if to.message is Repeat:
             return key.rpartition("/")[2] in self.kernel.living
-        if to.kind is not Kind.LATCHED or not to.shared:
+        if not to.shared or service_of(to.message).sender:
             return True
         publisher = key.rpartition("/")[2] if key != to.shared else ""
         if publisher in self.kernel.living:
             return True
+        if to.kind is not Kind.LATCHED:  # a person's program has no token
+            return not publisher or by_people(publisher)
         if type(message) is not Stop:
             return not publisher  # of protocol 2
         newest = self.kernel.cycles.newest

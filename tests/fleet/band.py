@@ -104,7 +104,7 @@ class Puppet(Agent):
         if cycle.number % 5 == 1:
             description = Description("puppet", CYCLE_S, 0.2, 0.2, 0.2, 1, 1, 1, 1, 1, 1, 0.6, 2)
             self.publish(description)
-        stop = self.stopped or Stop()
+        stop = self.memory.newest(Stop) or Stop()
         state = RobotState(cycle, self.x, self.y, 0.0, 0.0, 0.0, 12.9, True, False, stop)
         self.publish(state)
         self.publish(Pose(cycle, self.x, self.y, 0.0, SURE))

@@ -129,6 +129,9 @@ class StopLatch(Part):
                 self._close(False, f"stopped again by {browser}")
             press = self.desk.bits64()
             latching = Latching(stopped=True, by=browser, press=press)
+            if self.view.stopped(t) is not None:
+                assert self.view.state is not None, "it is fresh"
+                latching.on_robot_state(self.view.state, t)
             pressed = self._pressed = _Pressed(latching, press, True, since=t, repeat_at=t)
             self._press(pressed, t)
         pressed.requests.append((browser, number))
