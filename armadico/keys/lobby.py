@@ -52,12 +52,13 @@ class Lobby(Generic[C]):
     """The connections that have not introduced themselves.
 
     Attributes:
+        named: The sources that are served before others.
         waiting: All of them, and where each comes from.
     """
 
     def __init__(self, named: frozenset[str] = frozenset()) -> None:
-        """Begin without connections; `named` are the sources that are served before others."""
-        self._named = named
+        """Begin without connections."""
+        self.named = named
         self.waiting: OrderedDict[C, tuple[str, float]] = OrderedDict()
         self._of: dict[str, OrderedDict[C, None]] = {}
         self._ready: OrderedDict[str, OrderedDict[C, None]] = OrderedDict()  # sources take turns
@@ -72,7 +73,7 @@ class Lobby(Generic[C]):
         if len(mine) > MOST_OF_A_SOURCE:
             crowd = mine
         elif len(self.waiting) > MOST:
-            strangers = [c for s, c in self._of.items() if s not in self._named]
+            strangers = [c for s, c in self._of.items() if s not in self.named]
             crowd = max(strangers or self._of.values(), key=len)
         else:
             return None
@@ -144,7 +145,7 @@ class Lobby(Generic[C]):
         return found
 
     def _is_stranger(self, source: str) -> bool:
-        return source not in self._named
+        return source not in self.named
 
     def _ration(self, source: str, now: float) -> Ration:
         ration = self._rations.get(source)

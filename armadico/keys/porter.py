@@ -35,6 +35,7 @@ import signal
 import socket
 import ssl
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -148,7 +149,6 @@ class Porter:
         namespace: str,
         store: Store,
         router: Path,
-        named: Sequence[str] = (),
     ) -> None:
         """Begin.
 
@@ -157,7 +157,6 @@ class Porter:
             namespace: The robot's.
             store: The keys of this computer.
             router: The router's socket.
-            named: Addresses of the host table, which are served before others.
 
         Raises ConfigError if the keys cannot be used.
         """
@@ -165,7 +164,7 @@ class Porter:
         self._links_file = router.with_suffix(LINKS)
         self._listed: set[tuple[str, float, float]] = set()
         self._selector = selectors.DefaultSelector()
-        self._lobby = Lobby[Link](frozenset(map(source_of, named)))
+        self._lobby = Lobby[Link]()
         self._links: set[Link] = set()
         self._again: set[Link] = set()  # they may have more to read, without an event
         self._unserved: set[Link] = set()  # they wait for the router
@@ -175,6 +174,16 @@ class Porter:
         for each in listening:
             each.setblocking(False)
             self._selector.register(each, selectors.EVENT_READ)
+
+    def prefer(self, hosts: Sequence[str]) -> None:
+        """Serve the addresses of hosts before others; may be called from another thread.
+
+        A name is looked up, which may take seconds; one that is not known now is left out.
+        """
+        for host in hosts:
+            with suppress(OSError):
+                found = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)
+                self._lobby.named |= {source_of(str(address[0])) for *_, address in found}
 
     def run(self, over: int, alive: Callable[[], object] = lambda: None) -> None:
         """Serve until the other end of a descriptor is closed; `alive` is called each `LOOK_S`."""
@@ -642,7 +651,7 @@ def _begin_of(end: socket.socket, size: int = 6) -> bytes:
 def main(folder: str, namespace: str, router: str, named: str, *listening: str) -> int:
     """Serve on listening sockets, by their descriptors, until standard input is closed.
 
-    `named` are addresses with blanks between.
+    `named` are the hosts of the table, with blanks between.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the robot agent decides
     logging.basicConfig(
@@ -659,10 +668,11 @@ def main(folder: str, namespace: str, router: str, named: str, *listening: str) 
     if store.issues:  # importing it later would hold up the links
         importlib.import_module("armadico.keys.issuing")
     try:
-        porter = Porter(ends, namespace, store, Path(router), named.split())
+        porter = Porter(ends, namespace, store, Path(router))
     except ConfigError as error:
         logger.error("%s", error)
         return 2
+    threading.Thread(target=porter.prefer, args=(named.split(),), daemon=True).start()
     gc.collect()
     gc.freeze()
     beat = sys.stdout.fileno()

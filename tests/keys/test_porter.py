@@ -300,6 +300,15 @@ def test_the_porters_own_certificate_is_read_again(door: Door) -> None:
     assert works(link)
 
 
+def test_a_table_may_name_its_hosts_by_name_and_one_that_is_not_known_is_left_out(
+    door: Door,
+) -> None:
+    door.start_router()
+    door.porter.prefer(["no-such-host.invalid", "localhost", "10.0.0.7", "::1"])
+    assert {LOOPBACK, "10.0.0.7", "::/64"} <= door.porter._lobby.named
+    assert works(door.connect())
+
+
 # Floods -------------------------------------------------------------------------------------------
 
 
