@@ -62,6 +62,12 @@ class Endpoints:
         return self.table.digest if self.table is not None and self.table.file else ""
 
     @property
+    def known(self) -> tuple[str, ...]:
+        """The endpoints of the robot's router that are given, or else in the table."""
+        there = self.table.robots_router if self.table is not None else None
+        return self.connect or (() if there is None else (there,))
+
+    @property
     def keys(self) -> Path | None:
         """The folder of keys: the table's, else that of the society on this computer, else None."""
         if self.table is not None:

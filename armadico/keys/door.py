@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from typing import TYPE_CHECKING
 
 from armadico.core.config_errors import ConfigError
+from armadico.keys.asking import ending, refresh
 from armadico.keys.store import Identity, Store
 from armadico.mesh.door import ACCESS, TLS, USER, Door
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from armadico.config.endpoints import Endpoints
     from armadico.keys.rights import Does, Table
     from armadico.keys.signing import Verifier
+    from armadico.mesh.zenoh import ZenohMesh
 
 
 def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
@@ -30,11 +33,11 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
     if "+" in name:
         name = store.of_agents(where.namespace, name.split("+"))
     found = store.checked(where.namespace, name)
+    if not router:
+        refresh(store, found, where.known)
     settings: dict[str, object] = {
         f"{TLS}root_ca_certificate": str(store.authority),
         f"{TLS}enable_mtls": True,
-        # Otherwise a link outlives its certificate for as long as it lasts.
-        f"{TLS}close_link_on_expiration": True,
         f"{TLS}connect_certificate": str(found.certificate),
         f"{TLS}connect_private_key": str(found.private),
         f"{USER}user": found.name,
@@ -44,8 +47,6 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         from armadico.keys.derived import access_control  # only a router needs it
 
         settings |= {
-            f"{TLS}listen_certificate": str(found.certificate),
-            f"{TLS}listen_private_key": str(found.private),
             f"{USER}dictionary_file": str(store.users(where.namespace)),
             ACCESS: access_control(store, where.namespace),
         }
@@ -57,9 +58,11 @@ def open_door(where: Endpoints, name: str, *, router: bool = False) -> Door:
         partial(_faults, store, found),
         partial(_sign, found),
         _Verify(found.namespace, store),
+        _keeper(where, name, router=router),
         may_be_critical=rights.may_be_critical,
         doubts=partial(_doubts, store, found.namespace),
         forbidden=rights.forbidden,
+        ending=lambda: ending(store, where.namespace, time.time()),
     )
 
 
@@ -129,6 +132,25 @@ class _Verify:
             now = partial(datetime.now, UTC)
             self._verifier = Verifier(self._namespace, self._store.authority, now)
         return self._verifier(name, data, signed)
+
+
+def _keeper(
+    where: Endpoints, name: str, *, router: bool
+) -> Callable[[ZenohMesh], Callable[[], None]]:
+    """`Door.keep`."""
+
+    def keep(mesh: ZenohMesh) -> Callable[[], None]:
+        if not router:
+            from armadico.keys.renewing import Renewing  # after `zenoh`, which is heavy
+
+            return Renewing(mesh).close
+        from armadico.keys.listening import Listening
+
+        hosts = where.table.hosts.values() if where.table is not None else ()
+        named = [address for host in hosts for address in host.addresses]
+        return Listening(mesh, lambda: open_door(where, name, router=True), named).close
+
+    return keep
 
 
 def _faults(store: Store, identity: Identity, here: bool) -> Sequence[str]:

@@ -6,15 +6,19 @@ import os
 import tarfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from armadico.core.config_errors import ConfigError
 from armadico.keys.authority import (
+    BEFORE,
     CLIENT_HOURS,
     ROUTER_DAYS,
     KeyFileError,
     Pair,
+    certificate_key,
+    facts,
+    is_issued_by,
     issue,
     public_of,
 )
@@ -126,6 +130,26 @@ class Issuer:
             self.store.save(member, pair.certificate, b"", self.store.password(member))
             renewed.append(identity.name)
         return renewed, refused
+
+    def again(self, certificate: bytes, now: datetime) -> bytes:
+        """Return a new certificate, PEM, of the same name and key as a client's present one.
+
+        It lives as long as the present one, which may have expired. Raises ConfigError or
+        KeyFileError if there is none.
+        """
+        about = facts(certificate)
+        if not is_issued_by(certificate, self.pair.certificate):
+            raise ConfigError(f"the certificate of {about.name} is of another authority")
+        member = self.store.members().get(about.name)
+        if member is None:
+            raise ConfigError(f"{about.name} is not in the list of identities")
+        if member.revoked:
+            raise ConfigError(f"{about.name} was revoked {member.revoked}")
+        if _server(member):
+            raise ConfigError(f"{about.name} is the robot's: `armadico keys renew` renews it")
+        hours = (about.ends - about.begins - BEFORE) / timedelta(hours=1)
+        key = certificate_key(certificate)
+        return replace(self, hours=hours)._issue(member, now, (), key).certificate
 
     def revoke(self, names: Iterable[str], now: datetime) -> list[str]:
         """Revoke identities in the list; returns those that were not revoked before."""

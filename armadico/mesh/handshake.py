@@ -115,7 +115,7 @@ def _shaken(
                 return CLOSED
     except TimeoutError:
         if secure is None:
-            return "it accepts connections and answers no TLS: it is open, or it hangs"
+            return "it accepts connections and answers no TLS: it is open, it starts, or it hangs"
     except ssl.SSLCertVerificationError as error:
         return UNVERIFIED.get(error.verify_code, FOREIGN)
     except ssl.SSLError as error:
