@@ -199,11 +199,6 @@ class ZenohMesh(Reader, Monotonic):
         return self._where.door
 
     @property
-    def door(self) -> Door | None:
-        """The identity by which it joins; None: the society is open."""
-        return self._where.door
-
-    @property
     def hung(self) -> str:
         """The router that accepted a connection and has not answered yet; "" if none."""
         return self._joining
