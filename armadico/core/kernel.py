@@ -120,6 +120,7 @@ class Kernel(Desk):
         foreign: Instances that do not understand its protocol, or have other resources.
         speaks: The protocols that other instances use, by their cards.
         elders: Whether one of them uses an older protocol than the agent.
+        closed: Whether the society has keys, so that no agent of protocol 2 takes part.
         reachable: Whether the robot's router can be reached.
         drawn: The state of `rng` before the first draw: a replay begins here.
         alarm: When the agent wants to be woken, s.
@@ -132,6 +133,7 @@ class Kernel(Desk):
         self.foreign: set[str] = set()
         self.speaks: dict[str, int] = {}
         self.elders = False
+        self.closed = False
         self.reachable = True
         self.subscriptions = subscriptions(type(agent), self.protocol)
         self.alarm: float | None = None
@@ -317,7 +319,12 @@ class Kernel(Desk):
             return
         self.speaks[card.instance] = card.speaks
         self._count_elders()
-        if not card.understood(self.protocol):
+        if self.closed and card.speaks < SPOKEN:
+            why = (
+                f"uses protocol {card.speaks}, whose keys all publishers share, and this society"
+                f" has keys: install the version of the others (protocol {self.protocol})"
+            )
+        elif not card.understood(self.protocol):
             why = f"uses protocol {card.speaks}, this agent {m.protocols(self.protocol)}"
         elif differing := differently(card.declares, self._signatures()):
             why = f"declares {differing[0]}, this agent {differing[1]}"
@@ -340,7 +347,8 @@ class Kernel(Desk):
         self.agent.on_disappeared(name, instance)
 
     def _count_elders(self) -> None:
-        self.elders = any(m.OLDEST <= each < self.protocol for each in self.speaks.values())
+        older = any(m.OLDEST <= each < self.protocol for each in self.speaks.values())
+        self.elders = older and not self.closed
 
     def router(self, there: bool, now: float) -> None:
         """Process that the robot's router became reachable or unreachable."""

@@ -135,6 +135,7 @@ class AgentHost:
         self._devices: dict[str, Device] = {}
         for driver in self.drivers:
             agent = driver.agent
+            driver.kernel.closed = door is not None
             for to in driver.kernel.subscriptions:
                 self._listeners.setdefault(to.pattern, []).append((to, driver))
             opens = (connect or {}).get(agent.instance)

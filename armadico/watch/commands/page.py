@@ -160,6 +160,7 @@ main: Final = Command(
     "Serve a page to watch and control the robot: a map to click on, stop and resume, missions,"
     " agents, which agent drives and why. It is served on this machine's loopback, or with --bind"
     " to other machines. There, and in a society with keys, only who has the token of the link may"
-    " drive and release the stop; without it the page shows everything, and stops. Ctrl-C ends it; the society continues.",
+    " drive and release the stop; without it the page shows everything, and stops. Ctrl-C ends it;"
+    " the society continues.",
     EXAMPLES,
 )

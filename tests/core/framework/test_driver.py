@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import ClassVar
 
 import pytest
+from msgspec.structs import replace
 
 from armadico.core.agent import Agent, Identity, Question
 from armadico.core.driver import OPEN_QUERIES, SLOW_S, Driver, Reply, SendQuery
 from armadico.core.membership import Stage
-from armadico.core.messages import PROTOCOL, Card, Log, Message, Stop, encode
+from armadico.core.messages import OLDEST, PROTOCOL, Card, Log, Message, Stop, encode
 from armadico.core.outgoing import Answer, Publish
 from armadico.mobile.messages import Plan, PlanRequest, Trajectory, Waypoint
 
@@ -151,3 +152,20 @@ def test_slow_turns_are_counted_and_logged_once_a_minute() -> None:
     (line,) = logged(driver)
     assert "too slow: 3 turns in 6" in line
     assert "the longest took 0.31 s" in line
+
+
+def test_with_keys_an_agent_of_protocol_2_is_named_and_told_what_to_install() -> None:
+    _, driver, now = begun(Stage.JOINED)
+    driver.kernel.closed = True
+    driver.token("toy", "toy-1", True, now)
+    (query,) = [item for item in driver.drain() if isinstance(item, SendQuery)]
+    driver.on_reply(query.id, replace(card("toy-1"), protocol=OLDEST), now)
+    (text,) = [
+        item.message.text
+        for item in driver.drain()
+        if isinstance(item, Publish) and isinstance(item.message, Log)
+    ]
+    assert "toy-1 (host lab3, pid 42) uses protocol 2" in text
+    assert f"install the version of the others (protocol {PROTOCOL})" in text
+    assert "toy-1" in driver.kernel.foreign
+    assert not driver.kernel.elders, "nothing is published on the shared keys"

@@ -81,7 +81,7 @@ def recorded() -> list[Said]:
 
 
 def moved(day: Day, since: float) -> float:
-    places = [truth for truth in day.of(Truth, since)]
+    places = day.of(Truth, since)
     return max(hypot(t.x - places[0].x, t.y - places[0].y) for t in places)
 
 

@@ -49,9 +49,12 @@ class Stopped:
                 yield from self._acknowledged(message.stop, seen.at, now)
             elif isinstance(message, Truth) and self._press is not None:
                 yield from self._rests(message, seen.at, now)
-        elif isinstance(seen, Ordered) and self._press is not None:
-            if (seen.v or seen.w) and self._press not in self._releases:
-                yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered while it is stopped"
+        elif isinstance(seen, Ordered) and (seen.v or seen.w) and not self._may_move:
+            yield f"{seen.v:.3f} m/s, {seen.w:.3f} rad/s are ordered while it is stopped"
+
+    @property
+    def _may_move(self) -> bool:
+        return self._press is None or self._press in self._releases
 
     def _receive(self, stop: Stop, at: float, now: Record) -> None:
         if not stop.stopped:
