@@ -185,11 +185,15 @@ class Namespaces(Place):
 
     def popen(self, host: str, program: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
         """Run a program on that host: in this environment, with sockets of that host."""
-        own_folder = self._sockets / host
-        own_folder.mkdir(exist_ok=True)
-        own = {"TMPDIR": str(self._folder), RUNTIME_VARIABLE: str(own_folder)}
+        own = {"TMPDIR": str(self._folder), RUNTIME_VARIABLE: str(self.sockets_of(host))}
         plain = {k: v for k, v in os.environ.items() if not k.startswith("ARMADICO_")}
         return self.network.hosts[host].popen(program, env=plain | own, **options)
+
+    def sockets_of(self, host: str) -> Path:
+        """The folder of a host's sockets, which a process of any host can connect to."""
+        folder = self._sockets / host
+        folder.mkdir(exist_ok=True)
+        return folder
 
     def inside(self, host: str, function: Callable[..., T], *args: object) -> T:
         """Call a function in a host's network."""

@@ -62,6 +62,21 @@ BENCHMARKS: Final = (
         "armadico_tools.bench.latency:sip_to_command_together",
     ),
     Benchmark(
+        "doors",
+        "sip-to-command by the Unix socket, TCP and TLS, with keys and rights and without, in four"
+        " societies at the same time",
+        "the same without keys: the socket, or TCP",
+        "TLS with rights at most 1.2 times TCP at p50",
+        "armadico_tools.bench.doors:sip_to_command",
+    ),
+    Benchmark(
+        "start-12",
+        "from `armadico up` with keys until the tokens of twelve agents are seen",
+        "the same without keys",
+        "",
+        "armadico_tools.bench.doors:start",
+    ),
+    Benchmark(
         "speed",
         "simulated seconds per second of the whole virtual society, by wall clock and by CPU time",
         "the simulated robot alone, with constant commands",

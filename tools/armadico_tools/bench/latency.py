@@ -170,7 +170,7 @@ def _measured(name: str, together: tuple[tuple[str, ...], ...], quick: bool) -> 
             return any(payload[0] in MOTOR for payload in payloads)
 
         watch = Stopwatch(line, commanded, floors)
-        stack.enter_context(simulated(_pioneer(), watch))
+        stack.enter_context(simulated(pioneer(), watch))
         stack.enter_context(society(f"tcp://127.0.0.1:{line.port}", together))
         taken = [watch.latencies, *(bare.latencies for bare in floors)]
         whole, *bare_ms = await_all(taken, wanted)
@@ -191,7 +191,7 @@ def await_all(taken: Sequence[Sequence[float]], wanted: int) -> list[list[float]
     return [[1e3 * s for s in values[WARM_UP:wanted]] for values in taken]
 
 
-def _pioneer() -> Pioneer:
+def pioneer() -> Pioneer:
     sensors = load_entry(find("robots", "sensors"), SensorProfile, "ideal")
     stage = Stage(sensors, Site(CORRIDOR), seeded(1))
     return Pioneer(load(find("robots", "pioneer-2dx"), P2osRobot), stage)

@@ -1,0 +1,1 @@
+"""Attacks on a running society by a hand-written peer, and what each one did."""

@@ -1,0 +1,130 @@
+"""Runs attacks, one after another, each on a society that works."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Final, NamedTuple
+
+import zenoh
+
+from armadico_tools.attacks.attempts import DRIVES, STOPPED, Attempt
+from armadico_tools.attacks.peer import Peer
+from armadico_tools.attacks.victim import Victim, VictimError
+
+__all__ = ["Outcome", "VictimError", "run"]
+
+TRIES: Final = 5
+"""A member's attempts to get a link, as a busy computer may not answer within Zenoh's timeout."""
+
+Report = Callable[[str], None]
+
+
+class Outcome(NamedTuple):
+    """What one attack did.
+
+    Attributes:
+        who: The attacker: a member's name, or how it is a stranger.
+        name: The attack; "link" if it only tried to get one.
+        linked: Whether it got a link.
+        effects: In words; empty if there were none.
+    """
+
+    who: str
+    is_stranger: bool
+    name: str
+    linked: bool
+    effects: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        if not self.linked:
+            return "no link"
+        return "; ".join(self.effects) or "no effect"
+
+
+def run(
+    chosen: Sequence[Attempt],
+    members: Sequence[str],
+    seconds: float,
+    *,
+    keys: bool,
+    links: bool,
+    report: Report,
+) -> Iterator[Outcome]:
+    """Yield the outcome of each attack. Raises VictimError if the society does not come up."""
+    report(f"starting a society {'with' if keys else 'without'} keys")
+    with Victim(keys=keys) as victim:
+        if links:
+            yield from _links(victim)
+        elif members:
+            _record(victim, report)
+            for name in members:
+                yield from _attacks(victim, chosen, seconds, name)
+        elif keys:
+            yield from _links(victim)
+            _record(victim, report)
+            yield from _attacks(victim, chosen, seconds)
+        else:
+            _record(victim, report)
+            yield from _attacks(victim, chosen, seconds)
+
+
+def _record(victim: Victim, report: Report) -> None:
+    """Keep a drive, a stop and its release as the recording of another day."""
+    report("recording a drive, a stop and its release")
+    for state in (DRIVES, STOPPED, DRIVES):
+        victim.bring(state)
+    victim.keep_tape()
+    victim.restart()
+
+
+def _links(victim: Victim) -> Iterator[Outcome]:
+    from armadico_tools.attacks.strangers import member, strangers
+
+    goto = member(victim, "goto")
+    if not linked(victim, goto.endpoint, goto.settings):
+        raise VictimError("the rightful member goto gets no link, so a stranger proves nothing")
+    for stranger in strangers(victim):
+        got = linked(victim, stranger.endpoint, stranger.settings)
+        yield Outcome(stranger.name, True, "link", got)
+
+
+def linked(victim: Victim, endpoint: str, settings: Mapping[str, object]) -> bool:
+    """Whether a peer gets a link that lasts: TLS 1.3 refuses a client after its first bytes."""
+    try:
+        with Peer(victim.namespace, endpoint, settings) as peer:
+            victim.settle()
+            return bool(peer.tokens("**")) or peer.is_linked
+    except zenoh.ZError:
+        return False
+
+
+def _peer(victim: Victim, settings: Mapping[str, object], tries: int) -> Peer | None:
+    for _ in range(tries):
+        with suppress(zenoh.ZError):
+            return Peer(victim.namespace, victim.endpoint, settings)
+    return None
+
+
+def _attacks(
+    victim: Victim, chosen: Sequence[Attempt], seconds: float, name: str = ""
+) -> Iterator[Outcome]:
+    """Make the attempts, as a stranger with what a stranger has, or as a member."""
+    settings: Mapping[str, object] = {}
+    if name:
+        from armadico_tools.attacks.strangers import member
+
+        settings = member(victim, name).settings
+        victim.known.me = name
+    who = name or "a stranger"
+    for attempt in chosen:
+        peer = _peer(victim, settings, tries=TRIES if name else 1)
+        if peer is None:
+            yield Outcome(who, not name, attempt.name, False)
+            continue
+        with peer:
+            effects = victim.attacked(attempt, peer, seconds)
+        yield Outcome(who, not name, attempt.name, True, tuple(effects))
+        if any("read" not in effect for effect in effects):
+            victim.restart()

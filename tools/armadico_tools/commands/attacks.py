@@ -1,0 +1,121 @@
+"""Attack a society of real processes, and print what each attack did."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from armadico.cli import options
+from armadico.cli.options import FailedError, UsageError
+from armadico.cli.parsing import Command, argument, at_least, flag, option, several
+from armadico.core.errors import no_such
+
+if TYPE_CHECKING:
+    from armadico_tools.attacks.running import Outcome
+
+EXAMPLES: Final = """\
+  armadico attacks --list                   what each attack does
+  armadico attacks stop release             these two, on a society without keys
+  armadico attacks --keys                   a stranger on a society with keys
+  armadico attacks --keys --as goto         a program that has goto's key
+  armadico attacks --keys --links           which certificates and passwords get a link
+  sudo .venv/bin/armadico attacks --keys --floods    do killed agents come back meanwhile?
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    names: tuple[str, ...] = argument(
+        "attacks; see --list (default: all)", nargs="*", metavar="NAME"
+    )
+    keys: bool = flag("attack a society with keys (default: without)")
+    who: tuple[str, ...] = several(
+        "attack with the key of this member; may be repeated (default: without a key)",
+        "--as",
+        metavar="MEMBER",
+    )
+    links: bool = flag("with --keys: only try to get a link, in every wrong way")
+    floods: bool = flag(
+        "with --keys: flood the port of a lab of three computers, which are network namespaces"
+        " (needs root), kill agents, and measure when they are back"
+    )
+    seconds: int = option("attack for so long, s", default=3, metavar="S", must=at_least(1))
+    json: bool = flag("print JSON")
+    list: bool = flag("list the attacks")
+
+
+def run(args: Options) -> int:
+    """Run attacks, each on a society that works; 1 if a stranger got a link or had an effect."""
+    from armadico_tools.attacks import running
+    from armadico_tools.attacks.attempts import ATTEMPTS
+
+    for name in args.names:
+        if name not in ATTEMPTS:
+            raise UsageError(no_such("attack", name, ATTEMPTS))
+    for option_name, given in (("as", args.who), ("links", args.links), ("floods", args.floods)):
+        if given and not args.keys:
+            raise UsageError(f"--{option_name} needs --keys")
+    if args.floods:
+        return _floods(as_json=args.json)
+    chosen = [ATTEMPTS[name] for name in args.names or ATTEMPTS]
+    if args.list:
+        for each in chosen:
+            print(f"{each.name:<18}{each.state:<9}{each.text}")
+        return 0
+    outcomes: list[Outcome] = []
+    try:
+        for outcome in running.run(
+            chosen, args.who, args.seconds, keys=args.keys, links=args.links, report=options.report
+        ):
+            outcomes.append(outcome)
+            if not args.json:
+                print(f"{outcome.who:<28}{outcome.name:<18}{outcome.text}", flush=True)
+    except running.VictimError as error:
+        raise FailedError(str(error)) from None
+    finally:
+        if args.json:
+            print(json.dumps([outcome._asdict() for outcome in outcomes], indent=1))
+    return int(args.keys and any(o.is_stranger and (o.linked or o.effects) for o in outcomes))
+
+
+def _floods(*, as_json: bool) -> int:
+    """Print the times of recovery; 1 if an agent did not come back."""
+    from tempfile import TemporaryDirectory
+
+    from armadico_tools.attacks import lab
+    from armadico_tools.hosts.namespaces import lacking
+
+    if (trouble := lacking()) is not None:
+        raise FailedError(trouble)
+    found = []
+    with TemporaryDirectory(prefix="armadico-lab-") as folder:
+        options.report("setting up a lab of three computers")
+        try:
+            for each in lab.recoveries(Path(folder)):
+                found.append(each)
+                if not as_json:
+                    here, there = map(_shown, (each.here, each.there))
+                    print(f"{each.flood:<44}here {here:<10}elsewhere {there}", flush=True)
+        except lab.LabError as error:
+            raise FailedError(str(error)) from None
+    if as_json:
+        print(json.dumps([each._asdict() for each in found], indent=1))
+    return int(any(None in (each.here, each.there) for each in found))
+
+
+def _shown(seconds: float | None) -> str:
+    return "never" if seconds is None else f"{seconds:.1f} s"
+
+
+main = Command(
+    "armadico attacks",
+    Options,
+    run,
+    "Start a society of real processes with a port on the loopback, attack it with a hand-written"
+    " peer, and print what each attack did: to the robot, by the line to its controller; to the"
+    " processes; to what watchers show. Exit code 1 if a stranger got a link to a society with"
+    " keys, or had an effect.",
+    EXAMPLES,
+)
