@@ -10,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from armadico.bridge.heard import HEARD_M, KEPT_S
 from armadico.bridge.p2os.commands import Cmd
 from armadico.bridge.reflex import REPORT_S, Reflex
-from armadico.bridge.seen import HEARD_M, KEPT_S, SHARE, Seen, met_within
+from armadico.bridge.scanned import SHARE, met_within
+from armadico.bridge.seen import Seen
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.core.config_errors import ConfigError
 from armadico.core.cycles import LISTEN
@@ -154,7 +156,7 @@ def test_what_was_looked_through_from_elsewhere_is_approached_slowly() -> None:
 
 def test_between_two_places_that_were_heard_a_wall_goes_on() -> None:
     """Wherever the robot does not fit through: else its rear corner turns into the wall there."""
-    seen = Seen(PROFILE)
+    seen = Seen(PROFILE, 3.0)
     for now, x in ((0.0, 0.0), (0.1, 0.25)):
         seen.update([echo(0.15, 0)], None, (x, 0.0, 0.0), now)
     sonar = PROFILE.ring.sonars[0]
@@ -323,7 +325,7 @@ def test_a_person_who_comes_nearer_is_expected_to_come_on(side: float) -> None:
 
 
 def test_a_laser_that_sees_its_own_robot_does_not_hold_it() -> None:
-    seen = Seen(jackal(360))
+    seen = Seen(jackal(360), 3.0)
     seen.update((), scan_of([0.11] * 360, 1), ORIGIN, 0.1)
     own = np.abs(seen.view(1.0).points) < 0.1
     assert not own.all(axis=1).any()
@@ -337,7 +339,7 @@ def test_a_near_echo_that_a_laser_looks_through_is_forgotten_after_a_while(
 ) -> None:
     """A pane, at once: no. What no sonar looks at any more must not hold a robot for good."""
     laser = jackal(720).laser
-    seen = Seen(replace(load_profile("jackal-sonars"), laser=laser))
+    seen = Seen(replace(load_profile("jackal-sonars"), laser=laser), 3.0)
     seen.update([Echo(0.2, 0.0, 0.0, 0.3)], None, ORIGIN, 0.0)
     seen.update([], scan_of([ranges] * 720, 1), ORIGIN, after_s)
     at = seen.view(1.0).points
@@ -345,7 +347,7 @@ def test_a_near_echo_that_a_laser_looks_through_is_forgotten_after_a_while(
 
 
 def test_a_silent_sonar_shows_no_more_than_a_slanted_wall_would_let_it() -> None:
-    seen = Seen(PROFILE)
+    seen = Seen(PROFILE, 3.0)
     seen.update(all_round(), None, ORIGIN, 0.0)
     ahead = [x for x, y in seen.view(2.0).unseen if abs(y) < 0.1 and x > 0.0]
     assert min(ahead) == pytest.approx(PROFILE.ring.sonars[3].x_m + HEARD_M, abs=0.15)
