@@ -7,8 +7,7 @@ the wall hears it, or this one its edge.
 An echo may come from any place of an arc. Its points are those that no other sonar looked through.
 Or it comes from a smooth wall, which goes on to both sides, where no sonar hears it: on each
 tangent of the arc that no other sonar excludes, space is not seen to be free, and near the arc the
-wall counts as heard. Behind and beside the robot, where no sonar looks, memory does: near points
-are joined where the robot fits through no gap between them, and go on into unseen cells.
+wall counts as heard. Near points are joined where the robot fits through no gap between them.
 
 Nearer than a sonar's least range it only knows that something is there: what was heard before stays
 where it was.
@@ -48,6 +47,9 @@ ARC_M: Final = 1.0
 ARC: Final = np.array([0.0, -0.95, 0.95, -0.5, 0.5])
 """Places on the arc, as shares of half the cone."""
 
+ANSWERS_RAD: Final = radians(25)
+"""A wall whose normal is within this of a silent sonar's axis is excluded."""
+
 SURE_RAD: Final = radians(25)
 """A smooth wall answers for certain if its normal is within this of the axis (`gone_deg`)."""
 
@@ -59,9 +61,6 @@ the robot stops within the last one."""
 SURE_M: Final = 0.11
 """Up to here along it a wall that nothing excludes counts as an obstacle, farther as unseen: the
 corner of a robot that creeps along it would touch it beside the echo's arc."""
-
-GOES_ON_M: Final = 0.15
-"""What was heard near the footprint goes on so far, where no sonar has looked since."""
 
 NOISE_M: Final = 0.01
 """Twice the noise of echoes from near."""
@@ -175,19 +174,17 @@ class Heard:
         if old.any():
             self._points = self._points[~(old & looked(into(cells.pose, self._points)))]
 
-    def points(self, cells: Cells, unseen: Floats) -> tuple[Floats, Floats]:
-        """Places that count as taken, and more that are not seen to be free, (n, 2)."""
+    def points(self, cells: Cells) -> tuple[Floats, Floats, Floats]:
+        """Places that were heard, that are taken by inference, and that may be taken, (n, 2)."""
         at, doubted = into(cells.pose, self._points), self._points[:, 5] > 0.0
         sure = at[~doubted]
         near = sure[clearances(self._outline, sure[:, 0], sure[:, 1]) < NEAR_M]
         filled = _filled(near, 2.0 * self._outline.half_width)
-        gaps = np.hypot(*(unseen[:, None] - near).transpose(2, 0, 1))
-        hidden = unseen[(gaps < GOES_ON_M).any(axis=1)]
         walls = [places for places, at in self._walls.values() if cells.now - at < PAIR_S]
         places = into(cells.pose, np.concatenate([np.empty((0, 2)), *walls]))
         heard = np.tile(np.abs(ALONG_M) < SURE_M, len(places) // len(ALONG_M))
-        taken = np.concatenate([sure, filled, hidden, places[heard]])
-        return taken, np.concatenate([places[~heard], at[doubted]])
+        inferred, maybe = [filled, places[heard]], [places[~heard], at[doubted]]
+        return sure, np.concatenate(inferred), np.concatenate(maybe)
 
     def _nearer(self, mount: Mount, now: float) -> float:
         """The nearer one of a sonar's last two ranges, m: an echo may be lost. 0: too long ago."""
@@ -210,7 +207,7 @@ class Heard:
     def _may_be(self, normal: float, echo: Echo, away: float, now: float) -> bool:
         """Whether no sonar's newest reading excludes a wall with this normal."""
         for x, y, bearing in self._readings:
-            if abs(bearing - normal) < SURE_RAD:
+            if abs(bearing - normal) < ANSWERS_RAD:
                 due = away + cos(normal) * (echo.x - x) + sin(normal) * (echo.y - y)
                 if due < HEARD_M and self._nearer((x, y, bearing), now) > due + THROUGH_M:
                     return False

@@ -10,7 +10,7 @@ Frame: the body's; what is kept is in the odometry's. m, rad, s.
 
 from __future__ import annotations
 
-from math import atan2, cos, inf, radians, remainder, sin, tau
+from math import atan2, cos, inf, remainder, sin, tau
 from typing import Final
 
 import numpy as np
@@ -30,8 +30,9 @@ with half the width robots crept, and their maps dropped obstacles before they h
 DARK_M: Final = 3.0
 """Range up to which a laser sees dark surfaces, as for maps (`grid_mapping`)."""
 
-KEPT_S: Final = 10.0
-"""Greatest age of a point that no scan has looked through since, unless it is near."""
+KEPT_S: Final = 30.0
+"""Greatest age of a point that no scan has looked through since, unless it is near: chosen. What a
+robot with a blind side saw there is what it may back into."""
 
 NEAR_M: Final = 0.3
 """Within this of the footprint a point does not age."""
@@ -44,9 +45,12 @@ BETWEEN_S: Final = 0.45
 a thin object on both sides. Two turns of a laser at 5 Hz."""
 
 BESIDE_M: Final = 0.15
-ANOTHER_WAY_RAD: Final = radians(5)
-"""Nearer to the footprint than this a point stays for `KEPT_S` if it is looked through from the
-direction from which it was seen, within this: a sheet seen edge-on is hit by few rays."""
+"""Within this of the footprint the nearest one of the points of that time counts: one ray of a
+noisy laser after another would let the robot creep on."""
+
+THIN_M, THIN_S, THIN_SIDE_M = 0.5, 2.0, 0.04
+"""Within the first of the footprint a thin object that scans look through stays for this time: few
+rays meet a sheet that is seen edge-on. What is wider than the last went away."""
 
 THROUGH_M: Final = 0.1
 """A scan looked through a place that is nearer than its range by this."""
@@ -128,8 +132,7 @@ class Scanned:
     def __init__(self, laser: Laser, outline: Outline) -> None:
         self._outline, self._noise = outline, laser.noise_m
         self._width = 2.0 * SHARE * outline.half_width
-        # x, y, when, and where the laser was
-        self._points: Floats = np.empty((0, 5))
+        self._points: Floats = np.empty((0, 3))  # x, y, and when
         self._beyond: Floats = np.empty((0, 2))  # x, y, where walls leave the laser's view
         self._scans: list[Rays] = []  # of the last `APART_S`
         self._moving: Floats = np.empty((0, 5))  # x, y, when, and the velocity, m/s
@@ -156,7 +159,7 @@ class Scanned:
         at = into(cells.pose, self._points)
         beside = clearances(self._outline, at[:, 0], at[:, 1])
         stays = (cells.now - self._points[:, 2] <= KEPT_S) | (beside < NEAR_M)
-        self._points = self._points[stays & (beside > -INSIDE_M)]
+        self._points = self._points[stays & (beside > -INSIDE_M) & (beside < DARK_M)]
 
     def points(self, cells: Cells) -> Floats:
         """Places that count as taken, (n, 2), in the body frame."""
@@ -166,20 +169,17 @@ class Scanned:
     def _replace(self, rays: Rays, new: Floats, cells: Cells) -> None:
         """Points in a scan's view are those that it shows; `new` ones are in the body frame."""
         known, pose, now = self._points, cells.pose, cells.now
-        laser = out_of(pose, np.array([[rays.scan.x, rays.scan.y]]))[0]
         at = into(pose, known)
         away, shown, seen = rays.look(at)
-        same = shown < away + 3.0 * self._noise
-        gone = seen & (same | (now - known[:, 2] > BETWEEN_S))
-        held = np.flatnonzero(gone & ~same & (now - known[:, 2] < KEPT_S))
-        if len(held):
-            near = clearances(self._outline, *at[held].T) < BESIDE_M
-            then, since = (known[held, :2] - place for place in (known[held, 3:], laser))
-            turned = np.abs(then[:, 0] * since[:, 1] - then[:, 1] * since[:, 0])
-            turned /= np.hypot(*then.T) * away[held]
-            gone[held[near & (turned < sin(ANOTHER_WAY_RAD))]] = False
-        added = np.empty((len(new), 5))
-        added[:, :2], added[:, 2], added[:, 3:] = out_of(pose, new), now, laser
+        age, beside = now - known[:, 2], clearances(self._outline, *at.T)
+        same = np.abs(shown - away) < 3.0 * self._noise
+        # What is behind something nearer stays, and near the robot the nearer one of two points.
+        later, farther = age > BETWEEN_S, shown > away
+        gone = seen & np.where(same, later | ~((beside < BESIDE_M) & farther), later & farther)
+        held = np.flatnonzero(gone & ~same & (beside < THIN_M) & (age < THIN_S))
+        gone[held[_thin(at[held], rays)]] = False
+        added = np.empty((len(new), 3))
+        added[:, :2], added[:, 2] = out_of(pose, new), now
         self._points = np.concatenate([known[~gone], added])
 
     def _follow(self, rays: Rays, new: Floats, cells: Cells) -> None:
@@ -233,6 +233,17 @@ def thinned(places: Floats) -> Floats:
     """One place of each square of `SAME_M`."""
     squares = np.floor(places / SAME_M) @ (1.0, 1e6)
     return places[np.unique(squares, return_index=True)[1]]
+
+
+def _thin(places: Floats, rays: Rays) -> Flags:
+    """Whether places have none of the others beside them, as seen from the laser."""
+    ways = places - (rays.scan.x, rays.scan.y)
+    ways /= np.hypot(*ways.T)[:, None]
+    apart = places - places[:, None]
+    side = np.abs(ways[:, None, 0] * apart[..., 1] - ways[:, None, 1] * apart[..., 0])
+    beside = (side > THIN_SIDE_M) & (np.hypot(*apart.transpose(2, 0, 1)) < 5.0 * THIN_SIDE_M)
+    found: Flags = ~beside.any(axis=1)
+    return found
 
 
 def _beyond_view(rays: Rays) -> Floats:

@@ -29,6 +29,11 @@ from armadico.mobile.swept_path import Outline
 AROUND_M: Final = 0.05
 """Beyond the footprint, where the robot stands, space counts as free."""
 
+NEAR_M: Final = 0.25
+GOES_ON_M: Final = 0.15
+"""What is within the first of where the robot stands goes on by the second where no sensor has
+looked: behind and beside the robot, where no sensor looks, memory does."""
+
 
 class Seen:
     """Collects readings; `view` returns what they show."""
@@ -64,13 +69,18 @@ class Seen:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
         cells, heard, scanned = self._cells, self._heard, self._scanned
         lately, points = LATELY_S, np.empty((0, 2))
+        inferred = maybe = points
         if scanned is not None:
             points = scanned.points(cells)
             # Where a moving object was seen lately, another may have stepped out of view.
             lately = GONE_S if cells.now - scanned.moved_at < LATELY_S else LATELY_S
-        unseen = cells.unseen(within, lately)
         if heard is not None:
-            taken, doubted = heard.points(cells, unseen)
-            points, unseen = np.concatenate([points, taken]), np.concatenate([unseen, doubted])
+            sure, inferred, maybe = heard.points(cells)
+            points = np.concatenate([points, sure])
         points = points[(np.abs(points) < within).all(axis=1)]
-        return View(points, unseen, 0.5 * CELL_M, self._noise)
+        unseen = cells.unseen(within, lately)
+        near = points[clearances(self._outline, *points.T) < NEAR_M]
+        gaps = np.hypot(*(unseen[:, None] - near).transpose(2, 0, 1))
+        hidden = unseen[(gaps < GOES_ON_M).any(axis=1)]
+        points = np.concatenate([points, hidden, inferred])
+        return View(points, np.concatenate([unseen, maybe]), 0.5 * CELL_M, self._noise)

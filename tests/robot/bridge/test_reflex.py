@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from armadico.bridge.heard import HEARD_M, KEPT_S
 from armadico.bridge.p2os.commands import Cmd
 from armadico.bridge.reflex import REPORT_S, Reflex
-from armadico.bridge.scanned import SHARE, met_within
+from armadico.bridge.scanned import BETWEEN_S, SHARE, THIN_S, met_within
 from armadico.bridge.seen import Seen
 from armadico.config.profile import RobotProfile, load_profile
 from armadico.core.config_errors import ConfigError
@@ -283,17 +283,30 @@ def test_a_wall_that_leaves_the_view_of_a_laser_goes_on() -> None:
     assert -1.0 + corner < x < -0.1, "it came nearer, and did not touch"
 
 
-def test_a_thin_object_stays_between_two_scans_that_show_it() -> None:
+@pytest.mark.parametrize(("rays", "stays"), [(2, THIN_S), (200, BETWEEN_S)], ids=["thin", "wide"])
+def test_what_scans_look_through_stays_for_longer_if_it_is_thin(rays: int, stays: float) -> None:
+    """Few rays meet a sheet that is seen edge-on."""
     profile = jackal(720)
-    post = [0.5 if abs(index - 360) < 2 else 10.0 for index in range(720)]
+    post = [0.5 if abs(index - 360) < rays else 10.0 for index in range(720)]
     reflex = Reflex(profile)
     speeds = []
-    for number in range(1, 9):
+    for number in range(1, 26):
         scan = scan_of(post if number < 3 else [10.0] * 720, number)
         reflex.update((), ORIGIN, (1.0, 0.0), 0.1 * number, scan)
         speeds.append(reflex.cap(1.0, 0.0)[0])
-    assert max(speeds[1:5]) < 1.0
-    assert speeds[-1] == 1.0, "it is gone"
+    gone = 2 + round(10.0 * stays)
+    assert max(speeds[1 : gone - 2]) < 1.0
+    assert min(speeds[gone + 1 :]) == 1.0
+
+
+def test_what_is_behind_something_nearer_is_still_there() -> None:
+    profile = jackal(720)
+    seen = Seen(profile, 3.0)
+    for number, ranges in enumerate(([0.8] * 720, [0.8] * 360 + [0.3] * 360), start=1):
+        seen.update((), scan_of(ranges, number), ORIGIN, 0.1 * number)
+    points = seen.view(2.0).points
+    hidden = points[(points[:, 1] > 0.1) & (np.hypot(points[:, 0] - 0.12, points[:, 1]) > 0.7)]
+    assert len(hidden) > 100
 
 
 def test_what_was_just_commanded_counts_though_the_wheels_do_not_show_it_yet() -> None:
