@@ -19,7 +19,7 @@ from armadico.bridge.seen import Seen
 from armadico.bridge.session import Reported
 from armadico.config.profile import RobotProfile
 from armadico.core.config_errors import ConfigError
-from armadico.mobile.admissible import CREEP_M_S, View, admit
+from armadico.mobile.admissible import CREEP_M_S, TOO_LATE, View, admit
 from armadico.mobile.geometry import Pose2, turning_circle
 from armadico.mobile.messages import Echo, Scan
 from armadico.mobile.motion import Body, Speeds, ordered, ramped
@@ -120,6 +120,9 @@ class Reflex:
         if self._view is None or within > self._shows:
             self._view, self._shows = self._seen.view(within), within
         safe_v, safe_w, self.why = admit(self._body, trend, (v, w), self._view, also=going)
+        if self.why == TOO_LATE:
+            # As far as it can brake until the next cycle, where the next readings decide again.
+            safe_v, safe_w = ramped(self._body, self._ramped, (0.0, 0.0), self._body.cycle_s)
         if self.why:
             self._capped, self._count = ((v, w), (safe_v, safe_w)), self._count + 1
         return safe_v, safe_w
