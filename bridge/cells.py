@@ -76,9 +76,9 @@ class Cells:
 
     def unseen(self, within: float, since: float) -> Floats:
         """The middles of the cells that nothing has looked at for a time (s), up to a distance."""
-        late = self.now - self.seen > since
-        near: Flags = late & (np.abs(self.places) < within).all(axis=1)
-        return self.places[near]
+        x, y = self.places.T
+        late: Flags = (self.now - self.seen > since) & (np.abs(x) < within) & (np.abs(y) < within)
+        return self.places[late]
 
     def age(self, places: Floats) -> Floats:
         """For how long places (odometry's frame) were not seen to be free, s; beyond: infinite."""

@@ -18,7 +18,7 @@ Frame: the body's; what is kept is in the odometry's. m, rad, s.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import cos, inf, radians, sin, tan
+from math import cos, inf, radians, sin, tan, tau
 from typing import Final
 
 import numpy as np
@@ -40,6 +40,10 @@ a robot that stands before an obstacle in such a gap hears it no more."""
 HEARD_M: Final = 1.0
 """Range up to which a ring of sonars hears a slanted smooth wall or its edge. An edge is heard up
 to 0.4 m for certain, up to 1 m by four pings of ten (`configs/robots/sensors.toml`)."""
+
+OPEN_M: Final = 0.4
+"""As `HEARD_M`, of a sonar at an end of the ring: beyond that end no other one hears a wall that is
+at a slant to this one."""
 
 ARC_M: Final = 1.0
 """Echoes from nearer count on their whole arc, farther ones on the axis: they limit nothing yet."""
@@ -79,8 +83,9 @@ FACING: Final = cos(radians(25))
 """A place is looked through from the direction from which it was hit, within this: a wall answers
 from some directions only."""
 
-TWICE_S: Final = 0.5
-"""A ring pings twice in this time, so one ping whose echo was lost removes nothing."""
+PINGS: Final = 1.9
+"""So many pings through a place forget what was heard there, each one counted by the chance that it
+would have heard an edge: one echo may be lost, and farther than `EDGE_M` not each edge is heard."""
 
 PAIR_S: Final = 1.0
 """Two pings of a sonar within this count together: the nearer echo, since one may be lost."""
@@ -103,9 +108,14 @@ class Heard:
         self._least = ring.min_m + NOISE_M
         self._slope = tan(radians(ring.cone_deg) / 2)
         self._arc = radians(ring.cone_deg) / 2 * ARC
+        # Bearings of sonars that have a sonar beside them on both sides.
+        bearings = sorted(radians(sonar.bearing_deg) for sonar in ring.sonars)
+        gaps = np.diff([*bearings, bearings[0] + tau])
+        wide = gaps > 2.0 * SURE_RAD
+        self._open = {b for k, b in enumerate(bearings) if wide[k] or wide[k - 1]}
         # x, y in the odometry's frame, when, the direction of the sonar that hit it, and whether
-        # one looked through from elsewhere since
-        self._points: Floats = np.empty((0, 6))
+        # one looked through from elsewhere since, and how often from there
+        self._points: Floats = np.empty((0, 7))
         self._readings: dict[Mount, list[tuple[float, float]]] = {}  # the last two: range, when
         self._walls: dict[Mount, tuple[Floats, float]] = {}  # where they may go on, and when heard
 
@@ -118,9 +128,10 @@ class Heard:
         free = self._nearer(mount, now)
         ahead, aside, off = _from_axis(cells.places, mount)
         beam = (ahead > 0.0) & (aside < self._slope * ahead + 0.5 * CELL_M)
-        cells.seen[beam & (off < min(free, HEARD_M))] = now
+        reach = OPEN_M if any(abs(echo.bearing - b) < 1e-6 for b in self._open) else HEARD_M
+        cells.seen[beam & (off < min(free, reach))] = now
         heading = echo.bearing + pose[2]
-        at = self._forget(mount, free, heading, cells)
+        at = self._forget(mount, away, heading, cells)
         if free >= ARC_M:
             self._walls.pop(mount, None)
         if echo.range is None:
@@ -144,20 +155,23 @@ class Heard:
         if len(at):
             gaps = np.hypot(*(at[:, None] - places).transpose(2, 0, 1))
             self._points = self._points[(gaps >= SAME_M).all(axis=1)]
-        new = np.zeros((len(places), 6))
+        new = np.zeros((len(places), 7))
         new[:, :2] = out_of(pose, places)
         new[:, 2:5] = now, cos(heading), sin(heading)
         self._points = np.concatenate([self._points, new])
 
-    def _forget(self, mount: Mount, free: float, heading: float, cells: Cells) -> Floats:
-        """Forget what a sonar looked through; return the places of the others."""
+    def _forget(self, mount: Mount, away: float, heading: float, cells: Cells) -> Floats:
+        """Forget what a sonar looked through often enough; return the places of the others."""
         known = self._points
         at = into(cells.pose, known[:, :2])
-        old = cells.now - known[:, 2] > TWICE_S
+        ahead, aside, off = _from_axis(at, mount)
+        through = (aside < self._slope * ahead) & (off < min(HEARD_M, away - THROUGH_M))
         facing = cos(heading) * known[:, 3] + sin(heading) * known[:, 4] > FACING
-        through = old & self._through(at, mount, free)
+        facing |= off < EDGE_M - THROUGH_M
         known[through & ~facing, 5] = 1.0
-        gone = (facing & through) | (old & self._through(at, mount, min(free, EDGE_M)))
+        chance = np.minimum(1.0, EDGE_M / np.maximum(off, 1e-9))  # that an edge would be heard
+        known[through & facing, 6] += chance[through & facing]
+        gone = known[:, 6] >= PINGS
         self._points = known[~gone]
         return at[~gone]
 

@@ -138,28 +138,28 @@ class Scanned:
         self._moving: Floats = np.empty((0, 5))  # x, y, when, and the velocity, m/s
         self.moved_at = -inf  # when an object last moved, s
 
-    def update(self, scan: Scan, cells: Cells) -> Rays | None:
-        """Add a scan; return its rays, unless it is known already."""
-        if self._scans and scan.number == self._scans[-1].scan.number and scan.number:
+    def update(self, scan: Scan | None, cells: Cells) -> Rays | None:
+        """Add a scan; return its rays. None: there is none, or it is known already."""
+        last = self._scans[-1].scan.number if self._scans else 0
+        if scan is None or scan.number == last != 0:
+            self._age(cells)
             return None
         rays = Rays(scan, cells.pose, cells.now)
         reach = min(DARK_M, met_within(scan.step, self._width))
         away, shown, _ = rays.look(cells.places)
         cells.seen[(away <= reach) & (shown >= away)] = cells.now
         new = rays.points
-        new = new[(np.abs(new) < DARK_M).all(axis=1)]
-        new = new[clearances(self._outline, new[:, 0], new[:, 1]) >= 0.0]  # the robot itself
+        beside = clearances(self._outline, *new.T)
+        new = new[(beside >= 0.0) & (beside < DARK_M)]  # not the robot itself
         self._replace(rays, new, cells)
         self._go_on(rays, cells)
         self._follow(rays, new, cells)
         return rays
 
-    def age(self, cells: Cells) -> None:
-        """Forget points that are too old or where the robot stands."""
-        at = into(cells.pose, self._points)
-        beside = clearances(self._outline, at[:, 0], at[:, 1])
-        stays = (cells.now - self._points[:, 2] <= KEPT_S) | (beside < NEAR_M)
-        self._points = self._points[stays & (beside > -INSIDE_M) & (beside < DARK_M)]
+    def _age(self, cells: Cells) -> None:
+        """Forget points that are too old or where the robot stands, in a cycle without a scan."""
+        beside = clearances(self._outline, *into(cells.pose, self._points).T)
+        self._points = self._points[_stays(cells.now - self._points[:, 2], beside)]
 
     def points(self, cells: Cells) -> Floats:
         """Places that count as taken, (n, 2), in the body frame."""
@@ -180,7 +180,7 @@ class Scanned:
         gone[held[_thin(at[held], rays)]] = False
         added = np.empty((len(new), 3))
         added[:, :2], added[:, 2] = out_of(pose, new), now
-        self._points = np.concatenate([known[~gone], added])
+        self._points = np.concatenate([known[~gone & _stays(age, beside)], added])
 
     def _follow(self, rays: Rays, new: Floats, cells: Cells) -> None:
         """Note which of a scan's points move, by comparing two scans."""
@@ -227,6 +227,12 @@ class Scanned:
         new = out_of(cells.pose, _beyond_view(rays))
         new = new[cells.age(new) > LATELY_S]
         self._beyond = thinned(np.concatenate([self._beyond[near], new]))
+
+
+def _stays(age: Floats, beside: Floats) -> Flags:
+    """Whether points stay, by their age (s) and distance from the footprint (m)."""
+    found: Flags = ((age <= KEPT_S) | (beside < NEAR_M)) & (beside > -INSIDE_M) & (beside < DARK_M)
+    return found
 
 
 def thinned(places: Floats) -> Floats:

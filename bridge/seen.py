@@ -24,15 +24,18 @@ from armadico.mobile.admissible import View
 from armadico.mobile.geometry import Pose2
 from armadico.mobile.messages import Echo, Scan
 from armadico.mobile.motion import clearances
+from armadico.mobile.scans import Floats
 from armadico.mobile.swept_path import Outline
 
 AROUND_M: Final = 0.05
 """Beyond the footprint, where the robot stands, space counts as free."""
 
-NEAR_M: Final = 0.25
+NEAR_M: Final = 0.3
 GOES_ON_M: Final = 0.15
-"""What is within the first of where the robot stands goes on by the second where no sensor has
-looked: behind and beside the robot, where no sensor looks, memory does."""
+PERSON_M: Final = 0.25
+"""What is within the first of the footprint goes on by the second, and what a laser saw, which may
+be a person's side, by the third, where no sensor has looked: behind and beside the robot, where no
+sensor looks, memory does."""
 
 
 class Seen:
@@ -42,7 +45,7 @@ class Seen:
         """`reach`: how far from the robot places matter, m."""
         ring, laser, body = profile.sonar, profile.laser, profile.body
         outline = Outline(body.front_m, body.rear_m, body.width_m / 2)
-        self._outline = outline.grown(AROUND_M)
+        self._outline = outline
         self._noise = max(0.0 if laser is None else laser.noise_m, 0.0 if ring is None else NOISE_M)
         self._cells = Cells(reach)
         self._heard = None if ring is None else Heard(ring, outline)
@@ -53,34 +56,42 @@ class Seen:
         cells, heard, scanned = self._cells, self._heard, self._scanned
         cells.move(pose, now)
         x, y = cells.places.T
-        cells.seen[clearances(self._outline, x, y) < 0.0] = now
+        front, rear, half = self._outline.grown(AROUND_M)
+        cells.seen[(x < front) & (-rear < x) & (np.abs(y) < half)] = now
         if heard is not None:
             for echo in echoes:
                 heard.update(echo, cells)
         if scanned is not None:
-            rays = None if scan is None else scanned.update(scan, cells)
+            rays = scanned.update(scan, cells)
             if rays is not None and heard is not None:
                 heard.forget(rays.through, cells)
-            scanned.age(cells)
         if heard is not None:
             heard.age(cells)
 
     def view(self, within: float) -> View:
         """What is known of the surroundings, up to a distance (m) ahead, behind and aside."""
         cells, heard, scanned = self._cells, self._heard, self._scanned
-        lately, points = LATELY_S, np.empty((0, 2))
-        inferred = maybe = points
+        lately, empty = LATELY_S, np.empty((0, 2))
+        looked = sure = inferred = maybe = empty
         if scanned is not None:
-            points = scanned.points(cells)
+            looked = scanned.points(cells)
             # Where a moving object was seen lately, another may have stepped out of view.
             lately = GONE_S if cells.now - scanned.moved_at < LATELY_S else LATELY_S
         if heard is not None:
             sure, inferred, maybe = heard.points(cells)
-            points = np.concatenate([points, sure])
-        points = points[(np.abs(points) < within).all(axis=1)]
         unseen = cells.unseen(within, lately)
-        near = points[clearances(self._outline, *points.T) < NEAR_M]
-        gaps = np.hypot(*(unseen[:, None] - near).transpose(2, 0, 1))
-        hidden = unseen[(gaps < GOES_ON_M).any(axis=1)]
-        points = np.concatenate([points, hidden, inferred])
+        hidden = [self._beside(unseen, looked, PERSON_M), self._beside(unseen, sure, GOES_ON_M)]
+        points = np.concatenate([looked, sure, inferred, *hidden])
+        x, y = np.abs(points).T
+        points = points[(x < within) & (y < within)]
         return View(points, np.concatenate([unseen, maybe]), 0.5 * CELL_M, self._noise)
+
+    def _beside(self, unseen: Floats, points: Floats, within: float) -> Floats:
+        """The unseen places within a distance (m) of points that are near the footprint."""
+        points = points[clearances(self._outline, *points.T) < NEAR_M]
+        if not len(points):
+            return points
+        unseen = unseen[clearances(self._outline, *unseen.T) < NEAR_M + within]
+        dx, dy = (unseen[:, None] - points).transpose(2, 0, 1)
+        found: Floats = unseen[(dx * dx + dy * dy < within * within).any(axis=1)]
+        return found
