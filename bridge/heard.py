@@ -23,7 +23,7 @@ from typing import Final
 
 import numpy as np
 
-from armadico.bridge.cells import CELL_M, Cells, into, out_of
+from armadico.bridge.cells import CELL_M, LATELY_S, Cells, into, out_of
 from armadico.config.profile import SonarRing
 from armadico.mobile.messages import Echo
 from armadico.mobile.motion import clearances
@@ -44,6 +44,10 @@ to 0.4 m for certain, up to 1 m by four pings of ten (`configs/robots/sensors.to
 OPEN_M: Final = 0.4
 """As `HEARD_M`, of a sonar at an end of the ring: beyond that end no other one hears a wall that is
 at a slant to this one."""
+
+SILENT_S: Final = 2.0
+"""For this time a place counts as free where only a smooth wall that is square to the sonar, or an
+edge by chance, would have been heard: chosen."""
 
 ARC_M: Final = 1.0
 """Echoes from nearer count on their whole arc, farther ones on the axis: they limit nothing yet."""
@@ -129,7 +133,9 @@ class Heard:
         ahead, aside, off = _from_axis(cells.places, mount)
         beam = (ahead > 0.0) & (aside < self._slope * ahead + 0.5 * CELL_M)
         reach = OPEN_M if any(abs(echo.bearing - b) < 1e-6 for b in self._open) else HEARD_M
-        cells.seen[beam & (off < min(free, reach))] = now
+        beam &= off < min(free, reach)
+        until = np.where(off < EDGE_M, now, now - LATELY_S + SILENT_S)
+        cells.seen[beam] = np.maximum(cells.seen, until)[beam]
         heading = echo.bearing + pose[2]
         at = self._forget(mount, away, heading, cells)
         if free >= ARC_M:
