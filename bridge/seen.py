@@ -27,8 +27,10 @@ from armadico.mobile.motion import clearances
 from armadico.mobile.scans import Floats
 from armadico.mobile.swept_path import Outline
 
-AROUND_M: Final = 0.05
-"""Beyond the footprint, where the robot stands, space counts as free."""
+AROUND_M: Final = 0.025
+"""So far beyond the footprint, where the robot stands, the middles of free cells may be: a cell goes
+on for its half, where a wall beside the robot may be. Chosen: with 0.05 m twice as many contacts,
+without any three times the price."""
 
 NEAR_M: Final = 0.3
 GOES_ON_M: Final = 0.15
