@@ -28,9 +28,9 @@ from armadico.mobile.scans import Floats
 from armadico.mobile.swept_path import Outline
 
 AROUND_M: Final = 0.025
-"""So far beyond the footprint, where the robot stands, the middles of free cells may be: a cell goes
-on for its half, where a wall beside the robot may be. Chosen: with 0.05 m twice as many contacts,
-without any three times the price."""
+"""The middles of free cells may be so far beyond the footprint, where the robot stands. A cell goes
+on for half its size, where a wall beside the robot may be. Chosen: with 0.05 m there were more
+contacts (8 instead of 4 of 14 cases), with 0 m driving took longer."""
 
 NEAR_M: Final = 0.3
 GOES_ON_M: Final = 0.15

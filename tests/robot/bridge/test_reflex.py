@@ -139,6 +139,25 @@ def test_a_wall_nearer_than_the_least_range_stays_where_it_was_heard() -> None:
     assert reflex.cap(-0.1, 0.0) == (-0.1, 0.0)
 
 
+@pytest.mark.parametrize(("away", "pings"), [(0.3, 2), (0.8, 4)])
+def test_silence_forgets_by_the_chance_that_an_edge_would_be_heard(away: float, pings: int) -> None:
+    seen, silent = Seen(PROFILE, 3.0), 0
+    seen.update([echo(away)], None, ORIGIN, 0.0)
+    while len(seen.view(3.0).points) and silent < 20:
+        silent += 1
+        seen.update([echo(None)], None, ORIGIN, 2.0 * silent)
+    assert silent == pings
+
+
+def test_a_command_that_nothing_admits_brakes_along_the_ramp_for_one_cycle() -> None:
+    reflex, v = Reflex(PROFILE), 0.5
+    near = {"s3": 0.2, "s4": 0.2}
+    for now in (0.0, 1.0, 2.0):
+        reflex.update(all_round(**near), ORIGIN, (v, 0.0), now, driven=(v, 0.0))
+    braked = v - PROFILE.limits.v_decel * PROFILE.cycle_s
+    assert reflex.cap(v, 0.0)[0] == pytest.approx(braked)
+
+
 def test_what_was_looked_through_from_elsewhere_is_approached_slowly() -> None:
     """A wall may answer from one direction only; but a robot that sees through it need not stop."""
     reflex, heading = Reflex(PROFILE), radians(150.0)
