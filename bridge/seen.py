@@ -29,8 +29,8 @@ from armadico.mobile.swept_path import Outline
 
 AROUND_M: Final = 0.05
 """The middles of free cells may be so far beyond the footprint, where the robot stands. A cell goes
-on for half its size, where a wall beside the robot may be. Chosen: with 0.025 m 4 instead of 8 of 14
-collected cases touched, but on a foreign map a robot stood before a box for more than a minute."""
+on for half its size, where a wall beside the robot may be. Chosen: with 0.025 m 4 instead of 8 of
+14 collected cases touched, but on a foreign map a robot stood before a box for over a minute."""
 
 NEAR_M: Final = 0.3
 GOES_ON_M: Final = 0.15
